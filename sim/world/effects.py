@@ -1,6 +1,6 @@
 """Fields of a recipe that have no effect, because other fields switch them off.
 
-A field with its default is no fault: its default has no effect either.
+A field that has its default is accepted.
 """
 
 from collections.abc import Iterator
@@ -58,10 +58,10 @@ def _without_effect(recipe: Any) -> Iterator[tuple[str, str, str]]:
             if getattr(light, name) != getattr(plain, name):
                 yield name, "light", 'its kind is not "drawn"'
     own = {field.name for field in fields(UnitRanges)} - {*NEAR}
-    off, why = (NEAR, "has no") if light.calibration is None else (sorted(own), "has a")
-    for name in off:
+    unused, state = (NEAR, "has no") if light.calibration is None else (sorted(own), "has a")
+    for name in unused:
         if getattr(light.draw, name) != getattr(UnitRanges, name):
-            yield name, "light.draw", f"light {why} calibration around which units are sampled"
+            yield name, "light.draw", f"light {state} calibration around which units are sampled"
     for of, record in records:
         for kind, switch, value, names in SWITCHES:
             if isinstance(record, kind) and getattr(record, switch) == value:
