@@ -32,22 +32,21 @@ with mujoco.Renderer(model, 60, 60) as renderer:
 
 
 def run(program: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    kept = {name: value for name, value in os.environ.items() if name != "PYOPENGL_PLATFORM"}
-    environment = {**kept, "PYTHONPATH": str(Path(__file__).parents[1]), **variables}
+    environment = {
+        **os.environ,
+        "PYOPENGL_PLATFORM": "",
+        "PYTHONPATH": str(Path(__file__).parents[1]),
+        **variables,
+    }
     command = [sys.executable, "-c", program]
     return subprocess.run(command, env=environment, capture_output=True, text=True)
 
 
-@pytest.mark.parametrize("backend", ["egl", "osmesa", "glfw", "disabled"])
-def test_press_works_under_every_backend(backend):
-    done = run(PRESS, MUJOCO_GL=backend)
+@pytest.mark.parametrize("platform", ["", "osmesa"])
+def test_press_works_under_egl(platform):
+    done = run(PRESS, MUJOCO_GL="egl", PYOPENGL_PLATFORM=platform)
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) == pytest.approx(8.0, rel=1e-3)
-
-
-def test_press_works_with_a_platform_that_contradicts_the_backend():
-    done = run(PRESS, MUJOCO_GL="egl", PYOPENGL_PLATFORM="osmesa")
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("program", [MUJOCO + RENDER, RENDER + MUJOCO])

@@ -55,6 +55,7 @@ def test_files_say_what_was_predicted(run_dir: Path, digit: Image.Image, tmp_pat
         [row] = csv.DictReader(file)
     assert row.pop("image") == str(tmp_path / "press.png")
     assert [int(row[f"taxel_{n}"]) for n in range(20)] == np.rint(counts[0]).tolist()
+    assert row["ood_class"] == "of another aspect ratio"
     content = json.loads((tmp_path / "out" / "counts.json").read_text())
     assert content["images"][0]["counts"] == np.rint(counts[0]).tolist()
     assert len(content["layout_x_mm"]) == 20
@@ -289,7 +290,7 @@ def test_command_prints_a_few_and_writes_all(
     with (tmp_path / "out" / "counts.csv").open(newline="") as file:
         rows = list(csv.reader(file))
     assert len(rows) == 10
-    assert said[0] == f"{rows[1][0]}: " + " ".join(rows[1][1:])
+    assert said[0] == f"{rows[1][0]}: " + " ".join(rows[1][1:-1])
 
 
 def test_loading_a_run_leaves_torchs_threads_and_random_numbers_alone(

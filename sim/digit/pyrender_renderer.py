@@ -42,7 +42,7 @@ PLATFORM = "PYOPENGL_PLATFORM"
 
 
 def _import_pyrender() -> Any:
-    os.environ.setdefault(PLATFORM, "egl")
+    os.environ[PLATFORM] = os.environ.get(PLATFORM) or "egl"
     np.__dict__.setdefault("infty", np.inf)
     try:
         with warnings.catch_warnings():

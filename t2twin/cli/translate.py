@@ -46,6 +46,7 @@ def translate(
             background frame of its training.
     """
     from t2twin.translate.inference.batch import find_images, translate_files
+    from t2twin.translate.inference.field_predictor import NO_BACKGROUND
     from t2twin.translate.models.distributed import use_all_cores
     from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
@@ -56,6 +57,8 @@ def translate(
     result = translate_files(run, files, out, layout, png, bf16, background)
     _print(result, files)
     print(f"written to {out}")
+    if result.estimate is not None and background is None:
+        print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
     _warn(result, files, run)
 
 
@@ -84,8 +87,8 @@ def _warn(result: "TranslationResult", files: list[Path], run: str) -> None:
         print(
             f"t2twin: {len(found)} of {len(files)} images are unlike all training images of {run}, "
             f"such as {found[0][0]} ({', '.join(f'{count} {name}' for name, count in classes)}); "
-            "their counts are not reliable: expected upright frames of the same sensor in the "
-            "same light",
+            "their counts are not reliable: expected upright frames, red before blue, width to "
+            "height 3:4, of the same sensor in the same light, and its own background frame",
             file=sys.stderr,
         )
 

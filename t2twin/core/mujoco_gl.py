@@ -15,7 +15,7 @@ PyOpenGL."""
 
 
 class EglRepair:
-    """An import finder, which finds nothing, that repairs PyOpenGL before EGL_MODULE is imported."""
+    """An import finder that finds nothing; it repairs PyOpenGL before EGL_MODULE is imported."""
 
     @staticmethod
     def find_spec(name: str, path: object = None, target: object = None) -> None:

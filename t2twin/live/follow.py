@@ -13,9 +13,10 @@ from t2twin.live.frame import Frame, Report
 from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.outputs import Output
 from t2twin.live.sources import Source
-from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.field_predictor import NO_BACKGROUND, FieldPredictor
 from t2twin.translate.inference.outputs import ood_entry
 from t2twin.translate.inference.predictor import CountsPredictor, require
+from t2twin.translate.uncertainty.ood import classify_frame, combined
 
 REPORT_EVERY_S = 5.0
 """Period of the reports of rate and latency, s."""
@@ -68,11 +69,13 @@ def follow(
     Raises T2TwinError if the source fails, and for a background frame with another model.
     """
     frame_of_unit = None if background is None else _background(run, background)
+    if background is None and isinstance(run, FieldPredictor):
+        report(NO_BACKGROUND)
     blank = np.zeros((run.config.preset.size,) * 2, np.uint8)
     _predict(run, run.pixels_of(blank, frame_of_unit))  # warm-up: the first prediction is slow
     latest = LatestFrame(source)
     try:
-        return _follow(run, latest, write, report, max_frames, frame_of_unit, outputs)
+        return _follow(run, latest, write, report, max_frames, (background, frame_of_unit), outputs)
     finally:
         latest.close()
 
@@ -83,10 +86,12 @@ def _follow(
     write: Callable[[str], None],
     report: Report,
     max_frames: int | None,
-    background: np.ndarray | None,
+    backgrounds: tuple[np.ndarray | None, np.ndarray | None],
     outputs: Sequence[Output],
 ) -> Throughput:
-    """background: at the run's size, from `_background`. Other arguments: as for `follow`."""
+    """backgrounds: the background frame, and at the run's size, from `_background`. Other
+    arguments: as for `follow`."""
+    background, resized = backgrounds
     throughput = Throughput()
     reported_s, warned, waiting = throughput.began_s, False, False
     last = -1
@@ -101,9 +106,9 @@ def _follow(
                 report(f"no new frame for {REPORT_EVERY_S:g} s; waiting for the next one")
             continue
         last, waiting = frame.number, False
-        pixels = run.pixels_of(frame.image, background)
+        pixels = run.pixels_of(frame.image, resized)
         predicted = _predict(run, pixels)
-        (ood_class,) = run.classify(pixels)
+        ood_class = combined(classify_frame(frame.image, background), *run.classify(pixels))
         entry = predicted | ood_entry(ood_class)
         now_s = time.perf_counter()
         latency_ms = 1e3 * (now_s - frame.arrived_s)
@@ -116,8 +121,9 @@ def _follow(
         if not entry["in_distribution"] and not warned:
             warned = True
             report(
-                f"a frame is unlike the training images of {run.run_dir}; predictions are only "
-                "valid for upright frames of the same sensor in the same light"
+                f"a frame is unlike the training images of {run.run_dir} ({ood_class}); "
+                "predictions are only valid for upright frames of the same sensor in the same light, with its "
+                "own background frame"
             )
         if now_s - reported_s >= REPORT_EVERY_S:
             reported_s = now_s

@@ -153,11 +153,13 @@ class Translators:
     ) -> Translation:
         from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
         from t2twin.translate.inference.field_predictor import FieldPredictor
+        from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
 
         run = self._load(name)
         data, interval, force = run.config.data, None, None
         background_used = isinstance(run, FieldPredictor) and background is not None
-        pixels = run.pixels_of(image, background if background_used else None)
+        used = background if background_used else None
+        pixels, own = run.pixels_of(image, used), classify_frame(image, used)
         if isinstance(run, FieldPredictor):
             estimate = run.estimate_pixels(pixels)
             counts, tactile = estimate.counts, run.field_images(estimate)[0]
@@ -173,7 +175,7 @@ class Translators:
             counts=counts[0],
             layout=layout,
             tactile_image=tactile[0],
-            in_distribution=bool(run.in_distribution(pixels)[0]),
+            in_distribution=combined(own, *run.classify(pixels)) == OODClass.IN_DISTRIBUTION,
             truth=None if touch is None else _truth(touch, layout),
             interval=interval,
             force=force,

@@ -32,7 +32,7 @@ from t2twin.translate.inference.outputs import (
 from t2twin.translate.inference.predictor import BATCH_SIZE, CountsPredictor, require
 from t2twin.translate.runs.pretrained import DEFAULT_RUN
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate
-from t2twin.translate.uncertainty.ood import OODClass
+from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 """File name extensions of images in a folder, lower or upper case."""
@@ -134,14 +134,15 @@ def _translate(
     background: Path | None,
 ) -> TranslationResult:
     """Predicts all images and writes the PNG files. names: of the PNG files, or empty."""
-    frame = None if background is None else _frame(run, background)
+    native = None if background is None else np.asarray(open_image(background))
+    frame = None if native is None else _frame(run, native)
     counts = np.empty((len(images), run.config.data.x_mm.size), np.float32)
     classes: list[OODClass] = []
     estimates: list[Estimate] = []
     with Progress(
         total=len(images), desc="translating", unit="image", disable=len(images) <= BATCH_SIZE
     ) as bar:
-        for part, pixels in _batches(run, images, pool):
+        for part, pixels, own in _batches(run, images, pool, native):
             tactile, stds = None, [None] * len(pixels)
             if isinstance(run, FieldPredictor):
                 pixels = pixels if frame is None else run.with_background(pixels, frame)
@@ -153,7 +154,7 @@ def _translate(
                 counts[part], tactile = run.counts_and_tactile_images(pixels)
             else:
                 counts[part] = run.predict_pixels(pixels)
-            classes += run.classify(pixels)
+            classes += map(combined, own, run.classify(pixels))
             if tactile is not None:
                 save = partial(_save_png, run, folder)
                 saves = [
@@ -168,30 +169,42 @@ def _translate(
 
 
 def _batches(
-    run: CountsPredictor, images: list[Path], pool: ThreadPoolExecutor
-) -> Iterator[tuple[slice, np.ndarray]]:
-    """Batches of images, (b, S, S, c) uint8, with their places among all images."""
+    run: CountsPredictor,
+    images: list[Path],
+    pool: ThreadPoolExecutor,
+    background: np.ndarray | None,
+) -> Iterator[tuple[slice, np.ndarray, list[OODClass]]]:
+    """Batches of images, (b, S, S, c) uint8, with their places among all images, and their classes
+    at their own sizes. background: at its own size."""
     preset = run.config.preset
-    read = partial(_read, size=preset.size, grey=preset.grey)
-    waiting: deque[tuple[slice, list[Future[np.ndarray]]]] = deque()
+    read = partial(_read, size=preset.size, grey=preset.grey, background=background)
+    waiting: deque[tuple[slice, list[Future[tuple[np.ndarray, OODClass]]]]] = deque()
     for start in range(0, len(images), BATCH_SIZE):
         part = slice(start, start + BATCH_SIZE)
         waiting.append((part, [pool.submit(read, path) for path in images[part]]))
         if len(waiting) > READ_AHEAD:
-            first, reads = waiting.popleft()
-            yield first, np.stack([each.result() for each in reads])
+            yield _batch(*waiting.popleft())
     for part, reads in waiting:
-        yield part, np.stack([each.result() for each in reads])
+        yield _batch(part, reads)
 
 
-def _read(path: Path, size: int, grey: bool) -> np.ndarray:
-    return to_pixels(open_image(path), size, grey)
+def _batch(
+    part: slice, reads: list[Future[tuple[np.ndarray, OODClass]]]
+) -> tuple[slice, np.ndarray, list[OODClass]]:
+    pixels, classes = zip(*(each.result() for each in reads), strict=True)
+    return part, np.stack(pixels), list(classes)
 
 
-def _frame(run: CountsPredictor, background: Path) -> np.ndarray:
+def _read(
+    path: Path, size: int, grey: bool, background: np.ndarray | None
+) -> tuple[np.ndarray, OODClass]:
+    image = open_image(path)
+    return to_pixels(image, size, grey), classify_frame(np.asarray(image), background)
+
+
+def _frame(run: CountsPredictor, background: np.ndarray) -> np.ndarray:
     """(S, S, 3) uint8. Raises T2TwinError for a run without background frames."""
-    preset = require(run, FieldPredictor, "a background frame").config.preset
-    return _read(background, preset.size, preset.grey)
+    return require(run, FieldPredictor, "a background frame").pixels_of(background)[0]
 
 
 def _save_png(

@@ -5,7 +5,7 @@ run.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -25,6 +25,12 @@ from t2twin.translate.uncertainty.estimate import Estimate, concatenate
 MAX_FIELDS = 100_000
 """Maximum number of fields that one call samples (assumed: 90 MB with 216 places)."""
 
+NO_BACKGROUND = (
+    "no background frame is given, which makes predictions less accurate; give an image of the "
+    "same sensor without contact with --background"
+)
+"""The commands' recommendation for a field run."""
+
 
 @dataclass(frozen=True)
 class FieldPredictor(CountsPredictor):
@@ -38,10 +44,13 @@ class FieldPredictor(CountsPredictor):
     def estimate(self, images: Images, background: np.ndarray | None = None) -> Estimate:
         """Counts, their standard deviations, the field and the force.
 
-        Arguments and errors: as for `predict`; at least one image.
+        Arguments and errors: as for `predict`; at least one image. `ood_class` of the result names
+        images for which it is not reliable.
         """
         frames, is_one = image_list(images)
         estimate = self.estimate_pixels(self._pixels(frames, background))
+        classes = np.array(self.classify_frames(frames, background), dtype=object)
+        estimate = replace(estimate, ood_class=classes)
         return estimate.first() if is_one else estimate
 
     def estimate_pixels(

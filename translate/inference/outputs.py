@@ -46,7 +46,7 @@ def write_tables(
     names: of the PNG files, or empty. background: file of the background frame, or None.
     """
     rounded = np.rint(result.counts).astype(int)
-    _write_csv(folder / COUNTS_CSV, images, rounded)
+    _write_csv(folder / COUNTS_CSV, images, rounded, result.ood_classes)
     written = [COUNTS_CSV, COUNTS_JSON]
     if result.estimate is not None:
         stds = np.ceil(result.estimate.counts_std).astype(int)
@@ -77,13 +77,18 @@ def earlier_files(out_dir: Path) -> set[Path]:
     return {out_dir.resolve() / name for name in own}
 
 
-def _write_csv(path: Path, images: list[Path], counts: np.ndarray) -> None:
+def _write_csv(
+    path: Path, images: list[Path], counts: np.ndarray, classes: list[OODClass] | None = None
+) -> None:
+    """Without classes, the file has no column of them."""
+    taxels = [f"taxel_{n}" for n in range(counts.shape[1])]
+    last = [[]] * len(images) if classes is None else [[str(each)] for each in classes]
     # File names that are not valid text are escaped.
     with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
         writer = csv.writer(file)
-        writer.writerow(["image", *(f"taxel_{n}" for n in range(counts.shape[1]))])
-        for image, row in zip(images, counts, strict=True):
-            writer.writerow([str(image), *row.tolist()])
+        writer.writerow(["image", *taxels, *([] if classes is None else ["ood_class"])])
+        for image, row, of_image in zip(images, counts, last, strict=True):
+            writer.writerow([str(image), *row.tolist(), *of_image])
 
 
 def _head(run: CountsPredictor) -> dict[str, Any]:

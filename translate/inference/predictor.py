@@ -25,7 +25,12 @@ from t2twin.translate.models.base import CountsTranslator, LayoutReader, Transla
 from t2twin.translate.models.layouts import checked_counts, same_layout, same_pads
 from t2twin.translate.models.reverse import CySkinToDigit
 from t2twin.translate.runs.config import RunConfig
-from t2twin.translate.uncertainty.ood import OODClass, compare_with_background
+from t2twin.translate.uncertainty.ood import (
+    OODClass,
+    classify_frame,
+    combined,
+    compare_with_background,
+)
 
 BATCH_SIZE = 64
 """Images in one batch; bounds memory."""
@@ -152,6 +157,17 @@ class CountsPredictor(TrainedTranslator):
     def in_distribution(self, pixels: np.ndarray) -> np.ndarray:
         """(B,) bool: whether images are in distribution. pixels: as for `predict_pixels`."""
         return np.array([each == OODClass.IN_DISTRIBUTION for each in self.classify(pixels)], bool)
+
+    def classify_frames(
+        self, images: Images, background: np.ndarray | None = None
+    ) -> list[OODClass]:
+        """(B,) classes of images at their own sizes, which `classify` does not have.
+
+        Arguments and errors: as for `predict`.
+        """
+        frames, _ = image_list(images)
+        own = [classify_frame(frame, background) for frame in frames]
+        return list(map(combined, own, self.classify(self._pixels(frames, background))))
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
         """(B,) classes of images, as for `predict_pixels`, by out-of-distribution detection.

@@ -11,6 +11,7 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
+from t2twin.translate.uncertainty.ood import OODClass
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,8 @@ class Estimate:
     float32, the same at the places of the field. force_n, force_std_n: () float32, N, or None if
     the run was trained on presses of one force. shear_n, shear_std_n: (2,) float32, N, shear force
     on the DIGIT along x and y, or None if the run was trained without. full_scale_counts: where
-    taxels saturate.
+    taxels saturate. ood_class: the OODClass, of B images (B,) objects; None for an estimate of
+    pixels.
     """
 
     counts: np.ndarray
@@ -33,6 +35,7 @@ class Estimate:
     shear_n: np.ndarray | None
     shear_std_n: np.ndarray | None
     full_scale_counts: float
+    ood_class: Any = None
 
     def __repr__(self) -> str:
         parts = [f"counts {self.counts.shape}", f"field {self.field.shape}"]
@@ -43,6 +46,9 @@ class Estimate:
             if value is not None and std is not None:
                 is_single = self.counts.ndim == 1
                 parts.append(f"{name} {_with_std(value, std) if is_single else value.shape} N")
+        classes = [] if self.ood_class is None else np.atleast_1d(self.ood_class)
+        found = dict.fromkeys(map(str, classes))  # each once
+        parts += [name for name in found if name != OODClass.IN_DISTRIBUTION]
         return f"Estimate({', '.join(parts)})"
 
     def interval(self, level: float = 0.9) -> tuple[np.ndarray, np.ndarray]:

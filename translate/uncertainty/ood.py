@@ -4,7 +4,9 @@ A translator returns counts for any image. A run therefore stores statistics of 
 These are the mean and the standard deviation of each cell of a coarse grid, and the largest
 distance of a training image from the mean. A second check compares an image with the background
 frame of its DIGIT; it also works for worlds with many lights, where the training statistics are
-wide.
+wide. It has two parts. Along the image's border, where most contacts change little, both have
+nearly the same grey levels. And both contain the fixed pattern of the same camera and gel. A third
+check is of a frame at its own size.
 
 Shape letters: B images, S image side, c channels, K = CELLS * CELLS * c values.
 """
@@ -36,16 +38,34 @@ DARKEST_GREY = 12.0
 BRIGHT_GREY, BRIGHT_SHARE = 250, 0.3
 """An image is overexposed above this share of values of at least this grey level (assumed)."""
 
-BACKGROUND_SHARE = 0.25
-"""Share of the cells, those closest to the background frame, assumed to show no contact."""
+BORDER_SHARE = 0.4
+"""Share of the cells along the border, those closest to the background frame, that a contact does
+not change much (assumed)."""
 
-MAX_BACKGROUND_GREY = 10.0
+MAX_BORDER_GREY = 14.0
 """Largest difference of these cells from the background frame, grey levels (assumed). Measured: at
-most 7.5 in 1,500 presses of 0.5 to 12 N, at least 10.8 for another DIGIT's frame."""
+most 13.2 in 1,200 frames of 240 units, 0.4 to 15 N; at least 14.8 for another unit's frame."""
+
+MAX_UNPATTERNED_GREY = 5.0
+"""The same, without a common fixed pattern. Measured: 1 of the 1,200 frames is above."""
+
+MIN_PATTERN = 0.04
+"""Correlation of the fixed patterns from which they are the same (assumed). Measured: at most 0.034
+for another unit; at least 0.067 for 21 frames of a real unit; above in 98 % of the frames."""
+
+PATTERN_PX = 96
+"""Images of twice this side or more are averaged before patterns are compared (assumed)."""
+
+ASPECT, ASPECT_TOLERANCE = 240 / 320, 0.02
+"""Width over height of a DIGIT's frame, and the largest relative deviation (assumed: 5 px)."""
+
+NOISE_GREY = 20.0
+"""Median difference of neighboring pixels above which an image is noise, grey levels (assumed:
+a camera's noise of 7 has 7)."""
 
 TRANSFORMED_SHARE = 0.5
 """An image is transformed if undoing the transform reduces that difference below this share of it
-(assumed; measured on 1,500 presses: all transformed images but one, no others)."""
+(assumed), or if the fixed patterns are then the same; and not if they are already."""
 
 STORED_DECIMALS = 3
 """Decimals of the statistics, which a run stores as text."""
@@ -68,6 +88,10 @@ class OODClass(StrEnum):
     ROTATED_RIGHT = "on its other side"
     BLACK = "black"
     OVEREXPOSED = "overexposed"
+    BLUE_FIRST = "with blue before red"
+    UNLIKE_BACKGROUND = "of another sensor than its background frame"
+    NOISE = "noise"
+    OTHER_ASPECT = "of another aspect ratio"
     OTHER = "of another light or sensor"
 
 
@@ -77,8 +101,9 @@ INVERSE_TRANSFORMS: dict[OODClass, Callable[[np.ndarray], np.ndarray]] = {
     OODClass.UPSIDE_DOWN_MIRRORED: lambda pixels: pixels[:, ::-1],
     OODClass.ROTATED_LEFT: lambda pixels: np.rot90(pixels, 1, (1, 2)),
     OODClass.ROTATED_RIGHT: lambda pixels: np.rot90(pixels, -1, (1, 2)),
+    OODClass.BLUE_FIRST: lambda pixels: pixels[..., ::-1],
 }
-"""Functions that undo each geometric transform, (B, S, S, c) -> (B, S, S, c)."""
+"""Functions that undo each transform, (B, S, S, c) -> (B, S, S, c)."""
 
 
 class OODDetector(Struct, frozen=True):
@@ -145,26 +170,60 @@ def _exposure_class(image: np.ndarray) -> OODClass | None:
     return OODClass.OVEREXPOSED if overexposed else None
 
 
+def classify_frame(frame: np.ndarray, background: np.ndarray | None = None) -> OODClass:
+    """NOISE, OTHER_ASPECT or IN_DISTRIBUTION, for a frame at its own size.
+
+    frame: (h, w, c) or (h, w) uint8. background: its background frame, of which only the aspect is
+    checked.
+    """
+    steps = np.diff(frame.astype(np.int16), axis=1)
+    if steps.size and np.median(np.abs(steps)) > NOISE_GREY:
+        return OODClass.NOISE
+    both = (frame,) if background is None else (frame, background)
+    ratios = [each.shape[1] / each.shape[0] / ASPECT for each in both]
+    is_digit = all(abs(ratio - 1.0) <= ASPECT_TOLERANCE for ratio in ratios)
+    return OODClass.IN_DISTRIBUTION if is_digit else OODClass.OTHER_ASPECT
+
+
+def combined(frame: OODClass, pixels: OODClass) -> OODClass:
+    """The class of an image by `classify_frame` and by its pixels: a transform, if there is one."""
+    is_frame_known = frame == OODClass.IN_DISTRIBUTION or pixels in INVERSE_TRANSFORMS
+    return pixels if is_frame_known else frame
+
+
 def compare_with_background(pixels: np.ndarray, frames: np.ndarray) -> list[OODClass]:
     """(B,) classes of images by their difference from their own background frames.
 
     pixels, frames: (B, S, S, c) uint8.
     """
-    classes = []
-    for image, frame in zip(pixels[:, None], _cell_means(frames), strict=True):
-        difference = _background_difference(image, frame)
-        undone = {
-            name: _background_difference(undo(image), frame)
+    return [_compare(*each) for each in zip(pixels[:, None], frames[:, None], strict=True)]
+
+
+def _compare(image: np.ndarray, frame: np.ndarray) -> OODClass:
+    """image, frame: (1, S, S, c)."""
+    cells, frame_cells = (_cell_means(each).reshape(1, CELLS, CELLS, -1) for each in (image, frame))
+    pattern, frame_pattern = _pattern(image), _pattern(frame)
+    difference = _border_difference(cells, frame_cells)
+    differences = {
+        name: _border_difference(undo(cells), frame_cells)
+        for name, undo in INVERSE_TRANSFORMS.items()
+    }
+    has_pattern = _correlation(pattern, frame_pattern) >= MIN_PATTERN
+    if has_pattern:  # that of a grey gel is the same with blue before red
+        differences = {OODClass.BLUE_FIRST: differences[OODClass.BLUE_FIRST]}
+    else:
+        correlations = {
+            name: _correlation(undo(pattern), frame_pattern)
             for name, undo in INVERSE_TRANSFORMS.items()
         }
-        nearest = min(undone, key=lambda name: undone[name])
-        if undone[nearest] < TRANSFORMED_SHARE * difference:
-            classes.append(nearest)
-        elif difference <= MAX_BACKGROUND_GREY:
-            classes.append(OODClass.IN_DISTRIBUTION)
-        else:
-            classes.append(OODClass.OTHER)
-    return classes
+        nearest = max(correlations, key=lambda name: correlations[name])
+        if correlations[nearest] >= MIN_PATTERN:
+            return nearest
+    nearest = min(differences, key=lambda name: differences[name])
+    if differences[nearest] < TRANSFORMED_SHARE * difference:
+        return nearest
+    limit = MAX_BORDER_GREY if has_pattern else MAX_UNPATTERNED_GREY
+    return OODClass.IN_DISTRIBUTION if difference <= limit else OODClass.UNLIKE_BACKGROUND
 
 
 def fit_ood_detector(images: ImageFile | np.ndarray) -> OODDetector | None:
@@ -183,13 +242,34 @@ def _distances(cells: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarr
     return np.sqrt(np.square((cells - mean) / std).mean(axis=1))
 
 
-def _background_difference(image: np.ndarray, frame: np.ndarray) -> float:
-    """Quantile BACKGROUND_SHARE of the cells' absolute differences, grey levels.
+def _border_difference(cells: np.ndarray, frame: np.ndarray) -> float:
+    """Quantile BORDER_SHARE of the root mean square differences, over the colors, of the cells
+    along the border. cells, frame: (1, CELLS, CELLS, c) grey levels."""
+    difference = np.sqrt(np.square(cells - frame).mean(axis=-1))[0]
+    border = np.concatenate([difference[[0, -1]].ravel(), difference[1:-1, [0, -1]].ravel()])
+    return float(np.quantile(border, BORDER_SHARE))
 
-    image: (1, S, S, c). frame: (K,) cell means.
-    """
-    difference = np.abs(_cell_means(image) - frame).reshape(-1, image.shape[-1]).mean(axis=1)
-    return float(np.quantile(difference, BACKGROUND_SHARE))
+
+def _pattern(image: np.ndarray) -> np.ndarray:
+    """(1, s, s, c) float32: differences from the four neighbors, limited to three standard
+    deviations, which the edges of a contact exceed. image: (1, S, S, c)."""
+    step = max(1, image.shape[1] // PATTERN_PX)
+    side = image.shape[1] // step
+    blocks = image[:, : side * step, : side * step].astype(np.float32)
+    grey = blocks.reshape(1, side, step, side, step, -1).mean(axis=(2, 4))
+    inner = slice(1, -1)
+    pattern = 4.0 * grey[:, inner, inner]
+    for rows, columns in ((slice(2, None), inner), (slice(-2), inner), (inner, slice(2, None)),
+                          (inner, slice(-2))):  # fmt: skip
+        pattern -= grey[:, rows, columns]
+    limit = 3.0 * 1.48 * np.median(np.abs(pattern), axis=(0, 1, 2))  # 1.48: of a Gaussian
+    return np.clip(pattern, -limit, limit)
+
+
+def _correlation(one: np.ndarray, other: np.ndarray) -> float:
+    """Of two patterns, -1 to 1; 0 for an even image."""
+    norm = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float(np.vdot(one, other)) / norm if norm > 0 else 0.0
 
 
 def _cell_means(pixels: np.ndarray) -> np.ndarray:

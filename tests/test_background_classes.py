@@ -1,0 +1,90 @@
+"""Frames and background frames of sampled units: own ones agree, others are named."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.digit.randomization.artifacts import Artifacts, with_artifacts
+from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
+from t2twin.sim.sensors import Digit
+from t2twin.translate.data.images import to_pixels
+from t2twin.translate.uncertainty.ood import (
+    INVERSE_TRANSFORMS,
+    OODClass,
+    classify_frame,
+    combined,
+    compare_with_background,
+)
+
+SIZE, UNITS = 96, 40
+TURNED = {
+    OODClass.ROTATED_LEFT: OODClass.ROTATED_RIGHT,
+    OODClass.ROTATED_RIGHT: OODClass.ROTATED_LEFT,
+}
+
+
+def pixels(frame: np.ndarray) -> np.ndarray:
+    return to_pixels(Image.fromarray(frame), SIZE, grey=False)
+
+
+@pytest.fixture(scope="module")
+def units() -> tuple[np.ndarray, np.ndarray]:
+    """Frames without contact, and background frames; every second unit has artifacts."""
+    frames, backgrounds = [], []
+    for number in range(UNITS):
+        rng = np.random.default_rng([8, number])
+        unit = sample_unit(rng, UnitRanges())
+        if number % 2:
+            unit = with_artifacts(rng, unit, Artifacts())
+        digit = Digit(noise_grey=NOISE_GREY).with_unit(unit)
+        backgrounds.append(pixels(digit.background_frame(rng)))
+        frames.append(pixels(digit.image(None, rng)))
+    return np.array(frames), np.array(backgrounds)
+
+
+def test_frames_agree_with_their_own_background_only(units):
+    frames, backgrounds = units
+    assert set(compare_with_background(frames, backgrounds)) == {OODClass.IN_DISTRIBUTION}
+    others = np.roll(backgrounds, 1, axis=0)
+    assert OODClass.IN_DISTRIBUTION not in compare_with_background(frames, others)
+
+
+@pytest.mark.parametrize("kind", INVERSE_TRANSFORMS)
+def test_transforms_are_named(units, kind):
+    frames, backgrounds = units
+    transformed = INVERSE_TRANSFORMS[TURNED.get(kind, kind)](frames)
+    found = compare_with_background(np.ascontiguousarray(transformed), backgrounds)
+    assert found.count(kind) >= 0.95 * UNITS  # in a grey light, red equals blue
+
+
+def test_frames_at_their_own_size():
+    even = np.full((320, 240, 3), 90, np.uint8)
+    noise = np.random.default_rng(0).integers(0, 256, even.shape, dtype=np.uint8)
+    assert classify_frame(even) == classify_frame(even[:, :, 0]) == OODClass.IN_DISTRIBUTION
+    assert classify_frame(np.full((640, 480), 90, np.uint8)) == OODClass.IN_DISTRIBUTION
+    assert classify_frame(noise) == classify_frame(noise[..., 0]) == OODClass.NOISE
+    assert classify_frame(even[:240]) == OODClass.OTHER_ASPECT
+    assert classify_frame(even, even[:240]) == OODClass.OTHER_ASPECT
+    assert classify_frame(even[:1, :1]) == OODClass.OTHER_ASPECT
+    assert combined(OODClass.OTHER_ASPECT, OODClass.ROTATED_LEFT) == OODClass.ROTATED_LEFT
+    assert combined(OODClass.OTHER_ASPECT, OODClass.OTHER) == OODClass.OTHER_ASPECT
+    assert combined(OODClass.IN_DISTRIBUTION, OODClass.OTHER) == OODClass.OTHER
+
+
+REAL_FRAMES = "T2TWIN_REAL_FRAMES"
+"""Environment variable with a folder of background.png and press_*.png of a real DIGIT."""
+
+
+@pytest.mark.skipif(REAL_FRAMES not in os.environ, reason=f"{REAL_FRAMES} is not set")
+def test_real_frames_agree_with_their_background():
+    folder = Path(os.environ[REAL_FRAMES])
+    background = np.asarray(Image.open(folder / "background.png").convert("RGB"))
+    for path in sorted(folder.glob("press_*.png")):
+        frame = np.asarray(Image.open(path).convert("RGB"))
+        assert classify_frame(frame, background) == OODClass.IN_DISTRIBUTION
+        classes = compare_with_background(pixels(frame)[None], pixels(background)[None])
+        assert classes == [OODClass.IN_DISTRIBUTION], path.name
