@@ -1,8 +1,5 @@
 """Frames and background frames of sampled units: own ones agree, others are named."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image
@@ -56,7 +53,7 @@ def test_frames_agree_with_their_own_background_only(units):
 @pytest.mark.parametrize("kind", INVERSE_TRANSFORMS)
 def test_transforms_are_named(units, kind):
     frames, backgrounds = units
-    transformed = INVERSE_TRANSFORMS[TURNED.get(kind, kind)](frames)
+    transformed = INVERSE_TRANSFORMS[TURNED[kind] if kind in TURNED else kind](frames)
     found = compare_with_background(np.ascontiguousarray(transformed), backgrounds)
     assert found.count(kind) >= 0.95 * UNITS  # in a grey light, red equals blue
 
@@ -75,13 +72,8 @@ def test_frames_at_their_own_size():
     assert combined(OODClass.IN_DISTRIBUTION, OODClass.OTHER) == OODClass.OTHER
 
 
-REAL_FRAMES = "T2TWIN_REAL_FRAMES"
-"""Environment variable with a folder of background.png and press_*.png of a real DIGIT."""
-
-
-@pytest.mark.skipif(REAL_FRAMES not in os.environ, reason=f"{REAL_FRAMES} is not set")
-def test_real_frames_agree_with_their_background():
-    folder = Path(os.environ[REAL_FRAMES])
+def test_real_frames_agree_with_their_background(real_digit):
+    folder = real_digit
     background = np.asarray(Image.open(folder / "background.png").convert("RGB"))
     for path in sorted(folder.glob("press_*.png")):
         frame = np.asarray(Image.open(path).convert("RGB"))

@@ -279,6 +279,10 @@ def save_parts(parts: dict[str, Any], path):
     np.savez(path, **parts)
 
 
+def test_a_ball_that_is_too_small_for_its_contacts_is_refused(copy, capsys):
+    assert "the ball of 2.5 mm is too small" in refused(copy, capsys, ball=2.5)
+
+
 def test_what_is_no_calibration_is_refused(tmp_path):
     good = tmp_path / "good.npz"
     Calibration.load().save(good)

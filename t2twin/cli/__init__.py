@@ -26,6 +26,7 @@ from t2twin.cli.parser_errors import one_sentence
 from t2twin.core.compile_ahead import before_compiling
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import NO_SPACE
+from t2twin.core.memory import OUT_OF_MEMORY, is_out_of_memory
 from t2twin.core.signals import Stopped, report_stop
 
 COMMANDS = {
@@ -66,6 +67,10 @@ def main(arguments: list[str] | None = None) -> None:
     except OSError as error:
         _drop_output()
         sys.exit(_print_error(_file_error(error)))
+    except (MemoryError, RuntimeError) as error:
+        if not is_out_of_memory(error):
+            raise
+        sys.exit(_print_error(OUT_OF_MEMORY))
     except KeyboardInterrupt:
         sys.exit(report_stop(signal.SIGINT))
     except Stopped as stop:

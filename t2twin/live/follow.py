@@ -122,8 +122,8 @@ def _follow(
             warned = True
             report(
                 f"a frame is unlike the training images of {run.run_dir} ({ood_class}); "
-                "predictions are only valid for upright frames of the same sensor in the same light, with its "
-                "own background frame"
+                "predictions are only valid for upright frames of the same sensor in the same "
+                "light, with its own background frame"
             )
         if now_s - reported_s >= REPORT_EVERY_S:
             reported_s = now_s

@@ -21,6 +21,7 @@ from t2twin.sim.digit.calibrate.ridge import (
     Terms,
     select_terms,
     solve_ridge,
+    solve_step,
 )
 from t2twin.sim.digit.calibrate.samples import (
     DEEPEST,
@@ -106,8 +107,7 @@ class BallFit:
         """The joint fit, from an initial state."""
         damping = 1e-2
         for _ in range(MAX_STEPS):
-            before = state.error
-            state, damping = self._step(state, damping)
+            before, (state, damping) = state.error, self._step(state, damping)
             if before - state.error < MIN_GAIN * before:
                 break
         return state
@@ -275,7 +275,7 @@ class BallFit:
             damped = matrix.copy()
             rest = np.arange(linear_part, len(gradient))
             damped[rest, rest] *= 1.0 + damping
-            move = -np.linalg.solve(damped, gradient)[linear_part:]
+            move = -solve_step(damped, gradient, self.radii_mm)[linear_part:]
             by_pose = move[: state.poses.size].reshape(-1, 3)
             poses = state.poses + np.clip(by_pose, -_POSE_REACH, _POSE_REACH)
             poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radii_mm)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibration import PLACE_DEGREE, place_degrees
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.lobe import LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
@@ -146,3 +147,18 @@ def cross_validation_error(presses: Sequence[Sums], terms: Terms) -> float:
         response = solve_ridge(np.asarray(squares), np.asarray(products), terms)
         errors += [press.error(response, entries) for press in left_out]
     return float(np.mean(10.0 * np.log10(np.maximum(errors, 1e-12))))
+
+
+def solve_step(matrix: np.ndarray, gradient: np.ndarray, radii_mm: np.ndarray) -> np.ndarray:
+    """The solution of the normal equations of a joint fit.
+
+    Raises T2TwinError where they are singular, which a depth at its limit causes.
+    """
+    try:
+        return np.linalg.solve(matrix, gradient)
+    except np.linalg.LinAlgError as error:
+        raise T2TwinError(
+            f"the ball of {2.0 * radii_mm.min():g} mm is too small for the contacts in the frames, "
+            "which are nearly as wide as the ball; give the diameter of the ball, the scale of the "
+            "image, and frames of one ball on the sensor of the background"
+        ) from error
