@@ -16,7 +16,7 @@ from typing import Any
 
 import lazy_loader
 
-from t2twin.core.mujoco_gl import EglRepair
+from t2twin.mujoco_gl import EglRepair
 
 _imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 

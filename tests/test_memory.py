@@ -3,7 +3,7 @@
 import pytest
 
 from t2twin.cli import main
-from t2twin.core.memory import is_out_of_memory
+from t2twin.core.errors import is_out_of_memory
 
 
 def test_exceptions_of_libraries_are_recognized():

@@ -24,9 +24,8 @@ from t2twin.cli import (
 )
 from t2twin.cli.parser_errors import one_sentence
 from t2twin.core.compile_ahead import before_compiling
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import OUT_OF_MEMORY, T2TwinError, is_out_of_memory
 from t2twin.core.files import NO_SPACE
-from t2twin.core.memory import OUT_OF_MEMORY, is_out_of_memory
 from t2twin.core.signals import Stopped, report_stop
 
 COMMANDS = {

@@ -1,4 +1,4 @@
-"""The base classes of the project's exceptions and warnings."""
+"""The base classes of the project's exceptions and warnings, and exceptions for lack of memory."""
 
 
 class T2TwinError(ValueError):
@@ -11,3 +11,26 @@ class T2TwinError(ValueError):
 class T2TwinWarning(UserWarning):
     """A result that is incomplete or approximate. The message says what was found, what it does to
     the result, and what to do."""
+
+
+OUT_OF_MEMORY = (
+    "there is not enough memory; end other programs, raise the limit (ulimit -v), or use fewer "
+    "--workers where the command has them"
+)
+"""The message of a command."""
+
+MESSAGES = ("allocate", "bad_alloc", "Caught an unknown exception")
+"""Parts of the messages of torch, of C++ and of pybind11, whose type is RuntimeError."""
+
+
+def is_out_of_memory(error: Exception) -> bool:
+    """Whether an exception or one of its causes means that no memory was left."""
+    cause: BaseException | None = error
+    while cause is not None:
+        is_message = isinstance(cause, RuntimeError) and any(
+            each in str(cause) for each in MESSAGES
+        )
+        if isinstance(cause, MemoryError) or is_message:
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
