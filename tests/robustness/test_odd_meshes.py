@@ -76,7 +76,7 @@ def check_surface(it, path: Path, options: list[str]) -> None:
     around = np.stack([top(dx, dy) for dx in (-near, 0, near) for dy in (-near, 0, near)])
     wanted = top(0.0, 0.0)
     # Between two points a map has no wall.
-    known = np.abs(around.mean(axis=0) - wanted) < TOLERANCE_MM / 10
+    known = np.abs(around.mean(axis=0) - wanted) < TOLERANCE_MM / 3
     assert known.sum() > 20
     wrong = surface.sample(x[known], y[known]) - wanted[known]
     wrong -= np.median(wrong)
