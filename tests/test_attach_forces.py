@@ -6,6 +6,7 @@
 import copy
 import pickle
 import warnings
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,7 +22,7 @@ HALF = (5e-3, 4e-3, 3e-3)
 """Half sides of a box, m."""
 
 
-def scene(*geoms, sensor="digit", mount="", options="", **attach):
+def scene(*geoms, sensor: Any = "digit", mount="", options="", **attach):
     """A sensor at the origin, and a body that moves along z, with geoms, and with a free joint if
     the options enable sleep."""
     joint = "<freejoint/>" if "sleep" in options else "<joint type='slide' axis='0 0 1'/>"

@@ -1,26 +1,22 @@
-"""Sensors in MuJoCo models: the same press by a Twin, wrenches, tilt, failures, and read time.
+"""Sensors in MuJoCo models: the same press by a Twin, wrenches, tilt, and read time.
 
-    python -m benchmarks.motion.attach [--scenes N]
+    python -m benchmarks.motion.attach
 
 - Bodies pressed in MuJoCo and the same shapes pressed by a Twin: meshes of primitives, and geoms
   with a formula.
 - Force and torque of a touch, and those of MuJoCo's contacts, of bodies that are also pushed.
 - Depth when the compliance of MuJoCo's contacts changes tenfold.
 - Tilted bodies, against the contact of the same height map on a grid of half the pitch.
-- Random scenes: exceptions, warnings and contacts that did not converge.
 - Processor time of a height map, and of a read by each of two sensors in threads at 60 Hz.
 """
 
 import time
-import warnings
 from argparse import Namespace
-from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from multiprocessing import get_context
 from typing import Any
 from unittest.mock import patch
 
@@ -32,7 +28,7 @@ from tqdm import tqdm
 import t2twin
 from benchmarks.contact.press import HALVED
 from benchmarks.contact.solids import formula
-from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.motion.attach_scenes import (
     FACE_DOWN,
@@ -46,7 +42,6 @@ from benchmarks.motion.attach_scenes import (
 )
 from t2twin.attachment.geometry import Region, body_surface
 from t2twin.attachment.sensor import NOTHING, AttachedSensor, SensorName
-from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.height_map import rasterize_triangles
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
@@ -58,7 +53,7 @@ from t2twin.sim.touch import Touch
 
 BENCHMARK = Benchmark(
     module="benchmarks.motion.attach",
-    measures="Sensors in MuJoCo models: accuracy against a Twin and MuJoCo, failures, read time.",
+    measures="Sensors in MuJoCo models: accuracy against a Twin and MuJoCo, read time.",
     minutes=25,
     sources=("t2twin/attachment", "sim/contact", "primitives_cad"),
     figures=(
@@ -70,16 +65,10 @@ BENCHMARK = Benchmark(
         Figure("compliance.worst.*", most=0.02),
         Figure("tilt.worst.*.depth_error", most=0.03),
         Figure("tilt.worst.*.centroid_mm", "mm", most=0.2),
-        Figure("random.scenes"),
-        Figure("random.reads"),
-        Figure("random.exceptions", most=0),
-        Figure("random.warnings", most=0),
-        Figure("random.unsettled", most=0),
         Figure("height_maps.*", "ms"),
         Figure("two_sensors.median_ms", "ms"),
         Figure("two_sensors.p99_ms", "ms"),
     ),
-    arguments=(Argument("--scenes", "random scenes", int, 2000, partial=True),),
 )
 
 SENSORS: tuple[SensorName, ...] = ("digit", "cyskin")
@@ -104,9 +93,6 @@ TILT_FORCES_N = (1.0, 8.0)
 PUSHES = ((0.3, 0.0), (0.0, -0.3), (0.2, 0.3))
 """Tangential forces on a body, in shares of the normal force."""
 
-CHUNK = 25
-"""Random scenes that a process does at once."""
-
 FRAMES, FRAME_S = 240, 1 / 60
 """Reads of each of two sensors, and the simulated time between them."""
 
@@ -123,7 +109,6 @@ def measure(options: Namespace) -> dict[str, Any]:
         "wrench": wrench(),
         "compliance": compliance(),
         "tilt": tilt(),
-        "random": random_scenes(options.scenes),
         "height_maps": height_maps(),
         "two_sensors": two_sensors(),
     }
@@ -201,7 +186,9 @@ def same_press(count: int | None = None) -> dict[str, Any]:
     for shape, body in tqdm(pairs()[-(count or 0) :], desc="same press", unit="shape"):
         force_n, yaw_deg = float(rng.uniform(*FORCES_N)), float(rng.uniform(0.0, 360.0))
         for sensor in SENSORS:
-            attached, model, data = compile_scene(sensor, [pressed(body, force_n, yaw_deg)])
+            attached, model, data = compile_scene(
+                sensor, [pressed(body, force_n, yaw_deg)], geometry="visual"
+            )
             settle(model, data)
             touch = attached.read(model, data)
             # MuJoCo's first contacts push the body aside; then friction holds it.
@@ -323,74 +310,6 @@ def centroid_mm(contact: Contact) -> tuple[float, float]:
         float(pressure.sum(axis=0) @ contact.x_mm / total),
         float(pressure.sum(axis=1) @ contact.y_mm / total),
     )
-
-
-def random_scenes(count: int) -> dict[str, Any]:
-    """Outcomes of random scenes, and those that failed."""
-    chunks = [range(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
-    totals: Counter[str] = Counter(exceptions=0, warnings=0, unsettled=0, empty=0, refused=0)
-    failures: list[dict[str, Any]] = []
-    with ProcessPoolExecutor(cores(), mp_context=get_context("spawn")) as pool:
-        found = pool.map(random_chunk, chunks)
-        for tally, failed in tqdm(found, total=len(chunks), desc="random scenes"):
-            totals.update(tally)
-            failures += failed
-    return {"scenes": count, **totals, "failures": failures}
-
-
-def random_chunk(numbers: range) -> tuple[Counter[str], list[dict[str, Any]]]:
-    tally, failures = Counter[str](), []
-    for number in numbers:
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
-                tally.update(random_scene(number))
-        except Exception as error:
-            kind = "warnings" if isinstance(error, Warning) else "exceptions"
-            tally[kind] += 1
-            failures.append({"scene": number, "error": f"{type(error).__name__}: {error}"})
-    return tally, failures
-
-
-def random_scene(number: int) -> Counter[str]:
-    """Reads of up to three random bodies on a random sensor, on the way to rest and there."""
-    rng = np.random.default_rng((number, 33))
-    sensor: SensorName = SENSORS[number % 2]
-    bodies = [random_body(rng, sensor) for _ in range(rng.integers(1, 4))]
-    attached, model, data = compile_scene(sensor, bodies)
-    tally: Counter[str] = Counter()
-    for steps in (5, 15, 40, 100):
-        settle(model, data, steps)
-        touch = attached.read(model, data)
-        contact = touch.contacts.get(sensor)
-        tally["reads"] += 1
-        tally["empty"] += contact is None
-        tally["unsettled"] += contact is not None and not contact.settled
-    return tally
-
-
-def random_body(rng: np.random.Generator, sensor: SensorName) -> Body:
-    """A geom or a primitive's mesh at any turn, or face down and tilted up to 10 degrees."""
-    a, b, c = rng.uniform(1.0, 10.0, 3)
-    kinds = ("sphere", "capsule", "ellipsoid", "cylinder", "box")
-    kind = int(rng.integers(len(kinds) + 2))
-    if rng.random() < 0.3:
-        turn = Rotation.from_quat(rng.normal(size=4))
-    else:
-        yaw, about, tilted = rng.uniform(0.0, 2 * np.pi), rng.normal(size=3), np.radians(10.0)
-        about *= rng.uniform(0.0, tilted) / np.linalg.norm(about)
-        turn = Rotation.from_rotvec(about) * Rotation.from_euler("z", yaw) * FACE_DOWN
-    force_n = float(np.exp(rng.uniform(np.log(0.01), np.log(30.0))))
-    half_x, half_y = (6.0, 9.0) if sensor == "digit" else (11.0, 18.0)
-    options = {
-        "place_mm": (float(rng.uniform(-half_x, half_x)), float(rng.uniform(-half_y, half_y))),
-        "turn": turn,
-        "force_n": (*(force_n * rng.uniform(-0.5, 0.5, 2) * (rng.random() < 0.5)), -force_n),
-    }
-    if kind >= len(kinds):
-        shape = catalogue.load(catalogue.PRIMITIVES[rng.integers(len(catalogue.PRIMITIVES))])
-        return mesh_body(shape, **options)
-    return Body([geom(kinds[kind], a, b, c)], **options)
 
 
 def height_maps() -> dict[str, float]:

@@ -1,9 +1,9 @@
-"""MuJoCo scenes with a sensor on a pedestal, for the benchmark `attach`."""
+"""MuJoCo scenes with a sensor on a pedestal, for the benchmarks `attach` and `attach_forces`."""
 
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import t2twin
+from t2twin.attachment.geometry import Geometry
 from t2twin.attachment.sensor import AttachedSensor, SensorName
 from t2twin.primitives_cad.shape import Shape
 
@@ -35,7 +36,7 @@ class Body:
 
     geoms: arguments of add_geom, sizes in m. place_mm: (2,) on the pad. turn: from the body frame
     to the sensor frame. force_n: (3,) that moves it, along the sensor's axes. It can move along the
-    axes of joints. Where it cannot, the joint carries the contact's force.
+    axes of joints. Where it cannot, the joint carries the contact's force. mass_kg: of all geoms.
     """
 
     geoms: list[dict[str, Any]]
@@ -44,6 +45,7 @@ class Body:
     force_n: Sequence[float] = (0.0, 0.0, -8.0)
     joints: str = "xyz"
     shape: Shape | None = None
+    mass_kg: float = MASS_KG
 
 
 def geom(kind: str, *size_mm: float, **options: Any) -> dict[str, Any]:
@@ -59,9 +61,17 @@ def mesh_body(shape: Shape, **options: Any) -> Body:
 
 
 def compile_scene(
-    sensor: SensorName, bodies: list[Body], **options: Any
+    sensor: SensorName,
+    bodies: list[Body],
+    geometry: Geometry = "collision",
+    change: Callable[["mujoco.MjSpec"], object] = lambda spec: None,
+    **options: Any,
 ) -> tuple[AttachedSensor, "mujoco.MjModel", "mujoco.MjData"]:
-    """A sensor and bodies just above it. options: of all geoms, such as solref."""
+    """A sensor and bodies just above it, body-0 and so on, whose geoms are body-0-0 and so on.
+
+    geometry: as for `attach`. change: of the spec, before it is compiled. options: of all geoms,
+    such as solref.
+    """
     spec = mujoco.MjSpec()
     spec.option.gravity = [0.0, 0.0, 0.0]
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -70,7 +80,8 @@ def compile_scene(
     forces = []
     for number, body in enumerate(bodies):
         forces += _add(spec, body, f"body-{number}", options)
-    attached = t2twin.attach(spec, site="pad", sensor=sensor)
+    attached = t2twin.attach(spec, site="pad", sensor=sensor, geometry=geometry)
+    change(spec)
     model = spec.compile()
     data = mujoco.MjData(model)
     data.qfrc_applied[:] = forces
@@ -89,8 +100,9 @@ def _add(spec: "mujoco.MjSpec", body: Body, name: str, options: dict[str, Any]) 
         if spec.mesh(mesh_name) is None:
             mesh = spec.add_mesh(name=mesh_name, uservert=(1e-3 * vertices).ravel())
             mesh.userface = faces.ravel()
-    for each in body.geoms:
-        added.add_geom(mass=MASS_KG / len(body.geoms), **(options | each))
+    for number, each in enumerate(body.geoms):
+        mass = body.mass_kg / len(body.geoms)
+        added.add_geom(name=f"{name}-{number}", mass=mass, **(options | each))
     axes = ["xyz".index(axis) for axis in body.joints]
     for axis in axes:
         along = body.turn.inv().apply(SLIDES[axis])

@@ -51,7 +51,7 @@ def find_elements(model: "mujoco.MjModel", name: str, suffix: str = "") -> Eleme
 
 
 def kept_away(model: "mujoco.MjModel", sensor: int) -> list[str]:
-    """Names of the geoms that collide with something, but not with the geom of a sensor."""
+    """Names of moving geoms that collide with something, but not with the geom of a sensor."""
     kinds, affinities = model.geom_contype, model.geom_conaffinity
     collides = (kinds != 0) | (affinities != 0)
     collides[model.pair_geom1] = collides[model.pair_geom2] = True
@@ -59,7 +59,7 @@ def kept_away(model: "mujoco.MjModel", sensor: int) -> list[str]:
     paired = (model.pair_geom1 == sensor) | (model.pair_geom2 == sensor)
     meets[model.pair_geom1[paired]] = meets[model.pair_geom2[paired]] = True
     welded = model.body_weldid[model.geom_bodyid]
-    found = np.flatnonzero(collides & ~meets & (welded != welded[sensor]))
+    found = np.flatnonzero(collides & ~meets & (welded != welded[sensor]) & (welded != 0))
     return [model.geom(number).name or f"geom {number}" for number in found.tolist()]
 
 

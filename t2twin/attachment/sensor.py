@@ -19,10 +19,10 @@ import mujoco
 import numpy as np
 from trimesh import Trimesh
 
-from t2twin.attachment.carried import LIGHT, Body, carried_contact, push_notices
 from t2twin.attachment.contacts import Pose, Push, Wrench, relative_motion
 from t2twin.attachment.elements import Elements, check_state, find_elements, frame_of, kept_away
 from t2twin.attachment.geometry import Geometry, Region, body_surface
+from t2twin.attachment.loads import LIGHT, Body, loaded_contact, push_notices
 from t2twin.attachment.state import State
 from t2twin.attachment.stiffness import fit_stiffness
 from t2twin.core import arguments
@@ -255,7 +255,7 @@ class AttachedSensor:
             shape = self._shape(model, data, frame, each.body)
             bodies.append(Body(_body_name(model, each.body), each, shape, motion))
         before = state.touch.contacts.get(self.sensor) if state.touch and near else None
-        return carried_contact(self.elastomer, self.device.pitch_mm, bodies, before)
+        return loaded_contact(self.elastomer, self.device.pitch_mm, bodies, before)
 
     def _shape(
         self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose, body: int

@@ -9,7 +9,7 @@ class T2TwinError(ValueError):
 
 
 class T2TwinWarning(UserWarning):
-    """A result that is incomplete or approximate. The message says what was found, what it does to
+    """A result that is incomplete or approximate. The message names what was found, what it does to
     the result, and what to do."""
 
 

@@ -60,7 +60,7 @@ class Body(NamedTuple):
     motion: tuple[float, float, float] | None
 
 
-def carried_contact(
+def loaded_contact(
     elastomer: Elastomer, pitch_mm: float, bodies: Sequence[Body], before: Contact | None
 ) -> tuple[Contact | None, list[Notice]]:
     """The contact of pressing bodies with an elastomer, and notices of what it lacks.
@@ -143,7 +143,7 @@ def _notices(
     """What a contact lacks of the forces of bodies. reasons: those that are known, by name."""
     found = []
     for body in bodies:
-        lacking = _lacking_n(body.wrench, _carried_n(contact, body.name))
+        lacking = _lacking_n(body.wrench, _read_n(contact, body.name))
         normal, tangential = (
             size > max(READ_SHARE * of, READ_N)
             for size, of in (
@@ -161,20 +161,20 @@ def _notices(
     return found
 
 
-def _lacking_n(wrench: Wrench, carried_n: np.ndarray) -> np.ndarray:
+def _lacking_n(wrench: Wrench, read_n: np.ndarray) -> np.ndarray:
     """(3,) what a contact with a force lacks of a wrench.
 
     Pressure on the slope of a dome carries what the normals of MuJoCo's contacts contribute along
     the sensor, though the contact's shear force does not contain it.
     """
-    lacking = wrench.force_n - carried_n
+    lacking = wrench.force_n - read_n
     size = max(float(wrench.slope_n @ wrench.slope_n), np.finfo(float).tiny)
     by_slope = float(np.clip(wrench.slope_n @ lacking[:2] / size, 0.0, 1.0))
     lacking[:2] -= by_slope * wrench.slope_n
     return lacking
 
 
-def _carried_n(contact: Contact | None, name: str) -> np.ndarray:
+def _read_n(contact: Contact | None, name: str) -> np.ndarray:
     """(3,) force of a body on the sensor in a contact, N."""
     if contact is None or name not in contact.bodies:
         return np.zeros(3)
