@@ -1,4 +1,4 @@
-"""MUJOCO_GL=egl beside pyrender.
+"""MUJOCO_GL=egl in an environment with pyrender.
 
 pyrender requires PyOpenGL 3.1.0. Its EGL module lacks a type that MuJoCo needs, so that the import
 of MuJoCo would fail with an AttributeError, even where nothing is rendered. And it declares the
@@ -24,7 +24,7 @@ class EglRepair:
             return
         try:
             egl: Any = importlib.import_module("OpenGL.EGL")
-        except AttributeError as error:  # PyOpenGL looks for a function in no library
+        except AttributeError as error:  # PyOpenGL searches a function in no library
             raise ImportError(f"there is no EGL library ({error})") from error
         if hasattr(egl, "EGLDeviceEXT"):
             return

@@ -142,7 +142,7 @@ def body_surface(
 def body_geoms(model: "mujoco.MjModel", body_id: int, geometry: Geometry) -> np.ndarray:
     """Ids of the geoms of a body and of all bodies welded to it.
 
-    geometry: "collision" for those that can collide, by their masks or in an explicit pair;
+    geometry: "collision" for those that can collide, by their masks or in an explicit pair.
     "visual" for those that cannot, or all of a body that has only geoms that can.
     """
     arguments.choice(geometry, "geometry", get_args(Geometry))

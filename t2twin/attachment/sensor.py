@@ -67,8 +67,7 @@ class AttachedSensor:
     name: prefix of its elements in the model. sensor: "digit" or "cyskin". device: the simulated
     sensor. geometry, rate_hz, seed: as for `attach`.
     Several threads may use one sensor at the same time.
-    Under MUJOCO_GL=egl, MuJoCo cannot be imported with PyOpenGL 3.1.0, which pyrender requires. Run
-    `pip install --no-deps PyOpenGL==3.1.10`. Images of the sensor need no OpenGL.
+    Under MUJOCO_GL=egl, import t2twin before mujoco, whose import fails with pyrender's PyOpenGL.
     Raises T2TwinError for invalid arguments.
     """
 

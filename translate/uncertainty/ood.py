@@ -65,7 +65,7 @@ a camera's noise of 7 has 7)."""
 
 TRANSFORMED_SHARE = 0.5
 """An image is transformed if undoing the transform reduces that difference below this share of it
-(assumed), or if the fixed patterns are then the same; and not if they are already."""
+(assumed), or if the fixed patterns are then the same. It is not if they are the same before."""
 
 STORED_DECIMALS = 3
 """Decimals of the statistics, which a run stores as text."""
@@ -173,8 +173,7 @@ def _exposure_class(image: np.ndarray) -> OODClass | None:
 def classify_frame(frame: np.ndarray, background: np.ndarray | None = None) -> OODClass:
     """NOISE, OTHER_ASPECT or IN_DISTRIBUTION, for a frame at its own size.
 
-    frame: (h, w, c) or (h, w) uint8. background: its background frame, of which only the aspect is
-    checked.
+    frame: (h, w, c) or (h, w) uint8. background: its background frame; only its aspect is checked.
     """
     steps = np.diff(frame.astype(np.int16), axis=1)
     if steps.size and np.median(np.abs(steps)) > NOISE_GREY:
