@@ -151,7 +151,7 @@ def test_a_surface_is_pressed_where_walls_without_width_are_not(tmp_path):
     without(box(), *np.flatnonzero(box().face_normals[:, 2] > 0.5)).export(tmp_path / "cup.stl")
     heights, (opening, walls) = surface_of(tmp_path / "cup.stl", [0, 2.9], [0, -1.9])
     assert heights == pytest.approx([0.0, 0.0])
-    assert "is open at 4 edges" in opening and "up to 3 mm above its surface" in walls
+    assert "is open at 4 edges" in opening and "up to 3 mm above the others" in walls
 
 
 def test_sheets_and_walls_of_more_than_two_triangles_are_pressed(tmp_path):

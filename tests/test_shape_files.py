@@ -131,7 +131,7 @@ def test_damaged_or_stale_copies_are_not_used(tmp_path, monkeypatch):
     kept.write_bytes(kept.read_bytes()[:200])
     again = catalogue.load(path, folder)
     assert again.mesh.is_watertight
-    monkeypatch.setattr(shape_cache, "version", lambda name: "another")
+    monkeypatch.setattr(shape_cache, "installed_version", lambda name: "another")
     catalogue.load(path, folder)
     (newer,) = folder.iterdir()
     assert newer != kept
@@ -162,7 +162,7 @@ def test_files_of_one_stem_in_two_folders_are_both_kept(tmp_path, monkeypatch):
 def test_the_code_s_digest_follows_the_libraries(monkeypatch):
     before = shape_cache.code_digest()
     assert len(before) == shape_cache.DIGEST_DIGITS and before == shape_cache.code_digest()
-    monkeypatch.setattr(shape_cache, "version", lambda name: "another")
+    monkeypatch.setattr(shape_cache, "installed_version", lambda name: "another")
     assert shape_cache.code_digest() != before
 
 

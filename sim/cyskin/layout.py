@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.records import check_names, read_json
+from t2twin.core.records import REMARKS, check_names, read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
 DEFAULT_LAYOUT = "cyskin-20"
@@ -34,10 +34,6 @@ class _Taxel:
     x_mm: float
     y_mm: float
     pad_diameter_mm: Annotated[float, Meta(gt=0, le=LARGEST_PAD_MM)] = PAD_DIAMETER_MM
-
-
-REMARKS = ("about", "note")
-"""Keys of a JSON layout file, and of its taxels, that are not read."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
+from t2twin.core.records import REMARKS
 from t2twin.sim.digit.camera.noise import Noise
 from t2twin.sim.digit.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
@@ -205,7 +206,7 @@ def _read(path: Path | str) -> dict[str, Any]:
         raise T2TwinError("it is not an .npz file")
     with np.load(path, allow_pickle=False) as file:
         optional = (YOUNG, LOBE, ALBEDO, NOISE_MIX, NOISE_TAPS)
-        if unknown := sorted({*file.files} - {*_KEYS.values(), *optional}):
+        if unknown := sorted({*file.files} - {*_KEYS.values(), *optional, *REMARKS}):
             raise T2TwinError(f"its {unknown[0]} is not read")
         for key in _KEYS.values():
             if key not in file and key not in MAX_MISALIGNMENT:

@@ -40,6 +40,9 @@ MIN_SIMILARITY = 0.8
 UNIT = re.compile(r"[_ ]?\(?(?:um|mm|cm|m|mn|n|kn|g|kg|rad|deg|mpa|kpa)\)?$")
 """A unit at the end of a name."""
 
+REMARKS = ("about", "note")
+"""Keys of layout and optics files that a user may add; they are not read."""
+
 MAX_LISTED = 12
 """Names that a message lists at most (assumed)."""
 

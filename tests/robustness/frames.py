@@ -122,7 +122,7 @@ force_n\\n1.0|file,force_n\\nnone.png,1.0|file,force_n\\n0,1\\n0,1|file,force_n\
 file,force_n\\n,1|file,force_n\\n0,soft|file,force_n\\n0,0|file,force_n\\n0,-1|file,force_n\\n0,inf
 file,force_n\\n0,1e9|file,depth_mm\\n0,900|file,depth_mm\\n0,0|file,ball_diameter_mm\\n0,40
 file,froce_n\\n0,1|file,depht_mm\\n0,1|file,force\\n0,1|file,depth_um\\n0,900|file,Force_N\\n0,1
-file, force_n\\n0,1|file,force_n,note\\n0,1,good|file,force_n,\\n0,1,|file,force_n,force_n\\n0,1,2
+file,force_n,note\\n0,1,good|file,force_n,\\n0,1,|file,force_n,force_n\\n0,1,2
 file,file\\n0,press_1.png|file,force_n\\n0,nan|file,depth_mm\\n0,NaN|file,ball_diameter_mm\\n0,nan
 file,force_n\\n0,1e400|file,force_n\\n0,NA|file,force_n\\n0,null|file,force_n\\n0,1 N
 file,force_n\\n0,-inf|file,depth_mm\\n0,true|file;force_n\\n0;1,000,5|file;force_n\\n0;nan
