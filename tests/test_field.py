@@ -132,7 +132,9 @@ def test_a_turned_picture_is_told_by_the_untouched_frame(
         (np.rot90(pixels, -1, (1, 2)), "on its side"),
     ):
         strange = np.concatenate([turned[..., :3], pixels[..., 3:]], axis=-1)
-        found = list(run.classify(strange))  # the small images of this run show few patterns
+        found = list(
+            map(str, run.classify(strange))
+        )  # the small images of this run show few patterns
         assert set(found) <= {how, "of another sensor than its background frame"}
         assert found.count(how) > 0.5 * len(found)
     others = np.concatenate([pixels[..., :3], np.roll(pixels[..., 3:], 4, axis=0)], axis=-1)

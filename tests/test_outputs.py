@@ -53,7 +53,7 @@ def test_subscribers_receive_each_line() -> None:
 
 @pytest.mark.parametrize("address", ["", "nowhere", "tcp://256.0.0.1:1", "tcp://127.0.0.1:x"])
 def test_an_invalid_address_is_one_sentence(address: str) -> None:
-    with pytest.raises(T2TwinError, match="cannot be bound|has no valid port"):
+    with pytest.raises(T2TwinError, match=r"cannot be bound|has no valid port"):
         ZmqPublisher(address)
 
 
