@@ -115,9 +115,10 @@ def _load(body: Body, shape: Shape, limit: float) -> Load:
 def _choices(load: Load) -> Iterator[tuple[Load, float, bool]]:
     """What is tried for a body: the load, its share of the tangential load, and whether the body is
     wider."""
+    shares = EASED if np.any(load.shear_n) or load.torque_nmm else (1.0,)
     for is_wider in (False, True):
         shape = _wider(load.shape) if is_wider else load.shape
-        for share in EASED:
+        for share in shares:
             along_x, along_y = load.shear_n
             shear_n = share * along_x, share * along_y
             eased = replace(load, shape=shape, shear_n=shear_n, torque_nmm=share * load.torque_nmm)

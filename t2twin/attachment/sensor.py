@@ -50,8 +50,8 @@ MAX_RATE_HZ = 1e6
 LISTED = 5
 """Geoms that a warning names (assumed)."""
 
-OWN = ("_states", "_elements", "_lock")
-"""Attributes that a copy of a sensor does not share."""
+OWN = ("_states", "_elements", "_lock", "_warned")
+"""Attributes that a copy of a sensor does not have: readings and warnings."""
 
 MAX_JUMP_MM = 2.0
 """Distance between the places of contact in two readings up to which the second one continues the
@@ -89,7 +89,6 @@ class AttachedSensor:
         self.geometry: Geometry = geometry
         self.rate_hz, self.seed = rate_hz, seed
         self._suffix = ""
-        self._warned: set[str] = set()
         self._begin()
 
     @property
@@ -110,6 +109,7 @@ class AttachedSensor:
         """Start without readings."""
         self._states: WeakKeyDictionary[object, State] = WeakKeyDictionary()
         self._elements: WeakKeyDictionary[object, Elements] = WeakKeyDictionary()
+        self._warned: set[str] = set()
         self._lock = Lock()
 
     def with_prefix(self, prefix: str, suffix: str = "") -> "AttachedSensor":
