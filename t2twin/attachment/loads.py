@@ -115,7 +115,8 @@ def _load(body: Body, shape: Shape, limit: float) -> Load:
 def _choices(load: Load) -> Iterator[tuple[Load, float, bool]]:
     """What is tried for a body: the load, its share of the tangential load, and whether the body is
     wider."""
-    shares = EASED if np.any(load.shear_n) or load.torque_nmm else (1.0,)
+    is_tangential = np.any(load.shear_n) or load.torque_nmm
+    shares = EASED if is_tangential else (1.0, 0.0)  # the last begins without traction
     for is_wider in (False, True):
         shape = _wider(load.shape) if is_wider else load.shape
         for share in shares:
