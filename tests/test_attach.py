@@ -87,6 +87,7 @@ def test_a_pressed_ball_has_the_force_that_presses_it(sensor: Any):
     assert touch.sensor_to_world[:3, 3] == pytest.approx([0, 0, 0.11 + thickness_m])
 
 
+@pytest.mark.filterwarnings("ignore:.*tangential load")
 def test_the_same_press_as_by_the_twin():
     """A mesh pressed in MuJoCo without friction, and the same shape pressed by a Twin."""
     shape = t2twin.load_shape("hemisphere-2")

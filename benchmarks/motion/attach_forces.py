@@ -217,8 +217,7 @@ def grasp(case: tuple[str, float, float, float, SensorName]) -> dict[str, Any] |
 def forces_on(
     model: "mujoco.MjModel", data: "mujoco.MjData", sensor: AttachedSensor
 ) -> dict[int, np.ndarray]:
-    """(4,) sums of MuJoCo's contact forces of each body on one sensor, in its frame, and of the
-    lateral parts of their normal forces, N."""
+    """(3,) sums of MuJoCo's contact forces of each body on one sensor, in its frame, N."""
     frame, own = sensor.pose(model, data)[:3, :3], np.zeros(6)
     found: dict[int, np.ndarray] = {}
     surface = model.geom(f"{sensor.name}/surface").id
@@ -226,10 +225,10 @@ def forces_on(
         contact = data.contact[int(number)]
         mujoco.mj_contactForce(model, data, number, own)
         is_second = contact.geom[1] == surface
-        axes, sign = contact.frame.reshape(3, 3) @ frame, 1 if is_second else -1
+        sign = 1 if is_second else -1
         body = int(model.geom_bodyid[contact.geom[0 if is_second else 1]])
-        force = [*(sign * own[:3] @ axes), own[0] * np.hypot(*axes[0, :2])]
-        found[body] = found.get(body, np.zeros(4)) + force
+        force = sign * own[:3] @ (contact.frame.reshape(3, 3) @ frame)
+        found[body] = found.get(body, np.zeros(3)) + force
     return found
 
 
@@ -298,24 +297,21 @@ def random_scene(number: int) -> tuple[Counter[str], list[dict[str, Any]]]:
         contact = touch.contacts.get(sensor)
         tally["unsettled"] += contact is not None and not contact.settled
         tally["asleep"] += bool((data.tree_asleep >= 0).any())
-        *along, slope = np.sum([*known.values(), np.zeros(4)], axis=0)
-        lost_n = lost(touch, sensor, np.array(along), slope, len(bodies))
+        force_n = np.sum([*known.values(), np.zeros(3)], axis=0)
+        lost_n = lost(touch, sensor, force_n, len(bodies))
         if lost_n > 0:
             tally["lost"] += 1
-            failures.append({"scene": number, "lost_n": lost_n, "mujoco_n": along})
+            failures.append({"scene": number, "lost_n": lost_n, "mujoco_n": force_n.tolist()})
     return tally, failures
 
 
-def lost(touch: Touch, sensor: SensorName, force_n: np.ndarray, slope: float, bodies: int) -> float:
-    """Force of MuJoCo that is neither read nor named beyond the tolerance, N.
-
-    slope: lateral force by the normals of contacts, which pressure on a slope carries, N.
-    """
+def lost(touch: Touch, sensor: SensorName, force_n: np.ndarray, bodies: int) -> float:
+    """Force of MuJoCo that is neither read nor named beyond the tolerance, N."""
     contact = touch.contacts.get(sensor)
     read_n = np.zeros(3) if contact is None else np.array([*contact.shear_n, -contact.force_n])
     rest_n = force_n - read_n - np.sum([each.force_n for each in touch.notices] or [0.0], axis=0)
     normal = abs(rest_n[2]) - max(SHARE * abs(force_n[2]), LEAST_N * bodies)
-    across = np.hypot(*rest_n[:2]) - slope - ROUNDING * np.linalg.norm(force_n)
+    across = np.hypot(*rest_n[:2]) - ROUNDING * np.linalg.norm(force_n)
     across -= max(SHARE * float(np.hypot(*force_n[:2])), LEAST_N * bodies)
     return float(max(normal, across, 0.0))
 

@@ -19,6 +19,10 @@ UNKNOWN_M = 0.008
 RAYS = (-0.25, 0.0, 0.25)
 """Places of rays along both sides of the pad, in shares of its sides."""
 
+CLEARANCE_M = 1e-3
+"""Distance of the geom from the mount's far side, m (assumed: more than bodies at rest there sink
+in with MuJoCo's default contact)."""
+
 START_M = 1e-4
 """Depth below the base at which a ray starts, m (assumed)."""
 
@@ -27,7 +31,8 @@ def backing_m(
     spec: "mujoco.MjSpec", parent: str, is_site: bool, pos: np.ndarray, quat: np.ndarray,
     elastomer: Elastomer,
 ) -> float:  # fmt: skip
-    """Depth behind a sensor's base, m: the least thickness of the geoms that it is welded to.
+    """Depth behind a sensor's base, m: the least thickness of the geoms that it is welded to, 0 for
+    a mount that is narrower than half the pad.
 
     parent: name of the site or body of the mount. pos, quat: pose of the base on it.
     BACKING_M where there is nothing behind the base, and UNKNOWN_M for a spec that is not complete.
@@ -53,14 +58,15 @@ def backing_m(
         _thickness_m(model, data, geoms, frame.position_m + frame.rotation @ start, frame)
         for start in starts
     ]
-    return min((depth for depth in depths if depth > 0), default=BACKING_M)
+    return min(depths) if any(depths) else BACKING_M
 
 
 def _thickness_m(
     model: "mujoco.MjModel", data: "mujoco.MjData", geoms: np.ndarray, start_m: np.ndarray,
     frame: Pose,
 ) -> float:  # fmt: skip
-    """Depth below a point up to which there are geoms without a gap, at most BACKING_M."""
+    """Depth below a point up to which there are geoms without a gap, less CLEARANCE_M, at most
+    BACKING_M."""
     into, depth = -frame.rotation[:, 2], START_M
     while depth < BACKING_M:
         point = start_m + depth * into
@@ -73,7 +79,7 @@ def _thickness_m(
         if not ends:
             break
         depth += max(ends) + START_M
-    return min(depth, BACKING_M) if depth > START_M else 0.0
+    return min(max(depth - START_M - CLEARANCE_M, 0.0), BACKING_M)
 
 
 def _hit_m(

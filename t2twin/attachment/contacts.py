@@ -54,8 +54,6 @@ class Wrench:
     body: id of the body, the first of those that are welded together. force_n: (3,).
     torque_nmm: (3,) about the sensor's origin. center_mm: (3,) mean of the places of contact,
     weighted with their normal forces. friction: coefficient, the mean weighted in the same way.
-    slope_n: (2,) the part of the force along x and y that is due to the normals of the contacts, on
-    the slope of a dome.
     """
 
     body: int
@@ -63,7 +61,6 @@ class Wrench:
     torque_nmm: np.ndarray
     center_mm: np.ndarray
     friction: float
-    slope_n: np.ndarray
 
     @property
     def pressing_n(self) -> float:
@@ -116,8 +113,7 @@ def contact_forces(
         at_mm = MM_PER_M * (contact.pos - frame.position_m) @ frame.rotation
         torque_nmm = MM_PER_M * sign * force[3:] @ axes + np.cross(at_mm, force_n)
         friction = float(contact.friction[0]) if contact.dim > 1 else 0.0
-        along = sign * force[0] * axes[0, :2]
-        found.setdefault(body, []).append((force_n, torque_nmm, at_mm, force[0], friction, along))
+        found.setdefault(body, []).append((force_n, torque_nmm, at_mm, force[0], friction))
     return [_sum(body, found[body]) for body in sorted(found)], others
 
 
@@ -130,19 +126,13 @@ def awake(model: "mujoco.MjModel", data: "mujoco.MjData") -> "mujoco.MjData":
 
 
 def _sum(body: int, parts: list) -> Wrench:
-    """The wrench of a body's contacts: force, torque, place, normal force, friction and force along
-    the slope of each."""
-    forces, torques, places, normal, friction, along = (
+    """The wrench of a body's contacts: force, torque, place, normal force and friction of each."""
+    forces, torques, places, normal, friction = (
         np.array(part) for part in zip(*parts, strict=True)
     )
     share = normal / normal.sum()
     return Wrench(
-        body,
-        forces.sum(axis=0),
-        torques.sum(axis=0),
-        share @ places,
-        float(share @ friction),
-        along.sum(axis=0),
+        body, forces.sum(axis=0), torques.sum(axis=0), share @ places, float(share @ friction)
     )
 
 

@@ -76,7 +76,7 @@ def check_state(model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
             )
     if model.signature != data.signature:
         raise T2TwinError("data is of another model; expected a mujoco.MjData of this model")
-    for name in ("time", "xpos", "xmat", "efc_force"):
+    for name in ("time", "qpos", "qvel", "xpos", "xmat", "efc_force"):
         if not np.isfinite(getattr(data, name)).all():
             raise T2TwinError(
                 f"data.{name} is not finite: the simulation has diverged; take a smaller time "

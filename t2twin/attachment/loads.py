@@ -45,7 +45,8 @@ TANGENTIAL = (
     "coefficient of friction"
 )
 LIGHT = f"it presses with less than {FORCE_RANGE_N[0]:g} N along the sensor's axis"
-UNSETTLED = "the contact did not settle"
+UNSETTLED = "the contact did not settle, so its pressure and depth are approximate"
+SMALL = "the contact is smaller than the grid, so its pressure and depth are approximate"
 SHARED = "the bodies overlap, and share their pressure otherwise"
 """Reasons of notices."""
 
@@ -145,7 +146,7 @@ def _notices(
     """What a contact lacks of the forces of bodies. reasons: those that are known, by name."""
     found = []
     for body in bodies:
-        lacking = _lacking_n(body.wrench, _read_n(contact, body.name))
+        lacking = body.wrench.force_n - _read_n(contact, body.name)
         normal, tangential = (
             size > max(READ_SHARE * of, READ_N)
             for size, of in (
@@ -160,20 +161,9 @@ def _notices(
             found.append(Notice(body.name, reason, tuple(lacking.tolist())))
         elif THIN in reasons.get(body.name, ""):
             found.append(Notice(body.name, THIN))
+        elif contact is not None and not contact.settled:
+            found.append(Notice(body.name, SMALL if contact.smaller_than_grid else UNSETTLED))
     return found
-
-
-def _lacking_n(wrench: Wrench, read_n: np.ndarray) -> np.ndarray:
-    """(3,) what a contact with a force lacks of a wrench.
-
-    Pressure on the slope of a dome carries what the normals of MuJoCo's contacts contribute along
-    the sensor, though the contact's shear force does not contain it.
-    """
-    lacking = wrench.force_n - read_n
-    size = max(float(wrench.slope_n @ wrench.slope_n), np.finfo(float).tiny)
-    by_slope = float(np.clip(wrench.slope_n @ lacking[:2] / size, 0.0, 1.0))
-    lacking[:2] -= by_slope * wrench.slope_n
-    return lacking
 
 
 def _read_n(contact: Contact | None, name: str) -> np.ndarray:

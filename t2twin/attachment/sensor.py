@@ -142,7 +142,7 @@ class AttachedSensor:
         than 1 % and 0.01 N, with the reason; each reason is also a T2TwinWarning, once. An
         unchanged state gives the same touch again, as does each state before the next period of
         `rate_hz`. The tangential tractions continue those of the last reading of the same MjData,
-        until its time decreases.
+        until its time decreases; call `reset` after mj_resetData.
         Raises T2TwinError for another model or data, for values that are not finite, and for a flex
         that touches the sensor.
         """
