@@ -96,7 +96,7 @@ GAINS, GRASP_STEPS_S, GRASP_MASSES_KG = (300.0, 1000.0, 4000.0), (0.001, 0.002, 
 CLOSING_M_S, GRASP_S, LIFT_M = 0.08, 1.2, 0.05
 """Of the gripper: speed, duration, and lift in its second half."""
 
-SHARE, LEAST_N = 0.01, 0.01
+SHARE, MIN_LOST_N = 0.01, 0.01
 """Of MuJoCo's force, for each body, which may be neither read nor named."""
 
 ROUNDING = 1e-3
@@ -310,9 +310,9 @@ def lost(touch: Touch, sensor: SensorName, force_n: np.ndarray, bodies: int) -> 
     contact = touch.contacts.get(sensor)
     read_n = np.zeros(3) if contact is None else np.array([*contact.shear_n, -contact.force_n])
     rest_n = force_n - read_n - np.sum([each.force_n for each in touch.notices] or [0.0], axis=0)
-    normal = abs(rest_n[2]) - max(SHARE * abs(force_n[2]), LEAST_N * bodies)
+    normal = abs(rest_n[2]) - max(SHARE * abs(force_n[2]), MIN_LOST_N * bodies)
     across = np.hypot(*rest_n[:2]) - ROUNDING * np.linalg.norm(force_n)
-    across -= max(SHARE * float(np.hypot(*force_n[:2])), LEAST_N * bodies)
+    across -= max(SHARE * float(np.hypot(*force_n[:2])), MIN_LOST_N * bodies)
     return float(max(normal, across, 0.0))
 
 

@@ -93,9 +93,9 @@ def loaded_contact(
             else:
                 chosen[error.shape] = following
     for name, (_, share, is_wider) in chosen.items():
-        known = [TANGENTIAL] * (share < 1.0) + [THIN] * is_wider
-        if known:
-            reasons[name] = "; ".join([reasons[name], *known] if name in reasons else known)
+        known = reasons.get(name), TANGENTIAL if share < 1.0 else None, THIN if is_wider else None
+        if any(known):
+            reasons[name] = "; ".join(filter(None, known))
     return contact, _notices(contact, bodies, reasons)
 
 
