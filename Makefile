@@ -139,8 +139,7 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports --no-logo --no-cache
-	$(BIN)/python -m pytest -q --noconftest tests/test_structure.py
-	$(BIN)/python -m tests.sentences
+	$(BIN)/python -m pytest -q --noconftest tests/test_structure.py tests/test_sentences.py
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 PYTHONPATH=. $(BIN)/mkdocs build --quiet

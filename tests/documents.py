@@ -6,14 +6,31 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from sentences import ROOT, documents
+ROOT = Path(__file__).parents[1]
 
+CODE = re.compile(r"(?ms)^```.*?^```[ ]*$|<!--.*?-->|^\|.*?$|^( {4}|\t)\S.*?$")
+"""Code blocks, comments and rows of tables."""
+
+LABEL = re.compile(r"!?\[([^\]]*)\]\([^)]*\)")
 FENCE = re.compile(r"(?ms)^```(?P<language>\w*)\n(?P<text>.*?)^```$")
 LINK = re.compile(r"\]\((?P<target>[^)\s]+)\)")
 INLINE = re.compile(r"`([^`\n]+)`")
 HEADING = re.compile(r"(?m)^#+ (.+)$")
 
-PAGES = [*documents(), ROOT / "CONTRIBUTING.md"]
+CONTRIBUTING = ROOT / "CONTRIBUTING.md"
+
+
+def documents() -> list[Path]:
+    """The README and all pages of docs."""
+    return [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+PAGES = [*documents(), CONTRIBUTING]
+
+
+def prose(page: Path) -> str:
+    """A page without code blocks, tables, comments and targets of links."""
+    return LABEL.sub(r"\1", CODE.sub("", page.read_text("utf-8")))
 
 
 class Block(NamedTuple):
