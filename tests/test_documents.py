@@ -1,4 +1,4 @@
-"""README.md and docs/: tables, links, sentences, examples in Python, and commands."""
+"""README.md and docs/: tables, links, examples in Python, and commands."""
 
 import functools
 import importlib.util
@@ -11,9 +11,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import sentences
 import trimesh
-from documents import PAGES, anchors, blocks, inline_code, links, name_of
+from documents import PAGES, ROOT, anchors, blocks, inline_code, links, name_of
 from PIL import Image
 
 import t2twin
@@ -100,17 +99,6 @@ def test_every_table_is_in_a_document():
     ]
 
 
-def test_sentences_are_short():
-    pages = tuple(name_of(page) for page in PAGES)
-    assert not [str(each) for each in sentences.long_sentences() if each.path in pages]
-
-
-def test_documents_have_few_words():
-    counted = sentences.counts()
-    assert counted["README.md"] <= sentences.README_WORDS
-    assert sum(counted.values()) <= sentences.DOCUMENT_WORDS
-
-
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_relative_links_and_images_exist(page):
     for link in links(page):
@@ -124,16 +112,16 @@ def test_relative_links_and_images_exist(page):
 
 def test_documents_that_code_and_changelog_name_exist():
     folders = ("t2twin/core", "t2twin/cli", "primitives_cad", "sim", "translate", "benchmarks")
-    sources = [path for folder in folders for path in (sentences.ROOT / folder).rglob("*.py")]
-    text = "".join(p.read_text("utf-8") for p in (*sources, sentences.ROOT / "CHANGELOG.md"))
+    sources = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
+    text = "".join(p.read_text("utf-8") for p in (*sources, ROOT / "CHANGELOG.md"))
     named = set(re.findall(r"docs/[\w/-]+\.(?:md|png)", text))
     assert len(named) > 5
-    assert not [name for name in named if not (sentences.ROOT / name).exists()]
+    assert not [name for name in named if not (ROOT / name).exists()]
 
 
 def test_every_picture_is_shown():
     shown = {link.rpartition("/")[2] for page in PAGES for link in links(page)}
-    pictures = {path.name for path in (sentences.ROOT / "docs" / "pictures").iterdir()}
+    pictures = {path.name for path in (ROOT / "docs" / "pictures").iterdir()}
     assert pictures <= shown
 
 
@@ -212,7 +200,7 @@ def parse(monkeypatch):
 
 
 def check_make(words):
-    makefile = (sentences.ROOT / "Makefile").read_text("utf-8")
+    makefile = (ROOT / "Makefile").read_text("utf-8")
     for word in words:
         if "=" in word:
             assert word.partition("=")[0] in {*VARIABLES.findall(makefile)}, word
@@ -244,7 +232,7 @@ def test_commands_are_valid(page, parse, capsys):
             elif program == "torchrun":
                 check_module(words[words.index("-m") + 1 :])
             elif program == "python" and words[0].endswith(".py"):
-                assert (sentences.ROOT / words[0]).is_file(), line
+                assert (ROOT / words[0]).is_file(), line
             elif program == "python":
                 assert words[0] == "-m", line
                 check_module(words[1:])
@@ -342,7 +330,7 @@ def examples(products, small_dataset, trained):
 
 def example(page, language):
     """The first block of a language on a page of docs/."""
-    found = blocks(sentences.ROOT / "docs" / page)
+    found = blocks(ROOT / "docs" / page)
     return next(block.text for block in found if block.language == language)
 
 
@@ -417,7 +405,7 @@ def cases():
 
 def listed(section):
     """Names in the first column of the tables of a section of file-formats.md, in their order."""
-    text = (sentences.ROOT / "docs/reference/file-formats.md").read_text("utf-8")
+    text = (ROOT / "docs/reference/file-formats.md").read_text("utf-8")
     rows = re.findall(
         r"(?m)^\| ([^|]*`[^|]*) \|", text.split(f"\n## {section}\n")[1].split("\n## ")[0]
     )
