@@ -1,4 +1,4 @@
-"""Height maps of the bodies of a MuJoCo model, as a sensor meets them.
+"""Surfaces of a MuJoCo model: triangles of its geoms, and height maps of its bodies over a sensor.
 
 The sensor frame and the shape frame are those of t2twin.primitives_cad.shape. A height map of a
 body is in the shape frame of a press at x = y = yaw = 0. Its x is the sensor's x, its y is minus
@@ -8,13 +8,16 @@ the sensor's y, and its height is minus the sensor's z.
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
+import weakref
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from t2twin.attachment.rasterize import (
+    BLOCK,
     CAPSULE,
     CYLINDER,
     ELLIPSOID,
@@ -24,8 +27,8 @@ from t2twin.attachment.rasterize import (
     raise_to_primitive,
     raise_to_triangles,
 )
-from t2twin.attachment.triangles import MM_PER_M, triangles_of
 from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.height_map import EDGE_MM, PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.sim.contact.elastomer import Elastomer
@@ -48,6 +51,14 @@ than MuJoCo's contacts penetrate)."""
 
 SHAPE_FROM_SENSOR = np.array([[1.0], [-1.0], [-1.0]])
 """Signs of the shape frame's axes in the sensor frame."""
+
+HFIELD, BOX, MESH, SDF = 1, 6, 7, 8
+"""Values of MuJoCo's mjtGeom."""
+
+MM_PER_M = 1000.0
+
+CODE_BITS = 10
+"""Bits an axis of a triangle's place in the order of the blocks (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -142,18 +153,24 @@ def body_surface(
 def body_geoms(model: "mujoco.MjModel", body_id: int, geometry: Geometry) -> np.ndarray:
     """Ids of the geoms of a body and of all bodies welded to it.
 
-    geometry: "collision" for those that can collide, by their masks or in an explicit pair.
+    geometry: "collision" for those that can collide.
     "visual" for those that cannot, or all of a body that has only geoms that can.
     """
     arguments.choice(geometry, "geometry", get_args(Geometry))
     welded = model.body_weldid[model.geom_bodyid] == model.body_weldid[body_id]
-    collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    collides[model.pair_geom1] = collides[model.pair_geom2] = True
+    collides = colliding(model)
     if geometry == "collision":
         return np.flatnonzero(welded & collides)
     has_visual = np.zeros(model.nbody, bool)
     has_visual[model.geom_bodyid[~collides]] = True
     return np.flatnonzero(welded & ~(collides & has_visual[model.geom_bodyid]))
+
+
+def colliding(model: "mujoco.MjModel") -> np.ndarray:
+    """(geoms,) bool: those that can collide, by their masks or in an explicit pair."""
+    found = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    found[model.pair_geom1] = found[model.pair_geom2] = True
+    return found
 
 
 def _near(
@@ -164,3 +181,182 @@ def _near(
     reached = (np.abs(centers_mm[:, :2]) <= half_mm + radius_mm[:, None]).all(axis=1)
     reached &= centers_mm[:, 2] - radius_mm <= BEHIND_MM
     return reached | (model.geom_type[geoms] == PLANE)
+
+
+class Triangles(NamedTuple):
+    """Triangles in a geom's frame, mm, in blocks of BLOCK that are close to each other.
+
+    triangles_mm: (n, 3, 3) corners. normals: (n, 3, 3) outward unit normals of the neighbors at the
+    sides from each corner to the next, 0 without a neighbor. boxes_mm: (blocks, 2, 3) centers and
+    half extents of the blocks' bounding boxes. is_closed: whether the triangles enclose a volume.
+    """
+
+    triangles_mm: np.ndarray
+    normals: np.ndarray
+    boxes_mm: np.ndarray
+    is_closed: bool
+
+    def blocks_near(
+        self,
+        rotation: np.ndarray,
+        center_mm: np.ndarray,
+        half_mm: np.ndarray,
+        lowest_mm: float,
+        highest_mm: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Blocks that may be over a region and between two heights.
+
+        rotation, center_mm: pose in the shape frame. half_mm: (2,) half extents of the region.
+        Returns their numbers and the upper bounds of their heights, which fall.
+        """
+        centers = self.boxes_mm[:, 0] @ rotation.T + center_mm
+        halves = self.boxes_mm[:, 1] @ np.abs(rotation).T
+        upper = centers[:, 2] + halves[:, 2]
+        near = (np.abs(centers[:, :2]) <= halves[:, :2] + half_mm).all(axis=1)
+        near &= (centers[:, 2] - halves[:, 2] <= highest_mm) & (upper >= lowest_mm)
+        blocks = np.flatnonzero(near)
+        blocks = blocks[np.argsort(-upper[blocks])]
+        return blocks, upper[blocks]
+
+
+_known: dict[
+    int, tuple[weakref.ref, dict[tuple[int, int, bool], tuple[np.ndarray, Triangles]]]
+] = {}
+"""Triangles of living models by the model's identity, the type, the asset, and whether of its
+convex hull, and a height field's data."""
+
+
+def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Triangles:
+    """The triangles of a box, mesh, sdf or hfield. hull: of a mesh, those of its convex hull, which
+    MuJoCo collides, if the model has it.
+
+    Those of an asset are computed once, and again for a height field whose data has changed.
+    Raises T2TwinError for other geoms.
+    """
+    kind, asset = int(model.geom_type[geom]), int(model.geom_dataid[geom])
+    if kind == BOX:
+        return _box(MM_PER_M * model.geom_size[geom])
+    if asset < 0 or kind not in (HFIELD, MESH, SDF):
+        raise T2TwinError(
+            f"a geom of MuJoCo's type {kind} has no surface; expected a plane, sphere, capsule, "
+            "ellipsoid, cylinder or box, or a mesh, sdf or hfield with its asset"
+        )
+    place = id(model)
+    if place not in _known or _known[place][0]() is not model:
+        _known[place] = weakref.ref(model, lambda _: _known.pop(place, None)), {}
+    found = _known[place][1]
+    data = _hfield_data(model, asset) if kind == HFIELD else np.empty(0)
+    key = kind, asset, hull and kind == MESH and model.mesh_graphadr[asset] >= 0
+    if key not in found or not np.array_equal(found[key][0], data):
+        triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset, key[2])
+        found[key] = data.copy(), _in_blocks(triangles)
+    return found[key][1]
+
+
+def _box(half_mm: np.ndarray) -> Triangles:
+    cube = _cube()
+    triangles_mm = (cube.triangles_mm * half_mm).astype(np.float32)
+    return cube._replace(triangles_mm=triangles_mm, boxes_mm=cube.boxes_mm * half_mm)
+
+
+@cache
+def _cube() -> Triangles:
+    """A box with half extents of 1 mm."""
+    return _in_blocks(_of_field(np.ones((2, 2)), np.ones(2), 1.0) / MM_PER_M)
+
+
+def _hfield_data(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
+    start, size = model.hfield_adr[hfield], model.hfield_nrow[hfield] * model.hfield_ncol[hfield]
+    return model.hfield_data[start : start + size]
+
+
+def _of_mesh(model: "mujoco.MjModel", mesh: int, hull: bool) -> np.ndarray:
+    """Triangles of a mesh or of its convex hull, (n, 3, 3), m."""
+    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
+    if not hull:
+        return vertices[model.mesh_face[face : face + model.mesh_facenum[mesh]]]
+    # the graph: numbers of vertices and faces, two addresses a vertex, edges, and the faces
+    graph = model.mesh_graph[model.mesh_graphadr[mesh] :]
+    points, faces = int(graph[0]), int(graph[1])
+    start = 2 + 3 * points + 3 * faces
+    return vertices[graph[start : start + 3 * faces].reshape(-1, 3)]
+
+
+def _of_hfield(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
+    """Triangles of a height field, (n, 3, 3), m."""
+    half_x, half_y, scale, base = model.hfield_size[hfield]
+    shape = int(model.hfield_nrow[hfield]), int(model.hfield_ncol[hfield])
+    heights = scale * _hfield_data(model, hfield).reshape(shape)
+    return _of_field(heights, np.array([half_x, half_y]), base)
+
+
+def _of_field(heights: np.ndarray, half: np.ndarray, base: float) -> np.ndarray:
+    """Triangles, (n, 3, 3), of the solid between heights (rows, columns) over x and y, and -base.
+
+    half: (2,) half extents along x and y.
+    """
+    rows, columns = heights.shape
+    x, y = np.linspace(-half[0], half[0], columns), np.linspace(-half[1], half[1], rows)
+    x, y = np.meshgrid(x, y)
+    top = np.stack((x, y, heights), axis=2)
+    bottom = np.stack((x, y, np.full_like(x, -base)), axis=2)
+    faces = (
+        top,
+        bottom[:, ::-1],
+        np.stack((bottom[0], top[0])),
+        np.stack((top[-1], bottom[-1])),
+        np.stack((top[:, 0], bottom[:, 0])),
+        np.stack((bottom[:, -1], top[:, -1])),
+    )
+    return np.concatenate([_of_grid(points) for points in faces])
+
+
+def _of_grid(points: np.ndarray) -> np.ndarray:
+    """Two triangles a cell of a grid of points, (rows, columns, 3): (n, 3, 3)."""
+    first, right = points[:-1, :-1], points[:-1, 1:]
+    below, across = points[1:, :-1], points[1:, 1:]
+    halves = np.stack((first, right, across)), np.stack((first, across, below))
+    return np.stack(halves).transpose(0, 2, 3, 1, 4).reshape(-1, 3, 3)
+
+
+def _in_blocks(triangles: np.ndarray) -> Triangles:
+    """Triangles, (n, 3, 3), m, with their neighbors."""
+    centers = triangles.mean(axis=1)
+    low = centers.min(axis=0)
+    extent = max(float((centers - low).max()), np.finfo(float).tiny)
+    cells = ((centers - low) / extent * (2**CODE_BITS - 1)).astype(np.int64)
+    # Interleaved bits: the Morton order.
+    code = sum(
+        ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+        for bit in range(CODE_BITS)
+        for axis in range(3)
+    )
+    triangles_mm = np.ascontiguousarray(MM_PER_M * triangles[np.argsort(code)], np.float32)
+    starts = np.arange(0, len(triangles_mm), BLOCK)
+    low = np.minimum.reduceat(triangles_mm.min(axis=1), starts).astype(float)
+    high = np.maximum.reduceat(triangles_mm.max(axis=1), starts).astype(float)
+    boxes_mm = np.ascontiguousarray(np.stack(((low + high) / 2, (high - low) / 2), axis=1))
+    normals, is_closed = _neighbors(triangles_mm)
+    return Triangles(triangles_mm, normals, boxes_mm, is_closed)
+
+
+def _neighbors(triangles_mm: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Normals of the neighbors, see `Triangles`, and whether the triangles enclose a volume.
+
+    They do if each side is met in the other direction equally often, and the volume is positive.
+    """
+    _, points = np.unique(triangles_mm.reshape(-1, 3), axis=0, return_inverse=True)
+    start = points.reshape(-1, 3).astype(np.int64)
+    end = np.roll(start, -1, axis=1)
+    sides, reversed_sides = (start * points.size + end).ravel(), (end * points.size + start).ravel()
+    order = np.argsort(sides)
+    places = np.searchsorted(sides, reversed_sides, sorter=order)
+    met = order[np.minimum(places, sides.size - 1)]
+    a, b, c = triangles_mm.astype(float).transpose(1, 0, 2)
+    across = np.cross(b - a, c - a)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.finfo(float).tiny)
+    normals = np.where((sides[met] == reversed_sides)[:, None], across[met // 3], 0.0)
+    volume = np.einsum("ni,ni->", a, np.cross(b, c))
+    is_closed = volume > 0.0 and np.array_equal(sides[order], np.sort(reversed_sides))
+    return np.ascontiguousarray(normals.reshape(-1, 3, 3), np.float32), bool(is_closed)
