@@ -90,7 +90,6 @@ def files(folder):
         (("press", "random-01"), "random-0, random-1"),
         (("simdata", "--scale", "smoke", "--workers", "100000"), "allowed are 1 to 1000"),
         (("translate", "field", "text.png"), "--run field"),
-        (("translate", "text.png", "--untouched", "text.png"), "--untouched is now --background"),
         (("export", "field"), "--run RUN"),
         (("export", "--out", ""), "a folder"),
         (("import-pairs", "", "--out", "x"), "expected a path"),

@@ -88,7 +88,7 @@ def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
     assert "unlike" not in capsys.readouterr().err
 
 
-def test_config_keeps_it_and_older_runs_lack_it(run, tmp_path):
+def test_config_keeps_it(run, tmp_path):
     config = load_config(run[1])
     assert config.ood_detector is not None
     content = json.loads((run[1] / CONFIG).read_text())
@@ -97,17 +97,3 @@ def test_config_keeps_it_and_older_runs_lack_it(run, tmp_path):
     (tmp_path / CONFIG).write_text(json.dumps(content))
     with pytest.raises(T2TwinError, match="ood_detector must have 192 values"):
         load_config(tmp_path)
-    content = json.loads((run[1] / CONFIG).read_text())
-    renamed = {"ood_detector": "pictures", "std_grey": "spread_grey", "max_distance": "farthest",
-               "iou_weight": "shape_weight", "init_from_sha256": "start_sha256"}  # fmt: skip
-    text = json.dumps(content)
-    for new, old in renamed.items():
-        assert f'"{new}"' in text
-        text = text.replace(f'"{new}"', f'"{old}"')
-    (tmp_path / CONFIG).write_text(text)  # as version 0.2 wrote it
-    earlier = load_config(tmp_path).ood_detector
-    assert earlier is not None
-    np.testing.assert_array_equal(earlier.std, config.ood_detector.std)
-    del content["ood_detector"]
-    (tmp_path / CONFIG).write_text(json.dumps(content))
-    assert load_config(tmp_path).ood_detector is None

@@ -313,32 +313,6 @@ def test_a_larger_spread_never_makes_a_smaller_standard_deviation(presses: int) 
     assert (std.diff() >= -1e-5).all()
 
 
-def test_weights_of_an_earlier_version_keep_their_temperatures(run: FieldPredictor) -> None:
-    """A spread s was made T m (s / m)^q of, m a hundredth of full scale."""
-    network = run.translator.networks["field"]
-    weights = {k: v for k, v in network.state_dict().items() if "knots" not in k}
-    other = deepcopy(network)
-    earlier = {"temperature": torch.tensor([2.0, 3.0]), "power": torch.tensor(1.5)}
-    other.load_state_dict(weights | earlier)
-    assert isinstance(other, FieldNet)
-    spread = torch.tensor([[0.002, 0.01, 0.09]])
-    std = standard_deviation(spread.log(), other.place_knots, other.press_knots)
-    torch.testing.assert_close(std, 0.02 * (spread / 0.01) ** 1.5)
-    assert float(interpolate_scale(torch.zeros(()), other.force_knots)) == pytest.approx(3.0)
-
-
-def test_weights_of_version_0_2_load(run: FieldPredictor) -> None:
-    """Its keys are in the table of renames, with and without a prefix."""
-    network = run.translator.networks["field"]
-    state = network.state_dict()
-    earlier = {name.replace("_knots", "_rungs"): tensor for name, tensor in state.items()}
-    assert earlier.keys() != state.keys()
-    other = torch.nn.ModuleDict({"module": deepcopy(network)})
-    other.load_state_dict({f"module.{name}": 2 * tensor for name, tensor in earlier.items()})
-    for name, tensor in other["module"].state_dict().items():
-        torch.testing.assert_close(tensor, 2 * state[name])
-
-
 def test_certainty_of_what_is_right_by_half() -> None:
     """Counts drawn from what is said are held as said; stds half as large hold less."""
     rng = np.random.default_rng(0)

@@ -213,15 +213,6 @@ def test_a_wrong_direction_in_the_config_is_one_sentence(
     assert str(error.value).startswith(str(tmp_path / "config.json")) and "\n" not in str(error)
 
 
-def test_a_config_of_an_older_version_goes_the_papers_way(run_dir: Path, tmp_path: Path) -> None:
-    content = json.loads((run_dir / "config.json").read_text())
-    assert load_config(run_dir).direction == content.pop("direction") == WAY
-    del content["preset"]["iou_weight"]
-    (tmp_path / "config.json").write_text(json.dumps(content))
-    older = load_config(tmp_path)
-    assert (older.direction, older.preset.iou_weight) == ("digit-to-cyskin", 0.0)
-
-
 @pytest.mark.parametrize(
     "words",
     [

@@ -88,23 +88,6 @@ def test_info_comes_back_as_it_was_written(tmp_path, info):
     assert "origin" not in content and "pad_diameter_mm" not in content
 
 
-def test_what_an_older_dataset_lacks_is_none(tmp_path, info):
-    write_info(tmp_path, info)
-    for key in ("shape_code", "parameters", "image_shape", "seed", "scale", "world"):
-        change(tmp_path / INFO, [key], GONE)
-    older = read_info(tmp_path)
-    assert older == replace(
-        info,
-        shape_code=None,
-        parameters=None,
-        image_shape=None,
-        seed=None,
-        scale=None,
-        world=None,
-    )
-    assert not older.is_simulated
-
-
 @pytest.mark.parametrize(
     ("place", "value", "said"),
     [
@@ -190,16 +173,12 @@ def test_an_older_config_names_no_format(tmp_path, config):
     assert load_config(tmp_path).preset == config.preset
 
 
-def test_an_older_config_knows_no_world_and_no_epochs_steps(tmp_path, config):
+def test_steps_and_world_come_back(tmp_path, config):
     data = structs.replace(config.data, world="shelf")
     new = structs.replace(config, steps=90, epoch_steps=9, data=data)
     new.save(tmp_path)
     again = load_config(tmp_path)
     assert (again.steps, again.epoch_steps, again.data.world) == (90, 9, "shelf")
-    for place in (["steps"], ["epoch_steps"], ["data", "world"], ["data", "train_pairs"]):
-        change(tmp_path / CONFIG, place, GONE)
-    older = load_config(tmp_path)
-    assert older.steps is older.epoch_steps is older.data.world is older.data.train_pairs is None
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Tables of the reference: options of the commands, public names, results files, renamed names."""
+"""Tables of the reference: options of the commands, public names, results files."""
 
 import warnings
 from collections.abc import Callable
@@ -6,7 +6,6 @@ from importlib import import_module
 from inspect import getdoc
 
 from benchmarks.documents.figures import Figures, figure_tables, markdown
-from benchmarks.documents.renames import renames
 from benchmarks.evidence.record import find_benchmarks
 
 
@@ -15,7 +14,7 @@ def tables() -> dict[str, Callable[[], str]]:
     from t2twin.cli import COMMANDS
 
     options = {f"options-{name}": lambda name=name: command_options(name) for name in COMMANDS}
-    others = {"benchmarks": benchmarks, "renames": renames, "api": public_names}
+    others = {"benchmarks": benchmarks, "api": public_names}
     return {**figure_tables(), **options, **others}
 
 

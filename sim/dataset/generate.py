@@ -213,8 +213,6 @@ def _start(folder: Path, wanted: DatasetInfo) -> DatasetInfo:
     """The info to continue from: the folder's if it has the same parameters, else `wanted`."""
     if (folder / INFO).exists():
         present = read_info(folder)
-        if present.world is None and wanted.is_protocol:  # older versions did not write it
-            present = replace(present, world=wanted.world)
         _check_same_parameters(folder, present, wanted)
         _sweep(folder)
         return present

@@ -24,14 +24,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType, to_builtins
-from msgspec.structs import force_setattr
 
 from t2twin.core import arguments
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 from t2twin.core.records import convert
-from t2twin.core.renames import new_name
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 from t2twin.sim.cyskin.reading import DATASET_DEFAULT
@@ -215,9 +213,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     format: Literal[1] = FORMAT
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] = 0
     layout: str = DEFAULT_LAYOUT
-    imperfections: Literal["none", "white", "baseline", "all", "recorded", "untouched"] = (
-        DATASET_DEFAULT
-    )
+    imperfections: Literal["none", "white", "baseline", "all", "recorded"] = DATASET_DEFAULT
     light: Light = Light()
     field: bool = True
     untouched_frames: bool = True
@@ -226,8 +222,6 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         for number, part in enumerate(arguments.instance(self.parts, "parts", tuple)):
             arguments.instance(part, f"parts[{number}]", Part)
-        if renamed := new_name("value", self.imperfections):
-            force_setattr(self, "imperfections", renamed)
         own = [part.shapes for part in self.parts if part.place == "grid"]
         if len(own) != len(set(own)):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")

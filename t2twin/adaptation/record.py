@@ -18,8 +18,7 @@ from t2twin.adaptation.real_frame_evaluation import (
 )
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file, write_json
-from t2twin.core.records import convert, decode_json
-from t2twin.core.renames import translated
+from t2twin.core.records import decode_json
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
 from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
 from t2twin.translate.inference.predictor import CountsPredictor
@@ -190,15 +189,14 @@ def write_fitted(
 
 
 def read_fitted(folder: Path) -> FittedCalibration | None:
-    """Reads presses.json, also of version 0.2; None if the fit is missing or incomplete.
+    """Reads presses.json; None if the fit is missing or incomplete.
 
     Raises T2TwinError for an unreadable file.
     """
     path = folder / PRESSES
     if not path.is_file() or not (folder / CALIBRATION).is_file():
         return None
-    content = translated("json", decode_json(read_file(path), dict, path))
-    fitted = convert(content, FittedCalibration, path)
+    fitted = decode_json(read_file(path), FittedCalibration, path)
     if fitted.format != FORMAT:
         raise T2TwinError(f"{path} is of format {fitted.format}; expected {FORMAT}")
     return fitted

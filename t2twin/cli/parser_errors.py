@@ -14,7 +14,6 @@ from typing import Any
 from tyro import _errors
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.renames import message
 
 EXPECTED = {"FLOAT": "a number", "INT": "a whole number", "STR": "a name"}
 """Expected values by the metavar of an option; other metavars are self-explanatory."""
@@ -96,9 +95,6 @@ class ParserError:
         else:
             run = "; give a run with --run RUN" if self._command in TAKES_RUN else ""
             return f"unexpected argument {token!r}{run}"
-        renamed = message(kind, f"{self._command} {name}") or message(kind, name)
-        if renamed is not None:
-            return renamed
         near = get_close_matches(name.lower(), names, 1)
         return f"there is no {kind} {name!r}" + (f" (did you mean {near[0]}?)" if near else "")
 

@@ -16,7 +16,6 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
-from t2twin.core.renames import message
 
 Record = TypeVar("Record")
 
@@ -117,8 +116,7 @@ def _message(error: Exception, kind: type, source: object) -> str:
         return f"{source}: {name} is {unknown[1]}, which is none of the allowed values"
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", reason):
         near = nearest(unknown[1], sorted(_field_names(kind)))
-        renamed = message("json", unknown[1])
-        meant = f"; {renamed}" if renamed else f"; did you mean {near}?" if near else ""
+        meant = f"; did you mean {near}?" if near else ""
         return f"{source}: {f'{field} has' if field else 'it has'} no field {unknown[1]}{meant}"
     if reason == "Number out of range":
         return f"{source}: {name} is a number too large to be read"

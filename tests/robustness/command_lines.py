@@ -110,8 +110,6 @@ evaluate --data {data} --out out | nowhere => nowhere | {data} => config.json
 evaluate --data {data} --out out | {resnet18} {resnet18} => twice
 evaluate {resnet18} --data | nowhere => nowhere | {data} --split 'train set' => val, test or both
 translate | => there is no image | --layuot cyskin-20 x.png => did you mean --layout?
-translate | --untouched x.png x.png => --untouched is now --background
-translate | --untouched=x.png x.png => --untouched is now --background
 translate x.png | --run => --run has no value; expected RUN | --run nowhere => x.png
 translate --out out x.png | {touch2touch} => is a run, not an image | --run ./field => x.png
 translate --out out | field x.png => field is a run, not an image; give it as --run field

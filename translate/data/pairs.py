@@ -153,11 +153,11 @@ class DataInfo(Struct, frozen=True):
     """Properties of a dataset, from its info.json, and the SHA-256 of that file.
 
     layout: name of the taxel layout. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
-    taxels saturate. world: name of the world, None for imported pairs and in runs of older
-    versions. train_pairs: number of training pairs. field_x_mm, field_y_mm: (F,) places of the
-    field, None without field. pad_diameter_mm: (N,) of the taxels, None if unknown. has_shear:
-    whether the pairs contain the shear force; only present if true. The part "data" of a run's
-    config.json, in which some fields have other names.
+    taxels saturate. world: name of the world, None for imported pairs. train_pairs: number of
+    training pairs. field_x_mm, field_y_mm: (F,) places of the field, None without field.
+    pad_diameter_mm: (N,) of the taxels, None if unknown. has_shear: whether the pairs contain the
+    shear force; only present if true. The part "data" of a run's config.json, in which some fields
+    have other names.
     """
 
     sha256: str = renamed(name="info_sha256")

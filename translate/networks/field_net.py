@@ -11,7 +11,6 @@ Shape letters: B batch, S image side, F places, D columns of E places, F = D * E
 vector.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ import torch
 from torch import nn
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.renames import translated
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
 from t2twin.translate.networks.shear_head import ShearHead
 from t2twin.translate.uncertainty.calibration import (
@@ -56,9 +54,6 @@ SHEAR = "shear"
 
 KNOTS = {"place_knots": PLACE_SHARES, "press_knots": PRESS_SHARES, "force_knots": FORCE_SHARES}
 """Buffers with the knots of the calibration, and the shares of the errors in their bins."""
-
-EARLIER_MIDDLE = 0.01
-"""Spread that the power in weights of version 0.1 does not change, fraction of full scale."""
 
 
 class FieldOutputs(NamedTuple):
@@ -159,25 +154,6 @@ class FieldNet(nn.Module):
             self.shear = ShearHead(size, vector)
             self.register_buffer("shear_scale", torch.zeros(()))
             self.register_buffer("shear_knots", identity_knots(len(SHEAR_SHARES)))
-
-    def _load_from_state_dict(
-        self, state_dict: dict[str, torch.Tensor], prefix: str, *rest
-    ) -> None:
-        """Also loads the keys of version 0.2, and temperatures and powers of version 0.1."""
-        own = {key.removeprefix(prefix): key for key in state_dict if key.startswith(prefix)}
-        for new, old in translated("safetensors", own).items():
-            state_dict[f"{prefix}{new}"] = state_dict.pop(old)
-        field_log, force_log = state_dict.pop(f"{prefix}temperature", torch.ones(2)).log()
-        power = state_dict.pop(f"{prefix}power", torch.ones(()))
-        for name, shares in KNOTS.items():
-            knots = identity_knots(len(shares))
-            if name == "place_knots":
-                knots[0] = torch.linspace(math.log(MIN_SPREAD), 0.0, len(shares))
-                knots[1] = field_log + (power - 1.0) * (knots[0] - math.log(EARLIER_MIDDLE))
-            elif name == "force_knots":
-                knots[1] = force_log
-            state_dict.setdefault(f"{prefix}{name}", knots)
-        super()._load_from_state_dict(state_dict, prefix, *rest)
 
     def forward(self, images: torch.Tensor) -> FieldOutputs:
         """images: (B, 6, S, S), normalized, each with its background frame."""

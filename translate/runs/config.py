@@ -21,7 +21,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
 from t2twin.core.machine import installed_version
 from t2twin.core.records import convert, read_json
-from t2twin.core.renames import translated
 from t2twin.sim.dataset.info import is_sha256
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import DataInfo
@@ -56,10 +55,9 @@ class RunConfig(Struct, frozen=True):
 
     epochs, minutes, steps: limits given by the user, or None. planned_epochs: the resulting number;
     with a limit in minutes it depends on the machine and is set once. bf16: whether the networks
-    train in bfloat16. processes: number of processes that share a batch. Runs of older versions
-    lack the following. ood_detector: statistics of the training images. epoch_steps: steps per
-    epoch. init_from: SHA-256 of the initial weights, None for random ones. direction: see module
-    presets.
+    train in bfloat16. processes: number of processes that share a batch. ood_detector: statistics
+    of the training images, and epoch_steps: steps per epoch; both are set when training starts.
+    init_from: SHA-256 of the initial weights, None for random ones. direction: see module presets.
     """
 
     model: str
@@ -120,7 +118,7 @@ class RunConfig(Struct, frozen=True):
 
 
 def load_config(run_dir: Path) -> RunConfig:
-    """Reads a run's config.json, of this version or of 0.2.
+    """Reads a run's config.json.
 
     Raises T2TwinError if the folder is not a run, if its config has another format, and for missing
     or invalid fields.
@@ -128,7 +126,7 @@ def load_config(run_dir: Path) -> RunConfig:
     path = run_dir / CONFIG
     if not path.is_file():
         raise T2TwinError(f"{run_dir} has no config.json; give a folder that `train` has made")
-    content = translated("json", read_json(path, dict[str, Any], FORMAT))
+    content = read_json(path, dict[str, Any], FORMAT)
     preset = content.get("preset")
     known = {each.name for each in fields(Preset)}
     unknown = sorted(set(preset) - known) if isinstance(preset, dict) else ()

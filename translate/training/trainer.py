@@ -67,8 +67,9 @@ class Trainer:
     def run(self) -> TrainingResult:
         """Trains until the run is finished; starts from the saved state if there is one."""
         resumed = (self.out_dir / LAST).is_file()
-        if resumed:  # in older runs an epoch is all of the data
-            self.steps = self.config.epoch_steps or self.batches
+        if resumed:
+            assert self.config.epoch_steps is not None
+            self.steps = self.config.epoch_steps
         epoch_seconds = self._measure()
         if not resumed:
             planned = self._planned_epochs(epoch_seconds)
