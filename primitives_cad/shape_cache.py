@@ -22,7 +22,6 @@ NOT_MAKERS = (
     "bundled_shapes.py",
     "contact_sheet.py",
     "export.py",
-    "same_solid.py",
 )
 """Sources of this package that do not affect meshes and surfaces."""
 

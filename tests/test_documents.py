@@ -24,8 +24,7 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.digit.calibrate.measurements import read_measurements
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path
-from t2twin.sim.world.motion import Motion
-from t2twin.sim.world.recipe import Light, Part, Recipe, load_recipe
+from t2twin.sim.world.recipe import Light, Motion, Part, Recipe, load_recipe
 
 NOT_RUN = {
     "source ": "changes the shell",

@@ -9,8 +9,7 @@ import trimesh
 from benchmarks.datasets.same_surface import SHARED, KnownSurfaces, tool_surfaces
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.same_solid import KnownSolids, invariants
-from t2twin.sim.world.held_out import check_held_out
+from t2twin.sim.world.held_out import KnownSolids, check_held_out, invariants
 from t2twin.sim.world.recipe import Part, Place, Recipe
 
 

@@ -21,9 +21,9 @@ from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of, taxels, write_info
 from t2twin.sim.dataset.verify import verify_dataset
-from t2twin.sim.world.motion import Motion, MotionPath, sample_commands, sample_paths
 from t2twin.sim.world.plan import plan
-from t2twin.sim.world.recipe import load_recipe
+from t2twin.sim.world.presses import MotionPath, sample_commands, sample_paths
+from t2twin.sim.world.recipe import Motion, load_recipe
 
 
 @pytest.fixture(scope="module")

@@ -39,7 +39,6 @@ from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.digit.rendered import FRAME_SECONDS
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.sim.world import protocol
-from t2twin.sim.world.effects import check_val_shares
 from t2twin.sim.world.held_out import check_held_out
 from t2twin.sim.world.plan import Batch, plan
 from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, checked, load_recipe
@@ -103,7 +102,6 @@ def make_dataset(
     for name in arguments.texts(shapes, "shapes"):
         catalogue.split(name)  # raises for an unknown name
     batches = plan(recipe, shapes)
-    check_val_shares(recipe, {(batch.part, batch.split) for batch in batches})
     check_held_out(recipe, cache)
     kept = catalogue.cache_folder(cache)
     context = ShardContext(

@@ -24,7 +24,6 @@ from t2twin.sim.digit.randomization.unit import sample_unit
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.slide import slide_to
 from t2twin.sim.touch import Touch
-from t2twin.sim.world.motion import sample_friction
 from t2twin.sim.world.plan import Batch, load_shape, name_of, paths_of
 from t2twin.sim.world.presses import (
     FRAME_STREAM,
@@ -32,6 +31,7 @@ from t2twin.sim.world.presses import (
     UNIT_STREAM,
     PressSample,
     path_attempts,
+    sample_friction,
 )
 from t2twin.sim.world.recipe import Recipe
 

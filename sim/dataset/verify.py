@@ -24,9 +24,8 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import BACKGROUND, FIELD, PATH, POSE, TRACTIONS, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import BATCH_ROWS, INFO, read_info, sha256_of
-from t2twin.sim.world.motion import MotionPath
 from t2twin.sim.world.plan import Batch, name_of, paths_of, plan, shard_path
-from t2twin.sim.world.presses import path_attempts, planned_name
+from t2twin.sim.world.presses import MotionPath, path_attempts, planned_name
 from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
 
 ARRAYS = ("image", "taxels")

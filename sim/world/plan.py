@@ -9,8 +9,13 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io import read
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.world.motion import MotionPath, sample_paths
-from t2twin.sim.world.presses import MAX_SHAPE_SEED, grid_indices, random_name
+from t2twin.sim.world.presses import (
+    MAX_SHAPE_SEED,
+    MotionPath,
+    grid_indices,
+    random_name,
+    sample_paths,
+)
 from t2twin.sim.world.recipe import NAMED, RANDOM, Part, Recipe, Split
 
 RECIPE_HINTS = read.Hints(
@@ -72,7 +77,8 @@ def name_of(source: str) -> str:
 def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch]:
     """All shards of a world. names: restricts the primitives and tools, and orders the grids.
 
-    Raises T2TwinError for a folder without files of solids, and for different files of one name.
+    Raises T2TwinError for a folder without files of solids, for different files of one name, and
+    for a val_share of too few shapes.
     """
     batches = [
         batch
@@ -80,6 +86,7 @@ def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch
         for batch in _part_batches(recipe, number, part, names)
     ]
     _check_names(source for batch in batches for source in batch.shapes)
+    _check_val_shares(recipe, {(batch.part, batch.split) for batch in batches})
     on_grid = [batch for batch in batches if batch.indices is not None]
     others = [batch for batch in batches if batch.indices is None]
     return sorted(on_grid, key=lambda batch: names.index(batch.shapes[0])) + others
@@ -94,6 +101,17 @@ def _check_names(sources: Iterable[str]) -> None:
             raise T2TwinError(
                 f"{other} and {source} would both be the shape {name_of(source)!r} of the dataset; "
                 "rename one of them"
+            )
+
+
+def _check_val_shares(recipe: Recipe, splits: set[tuple[int, str]]) -> None:
+    """Raises T2TwinError for a val_share of too few shapes. splits: number of the part and split of
+    all shards."""
+    for number, part in enumerate(recipe.parts):
+        if part.val_share and (number, "val") not in splits:
+            raise T2TwinError(
+                f"val_share of the part of {part.shapes} shapes is {part.val_share:g}, which is "
+                "less than half a shape; expected a larger share, or more shapes"
             )
 
 

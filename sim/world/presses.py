@@ -1,25 +1,31 @@
-"""The presses of a part of a recipe: index, place, force. All follow from the seed.
+"""The presses of a part of a recipe: index, place, force, motion. All follow from the seed.
 
 A press on the protocol's grid is fixed by its index. Any other press is sampled: its attempt 0 may
 miss the shape's features, then the next attempt is another sample of the same press.
+In a world with motion, sampled presses start paths, on which the shape slides or twists. Each
+further touch of a path continues the one before, at equal steps.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from msgspec import structs
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import PREFIX
-from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
+from t2twin.sim.digit.randomization.ranges import log_uniform
 from t2twin.sim.world import protocol
-from t2twin.sim.world.motion import MotionPath, sample_commands
-from t2twin.sim.world.recipe import RANDOM, ForceRange, Part, Place, Recipe
+from t2twin.sim.world.recipe import RANDOM, ForceRange, Motion, Part, Place, Recipe
 
 PRESS_STREAM, FORCE_STREAM, UNIT_STREAM, FRAME_STREAM = 11, 12, 13, 14
 """Random streams of one seed: presses, forces on a grid, DIGIT units, noise of their background
 frames."""
+
+PATH_STREAM, MOTION_STREAM, FRICTION_STREAM = 15, 16, 17
+"""Random streams of one seed: kinds of the paths, their motions, friction of the shapes."""
 
 SEEDS_PER_WORLD = 1_000_000_000
 """Numbers of the random shapes of a world: they start at its seed times this."""
@@ -36,6 +42,16 @@ a sliver that a force of some newtons pushes in to its base plate wherever it st
 
 FIRST_STAND_IN, STAND_IN_STEP = 500_000_000, 50_000_000
 """Offset of the number of a shape's first stand-in, and the step to each further one."""
+
+
+@dataclass(frozen=True)
+class MotionPath:
+    """A path of a shape. index: of its press among the shape's touches; the next `steps`
+    touches belong to it as well, 0 for a still press."""
+
+    index: int
+    kind: Literal["still", "slide", "twist"] = "still"
+    steps: int = 0
 
 
 @dataclass(frozen=True)
@@ -169,3 +185,70 @@ def sample_force(rng: np.random.Generator, forces: float | tuple[float, ...] | F
         force = float(np.exp(rng.uniform(np.log(forces.low), np.log(forces.high))))
         if not any(first <= force <= last for first, last in forces.leave_out):
             return force
+
+
+def sample_paths(
+    motion: Motion, touches: int, seed: tuple[int, int], number: int
+) -> tuple[MotionPath, ...]:
+    """The paths of a shape; the last one ends with its last touch.
+
+    touches: number of the shape's touches. seed: the world's seed and the part's number. number:
+    of the shape in the part.
+    """
+    rng = np.random.default_rng((*seed, PATH_STREAM, number))
+    paths, index = [], 0
+    while index < touches:
+        at = rng.random()
+        kind = "slide" if at < motion.still + motion.slide else "twist"
+        steps = int(rng.integers(motion.steps[0], motion.steps[1], endpoint=True))
+        steps = min(steps, touches - index - 1)
+        path = (
+            MotionPath(index) if at < motion.still or not steps else MotionPath(index, kind, steps)
+        )
+        paths.append(path)
+        index += 1 + path.steps
+    return tuple(paths)
+
+
+def sample_commands(
+    motion: Motion,
+    path: MotionPath,
+    start: PressCommand,
+    seed: tuple[int, int],
+    number: int,
+    attempt: int,
+) -> tuple[PressCommand, ...]:
+    """The touches of a path after its press; the pose and the force change by equal steps.
+
+    start: the press. attempt: its number. The force stays within FORCE_RANGE_N.
+    """
+    rng = np.random.default_rng((*seed, MOTION_STREAM, number, path.index, attempt))
+    dx_mm = dy_mm = turn_rad = 0.0
+    if path.kind == "slide":
+        length, angle = log_uniform(rng, motion.slide_mm), rng.uniform(0.0, 2.0 * np.pi)
+        dx_mm, dy_mm = float(length * np.cos(angle)), float(length * np.sin(angle))
+    elif path.kind == "twist":
+        turn_rad = float(np.deg2rad(log_uniform(rng, motion.twist_deg)) * rng.choice((-1, 1)))
+    end_n = np.clip(start.force_n * log_uniform(rng, motion.force_change), *FORCE_RANGE_N)
+    commands = []
+    for step in range(1, path.steps + 1):
+        share = step / path.steps
+        commands.append(
+            replace(
+                start,
+                x_mm=start.x_mm + share * dx_mm,
+                y_mm=start.y_mm + share * dy_mm,
+                yaw_rad=start.yaw_rad + share * turn_rad,
+                force_n=float(start.force_n + share * (end_n - start.force_n)),
+            )
+        )
+    return tuple(commands)
+
+
+def sample_friction(motion: Motion, seed: tuple[int, int], number: int) -> dict[str, float]:
+    """Coefficients of friction of a shape, by sensor. seed, number: as for sample_paths."""
+    rng = np.random.default_rng((*seed, FRICTION_STREAM, number))
+    return {
+        "digit": float(log_uniform(rng, motion.gel_friction)),
+        "cyskin": float(log_uniform(rng, motion.cover_friction)),
+    }

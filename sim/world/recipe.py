@@ -18,6 +18,7 @@ Relative paths in it start from the working directory.
 """
 
 import tomllib
+from collections.abc import Iterator
 from dataclasses import fields
 from math import log
 from pathlib import Path
@@ -36,8 +37,6 @@ from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.digit.optics import FRAMES
 from t2twin.sim.digit.randomization.artifacts import Artifacts
 from t2twin.sim.digit.randomization.ranges import UnitRanges
-from t2twin.sim.world.effects import check_effects
-from t2twin.sim.world.motion import Motion
 
 RECIPES = Path(__file__).parent / "recipes"
 PAPER = "paper"
@@ -70,10 +69,19 @@ MAX_DISTANCE_MM = 25.0
 """Largest parameter of the distance between press and shape's middle, mm (assumed: most presses
 would miss beyond it)."""
 
+SHARE_TOLERANCE = 1e-6
+"""Largest difference of the shares' sum from 1: rounding."""
+
 Share = Annotated[float, Meta(ge=0.0, le=0.9)]
 Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
 Reach = Annotated[float, Meta(ge=0.0, le=MAX_DISTANCE_MM)]
 Split = Literal["train", "val", "test"]
+MotionShare = Annotated[float, Meta(ge=0.0, le=1.0)]
+Length = Annotated[float, Meta(ge=0.01, le=25.0)]
+Turn = Annotated[float, Meta(ge=0.1, le=180.0)]
+Steps = Annotated[int, Meta(ge=1, le=100)]
+Ratio = Annotated[float, Meta(ge=0.1, le=10.0)]
+Friction = Annotated[float, Meta(ge=0.01, le=5.0)]
 
 
 class Place(Struct, frozen=True, forbid_unknown_fields=True):
@@ -199,6 +207,41 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
             raise T2TwinError('fixed_share of light needs kind = "drawn"')
 
 
+class Motion(Struct, frozen=True, forbid_unknown_fields=True):
+    """Distribution of the paths of sampled presses. Presses on the grid stay still.
+
+    still, slide, twist: shares of the paths, whose sum is 1. The others are ranges, low and high.
+    slide_mm: length of a slide, in any direction. twist_deg: angle of a twist, either way. steps:
+    touches of a path after its press. force_change: force at the end over the force at the start.
+    gel_friction, cover_friction: coefficients of friction, sampled for each shape. All are sampled
+    uniformly in the logarithm, steps uniformly. markers: share of the DIGIT units that have markers
+    (t2twin.sim.digit.markers), on grids of sampled pitch and diameter. The defaults of friction are
+    those of t2twin.sim.contact.sliding; the others are assumed.
+    """
+
+    still: MotionShare = 0.4
+    slide: MotionShare = 0.4
+    twist: MotionShare = 0.2
+    slide_mm: tuple[Length, Length] = (0.1, 4.0)
+    twist_deg: tuple[Turn, Turn] = (1.0, 20.0)
+    steps: tuple[Steps, Steps] = (1, 4)
+    force_change: tuple[Ratio, Ratio] = (0.7, 1.4)
+    gel_friction: tuple[Friction, Friction] = (0.4, 1.5)
+    cover_friction: tuple[Friction, Friction] = (0.5, 1.5)
+    markers: MotionShare = 0.0
+
+    def __post_init__(self) -> None:
+        if abs(self.still + self.slide + self.twist - 1.0) > SHARE_TOLERANCE:
+            raise T2TwinError(
+                f"still, slide and twist of motion are {self.still:g}, {self.slide:g} and "
+                f"{self.twist:g}; expected shares whose sum is 1"
+            )
+        for name in self.__struct_fields__[3:-1]:
+            low, high = getattr(self, name)
+            if low > high:
+                raise T2TwinError(f"{name} of motion is [{low:g}, {high:g}]; expected low first")
+
+
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     """A world.
 
@@ -265,7 +308,7 @@ def load_recipe(source: str | Path) -> Recipe:
         raise T2TwinError(f"{path} is not TOML ({error})") from error
     recipe = convert(content, Recipe, path)
     _check_ranges(content.get("light", {}).get("draw", {}), path)
-    check_effects(recipe, path)
+    _check_effects(recipe, path)
     return recipe
 
 
@@ -279,7 +322,7 @@ def checked(recipe: Recipe) -> Recipe:
     except TypeError:  # a value that JSON cannot represent
         raise T2TwinError("the recipe has values other than numbers, text and lists") from None
     recipe = convert(content, Recipe, "the recipe")
-    check_effects(recipe, "the recipe")
+    _check_effects(recipe, "the recipe")
     return recipe
 
 
@@ -291,3 +334,63 @@ def _check_ranges(content: dict[str, Any], path: Path) -> None:
             raise T2TwinError(
                 f"{path}: light.draw has no {name}; allowed are {', '.join(sorted(names))}"
             )
+
+
+NEAR = tuple(field.name for field in fields(UnitRanges) if field.name.startswith("around_"))
+"""Ranges of units that are sampled near a calibration; the others are of all other units."""
+
+SWITCHES = (
+    (UnitRanges, "leak_amount", (0.0, 0.0), ("leak_part",)),
+    (UnitRanges, "linear_amount", 0.0, ("linear_gamma",)),
+    (UnitRanges, "linear_amount", 1.0, ("gamma",)),
+    (UnitRanges, "edge_dark_amount", (0.0, 0.0), ("edge_px", "edge_soft_px")),
+    (UnitRanges, "specks", (0, 0), ("speck_px", "speck_grey")),
+    (Artifacts, "streaks", (0, 0), (
+        "streak_grey", "streak_px", "streak_length_px", "streak_off_deg", "streak_bend_part",
+        "streak_moved_px")),
+    (Artifacts, "glares", (0, 0), ("glare_grey", "glare_px")),
+    (Artifacts, "worn", 0.0, ("wear_part", "speckle_part")),
+    (Artifacts, "drift_grey", (0.0, 0.0), ("drift_even_part",)),
+    (Motion, "slide", 0.0, ("slide_mm",)),
+    (Motion, "twist", 0.0, ("twist_deg",)),
+    (Motion, "still", 1.0, ("steps", "force_change")),
+)  # fmt: skip
+"""A record, its field, the value that switches further fields off, and these fields."""
+
+
+def _check_effects(recipe: Recipe, source: object) -> None:
+    """Raises T2TwinError for a field without effect, because other fields switch it off; a field
+    that has its default is accepted. source: for the message."""
+    for name, of, reason in _without_effect(recipe):
+        raise T2TwinError(
+            f"{source}: {name} of {of} has no effect, as {reason}; leave it out or change that"
+        )
+
+
+def _without_effect(recipe: Recipe) -> Iterator[tuple[str, str, str]]:
+    """Fields without effect: name, record and reason."""
+    light, motion = recipe.light, recipe.motion
+    for part in recipe.parts:
+        of = f"the part of {part.shapes} shapes"
+        if part.place != "grid" and isinstance(part.scale, str) and part.scale != "paper":
+            yield "scale", of, "its place is not the grid"
+        if part.split == "val" and part.val_share:
+            yield "val_share", of, 'its split is "val"'
+    records = [("light.draw", light.draw), ("light.artifacts", light.artifacts), ("motion", motion)]
+    if light.kind == "fixed":
+        for name in ("draw", "each"):
+            if getattr(light, name) != getattr(Light(), name):
+                yield name, "light", 'its kind is not "drawn"'
+    own = {field.name for field in fields(UnitRanges)} - {*NEAR}
+    unused, state = (NEAR, "has no") if light.calibration is None else (sorted(own), "has a")
+    for name in unused:
+        if getattr(light.draw, name) != getattr(UnitRanges, name):
+            yield name, "light.draw", f"light {state} calibration around which units are sampled"
+    for of, record in records:
+        for kind, switch, value, names in SWITCHES:
+            if isinstance(record, kind) and getattr(record, switch) == value:
+                for name in names:
+                    if getattr(record, name) != getattr(kind(), name):
+                        yield name, of, f"its {switch} is {value}"
+    if motion and motion.still < 1.0 and max(part.presses or 1 for part in recipe.parts) == 1:
+        yield "motion", "the recipe", "each shape has one press, and a path needs two touches"
