@@ -1,5 +1,9 @@
 """A command that runs out of memory prints one sentence."""
 
+import errno
+import os
+
+import mujoco
 import pytest
 
 from t2twin.cli import main
@@ -10,6 +14,8 @@ def test_exceptions_of_libraries_are_recognized():
     assert is_out_of_memory(MemoryError())
     assert is_out_of_memory(RuntimeError("DefaultCPUAllocator: can't allocate memory"))
     assert is_out_of_memory(RuntimeError("std::bad_alloc"))
+    assert is_out_of_memory(mujoco.FatalError("Could not allocate memory"))
+    assert is_out_of_memory(OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)))
     assert not is_out_of_memory(RuntimeError("another fault"))
     assert not is_out_of_memory(ValueError("cannot allocate"))
 

@@ -63,13 +63,13 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(_print_error(str(error)))
     except BrokenPipeError:
         _drop_output()
-    except OSError as error:
+    except Exception as error:
         _drop_output()
-        sys.exit(_print_error(_file_error(error)))
-    except (MemoryError, RuntimeError) as error:
-        if not is_out_of_memory(error):
+        if is_out_of_memory(error):
+            sys.exit(_print_error(OUT_OF_MEMORY))
+        if not isinstance(error, OSError):
             raise
-        sys.exit(_print_error(OUT_OF_MEMORY))
+        sys.exit(_print_error(_file_error(error)))
     except KeyboardInterrupt:
         sys.exit(report_stop(signal.SIGINT))
     except Stopped as stop:

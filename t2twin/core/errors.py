@@ -19,18 +19,19 @@ OUT_OF_MEMORY = (
 )
 """The message of a command."""
 
-MESSAGES = ("allocate", "bad_alloc", "Caught an unknown exception")
-"""Parts of the messages of torch, of C++ and of pybind11, whose type is RuntimeError."""
+MESSAGES = ("allocate memory", "bad_alloc", "Caught an unknown exception")
+"""Parts of the messages of torch, of C++ and of pybind11, whose type is RuntimeError, of MuJoCo and
+of the system."""
 
 
 def is_out_of_memory(error: Exception) -> bool:
     """Whether an exception or one of its causes means that no memory was left."""
     cause: BaseException | None = error
     while cause is not None:
-        is_message = isinstance(cause, RuntimeError) and any(
-            each in str(cause) for each in MESSAGES
-        )
-        if isinstance(cause, MemoryError) or is_message:
+        is_input = isinstance(cause, ValueError)
+        if isinstance(cause, MemoryError) or (
+            not is_input and any(each in str(cause) for each in MESSAGES)
+        ):
             return True
         cause = cause.__cause__ or cause.__context__
     return False
