@@ -9,7 +9,7 @@ from torch import nn
 
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo, Examples
-from t2twin.translate.models.optimizer import weight_average
+from t2twin.translate.models.base import weight_average
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model
 from t2twin.translate.runs.build import TRANSLATORS
 

@@ -8,7 +8,7 @@ from torch import nn
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo, Examples
-from t2twin.translate.models.optimizer import adamw
+from t2twin.translate.models.base import adamw
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import Touch2Touch

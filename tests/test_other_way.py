@@ -21,9 +21,8 @@ from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.onnx_export import export_onnx
-from t2twin.translate.models.pix2pix import Pix2Pix
 from t2twin.translate.models.presets import PRESETS, Preset
-from t2twin.translate.models.reverse import CySkinToDigit
+from t2twin.translate.models.touch2touch import CySkinToDigit, Pix2Pix
 from t2twin.translate.runs import pretrained
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.config import RunConfig, load_config

@@ -14,8 +14,7 @@ import torch
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
-from t2twin.translate.data.image_arrays import ONE, Images, check_pixels, image_list, one_image
-from t2twin.translate.data.images import to_input
+from t2twin.translate.data.images import ONE, Images, check_pixels, image_list, one_image, to_input
 from t2twin.translate.data.pairs import InputImages
 from t2twin.translate.inference.predictor import CountsPredictor, parts_of
 from t2twin.translate.models.field import FieldTranslator

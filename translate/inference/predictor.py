@@ -18,12 +18,11 @@ from msgspec import structs
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
-from t2twin.translate.data.image_arrays import Images, check_pixels, image_list, resized
-from t2twin.translate.data.images import to_input
+from t2twin.translate.data.images import Images, check_pixels, image_list, resized, to_input
 from t2twin.translate.data.pairs import ImageFile, InputImages
 from t2twin.translate.models.base import CountsTranslator, LayoutReader, Translator
 from t2twin.translate.models.layouts import checked_counts, same_layout, same_pads
-from t2twin.translate.models.reverse import CySkinToDigit
+from t2twin.translate.models.touch2touch import CySkinToDigit
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.ood import (
     OODClass,

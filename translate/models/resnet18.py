@@ -13,9 +13,8 @@ from torch.nn import functional
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo, Examples
-from t2twin.translate.models.base import CountsTranslator
+from t2twin.translate.models.base import CountsTranslator, adamw, weight_average
 from t2twin.translate.models.distributed import average_gradients
-from t2twin.translate.models.optimizer import adamw, weight_average
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.resnet18 import ResNet18
 

@@ -2,8 +2,18 @@
 
 The generator predicts the tactile image, scaled so that -1 is zero and 1 is full scale, at the
 preset's square size. phi at that size is phi at 396 x 240 followed by an area resize; its inverse
-reads the counts from the predicted image. The loss does not contain the counts. A preset may add a
-soft IoU loss (t2twin.translate.models.soft_iou_loss).
+reads the counts from the predicted image. The loss does not contain the counts.
+
+The reverse has input and target exchanged: from the tactile image to the grey DIGIT image, -1 at
+black and 1 at white.
+
+A preset may add a soft IoU loss. The contact IoU of an evaluation counts pixels above a tenth of
+the maximum of their image, whatever their value, and L1 gives little weight to the outline of a
+contact, where counts are small. The contact IoU is a step function of each pixel; here the
+membership of a pixel in the contact rises smoothly from 0 at zero, over one half at that level, to
+almost 1 at the maximum. IoU as a loss: Rahman and Wang 2016, who use products of memberships. Here
+intersection and union are minimum and maximum (Zadeh 1965), so that the IoU of an image with itself
+is 1.
 
 Shape letters: B batch, S image side, N taxels, R rows and C columns of a full tactile image.
 """
@@ -11,16 +21,153 @@ Shape letters: B batch, S image side, N taxels, R rows and C columns of a full t
 from copy import copy, deepcopy
 from typing import Self
 
+import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
 
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import TACTILE_SHAPE, Phi
-from t2twin.translate.data.pairs import Examples
-from t2twin.translate.models.base import CountsTranslator
+from t2twin.translate.data.images import WHITE_GREY
+from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.models.base import CountsTranslator, Translator, adamw, weight_average
+from t2twin.translate.models.distributed import average_gradients
 from t2twin.translate.models.layouts import check_inside, reading_at
-from t2twin.translate.models.pix2pix import Pix2Pix
+from t2twin.translate.models.presets import Preset
+from t2twin.translate.networks.pix2pix import PatchGAN, UNet
+
+CONTACT_LEVEL = 0.1
+"""Fraction of the maximum at which the membership is one half; the contact IoU of an evaluation has
+its threshold there (evaluation.metrics.array_errors.CONTACT_LEVEL)."""
+
+SHARPNESS = 2
+"""Exponent of the membership (assumed: 0.2 at half the level and 0.8 at twice the level; with a
+higher exponent, fewer pixels have a gradient)."""
+
+MIN_CONTACT = 0.01
+"""A target image with no pixel above this fraction of full scale has no contact (assumed: a few
+times the counts of noise)."""
+
+MIN_UNION = 0.5
+"""Lower bound of the union, pixels, against division by zero: less than the membership of the
+maximum of any image with a contact."""
+
+
+def soft_iou_loss(predicted: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+    """1 - soft IoU, averaged over the targets with a contact: (), 0 if there are none.
+
+    predicted, target: (B, 1, S, S), 0 at zero and 1 at full scale. The loss is 0 for images with
+    equal memberships and 1 for disjoint contacts.
+    """
+    ours, theirs = _membership(predicted), _membership(target)
+    pixels = (1, 2, 3)
+    intersection = torch.minimum(ours, theirs).sum(pixels)
+    union = torch.maximum(ours, theirs).sum(pixels)
+    has_contact = target.amax(pixels) > MIN_CONTACT
+    loss = 1.0 - intersection / union.clamp(min=MIN_UNION)
+    return (loss * has_contact).sum() / has_contact.sum().clamp(min=1)
+
+
+def _membership(images: torch.Tensor) -> torch.Tensor:
+    """(B, 1, S, S): membership of each pixel in the contact.
+
+    The maximum is detached: a higher maximum would shrink all memberships without a change of
+    shape.
+    """
+    maximum = images.detach().amax((1, 2, 3), keepdim=True).clamp(min=MIN_CONTACT)
+    height = (images / (CONTACT_LEVEL * maximum)) ** SHARPNESS
+    return height / (1.0 + height)
+
+
+class Pix2Pix(Translator):
+    """The generator and the discriminator of one preset; the generator predicts."""
+
+    def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
+        self.info = info
+        self.phi = Phi(info.x_mm, info.y_mm).resized((preset.size, preset.size))
+        self.full_scale = info.full_scale_counts
+        self.l1_weight = preset.l1_weight
+        self.iou_weight = preset.iou_weight
+        self.device = device
+        self.bf16 = bf16
+        self.generator = UNet(preset.size, preset.filters)
+        self.discriminator = PatchGAN(filters=preset.filters)
+        self.networks = {"generator": self.generator, "discriminator": self.discriminator}
+        for network in self.networks.values():
+            network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        self.optimizers = {
+            "generator": adamw(self.generator.parameters(), preset),
+            "discriminator": adamw(
+                self.discriminator.parameters(), preset, preset.discriminator_share
+            ),
+        }
+        self.average = weight_average(self.generator, preset.averaged_part)
+        self.predictor: nn.Module = self.average.module if self.average else self.generator
+
+    def generate(self, inputs: torch.Tensor) -> torch.Tensor:
+        """The generator's outputs in evaluation mode. (B, 1, S, S) -> (B, 1, S, S), in [-1, 1]."""
+        self.predictor.eval()
+        with torch.inference_mode(), self.precision():
+            generated = self.predictor(inputs.to(self.device))
+        return generated.float()
+
+    def scaled_tactile_images(self, counts: torch.Tensor) -> torch.Tensor:
+        """(B, N) counts -> tactile images, (B, 1, S, S): -1 is zero, 1 is full scale."""
+        return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
+
+    def pix2pix_step(self, inputs: torch.Tensor, targets: torch.Tensor) -> dict[str, float]:
+        """One step of the discriminator, then one of the generator.
+
+        inputs, targets: (B, 1, S, S), in [-1, 1]. Returns the losses by name.
+        """
+        with self.precision():
+            generated = self.generator(inputs)
+        discriminator_loss = self._discriminator_step(inputs, targets, generated.detach())
+        losses = self._generator_step(inputs, targets, generated)
+        if self.average is not None:
+            self.average.update_parameters(self.generator)
+        return {"discriminator": discriminator_loss, **losses}
+
+    def _discriminator_step(
+        self, inputs: torch.Tensor, targets: torch.Tensor, generated: torch.Tensor
+    ) -> float:
+        """Classifies real and generated pairs; the loss is halved to slow this network down."""
+        optimizer = self.optimizers["discriminator"]
+        optimizer.zero_grad()
+        with self.precision():
+            real_logits = self.discriminator(inputs, targets)
+            generated_logits = self.discriminator(inputs, generated)
+        loss = 0.5 * (_adversarial(real_logits, 1.0) + _adversarial(generated_logits, 0.0))
+        loss.backward()
+        average_gradients(self.discriminator)
+        optimizer.step()
+        return float(loss.detach())
+
+    def _generator_step(
+        self, inputs: torch.Tensor, targets: torch.Tensor, generated: torch.Tensor
+    ) -> dict[str, float]:
+        """Minimizes the adversarial loss, L1 and, with a weight, the soft IoU loss."""
+        optimizer = self.optimizers["generator"]
+        optimizer.zero_grad()
+        self.discriminator.requires_grad_(False)
+        with self.precision():
+            logits = self.discriminator(inputs, generated)
+        adversarial = _adversarial(logits, 1.0)
+        l1 = functional.l1_loss(generated.float(), targets)
+        losses, total = {"adversarial": adversarial, "l1": l1}, adversarial + self.l1_weight * l1
+        if self.iou_weight:
+            losses["iou"] = soft_iou_loss((generated.float() + 1.0) / 2.0, (targets + 1.0) / 2.0)
+            total = total + self.iou_weight * losses["iou"]
+        total.backward()
+        self.discriminator.requires_grad_(True)
+        average_gradients(self.generator)
+        optimizer.step()
+        return {name: float(loss.detach()) for name, loss in losses.items()}
+
+
+def _adversarial(logits: torch.Tensor, label: float) -> torch.Tensor:
+    logits = logits.float()
+    return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, label))
 
 
 class Touch2Touch(Pix2Pix, CountsTranslator):
@@ -90,3 +237,22 @@ def _resize_matrix(size: int, new: int) -> torch.Tensor:
     """
     unit = torch.eye(size)[None, None]
     return functional.interpolate(unit, (new, size), mode="bilinear", antialias=True)[0, 0]
+
+
+class CySkinToDigit(Pix2Pix):
+    """pix2pix with tactile images as inputs and DIGIT images as targets."""
+
+    def step(self, examples: Examples) -> dict[str, float]:
+        """See Translator. images: (B, 1, S, S) in [-1, 1], the targets."""
+        inputs = self.scaled_tactile_images(examples.counts.to(self.device))
+        return self.pix2pix_step(inputs, examples.images.to(self.device))
+
+    def predict_images(self, counts: torch.Tensor) -> torch.Tensor:
+        """(B, N) counts -> DIGIT images, (B, S, S), grey levels, not rounded."""
+        generated = self.generate(self.scaled_tactile_images(counts.to(self.device)))
+        return (generated[:, 0] + 1.0) * (WHITE_GREY / 2.0)
+
+    def errors(self, pixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """See Translator. (B, S * S), grey levels."""
+        images = self.predict_images(torch.from_numpy(counts)).cpu().numpy()
+        return (images - pixels[..., 0]).reshape(len(pixels), -1)

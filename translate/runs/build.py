@@ -8,8 +8,7 @@ from t2twin.translate.models.distributed import device
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import CYSKIN_TO_DIGIT
 from t2twin.translate.models.resnet18 import ResNet18Translator
-from t2twin.translate.models.reverse import CySkinToDigit
-from t2twin.translate.models.touch2touch import Touch2Touch
+from t2twin.translate.models.touch2touch import CySkinToDigit, Touch2Touch
 from t2twin.translate.runs.config import RunConfig
 
 TRANSLATORS: dict[str, type[Touch2Touch | ResNet18Translator | FieldTranslator]] = {

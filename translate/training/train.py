@@ -63,7 +63,7 @@ def train(
     preset (settings.for_steps). init_from: another run, whose best weights are the initial weights,
     at a lower learning rate. direction: "digit-to-cyskin", or "cyskin-to-digit" for DIGIT images
     from counts, validated by the RMSE of their pixels. iou_weight: weight of the soft IoU loss
-    (models.soft_iou_loss), by default the preset's.
+    (models.touch2touch), by default the preset's.
     Raises T2TwinError for arguments that are invalid or do not fit together, and an init_from of
     another kind. It also does for an unreadable dataset, a folder with another run, and a loss that
     is not finite.

@@ -11,8 +11,7 @@ from msgspec.structs import replace
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
-from t2twin.translate.data.image_arrays import COLORS
-from t2twin.translate.data.images import augment, to_input
+from t2twin.translate.data.images import COLORS, augment, to_input
 from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
