@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
-from t2twin.translate.runs.average import average_runs
+from t2twin.translate.runs.checkpoint import average_runs
 
 if __name__ == "__main__":
     try:

@@ -19,13 +19,11 @@ from safetensors.torch import load_file, save_file
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.templates import environment
-from t2twin.translate.evaluation.files import read_evaluation
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
-from t2twin.translate.evaluation.records import Evaluation, ModelRow
-from t2twin.translate.runs.average import AVERAGE
+from t2twin.translate.evaluation.records import Evaluation, ModelRow, read_evaluation
 from t2twin.translate.runs.card import CARD, LIMITS
-from t2twin.translate.runs.config import BEST, CONFIG, LOG, load_config
-from t2twin.translate.runs.pretrained import HOME, versioned
+from t2twin.translate.runs.checkpoint import AVERAGE
+from t2twin.translate.runs.config import BEST, CONFIG, HOME, LOG, load_config, versioned
 
 MIN_NUMBERS = 1000
 """Minimum size of a tensor that is stored in half precision (assumed: smaller ones hold less than a

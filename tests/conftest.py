@@ -175,8 +175,7 @@ def write_untrained(folder):
     from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
     from t2twin.translate.data.pairs import DataInfo
     from t2twin.translate.models.presets import PRESETS
-    from t2twin.translate.runs.build import build
-    from t2twin.translate.runs.checkpoint import save_weights
+    from t2twin.translate.runs.checkpoint import build, save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
     model = folder.name

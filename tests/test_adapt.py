@@ -32,7 +32,7 @@ from t2twin.sim.dataset.store import read_info
 from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.sensors import SensorPair
-from t2twin.translate.runs.pretrained import HOME
+from t2twin.translate.runs.config import HOME
 from t2twin.translate.training.train import train
 
 FULL_SCALE = 40_000.0

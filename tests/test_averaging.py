@@ -11,7 +11,7 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.models.base import weight_average
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model
-from t2twin.translate.runs.build import TRANSLATORS
+from t2twin.translate.runs.checkpoint import TRANSLATORS
 
 
 def mean_of(part: float, values: list[float]) -> float:

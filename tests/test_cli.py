@@ -125,11 +125,11 @@ def test_doctor_finds_this_machine_fit(capsys):
 
 def test_doctor_names_what_is_missing(capsys, monkeypatch, tmp_path):
     from t2twin.cli import doctor
-    from t2twin.translate.runs import pretrained
+    from t2twin.translate.runs import config as run_config
 
     monkeypatch.setattr(doctor, "PACKAGES", ("numpy", "no-such-package"))
     monkeypatch.setattr(doctor, "EXTRAS", {"live": "no_such_module"})
-    monkeypatch.setattr(pretrained, "HOME", tmp_path)
+    monkeypatch.setattr(run_config, "HOME", tmp_path)
     monkeypatch.setattr(doctor, "_rendering", lambda: "not of interest")
     monkeypatch.setitem(sys.modules, "cadquery", None)  # as where libGL is missing
     run("doctor", code=1)

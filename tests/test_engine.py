@@ -11,7 +11,7 @@ from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import TRAILER_BYTES, write_checked
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.inference import load as load_runs
-from t2twin.translate.inference import onnx_runtime
+from t2twin.translate.inference import onnx_export
 from t2twin.translate.inference.load import load
 
 pytest.importorskip("onnx")
@@ -29,7 +29,7 @@ def run_dir(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where the files are kept, empty."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    return tmp_path / onnx_runtime.FOLDER
+    return tmp_path / onnx_export.FOLDER
 
 
 @pytest.fixture
@@ -53,8 +53,8 @@ def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
     run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
-    make = onnx_runtime._export
-    monkeypatch.setattr(onnx_runtime, "_export", lambda *of: made.append(of) or make(*of))
+    make = onnx_export._export
+    monkeypatch.setattr(onnx_export, "_export", lambda *of: made.append(of) or make(*of))
     first = load(run_dir).predict(frames)
     np.testing.assert_array_equal(load(run_dir).predict(frames), first)
     assert len(made) == 1
@@ -93,7 +93,7 @@ def test_where_no_file_can_be_kept_pytorch_computes(
 def test_the_oldest_files_go(
     run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(onnx_runtime, "MAX_FILES", 1)
+    monkeypatch.setattr(onnx_export, "MAX_FILES", 1)
     kept.mkdir()
     (kept / "older.onnx").write_bytes(b"")
     load(run_dir).predict(frames)

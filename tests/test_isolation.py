@@ -49,7 +49,7 @@ def test_commands_find_temporary_folders_alone():
 
 def test_runs_of_the_repository_are_not_found():
     from t2twin.studio.translators import Translators
-    from t2twin.translate.runs.pretrained import pretrained_runs
+    from t2twin.translate.runs.config import pretrained_runs
 
     translators = Translators()
     translators.search()

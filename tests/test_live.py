@@ -18,8 +18,7 @@ from t2twin.live.follow import follow
 from t2twin.live.frame import Frame, SkippedFrames
 from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.sources import VideoSource, _opencv, open_source
-from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.predictor import require
+from t2twin.translate.inference.predictor import FieldPredictor, require
 from t2twin.translate.uncertainty.ood import OODClass
 
 HZ, FRAMES = 30.0, 24

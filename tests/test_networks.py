@@ -8,14 +8,14 @@ from torch import nn
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.inference.load import fold_batchnorm
 from t2twin.translate.models.base import adamw
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import Touch2Touch
-from t2twin.translate.networks.fold_batchnorm import fold_batchnorm
 from t2twin.translate.networks.pix2pix import HalfDropout, PatchGAN, UNet
 from t2twin.translate.networks.resnet18 import ResNet18
-from t2twin.translate.runs.build import TRANSLATORS
+from t2twin.translate.runs.checkpoint import TRANSLATORS
 
 CPU = torch.device("cpu")
 FULL_SCALE = 40_000.0

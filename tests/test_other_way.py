@@ -23,11 +23,10 @@ from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.onnx_export import export_onnx
 from t2twin.translate.models.presets import PRESETS, Preset
 from t2twin.translate.models.touch2touch import CySkinToDigit, Pix2Pix
-from t2twin.translate.runs import pretrained
-from t2twin.translate.runs.build import build
-from t2twin.translate.runs.config import RunConfig, load_config
+from t2twin.translate.runs import config as run_config
+from t2twin.translate.runs.checkpoint import build
+from t2twin.translate.runs.config import DEFAULT_RUN, RunConfig, load_config
 from t2twin.translate.runs.log import read_log
-from t2twin.translate.runs.pretrained import DEFAULT_RUN
 from t2twin.translate.training.train import train
 
 SMOKE = PRESETS["touch2touch"]["smoke"]
@@ -286,9 +285,9 @@ def test_load_run_is_of_translators_to_counts(run_dir: Path) -> None:
 def test_load_run_knows_runs_that_ship_by_their_names(
     untrained_runs: list[Path], run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pretrained, "HOME", untrained_runs[0].parent)
+    monkeypatch.setattr(run_config, "HOME", untrained_runs[0].parent)
     assert load_run(untrained_runs[0].name).run_dir == untrained_runs[0]
-    monkeypatch.setattr(pretrained, "HOME", run_dir.parent)
+    monkeypatch.setattr(run_config, "HOME", run_dir.parent)
     with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
         load_run(run_dir.name)
 

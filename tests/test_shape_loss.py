@@ -13,7 +13,7 @@ from t2twin.translate.data.pairs import Examples, load_info
 from t2twin.translate.evaluation.metrics import array_errors
 from t2twin.translate.models.presets import PRESETS, Preset
 from t2twin.translate.models.touch2touch import CONTACT_LEVEL, Touch2Touch, soft_iou_loss
-from t2twin.translate.runs.build import build
+from t2twin.translate.runs.checkpoint import build
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import read_log
 from t2twin.translate.training.train import train

@@ -13,18 +13,23 @@ from torch import nn
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.files import read_evaluation
-from t2twin.translate.evaluation.metrics.motion import motion_text, shear_metrics
-from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.evaluation.metrics.reliability import shear_metrics
+from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.evaluation.table import motion_text
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.onnx_export import export_onnx
-from t2twin.translate.inference.predictor import require
+from t2twin.translate.inference.predictor import FieldPredictor, require
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
-from t2twin.translate.networks.field_net import SHEAR, FieldNet
-from t2twin.translate.networks.shear_head import ShearHead, averaged, box_means, displacements
-from t2twin.translate.runs.build import build
-from t2twin.translate.runs.checkpoint import load_weights, save_weights
+from t2twin.translate.networks.field_net import (
+    SHEAR,
+    FieldNet,
+    ShearHead,
+    averaged,
+    box_means,
+    displacements,
+)
+from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, CONFIG, RunConfig
 from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import load_examples

@@ -17,13 +17,11 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.evaluation.predictions import as_readings
-from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import require
-from t2twin.translate.runs import pretrained
-from t2twin.translate.runs.average import average_runs
-from t2twin.translate.runs.config import BEST
-from t2twin.translate.runs.pretrained import HOME, pretrained_runs, resolve_run, versioned
+from t2twin.translate.inference.predictor import FieldPredictor, require
+from t2twin.translate.runs import config as run_config
+from t2twin.translate.runs.checkpoint import average_runs
+from t2twin.translate.runs.config import BEST, HOME, pretrained_runs, resolve_run, versioned
 
 MAX_BYTES = 16_000_000
 """Of all weights that ship together."""
@@ -46,7 +44,7 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
         if name.endswith(("running_mean", "running_var", "bias")):
             assert kept[name].dtype == tensor.dtype
     pixels = np.random.default_rng(0).integers(0, 256, (4, 64, 64, 3), np.uint8)
-    monkeypatch.setattr(pretrained, "HOME", tmp_path / "home")
+    monkeypatch.setattr(run_config, "HOME", tmp_path / "home")
     monkeypatch.chdir(tmp_path)
     by_name = load_run("resnet18").predict_pixels(pixels)
     np.testing.assert_allclose(by_name, load_run(runs[1]).predict_pixels(pixels), atol=100)

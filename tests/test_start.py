@@ -17,7 +17,7 @@ from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
-from t2twin.translate.runs.build import build
+from t2twin.translate.runs.checkpoint import build
 from t2twin.translate.runs.config import CONFIG, load_config
 from t2twin.translate.training.settings import WARM_START_SHARE, after_warm_start
 from t2twin.translate.training.train import train

@@ -25,7 +25,7 @@ from t2twin.studio.translators import LEVEL, TRAIN_COMMAND, Translators
 from t2twin.studio.transport import uploads
 from t2twin.studio.view import cards, solids
 from t2twin.studio.view.colors import color_table, color_values
-from t2twin.translate.runs.pretrained import DEFAULT_RUN
+from t2twin.translate.runs.config import DEFAULT_RUN
 
 SHAPE = "hemisphere-4"
 NOWHERE = Path("/nonexistent")

@@ -23,9 +23,8 @@ from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import CountsTranslator
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model, find_preset
-from t2twin.translate.runs.build import build, has_bf16
 from t2twin.translate.runs.card import CARD
-from t2twin.translate.runs.checkpoint import load_state, load_weights
+from t2twin.translate.runs.checkpoint import build, has_bf16, load_state, load_weights
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.training import train as training
 from t2twin.translate.training.train import train

@@ -20,8 +20,7 @@ from t2twin.translate.inference import batch
 from t2twin.translate.inference.batch import find_images, translate_images
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.base import CountsTranslator
-from t2twin.translate.runs.build import build
-from t2twin.translate.runs.checkpoint import load_weights
+from t2twin.translate.runs.checkpoint import build, load_weights
 
 
 @pytest.fixture(scope="module")

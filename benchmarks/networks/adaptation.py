@@ -54,7 +54,7 @@ MINUTES = (12, 60)
 def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.adaptation.pipeline import adapt
     from t2twin.translate.inference.load import load_run
-    from t2twin.translate.runs.pretrained import DEFAULT_RUN
+    from t2twin.translate.runs.config import DEFAULT_RUN
 
     initial_run = load_run(DEFAULT_RUN)
     pretrained, adapted = [], {str(minutes): [] for minutes in MINUTES}

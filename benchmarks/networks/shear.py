@@ -24,7 +24,7 @@ from benchmarks.evidence.run import main
 if TYPE_CHECKING:
     from t2twin.sim.world.recipe import Recipe
     from t2twin.translate.data.pairs import Pairs
-    from t2twin.translate.inference.field_predictor import FieldPredictor
+    from t2twin.translate.inference.predictor import FieldPredictor
     from t2twin.translate.uncertainty.estimate import Estimate
 
 COVERAGE = {"least": 87.0, "most": 93.0}
@@ -62,11 +62,10 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.sim.dataset.generate import make_dataset
     from t2twin.sim.dataset.store import read_info, read_split
     from t2twin.translate.data.pairs import load_pairs
+    from t2twin.translate.evaluation.evaluate import training_steps
     from t2twin.translate.evaluation.predictions import as_readings
-    from t2twin.translate.evaluation.scoring import training_steps
-    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
-    from t2twin.translate.inference.predictor import require
+    from t2twin.translate.inference.predictor import FieldPredictor, require
 
     make_dataset(options.data, world=tools())
     run, start = (
@@ -106,7 +105,7 @@ def tools() -> Recipe:
 
 def _shear(estimate: Estimate, pairs: Pairs, which: np.ndarray) -> dict[str, Any]:
     """Figures of the shear force over the moving pairs `which`, (P,) bool."""
-    from t2twin.translate.evaluation.metrics.motion import shear_metrics
+    from t2twin.translate.evaluation.metrics.reliability import shear_metrics
 
     arrays = {f.name: getattr(estimate, f.name) for f in fields(estimate)}
     part = {n: a[which] for n, a in arrays.items() if isinstance(a, np.ndarray)}
@@ -119,7 +118,7 @@ def _counts(estimate: Estimate, pairs: Pairs, run: FieldPredictor) -> dict[str, 
     """Errors of the counts of still and of moving pairs."""
     from t2twin.sim.cyskin.phi import Phi
     from t2twin.translate.evaluation.metrics.array_errors import compare
-    from t2twin.translate.evaluation.metrics.motion import by_motion
+    from t2twin.translate.evaluation.metrics.reliability import by_motion
 
     data = run.config.data
     full_scale = data.full_scale_counts

@@ -44,9 +44,8 @@ PERCENTILES = (50, 95)
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
-    from t2twin.translate.inference.predictor import require
+    from t2twin.translate.inference.predictor import FieldPredictor, require
 
     run = require(load_run(options.run), FieldPredictor, "the benchmark")
     found: dict[str, Any] = {}

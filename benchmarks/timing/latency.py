@@ -110,8 +110,7 @@ def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, floa
 
 def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> RunConfig:
     from t2twin.translate.data.pairs import DataInfo
-    from t2twin.translate.runs.build import build
-    from t2twin.translate.runs.checkpoint import save_weights
+    from t2twin.translate.runs.checkpoint import build, save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
     layout, places = load_layout(), field_layout()
@@ -132,8 +131,7 @@ def _plain(config: RunConfig, run_dir: Path) -> Way:
     from t2twin.translate.data.images import to_input, to_pixels
     from t2twin.translate.models.field import FieldTranslator
     from t2twin.translate.models.touch2touch import Touch2Touch
-    from t2twin.translate.runs.build import build
-    from t2twin.translate.runs.checkpoint import load_weights
+    from t2twin.translate.runs.checkpoint import build, load_weights
     from t2twin.translate.runs.config import BEST
 
     translator, preset = build(config), config.preset

@@ -65,7 +65,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
     from t2twin.translate.data.pairs import load_info
     from t2twin.translate.models.presets import PAPER_MODELS
-    from t2twin.translate.runs.build import has_bf16
+    from t2twin.translate.runs.checkpoint import has_bf16
 
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -136,7 +136,7 @@ def _paper_hours(model: Model, info: DataInfo) -> float:
 
     from t2twin.translate.data.pairs import Examples
     from t2twin.translate.models.presets import PRESETS
-    from t2twin.translate.runs.build import TRANSLATORS, has_bf16
+    from t2twin.translate.runs.checkpoint import TRANSLATORS, has_bf16
 
     preset, scale = PRESETS[model]["paper"], protocol.scale_of("paper")
     pairs = sum(

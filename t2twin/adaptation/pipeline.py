@@ -48,8 +48,8 @@ from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
 from t2twin.translate.models.presets import Preset, find_preset
-from t2twin.translate.runs.average import average_runs
-from t2twin.translate.runs.pretrained import HOME, pretrained_runs
+from t2twin.translate.runs.checkpoint import average_runs
+from t2twin.translate.runs.config import HOME, pretrained_runs
 from t2twin.translate.training.recalibrate import recalibrate
 from t2twin.translate.training.train import train
 from t2twin.translate.training.warm_start import run_of_model

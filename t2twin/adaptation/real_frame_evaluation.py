@@ -18,8 +18,7 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import SensorPair
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
-from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.predictor import CountsPredictor
+from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
 
 REGION_SHARE = 0.2
 """Contact threshold of a tactile image, as a share of its maximum (assumed)."""

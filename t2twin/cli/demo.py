@@ -44,7 +44,7 @@ def demo(
     from t2twin.core import arguments
     from t2twin.core.machine import cores
     from t2twin.translate.models.presets import PAPER_MODELS
-    from t2twin.translate.runs.pretrained import resolve_run
+    from t2twin.translate.runs.config import resolve_run
 
     arguments.path(out, "out")
     if minutes is not None:

@@ -98,8 +98,7 @@ def _extras() -> str:
 
 
 def _network() -> str:
-    from t2twin.translate.runs.config import BEST
-    from t2twin.translate.runs.pretrained import HOME, pretrained_runs, versioned
+    from t2twin.translate.runs.config import BEST, HOME, pretrained_runs, versioned
 
     runs = [run for run in pretrained_runs() if (HOME / run / BEST).is_file()]
     if not runs:

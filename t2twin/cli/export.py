@@ -26,7 +26,7 @@ def export(
     from t2twin.translate.inference.load import load_run
     from t2twin.translate.inference.onnx_export import export_onnx
     from t2twin.translate.models.distributed import use_all_cores
-    from t2twin.translate.runs.pretrained import DEFAULT_RUN, HOME
+    from t2twin.translate.runs.config import DEFAULT_RUN, HOME
 
     if out is not None:
         check_new_file(out, force)

@@ -48,7 +48,7 @@ def live(
     from t2twin.translate.inference.load import load
     from t2twin.translate.inference.predictor import CountsPredictor, require
     from t2twin.translate.models.distributed import use_all_cores
-    from t2twin.translate.runs.pretrained import DEFAULT_RUN
+    from t2twin.translate.runs.config import DEFAULT_RUN
 
     if frames is not None and frames < 1:
         raise T2TwinError(f"--frames is {frames}; expected 1 or more")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from t2twin.translate.inference.outputs import TranslationResult
+    from t2twin.translate.inference.batch import TranslationResult
 
 MAX_PRINTED = 5
 """Images whose counts are printed; the output files contain all."""
@@ -46,9 +46,9 @@ def translate(
             background frame of its training.
     """
     from t2twin.translate.inference.batch import find_images, translate_files
-    from t2twin.translate.inference.field_predictor import NO_BACKGROUND
+    from t2twin.translate.inference.predictor import NO_BACKGROUND
     from t2twin.translate.models.distributed import use_all_cores
-    from t2twin.translate.runs.pretrained import DEFAULT_RUN
+    from t2twin.translate.runs.config import DEFAULT_RUN
 
     run = DEFAULT_RUN if run is None else run
     _check_no_run(images)
@@ -96,8 +96,7 @@ def _warn(result: "TranslationResult", files: list[Path], run: str) -> None:
 def _check_no_run(images: tuple[Path, ...]) -> None:
     """Raises T2TwinError for a run among the images; in version 0.1 it was the first argument."""
     from t2twin.core.errors import T2TwinError
-    from t2twin.translate.runs.config import CONFIG
-    from t2twin.translate.runs.pretrained import pretrained_runs
+    from t2twin.translate.runs.config import CONFIG, pretrained_runs
 
     for path in images:
         if (path / CONFIG).is_file() or (str(path) in pretrained_runs() and not path.exists()):

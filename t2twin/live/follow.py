@@ -13,9 +13,13 @@ from t2twin.live.frame import Frame, Report
 from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.outputs import Output
 from t2twin.live.sources import Source
-from t2twin.translate.inference.field_predictor import NO_BACKGROUND, FieldPredictor
-from t2twin.translate.inference.outputs import ood_entry
-from t2twin.translate.inference.predictor import CountsPredictor, require
+from t2twin.translate.inference.batch import ood_entry
+from t2twin.translate.inference.predictor import (
+    NO_BACKGROUND,
+    CountsPredictor,
+    FieldPredictor,
+    require,
+)
 from t2twin.translate.uncertainty.ood import classify_frame, combined
 
 REPORT_EVERY_S = 5.0

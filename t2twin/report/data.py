@@ -14,16 +14,14 @@ from t2twin.report.html.page import check_out
 from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.files import read_evaluation, write_findings
 from t2twin.translate.evaluation.findings import gap_between
 from t2twin.translate.evaluation.predictions import Predictions, read_predictions
 from t2twin.translate.evaluation.prepare import run_names, splits_with_pairs
-from t2twin.translate.evaluation.records import Evaluation, Finding
+from t2twin.translate.evaluation.records import Evaluation, Finding, read_evaluation, write_findings
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor
-from t2twin.translate.runs.config import BEST, load_config
+from t2twin.translate.runs.config import BEST, load_config, resolve_run
 from t2twin.translate.runs.log import EpochRecord, read_log
-from t2twin.translate.runs.pretrained import resolve_run
 from t2twin.translate.training.early_stopping import stop_reason
 
 SIBLING_FOLDER = "evaluate"
@@ -84,7 +82,7 @@ def read_report_data(
     names = run_names(loaded)
     found = {s: _find_or_evaluate(loaded, names, dataset, s, out, evaluation) for s in splits}
     evaluations = {split: each for split, (_, each, _) in found.items()}
-    gap = gap_between(evaluations, dataset.info)
+    gap = gap_between(evaluations)
     write_findings(out, evaluations, gap)
     return ReportData(
         **vars(dataset),

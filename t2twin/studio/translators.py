@@ -94,8 +94,13 @@ class Translators:
         Raises T2TwinError for a given folder that is not a run or does not predict counts. Such
         folders are ignored in the search.
         """
-        from t2twin.translate.runs.config import BEST, CONFIG
-        from t2twin.translate.runs.pretrained import DEFAULT_RUN, pretrained_runs, resolve_run
+        from t2twin.translate.runs.config import (
+            BEST,
+            CONFIG,
+            DEFAULT_RUN,
+            pretrained_runs,
+            resolve_run,
+        )
 
         pretrained = [DEFAULT_RUN] if DEFAULT_RUN in pretrained_runs() else []
         folders = {_name(folder): folder for folder in map(resolve_run, (*pretrained, *given))}
@@ -152,7 +157,7 @@ class Translators:
         self, name: str, image: np.ndarray, background: np.ndarray | None, touch: "Touch | None"
     ) -> Translation:
         from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
-        from t2twin.translate.inference.field_predictor import FieldPredictor
+        from t2twin.translate.inference.predictor import FieldPredictor
         from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
 
         run = self._load(name)
@@ -198,7 +203,7 @@ class Translators:
 def _name(folder: Path) -> str:
     """Name of a run: its folder and the parent folder; of a pretrained run, the name that commands
     accept."""
-    from t2twin.translate.runs.pretrained import HOME
+    from t2twin.translate.runs.config import HOME
 
     folder = folder.absolute()
     return folder.name if folder.parent == HOME.absolute() else "/".join(folder.parts[-2:])

@@ -61,7 +61,7 @@ def _run(name: str | Path = "field") -> Any:
 def _reverse_run(run_dir: Path) -> Any:
     """A run that predicts DIGIT images, with random weights."""
     from t2twin.translate.inference.predictor import ImagePredictor
-    from t2twin.translate.runs.build import build
+    from t2twin.translate.runs.checkpoint import build
 
     own = _run(run_dir)
     config = structs.replace(own.config, direction="cyskin-to-digit")

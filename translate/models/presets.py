@@ -57,7 +57,7 @@ class Preset:
     patience: epochs without a lower validation RMSE before training stops.
     averaged_part: share of the steps so far in the weight average used for prediction
         (base.weight_average); 0 for the last weights.
-    bf16: train in bfloat16 if the processor supports it, else in float32 (build.has_bf16).
+    bf16: train in bfloat16 if the processor supports it, else in float32 (checkpoint.has_bf16).
     untouched_share: augmentation of a field run: share of the pairs whose image is replaced by its
         background frame, and whose targets are those without contact.
     drift: augmentation of the background frame, standard deviation of relative changes of each

@@ -1,9 +1,12 @@
-"""Weights of a network, and the state of a training: networks, optimizers and log.
+"""The networks of a run: built from its configuration, saved, restored, and averaged.
 
-Both are safetensors files. The state contains no random numbers: each epoch has its own generators,
-seeded by (seed, epoch).
+Weights of a network, and the state of a training (networks, optimizers and log), are safetensors
+files. The state contains no random numbers: each epoch has its own generators, seeded by (seed,
+epoch).
 """
 
+import json
+import shutil
 from pathlib import Path
 
 import torch
@@ -13,8 +16,50 @@ from torch import nn
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
+from t2twin.core.machine import processor_flags
 from t2twin.translate.models.base import Translator
+from t2twin.translate.models.distributed import device
+from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.presets import CYSKIN_TO_DIGIT
+from t2twin.translate.models.resnet18 import ResNet18Translator
+from t2twin.translate.models.touch2touch import CySkinToDigit, Touch2Touch
+from t2twin.translate.networks.field_net import SHEAR
+from t2twin.translate.runs.card import CARD
+from t2twin.translate.runs.config import BEST, CONFIG, LOG, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, decode_history, encode_history
+
+TRANSLATORS: dict[str, type[Touch2Touch | ResNet18Translator | FieldTranslator]] = {
+    "touch2touch": Touch2Touch,
+    "resnet18": ResNet18Translator,
+    "field": FieldTranslator,
+}
+"""Translators from DIGIT to CySkin by model; all take preset, dataset, device and bf16."""
+
+BF16_INSTRUCTIONS = ("avx512_bf16", "amx_bf16")
+"""Processors with one of these compute faster in bfloat16 than in float32 (measured on one that has
+both)."""
+
+
+def build(config: RunConfig) -> Translator:
+    """The translator of a run with initial weights, which depend on the run's seed.
+
+    The state of torch's random number generator does not change.
+    """
+    with torch.random.fork_rng(devices=[]):  # weights are initialized on the CPU
+        torch.default_generator.manual_seed(config.seed)
+        reverse = config.direction == CYSKIN_TO_DIGIT
+        kind = CySkinToDigit if reverse else TRANSLATORS[config.model]
+        return kind(config.preset, config.data, device(), config.bf16)
+
+
+def has_bf16() -> bool:
+    """Whether the processor has bfloat16 instructions; without them, bf16 is slower."""
+    if torch.cuda.is_available():
+        return torch.cuda.is_bf16_supported(including_emulation=False)
+    query = getattr(torch.cpu, "get_capabilities", None)  # missing in older versions of torch
+    found = query() if query else dict.fromkeys(processor_flags(), True)
+    return any(found.get(name) for name in BF16_INSTRUCTIONS)
+
 
 HISTORY = "history"
 
@@ -142,3 +187,46 @@ def _save(
         except SafetensorError as error:  # its text names the cause, such as a full disk
             raise T2TwinError(f"{path} cannot be written ({error})") from error
         temporary.chmod(0o644)  # safetensors restricts it to the owner
+
+
+AVERAGE = "average.json"
+"""Contains the share of the later run, for the card."""
+
+
+def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
+    """Writes a copy of the later run whose weights are averaged. Its uncertainty must be calibrated
+    again.
+
+    share: of the later run, 0 to 1. The earlier run may also predict shear, which the mean then
+    does not. Raises T2TwinError for a share outside this range, for folders that are not finished
+    runs, for runs of other networks, and if out exists.
+    """
+    if not 0.0 <= share <= 1.0:
+        raise T2TwinError(f"the share is {share:g}; it must be from 0 to 1")
+    if out.exists():
+        raise T2TwinError(f"{out} exists; give a new folder")
+    weights = []
+    for run in (earlier, later):
+        load_config(run)
+        if not (run / BEST).is_file():
+            raise T2TwinError(f"{run / BEST} does not exist; the run has not finished an epoch")
+        weights.append(load_file(run / BEST))
+    first, last = weights
+    first = {n: each for n, each in first.items() if n in last or not n.startswith(SHEAR)}
+    if {n: each.shape for n, each in first.items()} != {n: each.shape for n, each in last.items()}:
+        raise T2TwinError(f"{earlier} and {later} have different networks; expected equal ones")
+    mean = {name: _mean(first[name], last[name], share) for name in last}
+    out.mkdir(parents=True)
+    for name in (CONFIG, LOG, CARD):
+        shutil.copyfile(later / name, out / name)
+    (out / AVERAGE).write_text(json.dumps({"share": share}), encoding="utf-8")
+    save_file(mean, out / BEST)
+
+
+def _mean(first: torch.Tensor, last: torch.Tensor, share: float) -> torch.Tensor:
+    """Of the later run's type; pretrained weights are stored as float16. Counters of batch norm are
+    those of the later run.
+    """
+    if not last.is_floating_point():
+        return last
+    return torch.lerp(first.float(), last.float(), share).to(last.dtype)

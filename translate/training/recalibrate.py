@@ -14,9 +14,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.runs.build import build
 from t2twin.translate.runs.card import write_card
-from t2twin.translate.runs.checkpoint import load_weights, save_weights
+from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, load_config
 
 SEED = 0

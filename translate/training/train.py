@@ -21,9 +21,8 @@ from t2twin.core.files import LOCK, is_empty, locked
 from t2twin.translate.data.pairs import CACHE, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models import distributed
 from t2twin.translate.models.presets import DIGIT_TO_CYSKIN, Preset, check_direction, find_preset
-from t2twin.translate.runs.build import TRANSLATORS, has_bf16
 from t2twin.translate.runs.card import write_card
-from t2twin.translate.runs.checkpoint import load_history
+from t2twin.translate.runs.checkpoint import TRANSLATORS, has_bf16, load_history
 from t2twin.translate.runs.config import CONFIG, LAST, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord
 from t2twin.translate.training.early_stopping import TrainingResult, stop_reason, training_result

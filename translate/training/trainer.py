@@ -16,8 +16,7 @@ from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.presets import Preset
-from t2twin.translate.runs.build import build
-from t2twin.translate.runs.checkpoint import load_state, save_state, save_weights
+from t2twin.translate.runs.checkpoint import build, load_state, save_state, save_weights
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochRecord, best_epoch, to_json, write_log
 from t2twin.translate.training.early_stopping import TrainingResult, stop_reason, training_result

@@ -17,8 +17,7 @@ from t2twin.translate.models.layouts import same_layout
 from t2twin.translate.models.presets import DIGIT_TO_CYSKIN, Preset
 from t2twin.translate.networks.field_net import SHEAR
 from t2twin.translate.runs.checkpoint import load_weights
-from t2twin.translate.runs.config import BEST, RunConfig, load_config
-from t2twin.translate.runs.pretrained import resolve_run
+from t2twin.translate.runs.config import BEST, RunConfig, load_config, resolve_run
 
 
 @dataclass(frozen=True)
