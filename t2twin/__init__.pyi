@@ -21,7 +21,7 @@ from .sim.digit.markers import Markers as Markers
 from .sim.touch import Touch as Touch
 from .sim.world.recipe import Recipe as Recipe
 from .sim.world.recipe import load_recipe as load_recipe
-from .translate.evaluation.cross_dataset import evaluate_worlds as evaluate_worlds
+from .translate.evaluation.evaluate import evaluate_worlds as evaluate_worlds
 from .translate.evaluation.evaluate import evaluate as evaluate
 from .translate.inference.batch import translate_images as translate_images
 from .translate.inference.load import load as load

@@ -7,6 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.networks.irreducible_error import (
+    CLOSE,
+    estimate_irreducible_error,
+    floor_of,
+    noise_distance_grey,
+)
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.reading import (
     DATASET_DEFAULT,
@@ -20,19 +26,15 @@ from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation.findings import findings, gap, paired
-from t2twin.translate.evaluation.metrics import bootstrap
+from t2twin.translate.evaluation.metrics import array_errors
 from t2twin.translate.evaluation.metrics.array_errors import GroupedFigures, PairFigures
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     NEAREST_NEIGHBOR,
+    NOISE_FLOOR,
     Neighbors,
-)
-from t2twin.translate.evaluation.metrics.floors import NOISE_FLOOR, second_reading
-from t2twin.translate.evaluation.metrics.irreducible_error import (
-    CLOSE,
-    estimate_irreducible_error,
-    floor_of,
-    noise_distance_grey,
+    neighbors,
+    second_reading,
 )
 from t2twin.translate.evaluation.predictions import predict_baselines
 from t2twin.translate.evaluation.prepare import EvaluationInputs
@@ -127,8 +129,8 @@ def test_interval_is_that_of_the_mean_of_shapes() -> None:
     rng = np.random.default_rng(0)
     of_shape = rng.uniform(500, 1500, 400)
     shapes = np.repeat(np.array([f"s{n}" for n in range(400)]), 2)
-    drawn = bootstrap.replicates(figures_of(np.repeat(of_shape, 2)), shapes, FULL_SCALE)
-    span = bootstrap.interval(np.square(drawn["rmse_counts"]))
+    drawn = array_errors.replicates(figures_of(np.repeat(of_shape, 2)), shapes, FULL_SCALE)
+    span = array_errors.interval(np.square(drawn["rmse_counts"]))
     assert span is not None
     error = np.square(of_shape).std() / math.sqrt(400)
     assert span[0] == pytest.approx(np.square(of_shape).mean() - 1.96 * error, rel=0.01)
@@ -137,8 +139,9 @@ def test_interval_is_that_of_the_mean_of_shapes() -> None:
 
 
 def test_resamples_of_one_shape_are_no_interval() -> None:
-    drawn = bootstrap.replicates(figures_of(np.array([3.0, 4.0])), np.array(["a", "a"]), FULL_SCALE)
-    spans = bootstrap.intervals(drawn)
+    figures = figures_of(np.array([3.0, 4.0]))
+    drawn = array_errors.replicates(figures, np.array(["a", "a"]), FULL_SCALE)
+    spans = array_errors.intervals(drawn)
     assert all(span is None for span in spans.values())
     np.testing.assert_allclose(drawn["rmse_counts"], math.sqrt(12.5))
 
@@ -159,12 +162,12 @@ def rows_of(
     rows, resampled = {}, {}
     for name, error in errors.items():
         figures = figures_of(error)
-        resampled[name] = bootstrap.replicates(figures, shapes, FULL_SCALE)
+        resampled[name] = array_errors.replicates(figures, shapes, FULL_SCALE)
         rows[name] = ModelRow(
             overall=figures.summary(FULL_SCALE),
             by_shape={s: figures.summary(FULL_SCALE, shapes == s) for s in np.unique(shapes)},
             by_family={},
-            interval=bootstrap.intervals(resampled[name]),
+            interval=array_errors.intervals(resampled[name]),
             run=None if name == "mean-array" else name,
         )
     return rows, resampled
@@ -253,8 +256,7 @@ def test_twins_within_the_noise_are_counted() -> None:
 
 def test_lookalikes_of_a_dataset(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
-    near = Neighbors(np.zeros((len(pairs), 1), int), np.full((len(pairs), 1), 5.0))
-    alike = estimate_irreducible_error(data_dir, "val", pairs, train, near, {})
+    alike = estimate_irreducible_error(data_dir, "val", {})
     assert alike is not None and alike.split is not None and alike.training is not None
     noise = noise_distance_grey(data_dir, "val")
     assert noise is not None and alike.noise_grey == noise
@@ -265,5 +267,6 @@ def test_lookalikes_of_a_dataset(data_dir: Path) -> None:
     assert alike.split.nearest.pairs == len(pairs)
     distance = alike.split.nearest.distance_grey
     assert distance is not None and distance > noise
-    half = np.square(pairs.counts - train.counts[0]).mean() / 2
+    near = neighbors(train.images, pairs.images).index[:, 0]
+    half = np.square(pairs.counts - train.counts[near]).mean() / 2
     assert alike.training.nearest.rmse_counts == pytest.approx(math.sqrt(half), rel=1e-5)

@@ -9,10 +9,9 @@ from spots import write_spots
 
 from t2twin.translate.data.pairs import ImageFile, Pairs
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.files import METRICS, read_evaluation
-from t2twin.translate.evaluation.metrics import bootstrap
-from t2twin.translate.evaluation.metrics.array_errors import PairFigures
-from t2twin.translate.evaluation.metrics.bootstrap import (
+from t2twin.translate.evaluation.metrics import array_errors
+from t2twin.translate.evaluation.metrics.array_errors import (
+    PairFigures,
     replicates,
     resample_weights,
     rmse_by_group,
@@ -25,6 +24,7 @@ from t2twin.translate.evaluation.metrics.forces import (
     force_bins,
     mean_array_of_force,
 )
+from t2twin.translate.evaluation.records import METRICS, read_evaluation
 
 FULL_SCALE = 40000.0
 
@@ -125,7 +125,7 @@ def test_intervals_by_force_are_those_of_the_same_resamples(
     alone = rmse_by_group(figures.squared_error, pairs.shapes, np.zeros(40, int), 1)
     np.testing.assert_allclose(alone[:, 0], whole["rmse_counts"], rtol=1e-12)
     drawn = resample_weights(7)
-    monkeypatch.setattr(bootstrap, "MAX_NUMBERS", 70)
+    monkeypatch.setattr(array_errors, "MAX_NUMBERS", 70)
     assert np.array_equal(resample_weights(7), drawn)
     in_parts = replicates(figures, pairs.shapes, FULL_SCALE)
     for name, values in whole.items():

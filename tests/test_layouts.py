@@ -12,7 +12,7 @@ from spots import train_smoke, write_spots
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.metrics.floors import (
+from t2twin.translate.evaluation.metrics.baselines import (
     LAYOUT_FLOOR,
     representable,
     view_on,

@@ -17,7 +17,7 @@ from t2twin.report.dataset_report import write_data_report
 from t2twin.report.html.labels import forces_text
 from t2twin.report.run_report import write_report
 from t2twin.sim.dataset.store import read_info, sha256_of, write_info
-from t2twin.translate.evaluation.files import read_evaluation
+from t2twin.translate.evaluation.records import read_evaluation
 
 FORCES_N = (0.0, 0.5, 2.0, 8.0)
 

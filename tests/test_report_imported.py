@@ -17,7 +17,7 @@ from t2twin.report.html.page import PAGE
 from t2twin.report.run_report import LINKS, write_report
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.import_pairs import import_pairs
-from t2twin.translate.evaluation.files import FINDINGS, read_evaluation
+from t2twin.translate.evaluation.records import FINDINGS, read_evaluation
 
 ROWS, COLUMNS = 24, 48
 FULL_SCALE = 1000

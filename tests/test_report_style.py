@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 import pytest
 from matplotlib.figure import Figure
 
+from t2twin.core.tables import Table
 from t2twin.core.templates import PACKAGE, environment, render
 from t2twin.report.html.figures import figure
 from t2twin.report.html.labels import MAX_NAME, name_of, shape_name
@@ -59,11 +60,11 @@ def test_what_is_wider_than_a_phone_says_so() -> None:
     png = b"\x89PNG"
     wide = [
         element("figure(png, 'alt')", png=png),
-        element("table([['', 'a', 'b', 'c', 'd']], [('', [['row', '1', '2', '3', '4']])])"),
+        element("table(table)", table=Table(["", *"abcd"], {"": [["row", *"1234"]]})),
     ]
     narrow = [
         element("figure(png, 'alt', width='narrow')", png=png),
-        element("table([['', 'a', 'b']], [('', [['row', '1', '2']])])"),
+        element("table(table)", table=Table(["", *"ab"], {"": [["row", *"12"]]})),
     ]
     assert all('<p class="sideways">Wider than this screen' in one for one in wide)
     assert all('<div class="wide" tabindex="0">' in one for one in wide)

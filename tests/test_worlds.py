@@ -11,9 +11,10 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_info
-from t2twin.translate.evaluation.cross_dataset import TABLE, evaluate_worlds, worlds_markdown
-from t2twin.translate.evaluation.files import read_evaluation
+from t2twin.translate.evaluation.evaluate import WORLDS, evaluate_worlds
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
+from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.evaluation.table import worlds_markdown
 from t2twin.translate.runs.config import CONFIG, load_config
 
 FORCES_N = (0.0, 0.5, 2.0, 8.0)
@@ -67,9 +68,9 @@ def test_several_datasets_at_once_make_one_table(
     """Each dataset has its own folder and the splits that it has; a cell is a row's error."""
     given = ["evaluate", *map(str, runs), "--data", str(data_dir), str(elsewhere)]
     main([*given, "--split", "both", "--out", str(tmp_path)])
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["protocol", "random", TABLE]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["protocol", "random", WORLDS]
     assert not (tmp_path / "random" / "test").exists()
-    text = (tmp_path / TABLE).read_text()
+    text = (tmp_path / WORLDS).read_text()
     assert text in capsys.readouterr().out
     other = read_evaluation(tmp_path / "random" / "val")
     heads, _, *rows = [cells(line) for line in text.split("\n\n")[1].splitlines()]
@@ -84,7 +85,7 @@ def test_several_datasets_at_once_make_one_table(
     assert by_name["resnet18"][1:4] == ["smoke", "32", "12"]
     error = other.models["resnet18"].overall.rmse_percent
     assert by_name["resnet18"][-1] == f"{error:.2f}"
-    assert by_name[MEAN_ARRAY_OF_FORCE][-2] == "-"  # the protocol's data have one force
+    assert by_name[MEAN_ARRAY_OF_FORCE][-2] == "–"  # the protocol's data have one force
     assert other.paper == {} and not other.runs["resnet18"].same_data
     assert read_evaluation(tmp_path / "protocol" / "val").paper
 
@@ -98,7 +99,9 @@ def test_results_of_several_forces_say_so(
     assert "no contact, 4 pairs" in said and "8 N, 4 pairs" in said
     text = (tmp_path / "results.md").read_text()
     assert "resnet18 was trained on smoke, 32 pairs, 12 steps." in text
-    assert "|  | no contact, 4 pairs | 0.5 N, 4 pairs | 2 N, 4 pairs | 8 N, 4 pairs |" in text
+    table = text.split("val: RMSE by force")[1].split("\n\n")[1]
+    rows = [cells(line)[0] for line in table.splitlines()]
+    assert rows[2:] == [f"{force}, 4 pairs" for force in ("no contact", "0.5 N", "2 N", "8 N")]
     assert json.loads((tmp_path / "findings.json").read_text())["gap"] == {}
 
 

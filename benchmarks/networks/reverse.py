@@ -72,7 +72,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     from benchmarks.networks.reverse_images import PICTURE, Split, draw
     from t2twin.translate.data.images import to_pixels
     from t2twin.translate.data.pairs import load_info, load_pairs
-    from t2twin.translate.evaluation.scoring import training_steps
+    from t2twin.translate.evaluation.evaluate import training_steps
     from t2twin.translate.inference.load import load
     from t2twin.translate.inference.predictor import ImagePredictor, require
 

@@ -56,7 +56,7 @@ FIGURES = ("contact_iou", "ssim", "ssim_contact", "rmse_percent", "rmse_counts")
 
 def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.translate.data.pairs import load_pairs
-    from t2twin.translate.evaluation.scoring import training_steps
+    from t2twin.translate.evaluation.evaluate import training_steps
     from t2twin.translate.inference.load import load_run
 
     plain, shaped = ([load_run(f) for f in each] for each in (options.plain, options.shaped))
@@ -78,7 +78,7 @@ def _split(
     plain: Sequence[CountsPredictor], shaped: Sequence[CountsPredictor], pairs: Pairs
 ) -> dict[str, Any]:
     """Both kinds' figures of each run and their means, and what the loss brings."""
-    from t2twin.translate.evaluation.metrics.bootstrap import interval
+    from t2twin.translate.evaluation.metrics.array_errors import interval
 
     content, resampled = {}, {}
     for kind, runs in (("plain", plain), ("shaped", shaped)):
@@ -105,8 +105,7 @@ def _split(
 
 def _figures(run: CountsPredictor, pairs: Pairs) -> tuple[dict[str, float], Any]:
     """A run's figures, and the same in the resamples of the shapes."""
-    from t2twin.translate.evaluation.metrics.array_errors import compare
-    from t2twin.translate.evaluation.metrics.bootstrap import replicates
+    from t2twin.translate.evaluation.metrics.array_errors import compare, replicates
 
     data = run.config.data
     predicted = run.predict_pixels(pairs.images, progress=run.run_dir.name)

@@ -92,8 +92,17 @@ def figures(report: ReportData) -> dict[str, Any]:
             }
             for split, evaluation in evaluations.items()
         },
-        "lookalikes": {s: evaluation["irreducible_error"] for s, evaluation in evaluations.items()},
+        "lookalikes": {split: lookalikes(report, split) for split in evaluations},
     }
+
+
+def lookalikes(report: ReportData, split: str) -> dict[str, Any]:
+    """The irreducible error of a split, also by group of taxels."""
+    from benchmarks.networks.irreducible_error import estimate_irreducible_error
+    from t2twin.translate.evaluation.metrics.baselines import view_on
+
+    groups = view_on(report.layout.x_mm, report.layout.y_mm).groups
+    return msgspec.to_builtins(estimate_irreducible_error(report.data, split, groups))
 
 
 def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
@@ -120,7 +129,7 @@ def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | Non
 
 def on_layout(folder: Path) -> dict[str, Any]:
     """Figures of every row, overall, by split, from a folder of `t2twin evaluate`."""
-    from t2twin.translate.evaluation.files import read_evaluation
+    from t2twin.translate.evaluation.records import read_evaluation
 
     evaluations = {split: read_evaluation(folder / split) for split in SHOWN}
     return {"layout": evaluations["val"].layout} | {

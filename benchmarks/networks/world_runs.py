@@ -77,8 +77,8 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def _figures(folder: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
     """Name of the evaluated dataset, the figures of each row by split, and the runs' training."""
-    from t2twin.translate.evaluation.files import read_evaluation
     from t2twin.translate.evaluation.predictions import read_predictions
+    from t2twin.translate.evaluation.records import read_evaluation
 
     splits, runs, world = {}, {}, folder.name
     for split in SPLITS:

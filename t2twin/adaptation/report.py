@@ -6,6 +6,7 @@ from typing import Any
 
 from t2twin.adaptation.real_frame_evaluation import MIN_CONTACT_COUNTS, PressComparison
 from t2twin.adaptation.record import AdaptationResult
+from t2twin.core.tables import Table
 from t2twin.report.html.figures import Panel, draw_panels, figure
 from t2twin.report.html.page import Sections, write_page
 from t2twin.report.sections.qualitative import PANEL_IN, ROW_IN
@@ -53,8 +54,8 @@ def _summary(result: AdaptationResult) -> dict[str, Any]:
             (f"{run} run, simulated frames", each.simulated),
         )
     ]
-    heads = [["", "RMSE, %", "centroid, mm", "force error, %", "one region"]]
-    return {"heads": heads, "rows": rows, "min_contact_counts": MIN_CONTACT_COUNTS}
+    heads = ["", "RMSE, %", "centroid, mm", "force error, %", "one region"]
+    return {"table": Table(heads, {"": rows}), "min_contact_counts": MIN_CONTACT_COUNTS}
 
 
 def _uncertainty(uncertainty: CalibrationUncertainty) -> dict[str, Any]:
@@ -62,8 +63,8 @@ def _uncertainty(uncertainty: CalibrationUncertainty) -> dict[str, Any]:
         [press.name, *_bounds(press.depth_mm), *_bounds(press.force_n)]
         for press in uncertainty.presses
     ]
-    heads = [["press", "depth, mm", "low", "high", "force, N", "low", "high"]]
-    return {"heads": heads, "rows": rows, "sentences": uncertainty_sentences(uncertainty)}
+    heads = ["press", "depth, mm", "low", "high", "force, N", "low", "high"]
+    return {"table": Table(heads, {"": rows}), "sentences": uncertainty_sentences(uncertainty)}
 
 
 def _bounds(bounds: Bounds | None) -> list[str]:

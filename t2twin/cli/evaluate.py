@@ -1,12 +1,9 @@
 """t2twin evaluate and t2twin report"""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
-
-if TYPE_CHECKING:
-    from t2twin.translate.evaluation.records import Evaluation
 
 Split = Literal["val", "test", "both"]
 
@@ -39,11 +36,9 @@ def evaluate(
             pair's own, or that of the default calibration, if the dataset was made with either.
     """
     from t2twin.core.errors import T2TwinError
-    from t2twin.sim.dataset.store import read_info
-    from t2twin.translate.evaluation import cross_dataset
-    from t2twin.translate.evaluation import evaluate as one_dataset
+    from t2twin.translate.evaluation import evaluate as evaluation
     from t2twin.translate.evaluation.findings import gap_between
-    from t2twin.translate.evaluation.table import findings_text
+    from t2twin.translate.evaluation.table import results_text, worlds_markdown
     from t2twin.translate.models.distributed import use_all_cores
 
     if not runs:
@@ -55,21 +50,17 @@ def evaluate(
     folder = out or Path("runs/evaluate") / ("" if split == "both" or len(data) > 1 else split)
     use_all_cores()
     if len(data) > 1:
-        worlds = cross_dataset.evaluate_worlds(runs, data, split, folder, background)
-        for name, evaluations in worlds.items():
-            print(f"{name}\n")
-            _print(evaluations)
-        print(cross_dataset.worlds_markdown(worlds))
+        worlds = evaluation.evaluate_worlds(runs, data, split, folder, background)
+    elif split == "both":
+        worlds = {"": evaluation.evaluate_both(runs, data[0], folder, background)}
     else:
-        only = next(iter(data))
-        if split == "both":
-            evaluations = one_dataset.evaluate_both(runs, only, folder, background)
-        else:
-            one = one_dataset.evaluate(runs, only, split, folder, background)
-            evaluations = {split: one}
-        _print(evaluations)
-        if gap := gap_between(evaluations, read_info(only)):
-            print(findings_text(gap))
+        worlds = {"": {split: evaluation.evaluate(runs, data[0], split, folder, background)}}
+    for name, evaluations in worlds.items():
+        if name:
+            print(f"{name}\n")
+        print(results_text(evaluations, gap_between(evaluations)))
+    if len(data) > 1:
+        print(worlds_markdown(worlds))
     print(f"written to {folder}")
 
 
@@ -109,22 +100,3 @@ def report(
 
         page = write_data_report(out, data)
     print(f"open {page}")
-
-
-def _print(evaluations: "dict[str, Evaluation]") -> None:
-    from t2twin.translate.evaluation.table import (
-        by_force_text,
-        findings_text,
-        irreducible_error_text,
-        table,
-    )
-
-    for name, evaluation in evaluations.items():
-        print(table(evaluation))
-        if evaluation.has_forces:
-            print(by_force_text(evaluation))
-        if evaluation.findings:
-            print(findings_text(evaluation.findings))
-        if evaluation.irreducible_error:
-            print(irreducible_error_text(evaluation.irreducible_error, name))
-        print()

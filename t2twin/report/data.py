@@ -22,7 +22,7 @@ from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.runs.config import BEST, load_config, resolve_run
 from t2twin.translate.runs.log import EpochRecord, read_log
-from t2twin.translate.training.early_stopping import stop_reason
+from t2twin.translate.training.trainer import stop_reason
 
 SIBLING_FOLDER = "evaluate"
 """Folder next to the report's folder, into which `make evaluate` writes val and test."""

@@ -1,29 +1,39 @@
 """Evaluation of trained runs: the paper's table, with baselines, error floors and intervals.
 
-The steps are: prepare (module prepare), predict (predictions), score (scoring), write (files).
+The steps are: prepare (module prepare), predict (predictions), score, write (records, table).
+
+Shape letters: P pairs, N taxels.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
-from t2twin.translate.data.pairs import load_pairs, usable_cache
-from t2twin.translate.evaluation.files import TABLE, write_evaluation, write_findings
-from t2twin.translate.evaluation.findings import findings, gap_between
-from t2twin.translate.evaluation.metrics.array_errors import CONTACT_LEVEL
+from t2twin.sim.dataset.store import sha256_of
+from t2twin.translate.data.pairs import DataInfo, Pairs, load_pairs, usable_cache
+from t2twin.translate.evaluation.findings import findings, gap_between, paired
+from t2twin.translate.evaluation.metrics import array_errors
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     NEAREST_NEIGHBOR,
-    PAPER,
-    neighbors,
-)
-from t2twin.translate.evaluation.metrics.floors import view_on
-from t2twin.translate.evaluation.metrics.forces import force_bins
-from t2twin.translate.evaluation.metrics.irreducible_error import (
     NEIGHBORS,
-    estimate_irreducible_error,
+    PAPER,
+    FieldOfView,
+    neighbors,
+    view_on,
+)
+from t2twin.translate.evaluation.metrics.forces import ForceBin, by_force, force_bins
+from t2twin.translate.evaluation.metrics.reliability import (
+    by_motion,
+    shear_metrics,
+    uncertainty_metrics,
 )
 from t2twin.translate.evaluation.predictions import (
     Predictions,
@@ -32,9 +42,29 @@ from t2twin.translate.evaluation.predictions import (
     write_predictions,
 )
 from t2twin.translate.evaluation.prepare import EvaluationInputs, prepare, splits_with_pairs
-from t2twin.translate.evaluation.records import FORMAT, Evaluation, TaxelCounts, ViewSummary
-from t2twin.translate.evaluation.scoring import bootstrap_settings, score
-from t2twin.translate.evaluation.table import markdown
+from t2twin.translate.evaluation.records import (
+    FORMAT,
+    Bootstrap,
+    Difference,
+    Evaluation,
+    ModelRow,
+    TaxelCounts,
+    ViewSummary,
+    write_evaluation,
+    write_findings,
+)
+from t2twin.translate.evaluation.table import results_markdown, worlds_markdown
+from t2twin.translate.inference.predictor import CountsPredictor, TrainedTranslator
+from t2twin.translate.runs.config import BEST
+from t2twin.translate.runs.log import read_log
+from t2twin.translate.uncertainty.estimate import Estimate
+
+RESULTS, WORLDS = "results.md", "worlds.md"
+BOTH = "both"
+"""Validation and test, as far as a dataset has them."""
+
+MAX_SHAPES = 200
+"""Maximum number of shapes with figures of their own (assumed: more are not read)."""
 
 
 def evaluate(
@@ -53,7 +83,7 @@ def evaluate(
     - mean-array and nearest-neighbour (module baselines), between them mean-array-of-force for
       presses of several forces (module forces);
     - noise-floor, if the noise of the dataset is known, and layout-floor, for runs of another
-      layout (module floors);
+      layout (module baselines);
     - the runs, by their models' names, with the folder's name for runs of the same model.
 
     predictions.npz contains the counts of each row (module predictions). background: an image of
@@ -65,7 +95,7 @@ def evaluate(
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     arguments.choice(split, "split", ALL_SPLITS)
-    return evaluate_split(prepare(runs, data_dir, (split,), background), split, out_dir)
+    return _evaluate_split(prepare(runs, data_dir, (split,), background), split, out_dir)
 
 
 def evaluate_both(
@@ -82,22 +112,60 @@ def evaluate_both(
     Returns the evaluations by split. Raises T2TwinError as `evaluate`, and if both are empty.
     """
     splits = splits_with_pairs(data_dir)
-    return evaluate_splits(prepare(runs, data_dir, splits, background), splits, out_dir)
+    return _evaluate_both(prepare(runs, data_dir, splits, background), splits, out_dir)
 
 
-def evaluate_splits(
+def evaluate_worlds(
+    runs: Sequence[str | Path],
+    data_dirs: Sequence[str | Path],
+    split: str,
+    out_dir: str | Path,
+    background: str | Path | None = None,
+) -> dict[str, dict[str, Evaluation]]:
+    """Evaluates runs on datasets, each into out_dir/NAME, and writes worlds.md.
+
+    split: "val", "test" or "both" (`evaluate_both`); a dataset may lack one of both. background: as
+    for `evaluate`.
+    Returns the evaluations by folder name of the dataset and by split. Raises T2TwinError, before
+    the first evaluation, for two datasets with equal folder names, and as `evaluate`.
+    """
+    folders, out_dir = arguments.paths(data_dirs, "data_dirs"), arguments.path(out_dir, "out_dir")
+    arguments.choice(split, "split", (*ALL_SPLITS, BOTH))
+    if not folders:
+        raise T2TwinError("there is no dataset to evaluate on; give at least one")
+    names = [folder.resolve().name for folder in folders]
+    splits = {}
+    for name, folder in zip(names, folders, strict=True):
+        if name in splits:
+            raise T2TwinError(
+                f"{folder} is not the only dataset in a folder {name!r}; evaluations are written "
+                "to folders of these names, which must differ"
+            )
+        splits[name] = splits_with_pairs(folder) if split == BOTH else (split,)
+        prepare(runs, folder, splits[name], background)
+    worlds: dict[str, dict[str, Evaluation]] = {}
+    for name, folder in zip(names, folders, strict=True):
+        inputs = prepare(runs, folder, splits[name], background)
+        if split == BOTH:
+            worlds[name] = _evaluate_both(inputs, splits[name], out_dir / name)
+        else:
+            worlds[name] = {split: _evaluate_split(inputs, split, out_dir / name)}
+    with atomic_write(out_dir / WORLDS) as temporary:
+        temporary.write_text(worlds_markdown(worlds), encoding="utf-8")
+    return worlds
+
+
+def _evaluate_both(
     inputs: EvaluationInputs, splits: Sequence[str], out_dir: Path
 ) -> dict[str, Evaluation]:
-    """As `evaluate_both`, with inputs that are prepared."""
-    evaluations = {split: evaluate_split(inputs, split, out_dir / split) for split in splits}
-    write_findings(out_dir, evaluations, gap_between(evaluations, inputs.dataset))
-    with atomic_write(out_dir / TABLE) as temporary:
-        temporary.write_text(markdown(evaluations))
+    evaluations = {split: _evaluate_split(inputs, split, out_dir / split) for split in splits}
+    write_findings(out_dir, evaluations, gap_between(evaluations))
+    with atomic_write(out_dir / RESULTS) as temporary:
+        temporary.write_text(results_markdown(evaluations), encoding="utf-8")
     return evaluations
 
 
-def evaluate_split(inputs: EvaluationInputs, split: str, out_dir: Path) -> Evaluation:
-    """As `evaluate`, with inputs that are prepared."""
+def _evaluate_split(inputs: EvaluationInputs, split: str, out_dir: Path) -> Evaluation:
     with locked(out_dir):
         evaluation, predictions = _evaluate(inputs, split, usable_cache(inputs.data_dir, out_dir))
         write_predictions(out_dir, predictions)
@@ -114,17 +182,13 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
     predicted, estimates = predict_runs(inputs, split, cache)
     predictions |= predicted
     view = view_on(info.x_mm, info.y_mm)
-    rows, differences = score(inputs, predictions, estimates, pairs, view, bins)
-    # In the training split, each pair is its own nearest neighbor.
-    irreducible = None
-    if split != "train":
-        irreducible = estimate_irreducible_error(data_dir, split, pairs, train, near, view.groups)
+    rows, differences = _score(inputs, predictions, estimates, pairs, view, bins)
     evaluation = Evaluation(
         format=FORMAT,
         split=split,
         pairs=len(pairs),
         full_scale_counts=info.full_scale_counts,
-        contact_level=CONTACT_LEVEL,
+        contact_level=array_errors.CONTACT_LEVEL,
         info_sha256=info.sha256,
         layout=info.layout,
         view=ViewSummary(
@@ -134,9 +198,14 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
             taxels=TaxelCounts(**{name: int(mask.sum()) for name, mask in view.groups.items()}),
         ),
         models=rows,
-        bootstrap=bootstrap_settings(pairs),
+        bootstrap=Bootstrap(
+            over="shapes",
+            shapes=int(np.unique(pairs.shapes).size),
+            resamples=array_errors.RESAMPLES,
+            seed=array_errors.SEED,
+            confidence=array_errors.CONFIDENCE,
+        ),
         paired=differences,
-        irreducible_error=irreducible,
         paper=PAPER.get(split, {}) if inputs.dataset.is_protocol else {},
         findings=findings(rows, differences),
         world=info.world,
@@ -149,3 +218,78 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         | {name: getattr(pairs, name) for name in ("x_mm", "y_mm", "yaw_rad", "force_n")},
         std_by_model={name: each.counts_std for name, each in estimates.items()},
     )
+
+
+def _score(
+    inputs: EvaluationInputs,
+    predictions: Mapping[str, np.ndarray],
+    estimates: Mapping[str, Estimate],
+    pairs: Pairs,
+    view: FieldOfView,
+    bins: tuple[ForceBin, ...],
+) -> tuple[dict[str, ModelRow], dict[str, Difference]]:
+    """Each model's row, and touch2touch minus ResNet18 in the same resamples, by figure.
+
+    predictions: (P, N) counts by the model's name. bins: the pairs by force.
+    """
+    info = inputs.info
+    phi = Phi(info.x_mm, info.y_mm)
+    full_scale = info.full_scale_counts
+    few = np.unique(pairs.shapes).size <= MAX_SHAPES
+    rows, resampled = {}, {}
+    for name, predicted in predictions.items():
+        progress = f"figures of {name}"
+        figures = array_errors.compare(
+            predicted, pairs.counts, phi, full_scale, progress, view.groups
+        )
+        resampled[name] = array_errors.replicates(figures, pairs.shapes, full_scale)
+        rows[name] = ModelRow(
+            overall=figures.summary(full_scale),
+            by_shape=figures.by_name(full_scale, pairs.shapes) if few else {},
+            by_family=figures.by_name(full_scale, pairs.families),
+            interval=array_errors.intervals(resampled[name]),
+            by_force=by_force(predicted, figures, pairs, bins, full_scale),
+            by_motion=by_motion(figures, pairs, full_scale, estimates.get(name)),
+            shear=shear_metrics(estimates[name], pairs) if name in estimates else None,
+        )
+    differences = paired(rows, resampled)
+    rows |= {name: _with_run(rows[name], run, info) for name, run in inputs.trained.items()}
+    for name, estimate in estimates.items():
+        metrics = uncertainty_metrics(estimate, pairs.counts, pairs.force_n)
+        rows[name] = replace(rows[name], uncertainty=metrics)
+    return rows, differences
+
+
+def _with_run(row: ModelRow, run: CountsPredictor, info: DataInfo) -> ModelRow:
+    """The row with its run and training data.
+
+    info: of the dataset of the evaluation, which has what configurations of older runs lack.
+    """
+    trained = run.config.data
+    same_data = trained.sha256 == info.sha256
+    pairs = info.train_pairs if same_data else trained.train_pairs
+    return replace(
+        row,
+        run=str(run.run_dir),
+        weights_sha256=sha256_of(run.run_dir / BEST),
+        same_data=same_data,
+        trained_layout=trained.layout,
+        trained_data=trained.sha256,
+        trained_world=info.world if same_data else trained.world,
+        trained_pairs=pairs,
+        trained_steps=training_steps(run, pairs),
+    )
+
+
+def training_steps(run: TrainedTranslator, pairs: int | None) -> int | None:
+    """Number of training steps of a run; None if the log is missing or the number is unknown.
+
+    pairs: number of training pairs; in runs of older versions an epoch is all of them.
+    """
+    config = run.config
+    all_pairs = None if pairs is None else max(1, pairs // config.preset.batch)
+    steps = config.epoch_steps or all_pairs
+    try:
+        return None if steps is None else steps * len(read_log(run.run_dir))
+    except T2TwinError:  # prediction does not need the log
+        return None

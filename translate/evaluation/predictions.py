@@ -20,14 +20,12 @@ from t2twin.sim.cyskin.reading import expected_reading
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.translate.data.pairs import InputImages, Pairs, load_pairs
 from t2twin.translate.evaluation.metrics.baselines import (
+    LAYOUT_FLOOR,
     MEAN_ARRAY,
     NEAREST_NEIGHBOR,
+    NOISE_FLOOR,
     Neighbors,
     mean_array,
-)
-from t2twin.translate.evaluation.metrics.floors import (
-    LAYOUT_FLOOR,
-    NOISE_FLOOR,
     representable,
     second_reading,
 )
@@ -37,7 +35,7 @@ from t2twin.translate.evaluation.metrics.forces import (
     mean_array_of_force,
 )
 from t2twin.translate.evaluation.prepare import EvaluationInputs
-from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import FieldPredictor
 from t2twin.translate.models.layouts import same_layout
 from t2twin.translate.uncertainty.estimate import Estimate
 

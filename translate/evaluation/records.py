@@ -1,16 +1,28 @@
-"""Results of an evaluation as records, whose attributes are the keys of metrics.json.
+"""Results of an evaluation as records, and their files.
 
-RMSE is the root of the mean squared error of the counts over pairs and taxels: the square root of
-the loss that Grella et al. 2023 call L3.
+    DIR/metrics.json      the result of `evaluate` on one split: an Evaluation
+    DIR/findings.json     the findings of both splits, and the gap between the two
+    DIR/results.md        both splits in one table
+
+Keys of the JSON files are the attributes of the records. RMSE is the root of the mean squared error
+of the counts over pairs and taxels: the square root of the loss that Grella et al. 2023 call L3.
 """
 
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
-from t2twin.translate.evaluation.motion_records import MotionFigures, ShearMetrics
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import write_json
+from t2twin.core.records import read_json
 
 FORMAT = 5
 """Version of metrics.json."""
+
+METRICS = "metrics.json"
+FINDINGS = "findings.json"
+TABLE = "results.md"
 
 FigureName = Literal[
     "rmse_counts",
@@ -119,6 +131,34 @@ class UncertaintyMetrics:
 
 
 @dataclass(frozen=True)
+class MotionFigures:
+    """Figures over still or moving pairs. coverage_percent: of the 90 %
+    intervals of the counts, None without uncertainty."""
+
+    pairs: int
+    rmse_counts: float
+    rmse_percent: float
+    coverage_percent: float | None
+
+
+@dataclass(frozen=True)
+class ShearMetrics:
+    """Errors of the predicted shear force on the DIGIT.
+
+    pairs: number of moving pairs with a true shear force above min_shear_n, N.
+    direction_error_deg, magnitude_error_percent: medians over these pairs, the magnitude's relative
+    to the true one; None without such pairs. coverage_percent: of the 90 % intervals of the
+    components, over all moving pairs.
+    """
+
+    pairs: int
+    min_shear_n: float
+    direction_error_deg: float | None
+    magnitude_error_percent: float | None
+    coverage_percent: float
+
+
+@dataclass(frozen=True)
 class ModelRow:
     """One row of the results: a trained run, a trivial predictor, or a floor.
 
@@ -207,49 +247,6 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class NeighborPairs:
-    """Pairs of presses with similar images.
-
-    distance_grey: median distance of the images. rmse_counts: root of half the mean squared
-    difference of the counts. Both are None without pairs.
-    """
-
-    pairs: int
-    distance_grey: float | None
-    rmse_counts: float | None
-
-
-@dataclass(frozen=True)
-class IrreducibleErrorFloor:
-    """The estimate from one set of neighbors; see module metrics.irreducible_error.
-
-    nearest: each press and its nearest neighbor. close: those within the noise.
-    extrapolated_rmse_counts, with its interval over shapes: the difference at the noise's distance;
-    parts: the same for each group of taxels.
-    """
-
-    nearest: NeighborPairs
-    close: NeighborPairs
-    extrapolated_rmse_counts: float | None
-    interval: Interval | None
-    parts: dict[str, float | None]
-
-
-@dataclass(frozen=True)
-class IrreducibleError:
-    """Estimate of the irreducible error from nearest neighbors in the split and in training.
-
-    noise_grey: distance of two images of one press. close_grey: largest distance of close images.
-    split: from other shapes of the split; training: from training pairs; None without neighbors.
-    """
-
-    noise_grey: float
-    close_grey: float
-    split: IrreducibleErrorFloor | None
-    training: IrreducibleErrorFloor | None
-
-
-@dataclass(frozen=True)
 class PaperRow:
     """A row of the paper's table, measured on real sensors."""
 
@@ -264,8 +261,7 @@ class Evaluation:
 
     pairs: number of pairs. contact_level: a pixel above this fraction of its image's maximum is in
     contact. info_sha256: of the dataset's info.json. layout: name of its taxel layout. models: rows
-    by name. paired: touch2touch minus ResNet18, by figure. irreducible_error: None for the training
-    split and for datasets with unknown image noise. paper, findings: by name. world: of the
+    by name. paired: touch2touch minus ResNet18, by figure. paper, findings: by name. world: of the
     dataset, None for imported pairs. background: source of the background frames of field runs,
     None without.
     """
@@ -281,7 +277,6 @@ class Evaluation:
     models: dict[str, ModelRow]
     bootstrap: Bootstrap
     paired: dict[str, Difference]
-    irreducible_error: IrreducibleError | None
     paper: dict[str, PaperRow]
     findings: dict[str, Finding]
     world: str | None = None
@@ -301,3 +296,49 @@ class Evaluation:
     def runs(self) -> dict[str, ModelRow]:
         """The rows of trained runs, in the order of the arguments."""
         return {name: row for name, row in self.models.items() if row.run is not None}
+
+
+def read_evaluation(folder: Path) -> Evaluation:
+    """Reads the evaluation of one split from a folder.
+
+    Raises T2TwinError if metrics.json is missing, damaged or of another version of t2twin.
+    """
+    path = folder / METRICS
+    if not path.is_file():
+        raise T2TwinError(
+            f"{folder} contains no evaluation (no {METRICS}); make one with `evaluate`"
+        )
+    return read_json(path, Evaluation, FORMAT)
+
+
+def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
+    """Writes folder/metrics.json."""
+    write_json(folder / METRICS, as_json(evaluation))
+
+
+def write_findings(
+    folder: Path, evaluations: Mapping[str, Evaluation], gap: Mapping[str, Finding]
+) -> None:
+    """Writes folder/findings.json: the findings of each split by name, and the "gap".
+
+    evaluations: by split.
+    """
+    findings = {split: evaluation.findings for split, evaluation in evaluations.items()}
+    write_json(folder / FINDINGS, as_json(findings | {"gap": gap}))
+
+
+def as_json(value: Any) -> Any:
+    """A record, or a dict of them, as JSON content. Fields that are None by default are omitted."""
+    if is_dataclass(value):
+        content = {field.name: getattr(value, field.name) for field in fields(value)}
+        optional = {field.name for field in fields(value) if field.default is not MISSING}
+        return {
+            name: as_json(part)
+            for name, part in content.items()
+            if not (part is None and name in optional)
+        }
+    if isinstance(value, Mapping):
+        return {name: as_json(part) for name, part in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [as_json(part) for part in value]
+    return value

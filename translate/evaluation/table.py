@@ -1,24 +1,30 @@
-"""Text tables of evaluations, for the terminal and in Markdown.
+"""The tables of evaluations: figures of all rows, errors by force, findings, several datasets.
 
-Sections: the overall table and its notes, the findings, the irreducible error, the training data of
-runs, and the errors by force.
+Each is a `core.tables.Table`: the command prints it as text, the files have it in Markdown, and the
+report shows it in HTML.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
-from t2twin.translate.evaluation.metrics.floors import NOISE_FLOOR
-from t2twin.translate.evaluation.metrics.motion import motion_text
-from t2twin.translate.evaluation.metrics.reliability import uncertainty_text
+from t2twin.core.tables import NONE, Cell, Table, markdown, text
+from t2twin.translate.evaluation.findings import DIFFERENCES
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR, NOISE_FLOOR
+from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
 from t2twin.translate.evaluation.records import (
     Evaluation,
     FigureName,
+    Figures,
     Finding,
     ForceFigures,
     Interval,
-    IrreducibleError,
     ModelRow,
+    PaperRow,
 )
+
+Evaluations = Mapping[str, Evaluation]
+"""Evaluations of one dataset by split."""
 
 
 class Column(NamedTuple):
@@ -29,220 +35,233 @@ class Column(NamedTuple):
     form: str
 
 
-FIGURES = (
-    Column("rmse_counts", "RMSE, counts", "{:.0f}"),
-    Column("rmse_percent", "%", "{:.2f}"),
+MAIN = (
+    Column("rmse_counts", "RMSE, counts", "{:,.0f}"),
+    Column("rmse_percent", "% of full scale", "{:.2f}"),
     Column("ssim", "SSIM", "{:.3f}"),
-    Column("ssim_contact", "in contact", "{:.3f}"),
-    Column("contact_iou", "IoU", "{:.3f}"),
+)
+FURTHER = (
+    Column("ssim_contact", "SSIM in contact", "{:.3f}"),
+    Column("contact_iou", "contact IoU", "{:.3f}"),
     Column("centroid_error_mm", "centroid, mm", "{:.2f}"),
     Column("total_error_percent", "total, %", "{:.1f}"),
-    Column("rmse_under_counts", "under view", "{:.0f}"),
-    Column("rmse_near_counts", "near it", "{:.0f}"),
-    Column("rmse_beyond_counts", "beyond", "{:.0f}"),
+    Column("rmse_under_counts", "under view", "{:,.0f}"),
+    Column("rmse_near_counts", "near it", "{:,.0f}"),
+    Column("rmse_beyond_counts", "beyond", "{:,.0f}"),
 )
-"""All figures (records.Figures)."""
+FORMS = {column.figure: column.form for column in (*MAIN, *FURTHER)}
+"""Number formats by figure (records.Figures)."""
 
-SHORT = (
-    Column("rmse_counts", "counts", "{:,.0f}"),
-    Column("rmse_percent", "%", "{:.2f}"),
-    Column("ssim", "SSIM", "{:.3f}"),
-    Column("contact_iou", "IoU", "{:.3f}"),
-)
-"""The figures of the Markdown table."""
+PAPER = "Grella et al. 2023, on hardware"
+PAPER_FORMS = FORMS | {"ssim": "{:.2f}"}
+"""Number formats of the paper's rows, with its decimals."""
 
-FORMS = {column.figure: column.form for column in FIGURES}
-"""Number formats by figure."""
-
-UNKNOWN = "-"
-
-CAPTION = "RMSE by force, in counts, and in percent of the RMSE of the mean array at that force."
-NO_CONTACT = "no contact"
-NO_CONTACT_CAPTION = "Without contact: RMSE, and in brackets the mean of the summed counts."
+TRIVIAL = (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR)
 
 
-def table(evaluation: Evaluation) -> str:
-    """The overall figures with their intervals below them, the paper's rows, and notes."""
-    cells = [["", *(column.title for column in FIGURES)]]
-    for name, model in evaluation.models.items():
-        cells.append([name, *(_cell(getattr(model.overall, c.figure), c.form) for c in FIGURES)])
-        cells.append(["", *(interval_text(model.interval[c.figure], c.form) for c in FIGURES)])
-    for name, row in evaluation.paper.items():
-        cells.append(
-            [
-                f"{name} (paper, hardware)",
-                *(_cell(getattr(row, c.figure, None), c.form) for c in FIGURES),
-            ]
-        )
-    head = f"{evaluation.split}, {evaluation.pairs} pairs"
-    return "\n".join([head, *_aligned(cells), *_notes(evaluation)])
+def results_text(evaluations: Evaluations, gap: Mapping[str, Finding]) -> str:
+    """All tables of a dataset for the terminal. gap: findings about the difference of splits."""
+    tables = []
+    for split, one in evaluations.items():
+        tables.append(figures_table({split: one}, (*MAIN, *FURTHER)))
+        tables += force_tables({split: one})
+    return "\n\n".join(map(text, (*tables, *findings_table(evaluations, gap)))) + "\n"
 
 
-def _notes(evaluation: Evaluation) -> list[str]:
-    bootstrap, view = evaluation.bootstrap, evaluation.view
-    notes = [
-        f"Below each figure: its {100 * bootstrap.confidence:.0f} % interval, by bootstrap over "
-        f"the {bootstrap.shapes} shapes.",
-        f"Of the taxels, {view.taxels.under} lie under the DIGIT's view, {view.taxels.near} within "
-        f"one pitch of it ({view.pitch_mm:.1f} mm), {view.taxels.beyond} beyond.",
-    ]
-    notes += notes_on_runs(evaluation)
-    notes += training_lines(evaluation) + background_lines(evaluation)
-    if evaluation.paper:
-        notes.append("The paper's rows are from real sensors and not directly comparable.")
-    return notes
+def results_markdown(evaluations: Evaluations) -> str:
+    """The main figures of all splits, and the errors by force, in Markdown."""
+    splits = dict(zip(evaluations, evaluations, strict=True))
+    figures = figures_table(evaluations, (*MAIN, FURTHER[1]), splits, intervals=("rmse_counts",))
+    return "\n".join(map(markdown, (figures, *force_tables(evaluations))))
 
 
-def notes_on_runs(evaluation: Evaluation) -> list[str]:
-    """Lines on uncertainty, motion and shear force of runs that have them."""
-    return uncertainty_text(evaluation.models) + motion_text(evaluation.models)
+def worlds_markdown(worlds: Mapping[str, Evaluations]) -> str:
+    """Two tables in Markdown, with one row per run and one column per dataset and split.
 
-
-def markdown(evaluations: Mapping[str, Evaluation]) -> str:
-    """The figures of all splits in one Markdown table. evaluations: by split.
-
-    The interval of the RMSE is in brackets, the paper's rows are in italics. Below the table:
-    uncertainty and training data of runs, and the errors by force.
+    worlds: evaluations of the same runs, by name of the dataset and by split.
     """
-    heads = ["", *(f"{split}: {column.title}" for split in evaluations for column in SHORT)]
-    lines = [heads]
-    first = next(iter(evaluations.values()))
-    for name in first.models:
-        rows = [evaluation.models.get(name) for evaluation in evaluations.values()]
-        lines.append([name, *(cell for row in rows for cell in _short_cells(row))])
-    for name in first.paper:
-        rows = [evaluation.paper.get(name) for evaluation in evaluations.values()]
-        cells = [_cell(getattr(row, c.figure, None), c.form) for row in rows for c in SHORT]
-        lines.append([f"*{name}, Grella et al. 2023, hardware*", *cells])
-    by_force = "".join(by_force_markdown(evaluation) for evaluation in evaluations.values())
-    uncertainty = "".join(
-        f"\n{split}: {line}\n"
-        for split, evaluation in evaluations.items()
-        for line in notes_on_runs(evaluation)
+    notes = ["Mean arrays and nearest neighbors are from the training pairs of each dataset."]
+    percent = "RMSE in percent of full scale, with its interval by bootstrap over shapes:"
+    relative = "The same relative to the mean array's RMSE (by force, if there are several forces):"
+    tables = (
+        _worlds_table(worlds, lambda _, row: _cell(row, MAIN[1], FORMS), percent, ()),
+        _worlds_table(worlds, _of_mean_array, relative, notes),
     )
-    runs = (*training_lines(first), *background_lines(first))
-    return markdown_table(lines) + uncertainty + "".join(f"\n{line}\n" for line in runs) + by_force
+    return "\n".join(map(markdown, tables))
 
 
-def _short_cells(row: ModelRow | None) -> list[str]:
-    """The figures of a row in one split, dashes if the split lacks it."""
-    cells = []
-    for column in SHORT:
-        cell = _cell(row and getattr(row.overall, column.figure), column.form)
-        interval = None if row is None else row.interval["rmse_counts"]
-        if column.figure == "rmse_counts" and interval is not None:
-            cell += f" ({interval_text(interval, column.form)})"
-        cells.append(cell)
-    return cells
+def figures_table(
+    evaluations: Evaluations,
+    columns: Collection[Column],
+    splits: Mapping[str, str] | None = None,
+    name: Callable[[str], str] = str,
+    intervals: Collection[FigureName] = tuple(FORMS),
+    own: str = "",
+) -> Table:
+    """Figures of all rows with their intervals, and below those of the paper.
 
-
-def findings_text(findings: Mapping[str, Finding]) -> str:
-    """One line per finding."""
-    return "\n".join(f"{one.question} {_answer(one)}" for one in findings.values())
-
-
-def _answer(finding: Finding) -> str:
-    """As in "Yes: difference 52 (12 to 95); val 900, test 1800."."""
-    form, interval = FORMS[finding.figure], finding.interval
-    figures = ", ".join(f"{name} {form.format(value)}" for name, value in finding.figures.items())
-    between = (
-        "no interval"
-        if interval is None
-        else f"{form.format(interval.low)} to {form.format(interval.high)}"
-    )
-    return (
-        f"{finding.answer.capitalize()}: difference {form.format(finding.difference)} "
-        f"({between}); {figures}."
-    )
-
-
-def irreducible_error_text(found: IrreducibleError, split: str) -> str:
-    """The estimates of the irreducible error, one line per set of neighbors."""
-    lines = [
-        f"Irreducible error: sqrt(mean squared difference of the counts / 2) between each press "
-        f"and the press with the nearest image. Two images of one press differ by "
-        f"{found.noise_grey:.2f} grey levels (noise)."
-    ]
-    sets = ((found.split, f"other shapes of {split}"), (found.training, "training pairs"))
-    for floor, name in sets:
-        if floor is None:
-            lines.append(f"  {name}: there are none")
-            continue
-        near, close, value = floor.nearest, floor.close, floor.extrapolated_rmse_counts
-        within = f"{close.pairs} within {found.close_grey:.2f}"
-        if close.pairs:
-            within += f" ({close.rmse_counts:.0f} counts)"
-        line = (
-            f"  {name}: {near.rmse_counts:.0f} counts at a median distance of "
-            f"{near.distance_grey:.1f} grey levels; {within}"
-        )
-        if value is not None:
-            interval = interval_text(floor.interval, "{:.0f}")
-            line += f"; extrapolated to the noise {value:.0f} ({interval})"
-        lines.append(line)
-    return "\n".join(lines)
-
-
-def training_data(row: ModelRow, worlds: Mapping[str, str] | None = None) -> tuple[str, str, str]:
-    """World, number of training pairs and of steps of a row's run; dashes if unknown.
-
-    worlds: names by the SHA-256 of the datasets' info.json, for runs of older versions. A dataset
-    without a name has its first digits.
+    splits: titles above the columns of each; without them, the table is of one split. name:
+    displayed name of a row. intervals: figures that have theirs. own: title of the rows that are
+    not the paper's.
     """
-    sha256 = row.trained_data or ""
-    world = row.trained_world or (worlds or {}).get(sha256)
-    unnamed = f"dataset {sha256[:8]}" if sha256 else UNKNOWN
-    return world or unnamed, _cell(row.trained_pairs, "{:,}"), _cell(row.trained_steps, "{:,}")
+    each = list(evaluations.values())
+    groups: dict[str, list[list[Cell]]] = {own: [], PAPER: []}
+    for row in dict.fromkeys(row for one in each for row in one.models):
+        cells = (_cell(one.models.get(row), c, intervals) for one in each for c in columns)
+        groups[own].append([name(row), *cells])
+    for row in dict.fromkeys(row for one in each for row in one.paper):
+        cells = [_figure(one.paper.get(row), c, PAPER_FORMS) for one in each for c in columns]
+        if any(cell != NONE for cell in cells):
+            groups[PAPER].append([name(row), *cells])
+    return Table(
+        ["", *[column.title for column in columns] * len(each)],
+        {title: rows for title, rows in groups.items() if rows},
+        [(title, len(columns)) for title in (splits or {}).values()],
+        "" if splits else f"{each[0].split}, {each[0].pairs} pairs",
+        list(_notes(evaluations)),
+    )
 
 
-def training_lines(evaluation: Evaluation) -> list[str]:
-    """One line per run, as in "resnet18 was trained on paper, 14,112 pairs, 5,292 steps."."""
-    lines = []
-    for name, row in evaluation.runs.items():
+def _cell(
+    row: ModelRow | None, column: Column, intervals: Collection[FigureName]
+) -> tuple[str, str]:
+    """A figure of a row, and its interval if it is one of `intervals`."""
+    if row is None:
+        return NONE, ""
+    interval = row.interval[column.figure] if column.figure in intervals else None
+    return _figure(row.overall, column, FORMS), _interval(interval, column.form)
+
+
+def _figure(row: Figures | PaperRow | None, column: Column, forms: Mapping[str, str]) -> str:
+    value = getattr(row, column.figure, None)
+    return NONE if value is None else forms[column.figure].format(value)
+
+
+def _interval(interval: Interval | None, form: str) -> str:
+    """As in "12–95"; empty without interval."""
+    return "" if interval is None else f"{form.format(interval.low)}–{form.format(interval.high)}"
+
+
+def _notes(evaluations: Evaluations) -> Iterator[str]:
+    """Sentences on intervals, groups of taxels, uncertainty, motion, training data, the paper."""
+    one = next(iter(evaluations.values()))
+    shapes = " and ".join(str(each.bootstrap.shapes) for each in evaluations.values())
+    yield (
+        f"Intervals: {100 * one.bootstrap.confidence:.0f} %, by bootstrap over the {shapes} shapes."
+    )
+    taxels = one.view.taxels
+    yield (
+        f"Of the taxels, {taxels.under} lie under the DIGIT's view, {taxels.near} within one pitch "
+        f"of it ({one.view.pitch_mm:.1f} mm), {taxels.beyond} beyond."
+    )
+    for split, each in evaluations.items():
+        of_split = f"{split}: " if len(evaluations) > 1 else ""
+        yield from (of_split + line for line in uncertainty_text(each.models))
+        yield from (of_split + line for line in motion_text(each.models))
+    for name, row in one.runs.items():
         world, pairs, steps = training_data(row)
-        numbers = ((pairs, "pairs"), (steps, "steps"))
-        known = [f"{number} {unit}" for number, unit in numbers if number != UNKNOWN]
-        lines.append(f"{name} was trained on {', '.join((world, *known))}.")
+        known = [f"{number} {unit}" for number, unit in ((pairs, "pairs"), (steps, "steps"))
+                 if number != NONE]  # fmt: skip
+        yield f"{name} was trained on {', '.join((world, *known))}."
+    if one.background is not None:
+        yield f"Background frame of the field runs: {one.background}."
+    if one.paper:
+        yield "The paper's rows are from real sensors and not directly comparable."
+
+
+def uncertainty_text(models: Mapping[str, ModelRow]) -> list[str]:
+    """One line per run that predicts uncertainty."""
+    lines = []
+    for name, row in models.items():
+        if row.uncertainty is None:
+            continue
+        found = row.uncertainty
+        line = (
+            f"{name}: its {100 * REPORTED_LEVEL:.0f} % intervals cover "
+            f"{100 * found.coverage_at(REPORTED_LEVEL):.1f} % of the counts; without the least "
+            f"certain fifth of the presses its RMSE is "
+            f"{100 * found.sparsification_gain(REPORTED_SHARE):.0f} % lower."
+        )
+        if found.force_median_error_percent is not None:
+            line += (
+                f" The median error of its force is {found.force_median_error_percent:.1f} %; the "
+                f"intervals cover {found.force_coverage_percent:.1f} % of the forces."
+            )
+        lines.append(line)
     return lines
 
 
-def background_lines(evaluation: Evaluation) -> list[str]:
-    """One line on the source of the background frames, if runs used them."""
-    if evaluation.background is None:
-        return []
-    return [f"Background frame of the field runs: {evaluation.background}."]
+def motion_text(models: Mapping[str, ModelRow]) -> list[str]:
+    """Lines on still and moving pairs and on the shear force, for the runs that have them."""
+    lines = []
+    for name, row in models.items():
+        if row.run is None or row.by_motion is None:
+            continue
+        parts = []
+        for kind, found in row.by_motion.items():
+            part = f"{found.pairs} {kind} pairs: RMSE {found.rmse_counts:.0f}"
+            if (covered := found.coverage_percent) is not None:
+                part += f", {covered:.1f} % within the {100 * REPORTED_LEVEL:.0f} % interval"
+            parts.append(part)
+        lines.append(f"{name}: {'; '.join(parts)}.")
+        shear = row.shear
+        if shear is not None and shear.direction_error_deg is not None:
+            lines.append(
+                f"{name}: shear force above {shear.min_shear_n:g} N, {shear.pairs} moving pairs: "
+                f"median error {shear.direction_error_deg:.1f} degrees and "
+                f"{shear.magnitude_error_percent:.1f} %; the intervals cover "
+                f"{shear.coverage_percent:.1f} % of the components of all moving pairs."
+            )
+    return lines
 
 
-def by_force_text(evaluation: Evaluation) -> str:
-    """The errors by force in columns; empty for a single force."""
-    if not evaluation.has_forces:
-        return ""
-    rows = force_rows(evaluation)
-    transposed = [list(column) for column in zip(*rows, strict=True)]  # one line per force
-    return "\n".join([" ".join(_force_notes(evaluation)), *_aligned(transposed)])
+def training_data(row: ModelRow, worlds: Mapping[str, str] | None = None) -> tuple[str, str, str]:
+    """World, number of training pairs and of steps of a row's run; NONE if unknown.
+
+    worlds: names by the SHA-256 of the datasets' info.json, for datasets without a name, which
+    otherwise have its first digits.
+    """
+    sha256 = row.trained_data or ""
+    world = row.trained_world or (worlds or {}).get(sha256)
+    unnamed = f"dataset {sha256[:8]}" if sha256 else NONE
+    pairs, steps = (
+        NONE if number is None else f"{number:,}"
+        for number in (row.trained_pairs, row.trained_steps)
+    )
+    return world or unnamed, pairs, steps
 
 
-def by_force_markdown(evaluation: Evaluation) -> str:
-    """The errors by force as a Markdown table; empty for a single force."""
-    if not evaluation.has_forces:
-        return ""
-    notes = " ".join(_force_notes(evaluation))
-    return f"\n{evaluation.split}: {notes}\n\n{markdown_table(force_rows(evaluation))}"
-
-
-def force_rows(evaluation: Evaluation) -> list[list[str]]:
-    """A row of titles, then one row per model, for evaluations with several forces.
+def force_tables(evaluations: Evaluations) -> list[Table]:
+    """The errors by force of the splits that have several, with one row per force.
 
     The noise floor, which does not depend on the force, is left out.
     """
+    return [_force_table(one) for one in evaluations.values() if one.has_forces]
+
+
+def _force_table(evaluation: Evaluation) -> Table:
     rows = {name: row for name, row in evaluation.models.items() if name != NOISE_FLOOR}
-    first = next(iter(rows.values()))
-    titles = [f"{_force_title(one)}, {one.pairs:,} pairs" for one in first.by_force]
-    cells = [[name, *(force_cell(one) for one in row.by_force)] for name, row in rows.items()]
-    return [["", *titles], *cells]
+    bins = next(iter(rows.values())).by_force
+    captions = [
+        f"{evaluation.split}: RMSE by force, in counts, and in percent of the RMSE of the mean "
+        "array at that force."
+    ]
+    if any(one.phantom_counts is not None for one in bins):
+        captions.append("Without contact: RMSE, and in brackets the mean of the summed counts.")
+    if own := [_force_title(one) for one in bins if one.mean_of == "split"]:
+        captions.append(
+            f"Training has too few presses at {', '.join(own)}; the mean array there is that of "
+            "the evaluated presses."
+        )
+    by_force = zip(*(row.by_force for row in rows.values()), strict=True)
+    lines = [
+        [f"{_force_title(one)}, {one.pairs:,} pairs", *map(_force_cell, figures)]
+        for one, figures in zip(bins, by_force, strict=True)
+    ]
+    return Table(["", *rows], {"": lines}, title=" ".join(captions))
 
 
-def force_cell(one: ForceFigures) -> str:
+def _force_cell(one: ForceFigures) -> str:
     """As in "812 (31 %)", relative to the mean array, or "5 (60)" without contact."""
     if one.phantom_counts is not None:
         return f"{one.rmse_counts:,.0f} ({one.phantom_counts:,.0f})"
@@ -254,46 +273,70 @@ def force_cell(one: ForceFigures) -> str:
 def _force_title(one: ForceFigures) -> str:
     """As in "8 N", "0.71-1 N" or "no contact"."""
     if one.phantom_counts is not None:
-        return NO_CONTACT
+        return "no contact"
     if one.low_n == one.high_n:
         return f"{one.low_n:g} N"
     return f"{one.low_n:.3g}-{one.high_n:.3g} N"
 
 
-def _force_notes(evaluation: Evaluation) -> list[str]:
-    bins = next(iter(evaluation.models.values())).by_force
-    no_contact = any(one.phantom_counts is not None for one in bins)
-    own = [_force_title(one) for one in bins if one.mean_of == "split"]
-    notes = [CAPTION, *([NO_CONTACT_CAPTION] if no_contact else [])]
-    if own:
-        notes.append(
-            f"Training has too few presses at {', '.join(own)}; the mean array there is that of "
-            "the evaluated presses."
-        )
-    return notes
+def findings_table(
+    evaluations: Evaluations, gap: Mapping[str, Finding], name: Callable[[str], str] = str
+) -> list[Table]:
+    """The findings by question, with a row per split or model; empty without findings.
 
-
-def interval_text(interval: Interval | None, form: str) -> str:
-    """As in "12-95"; empty without interval."""
-    return "" if interval is None else f"{form.format(interval.low)}-{form.format(interval.high)}"
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of text, the first column aligned left, the others right."""
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return [
-        "  ".join(
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in rows
+    gap: findings about the difference of the splits. name: displayed name of a split or model.
+    """
+    found = [
+        (split, one.findings[finding])
+        for finding in DIFFERENCES
+        for split, one in evaluations.items()
+        if finding in one.findings
     ]
+    groups: dict[str, list[list[str]]] = {}
+    for title, one in (*found, *((one.model or "", one) for one in gap.values())):
+        groups.setdefault(one.question, []).append([name(title), *_finding(one, name)])
+    heads = ["", "answer", "difference", "interval", "figures"]
+    return [Table(heads, groups)] if groups else []
 
 
-def markdown_table(rows: Sequence[Sequence[str]]) -> str:
-    heads, *others = rows
-    return "".join(f"| {' | '.join(row)} |\n" for row in (heads, ["---"] * len(heads), *others))
+def _finding(finding: Finding, name: Callable[[str], str]) -> list[str]:
+    """Answer, difference, interval and figures of a finding."""
+    form, interval = FORMS[finding.figure], finding.interval
+    figures = ", ".join(f"{name(key)} {form.format(v)}" for key, v in finding.figures.items())
+    if finding.percent_of_mean_array is not None:
+        percents = (f"{finding.percent_of_mean_array[key]:.0f} %" for key in finding.figures)
+        figures += f"; {' and '.join(percents)} of the mean array's"
+    signed = [form.format(v).replace("-", "−") for v in (finding.difference, *(interval or ()))]
+    return [finding.answer, signed[0], " to ".join(signed[1:]) or "none", figures]
 
 
-def _cell(value: float | None, form: str) -> str:
-    return UNKNOWN if value is None else form.format(value)
+def _worlds_table(
+    worlds: Mapping[str, Evaluations],
+    cell: Callable[[Evaluation, ModelRow], Cell],
+    title: str,
+    notes: Sequence[str],
+) -> Table:
+    """cell: content for a row of an evaluation."""
+    shown = {name: next(iter(splits.values())).world_shown for name, splits in worlds.items()}
+    columns: dict[str, Evaluation] = {}
+    for name, splits in worlds.items():
+        # The name of the world, with the folder for several datasets of one world.
+        unique = list(shown.values()).count(shown[name]) == 1
+        world = shown[name] if unique else f"{shown[name]} ({name})"
+        columns |= {f"{world}, {split}": evaluation for split, evaluation in splits.items()}
+    each = columns.values()
+    known = {one.info_sha256: one.world for one in each if one.world is not None}
+    runs = next(iter(each)).runs
+    lines: list[list[Cell]] = []
+    for name in (*(name for name in TRIVIAL if any(name in one.models for one in each)), *runs):
+        trained = training_data(runs[name], known) if name in runs else ("", "", "")
+        cells = (cell(one, one.models[name]) if name in one.models else NONE for one in each)
+        lines.append([name, *trained, *cells])
+    heads = ["", "trained on", "pairs", "steps", *columns]
+    return Table(heads, {"": lines}, title=title, notes=notes)
+
+
+def _of_mean_array(evaluation: Evaluation, row: ModelRow) -> str:
+    models = evaluation.models
+    level = models.get(MEAN_ARRAY_OF_FORCE, models[MEAN_ARRAY]).overall.rmse_counts
+    return f"{row.overall.rmse_counts / level:.2f}" if level else NONE

@@ -5,10 +5,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
-from t2twin.translate.evaluation.metrics.floors import LAYOUT_FLOOR, NOISE_FLOOR
+from t2twin.translate.evaluation.metrics.baselines import (
+    LAYOUT_FLOOR,
+    MEAN_ARRAY,
+    NEAREST_NEIGHBOR,
+    NOISE_FLOOR,
+)
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 
+SPLIT_NAMES = {"train": "training", "val": "validation", "test": "test"}
 NAMES = {
     MEAN_ARRAY: "mean array",
     MEAN_ARRAY_OF_FORCE: "mean array of the force",
@@ -18,6 +23,7 @@ NAMES = {
     "resnet18": "ResNet18",
     "touch2touch": "touch2touch",
     "field": "field",
+    **SPLIT_NAMES,
 }
 BASELINE_COLORS = {
     MEAN_ARRAY: "#222222",
@@ -29,7 +35,6 @@ SENSOR_COLORS = {"digit": "#0072b2", "cyskin": "#e69f00"}
 """Colors for all kinds of color vision (Okabe and Ito 2008)."""
 
 SPLIT_COLORS = {"train": "#999999", "val": "#0072b2", "test": "#d55e00"}
-SPLIT_NAMES = {"train": "training", "val": "validation", "test": "test"}
 SENSOR_NAMES = {"digit": "DIGIT", "cyskin": "CySkin"}
 
 MAX_LISTED_FORCES = 6
@@ -41,7 +46,7 @@ phone's width)."""
 
 
 def name_of(model: str) -> str:
-    """Displayed name of a model: `resnet18 (seed-1)` becomes "ResNet18 (seed-1)"."""
+    """Displayed name of a split or a model: `resnet18 (seed-1)` becomes "ResNet18 (seed-1)"."""
     kind, space, rest = model.partition(" ")
     return NAMES.get(kind, kind) + space + printable(rest)
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.machine import cores, processor
+from t2twin.core.tables import Table
 from t2twin.report.data import ReportData
 from t2twin.report.dataset.pairs import example
 from t2twin.report.html.labels import SPLIT_NAMES, name_of
@@ -23,8 +24,8 @@ UNSEEN_SHAPES = {
 """Content of the splits of the paper's protocol, for a run trained on the same dataset."""
 
 HEADS = [
-    ["Run", "Trained on", "Pairs", "Steps", "Preset", "Image, px", "Parameters", "Epochs",
-     "Best epoch", "Minutes"],
+    "Run", "Trained on", "Pairs", "Steps", "Preset", "Image, px", "Parameters", "Epochs",
+    "Best epoch", "Minutes",
 ]  # fmt: skip
 
 
@@ -83,8 +84,7 @@ def about(report: ReportData) -> dict[str, Any]:
         "shapes": {s: len(table["shape"].unique()) for s, table in report.tables.items()},
         "cores": cores(),
         "processor": processor(),
-        "heads": HEADS,
-        "rows": [_run(report, name) for name in report.runs],
+        "table": Table(HEADS, {"": [_run(report, name) for name in report.runs]}),
         "other_data": [
             f"{name_of(name)} ({training_data(model)[0]})"
             for name, model in models.items()

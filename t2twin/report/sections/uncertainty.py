@@ -7,8 +7,9 @@ from matplotlib.figure import Figure
 from t2twin.report.data import ReportData
 from t2twin.report.html.figures import figure
 from t2twin.report.html.labels import SPLIT_COLORS, SPLIT_NAMES, name_of
-from t2twin.translate.evaluation.metrics.reliability import REPORTED_SHARE, uncertainty_text
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation
+from t2twin.translate.evaluation.table import uncertainty_text
 
 WIDTH_IN, HEIGHT_IN = 9.0, 3.4
 """Size of the charts, inches."""

@@ -1,12 +1,15 @@
-"""Errors of predicted counts and of their tactile images.
+"""Errors of predicted counts and of their tactile images, and their intervals over shapes.
 
 RMSE is the root of the mean squared error of the counts, over pairs and taxels. Its square, as a
 fraction of full scale, is the loss that Grella et al. 2023 call L3.
 
-Shape letters: P pairs, N taxels, K groups of pairs.
+Presses of one shape are similar, so the bootstrap resamples whole shapes. Percentile intervals
+(Efron and Tibshirani 1993) of few shapes are too narrow: with eight shapes they are a guide only.
+
+Shape letters: P pairs, N taxels, K groups of pairs, often shapes, B resamples.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -15,9 +18,9 @@ import numpy as np
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.translate.evaluation.metrics.floors import GROUPS
+from t2twin.translate.evaluation.metrics.baselines import GROUPS
 from t2twin.translate.evaluation.metrics.ssim import image_scores
-from t2twin.translate.evaluation.records import FigureName, Figures
+from t2twin.translate.evaluation.records import FigureName, Figures, Interval, Intervals
 
 CONTACT_LEVEL = 0.1
 """Fraction of its image's maximum above which a pixel is in contact (assumed)."""
@@ -42,6 +45,14 @@ Sums = dict[str, tuple[np.ndarray, np.ndarray]]
 
 GroupedFigures = dict[FigureName, np.ndarray]
 """The figures of records.Figures for K groups of pairs: (K,) each, NaN for none."""
+
+RESAMPLES = 1000
+SEED = 0
+CONFIDENCE = 0.95
+"""Number and seed of the resamples, and share of them in an interval."""
+
+MAX_NUMBERS = 20_000_000
+"""Maximum size of an array of weights; bounds memory to 160 MB with many shapes."""
 
 
 @dataclass(frozen=True)
@@ -192,3 +203,74 @@ def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.
     a = of_predicted[:, 1:] / np.where(of_predicted[:, :1] > 0, of_predicted[:, :1], np.inf)
     b = of_true[:, 1:] / np.where(empty[:, None], np.inf, of_true[:, :1])
     return np.where(empty, np.nan, np.linalg.norm(a - b, axis=1))
+
+
+def resample_weights(shapes: int, seed: int = SEED, resamples: int = RESAMPLES) -> np.ndarray:
+    """Multiplicity of each shape in each resample: (B, K); rows sum to K."""
+    return np.concatenate(list(_weights_in_parts(shapes, seed, resamples)))
+
+
+def replicates(
+    figures: PairFigures, shapes: np.ndarray, full_scale: float, seed: int = SEED
+) -> GroupedFigures:
+    """Every figure in each resample of the shapes: (B,) each.
+
+    shapes: (P,) names. Equal seeds and shapes result in equal resamples, so that differences
+    between two models are paired.
+    """
+    names, place = np.unique(shapes, return_inverse=True)
+    sums = figures.sums(place, names.size)
+    weights = list(_weights_in_parts(names.size, seed))
+    resampled = {
+        name: (
+            np.concatenate([part @ total for part in weights]),
+            np.concatenate([part @ pairs for part in weights]),
+        )
+        for name, (total, pairs) in sums.items()
+    }
+    return figures_of(resampled, full_scale)
+
+
+def rmse_by_group(
+    squared_error: np.ndarray, shapes: np.ndarray, place: np.ndarray, groups: int
+) -> np.ndarray:
+    """RMSE of groups of pairs in each resample of the shapes: (B, groups), counts.
+
+    squared_error: (P,), counts^2. shapes: (P,) names. place: (P,) the group of each pair, 0 to
+    groups - 1. NaN if a resample has no pair of a group.
+    """
+    names, of_shape = np.unique(shapes, return_inverse=True)
+    cell, cells = of_shape * groups + place, names.size * groups
+    total = np.bincount(cell, squared_error, cells).reshape(-1, groups)
+    pairs = np.bincount(cell, minlength=cells).reshape(-1, groups).astype(float)
+    means = [
+        mean_of(weights @ total, weights @ pairs) for weights in _weights_in_parts(names.size, SEED)
+    ]
+    return np.sqrt(np.concatenate(means))
+
+
+def _weights_in_parts(shapes: int, seed: int, resamples: int = RESAMPLES) -> Iterator[np.ndarray]:
+    """`resample_weights` in parts, (b, K) each."""
+    rng = np.random.default_rng(seed)
+    shares = np.full(shapes, 1.0 / shapes)
+    rows = max(1, MAX_NUMBERS // shapes)
+    for start in range(0, resamples, rows):
+        size = min(rows, resamples - start)
+        yield rng.multinomial(shapes, shares, size=size).astype(float)
+
+
+def interval(values: np.ndarray) -> Interval | None:
+    """The percentile interval that contains CONFIDENCE of (B,) values.
+
+    None if all values are equal, as for a single shape, or if less than half are finite.
+    """
+    known = values[np.isfinite(values)]
+    if known.size < values.size / 2 or np.ptp(known) == 0:
+        return None
+    low, high = np.quantile(known, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return Interval(float(low), float(high))
+
+
+def intervals(resampled: GroupedFigures) -> Intervals:
+    """The intervals of all figures of `replicates`."""
+    return {name: interval(values) for name, values in resampled.items()}

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2twin.translate.data.pairs import Pairs
-from t2twin.translate.evaluation.metrics.array_errors import PairFigures
+from t2twin.translate.evaluation.metrics.array_errors import PairFigures, interval, rmse_by_group
 from t2twin.translate.evaluation.metrics.baselines import mean_array
-from t2twin.translate.evaluation.metrics.bootstrap import interval, rmse_by_group
 from t2twin.translate.evaluation.records import ForceFigures, MeanOf
 
 MEAN_ARRAY_OF_FORCE = "mean-array-of-force"

@@ -1,17 +1,18 @@
-"""Calibration and sharpness of predicted uncertainty.
+"""Metrics of predicted uncertainty, of moving touches and of the shear force.
 
 Reliability: observed coverage of intervals by their nominal coverage. Sparsification (risk against
 coverage, El-Yaniv and Wiener 2010): RMSE over the most certain presses by their share. The
-uncertainty of a press is the root mean square of its taxels' standard deviations.
+uncertainty of a press is the root mean square of its taxels' standard deviations. A touch moves if
+it follows the press that its path started with.
 
 Shape letters: P pairs, N taxels.
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from t2twin.translate.evaluation.records import ModelRow, UncertaintyMetrics
+from t2twin.translate.data.pairs import Pairs
+from t2twin.translate.evaluation.metrics.array_errors import PairFigures
+from t2twin.translate.evaluation.records import MotionFigures, ShearMetrics, UncertaintyMetrics
 from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
@@ -22,6 +23,9 @@ RETAINED = tuple(round(1.0 - 0.05 * n, 2) for n in range(18))
 
 REPORTED_LEVEL, REPORTED_SHARE = 0.9, 0.8
 """Coverage and retained share in tables."""
+
+MIN_SHEAR_N = 0.3
+"""True shear force above which its direction and magnitude are compared, N (assumed)."""
 
 
 def uncertainty_metrics(
@@ -59,23 +63,50 @@ def _force_metrics(estimate: Estimate, force_n: np.ndarray) -> dict[str, float |
     }
 
 
-def uncertainty_text(models: Mapping[str, ModelRow]) -> list[str]:
-    """One line per run that predicts uncertainty."""
-    lines = []
-    for name, row in models.items():
-        if row.uncertainty is None:
+def by_motion(
+    figures: PairFigures, pairs: Pairs, full_scale: float, estimate: Estimate | None
+) -> dict[str, MotionFigures] | None:
+    """Figures of the pairs that are "still" and "moving", None for a dataset without motion.
+
+    figures: of each pair (array_errors.compare). full_scale: counts. estimate: of a run that
+    predicts uncertainty.
+    """
+    if pairs.is_moving is None:
+        return None
+    found = {}
+    for name, which in (("still", ~pairs.is_moving), ("moving", pairs.is_moving)):
+        if not which.any():
             continue
-        found = row.uncertainty
-        line = (
-            f"{name}: its {100 * REPORTED_LEVEL:.0f} % intervals cover "
-            f"{100 * found.coverage_at(REPORTED_LEVEL):.1f} % of the counts; without the least "
-            f"certain fifth of the presses its RMSE is "
-            f"{100 * found.sparsification_gain(REPORTED_SHARE):.0f} % lower."
+        summary, coverage = figures.summary(full_scale, which), None
+        if estimate is not None:
+            errors = np.abs(pairs.counts - estimate.counts.astype(float))[which]
+            within = errors <= half_width(REPORTED_LEVEL) * estimate.counts_std[which]
+            coverage = float(100.0 * within.mean())
+        found[name] = MotionFigures(
+            summary.pairs, summary.rmse_counts, summary.rmse_percent, coverage
         )
-        if found.force_median_error_percent is not None:
-            line += (
-                f" The median error of its force is {found.force_median_error_percent:.1f} %; the "
-                f"intervals cover {found.force_coverage_percent:.1f} % of the forces."
-            )
-        lines.append(line)
-    return lines
+    return found
+
+
+def shear_metrics(estimate: Estimate, pairs: Pairs) -> ShearMetrics | None:
+    """Errors of the predicted shear force on the moving pairs, None where there are none."""
+    if estimate.shear_n is None or estimate.shear_std_n is None or pairs.shear_n is None:
+        return None
+    assert pairs.is_moving is not None
+    if not pairs.is_moving.any():
+        return None
+    true, found = pairs.shear_n[pairs.is_moving], estimate.shear_n[pairs.is_moving].astype(float)
+    std = estimate.shear_std_n[pairs.is_moving]
+    within = np.abs(found - true) <= half_width(REPORTED_LEVEL) * std
+    large = np.hypot(*true.T) > MIN_SHEAR_N
+    true, found = true[large], found[large]
+    turn = np.arctan2(true[:, 0] * found[:, 1] - true[:, 1] * found[:, 0], (true * found).sum(1))
+    size = np.hypot(*true.T)
+    error = np.abs(np.hypot(*found.T) - size) / size
+    return ShearMetrics(
+        pairs=int(large.sum()),
+        min_shear_n=MIN_SHEAR_N,
+        direction_error_deg=float(np.degrees(np.median(np.abs(turn)))) if large.any() else None,
+        magnitude_error_percent=float(100.0 * np.median(error)) if large.any() else None,
+        coverage_percent=float(100.0 * within.mean()),
+    )

@@ -16,6 +16,7 @@ Shape letters: P presses, k neighbors, N taxels, K shapes.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -26,22 +27,15 @@ from t2twin.core.images import decode_png
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import to_pixels
-from t2twin.translate.data.pairs import Pairs
+from t2twin.translate.data.pairs import Pairs, load_pairs
+from t2twin.translate.evaluation.metrics.array_errors import interval, resample_weights
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
+    NEIGHBORS,
     Neighbors,
     neighbors,
 )
-from t2twin.translate.evaluation.metrics.bootstrap import interval, resample_weights
-from t2twin.translate.evaluation.records import (
-    Interval,
-    IrreducibleError,
-    IrreducibleErrorFloor,
-    NeighborPairs,
-)
-
-NEIGHBORS = 8
-"""Nearest images of each press for the extrapolation."""
+from t2twin.translate.evaluation.records import Interval
 
 CLOSE = 2.0
 """Largest distance of close images, relative to the distance due to noise."""
@@ -60,35 +54,71 @@ SEED = 2
 """Seed of that noise, and of the selection among more than MAX_PRESSES presses."""
 
 
+@dataclass(frozen=True)
+class NeighborPairs:
+    """Pairs of presses with similar images.
+
+    distance_grey: median distance of the images. rmse_counts: root of half the mean squared
+    difference of the counts. Both are None without pairs.
+    """
+
+    pairs: int
+    distance_grey: float | None
+    rmse_counts: float | None
+
+
+@dataclass(frozen=True)
+class IrreducibleErrorFloor:
+    """The estimate from one set of neighbors.
+
+    nearest: each press and its nearest neighbor. close: those within the noise.
+    extrapolated_rmse_counts, with its interval over shapes: the difference at the noise's distance;
+    parts: the same for each group of taxels.
+    """
+
+    nearest: NeighborPairs
+    close: NeighborPairs
+    extrapolated_rmse_counts: float | None
+    interval: Interval | None
+    parts: dict[str, float | None]
+
+
+@dataclass(frozen=True)
+class IrreducibleError:
+    """Estimate of the irreducible error from nearest neighbors in the split and in training.
+
+    noise_grey: distance of two images of one press. close_grey: largest distance of close images.
+    split: from other shapes of the split; training: from training pairs; None without neighbors.
+    """
+
+    noise_grey: float
+    close_grey: float
+    split: IrreducibleErrorFloor | None
+    training: IrreducibleErrorFloor | None
+
+
 def estimate_irreducible_error(
-    data_dir: Path,
-    split: str,
-    pairs: Pairs,
-    train: Pairs,
-    of_train: Neighbors,
-    taxel_groups: Mapping[str, np.ndarray],
+    data_dir: Path, split: str, taxel_groups: Mapping[str, np.ndarray]
 ) -> IrreducibleError | None:
     """The irreducible error of a split, estimated from neighbors in the split and in training.
 
-    pairs: of the split, train: of training, both with images at FEATURE_SIZE in RGB. of_train: the
-    NEIGHBORS nearest training images of the pairs. taxel_groups: (N,) bool by name, for estimates
-    by group. With more than MAX_PRESSES presses, a selection is compared with all others. Presses
-    without contact, which are all equal, are excluded. Returns None if the image noise of the
-    dataset is unknown.
+    taxel_groups: (N,) bool by name, for estimates by group. With more than MAX_PRESSES presses, a
+    selection is compared with all others. Presses without contact, which are all equal, are
+    excluded. Returns None if the image noise of the dataset is unknown.
     """
     noise = noise_distance_grey(data_dir, split)
     if noise is None:
         return None
-    queries, chosen = pairs, np.flatnonzero(pairs.force_n != 0)
+    pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, False) for s in (split, "train"))
+    chosen = np.flatnonzero(pairs.force_n != 0)
     if not chosen.size:
         return None
     if chosen.size > MAX_PRESSES:
         chosen = np.sort(np.random.default_rng(SEED).permutation(chosen)[:MAX_PRESSES])
-    if chosen.size < len(pairs):
-        queries = pairs.subset(chosen)
-        of_train = Neighbors(of_train.index[chosen], of_train.distance_grey[chosen])
+    queries = pairs.subset(chosen)
     shapes = (pairs.shapes, queries.shapes)
     of_split = neighbors(pairs.images, queries.images, NEIGHBORS, shapes, "irreducible error")
+    of_train = neighbors(train.images, queries.images, NEIGHBORS)
     return IrreducibleError(
         noise_grey=noise,
         close_grey=CLOSE * noise,
