@@ -19,7 +19,7 @@ OUT_OF_MEMORY = (
 )
 """The message of a command."""
 
-MESSAGES = ("allocate memory", "bad_alloc", "Caught an unknown exception")
+MESSAGES = ("allocate memory", "bad_alloc", "failed to map segment", "Caught an unknown exception")
 """Parts of the messages of torch, of C++ and of pybind11, whose type is RuntimeError, of MuJoCo and
 of the system."""
 
