@@ -29,8 +29,8 @@ from t2twin.sim.digit.camera.pinhole import optical_grid
 from t2twin.sim.digit.light.leds import DIGIT_LEDS
 from t2twin.sim.digit.markers import Markers, surface_shift
 from t2twin.sim.digit.optics import FRAMES, NOISE_GREY, DigitOptics, Renderer
+from t2twin.sim.digit.pyrender_renderer import RenderedOptics
 from t2twin.sim.digit.randomization.unit import Unit
-from t2twin.sim.digit.rendered import RenderedOptics
 from t2twin.sim.digit.surface import surface_on
 from t2twin.sim.touch import Touch
 
@@ -65,7 +65,7 @@ class Digit:
     unit: Unit | None = field(default=None, repr=False)
     markers: Markers | None = None
     light: Calibration = field(init=False, repr=False, compare=False)
-    optics: DigitOptics | RenderedOptics = field(init=False, repr=False, compare=False)
+    optics: DigitOptics = field(init=False, repr=False, compare=False)
     elastomer: Elastomer = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -78,17 +78,17 @@ class Digit:
         object.__setattr__(self, "optics", self._optics(light))
         object.__setattr__(self, "elastomer", self._elastomer(light))
 
-    def _optics(self, light: Calibration) -> DigitOptics | RenderedOptics:
+    def _optics(self, light: Calibration) -> DigitOptics:
         if self.renderer == "baked":
             return DigitOptics(light, gel=self.gel, markers=self.markers)
-        if self.unit is None and self.calibration is None:
-            return RenderedOptics(light, DIGIT_LEDS, self.gel, self.markers)
-        if self.unit is None or self.unit.leds is None:
+        of_file = DIGIT_LEDS if self.calibration is None else None
+        leds = of_file if self.unit is None else self.unit.leds
+        if leds is None:
             raise T2TwinError(
                 "pyrender cannot render a calibration file, which has no description of single "
                 "LEDs; it renders the default calibration and units sampled without a calibration"
             )
-        return RenderedOptics(light, self.unit.leds, self.gel, self.markers)
+        return RenderedOptics(light, leds, self.gel, self.markers)
 
     def _elastomer(self, light: Calibration) -> Elastomer:
         default = (DIGIT_GEL.young_mpa, DIGIT_GEL.law)

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.surface import ball_surface
 
 BALL_MM = 4.7
 POSES = np.array(
@@ -28,9 +28,9 @@ def write_frames(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     optics, rng = DigitOptics.load(), np.random.default_rng(3)
     save(
-        optics.render(probe_surfaces.ball(0, 0, 1.0) * 0, rng, NOISE_GREY),
+        optics.render(ball_surface(0, 0, 1.0) * 0, rng, NOISE_GREY),
         folder / "background.png",
     )
     for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):
-        surface = probe_surfaces.ball(x_mm, y_mm, depth_mm, BALL_MM / 2)
+        surface = ball_surface(x_mm, y_mm, depth_mm, BALL_MM / 2)
         save(optics.render(surface, rng, NOISE_GREY), folder / f"press_{index:02d}.png")

@@ -13,7 +13,6 @@ from PIL import Image
 from benchmarks.optics.calibration import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate
 from t2twin.sim.digit.calibrate.frames import (
     clean_background,
@@ -26,6 +25,7 @@ from t2twin.sim.digit.calibrate.scores import cut_and_paste, score
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.surface import ball_surface
 
 ONE_PIXEL_MM = 1 / DIGIT_CAMERA.scale_px_per_mm
 
@@ -77,8 +77,8 @@ def test_held_out_presses_score_near_the_noise(report):
 def test_a_unit_of_another_make_is_not_what_ships(report, unit):
     """The fit must come from the frames: the colors handed round, it follows them."""
     optics = DigitOptics(report.calibration)
-    picture = optics.render(probe_surfaces.ball(0.5, 0.2, 1.0, BALL_MM / 2))
-    wanted = DigitOptics.load().render(probe_surfaces.ball(0.5, 0.2, 1.0, BALL_MM / 2))
+    picture = optics.render(ball_surface(0.5, 0.2, 1.0, BALL_MM / 2))
+    wanted = DigitOptics.load().render(ball_surface(0.5, 0.2, 1.0, BALL_MM / 2))
     place = (163.0, 129.0)
     assert score(crop(wanted, place), crop(picture, place)).psnr_db > 30
     swapped = wanted[..., [1, 2, 0]]
@@ -101,7 +101,7 @@ def test_the_file_is_what_press_takes(report, tmp_path):
 
 def test_an_untouched_gel_gives_the_cleaned_background(report):
     optics = DigitOptics(report.calibration)
-    still = optics.render(probe_surfaces.ball(0, 0, 1.0) * 0)
+    still = optics.render(ball_surface(0, 0, 1.0) * 0)
     np.testing.assert_array_equal(still, report.calibration.background)
     truth = DigitOptics.load().background
     assert np.abs(still.astype(float) - truth).mean() < 0.5 * NOISE_GREY
@@ -165,14 +165,14 @@ def test_what_is_written_is_fitted_to_all_presses(report):
     assert report.calibration.noise.grey == pytest.approx(NOISE_GREY, rel=0.06)
     assert report.scored_by.noise is None
     assert not np.array_equal(report.calibration.response, report.scored_by.response)
-    surface = probe_surfaces.ball(0.5, 0.2, 1.0, BALL_MM / 2)
+    surface = ball_surface(0.5, 0.2, 1.0, BALL_MM / 2)
     one, other = (DigitOptics(of).render(surface) for of in (report.calibration, report.scored_by))
     assert score(one, other).psnr_db > 32
 
 
 def test_a_patch_is_where_the_press_is():
     optics = DigitOptics.load()
-    picture = optics.render(probe_surfaces.ball(1.5, -2.0, 1.0))
+    picture = optics.render(ball_surface(1.5, -2.0, 1.0))
     patch = contact_patch(picture, optics.background)
     assert patch is not None
     row, column = patch

@@ -12,7 +12,6 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.fit import BallFit
 from t2twin.sim.digit.calibrate.forces import BallForces, fit_young_mpa
@@ -23,6 +22,7 @@ from t2twin.sim.digit.calibrate.samples import START, State
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
+from t2twin.sim.digit.surface import ball_surface
 from t2twin.sim.sensors import Digit
 
 SCALE, YOUNG_MPA = 18.0, 0.42
@@ -40,10 +40,10 @@ def twin_frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("twin")
     optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE))
     rng = np.random.default_rng(5)
-    still = optics.render(probe_surfaces.ball(0, 0, 1.0) * 0, rng, NOISE_GREY)
+    still = optics.render(ball_surface(0, 0, 1.0) * 0, rng, NOISE_GREY)
     save(still, folder / "background.png")
     for name, (x_mm, y_mm, depth_mm), ball_mm in zip(NAMES, TRUE_POSES, BALLS_MM, strict=True):
-        surface = probe_surfaces.ball(x_mm, y_mm, depth_mm, ball_mm / 2)
+        surface = ball_surface(x_mm, y_mm, depth_mm, ball_mm / 2)
         save(optics.render(surface, rng, NOISE_GREY), folder / name)
     return folder
 

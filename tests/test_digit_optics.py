@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
+from maintenance.bake_optics import block, ring
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from t2twin.sim.digit.light import shadows
 from t2twin.sim.digit.light.leds import DIGIT_LEDS
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
+from t2twin.sim.digit.surface import ball_surface
 
 X_MM, Y_MM = np.meshgrid(*optical_grid())
 FLAT = np.zeros(X_MM.shape)
@@ -52,7 +53,7 @@ def test_an_untouched_gel_gives_the_background(optics):
 
 
 def test_far_from_a_press_the_picture_is_the_background(optics):
-    picture = optics.render(probe_surfaces.ball(-3.5, -5.0, 0.6)).astype(int)
+    picture = optics.render(ball_surface(-3.5, -5.0, 0.6)).astype(int)
     assert np.abs(picture[200:] - optics.background[200:]).max() <= 1
     assert np.abs(picture[:200] - optics.background[:200]).max() > 40
 
@@ -65,9 +66,9 @@ def test_the_shipped_background_is_the_reference(optics, reference):
 @pytest.mark.parametrize(
     "surface, place",
     [
-        (probe_surfaces.ball(1.0, -1.4, 1.2), (1.0, -1.4)),
-        (probe_surfaces.block(-1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
-        (probe_surfaces.ring(0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
+        (ball_surface(1.0, -1.4, 1.2), (1.0, -1.4)),
+        (block(-1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
+        (ring(0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
     ],
     ids=["ball", "block", "ring"],
 )
@@ -82,7 +83,7 @@ def test_the_baked_picture_is_the_reference(optics, reference, surface, place):
 
 
 def test_without_shadows_every_led_is_missed_on_its_far_side(optics):
-    surface = probe_surfaces.ball(0.5, 0.5, 1.2)
+    surface = ball_surface(0.5, 0.5, 1.2)
     bare = DigitOptics(Calibration.load(), shadows=False)
     lost = bare.render(surface).astype(int) - optics.render(surface)
     assert lost.min() >= -1

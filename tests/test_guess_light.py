@@ -6,13 +6,13 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.background_light import RANGES, mean_light, sample_lights
 from t2twin.sim.digit.calibrate.scores import crop_scores, mean_score
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.sim.digit.randomization.unit import sample_unit
+from t2twin.sim.digit.surface import ball_surface
 
 FEW = 60
 
@@ -41,7 +41,7 @@ def test_camera_and_background_are_the_users_own(lights, background):
 
 def test_the_mean_errs_less_than_the_drawn_ones(lights):
     """On a unit that is none of them, which is why it is the mean."""
-    surface = probe_surfaces.ball(0.5, 0.2, 1.0)
+    surface = ball_surface(0.5, 0.2, 1.0)
     places = np.array([(163.0, 129.0)])
     mean, singly = [], []
     for number in range(1, 7):

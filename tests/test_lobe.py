@@ -8,7 +8,6 @@ from ball_frames import BALL_MM, POSES
 
 from benchmarks.optics.calibration import rim_steepness
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.fit import BallFit
 from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch, crop
 from t2twin.sim.digit.calibrate.ridge import Terms
@@ -19,6 +18,7 @@ from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.digit.light.leds import DIGIT_LEDS
 from t2twin.sim.digit.light.lobe import LOBE_PLACES, LOBE_TERMS
 from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.surface import ball_surface
 
 DRIFT_GREY = np.array([4, -3, 5])
 HOLD, SKIRT = 0.8, 1.0
@@ -36,7 +36,7 @@ def unit():
 
 def surface(pose):
     x_mm, y_mm, depth_mm = pose
-    return probe_surfaces.ball(x_mm, y_mm, depth_mm, BALL_MM / 2, HOLD, SKIRT)
+    return ball_surface(x_mm, y_mm, depth_mm, BALL_MM / 2, HOLD, SKIRT)
 
 
 def true_geometry():

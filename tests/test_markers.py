@@ -13,7 +13,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import SurfaceShift
-from t2twin.sim.digit import rendered
+from t2twin.sim.digit import pyrender_renderer
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import response
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
@@ -191,7 +191,7 @@ def test_without_markers_images_keep_their_bytes(optics):
 
 
 def test_both_renderers_show_the_markers_at_the_same_places(shapes, monkeypatch):
-    monkeypatch.setattr(rendered, "LED_POINTS", 1)
+    monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 1)
     twins = [Twin(optics=optics, markers=True) for optics in ("baked", "pyrender")]
     plain = [Twin(optics=optics) for optics in ("baked", "pyrender")]
     found = []

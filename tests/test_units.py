@@ -14,18 +14,18 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import convert
 from t2twin.sim.contact.elastomer import DIGIT_GEL
-from t2twin.sim.digit import probe_surfaces
-from t2twin.sim.digit import rendered as rendered_optics
+from t2twin.sim.digit import pyrender_renderer
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera, optical_grid
 from t2twin.sim.digit.light.ray_casting import Rays
 from t2twin.sim.digit.optics import FRAMES, DigitOptics
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
+from t2twin.sim.digit.surface import ball_surface
 from t2twin.sim.sensors import Digit
 
 DRAW = UnitRanges()
 DRAWN = 500
-BALL = probe_surfaces.ball(0.5, -1.0, 1.1)
+BALL = ball_surface(0.5, -1.0, 1.1)
 
 
 def unit(seed, draw=DRAW, center=None):
@@ -165,7 +165,7 @@ def test_a_digit_takes_a_units_light_and_noise(units):
 
 def test_a_shift_moves_the_picture_by_as_many_pixels(shipped):
     still = DigitOptics(replace(shipped, background=np.full_like(shipped.background, 120)))
-    moved = DigitOptics(replace(still._model.calibration, shift_x_px=12.0, shift_y_px=-20.0))
+    moved = DigitOptics(replace(still.calibration, shift_x_px=12.0, shift_y_px=-20.0))
     before, after = still.render(BALL), moved.render(BALL)
     middle = before[60:-60, 40:-40].astype(int)
     shifted = after[40:-80, 52:-28].astype(int)
@@ -222,7 +222,7 @@ def test_a_camera_too_far_off_is_refused(shipped, off):
 
 
 def test_pyrender_and_the_baked_model_agree_for_the_light_that_ships(monkeypatch):
-    monkeypatch.setattr(rendered_optics, "LED_POINTS", 5)
+    monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 5)
     digit = pickle.loads(pickle.dumps(Digit(renderer="pyrender")))
     baked = Digit().optics.render(BALL)
     rendered = digit.optics.render(BALL)
@@ -234,7 +234,7 @@ def test_pyrender_and_the_baked_model_agree_for_the_light_that_ships(monkeypatch
 
 
 def test_pyrender_renders_a_drawn_unit_in_its_own_light(units, monkeypatch):
-    monkeypatch.setattr(rendered_optics, "LED_POINTS", 2)
+    monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 2)
     digit = Digit(renderer="pyrender").with_unit(units[0])
     background = units[0].calibration.background
     rendered = digit.optics.render(BALL).astype(float) - background

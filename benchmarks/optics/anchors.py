@@ -21,7 +21,6 @@ from PIL import Image
 from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.contact.elastomer import DIGIT_GEL
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.forces import BallForces
 from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch
@@ -31,6 +30,7 @@ from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertaint
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.surface import ball_surface
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.anchors",
@@ -91,9 +91,9 @@ def _frames(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The untouched frame and those of the presses, (n, 320, 240, 3) uint8."""
     optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE_PX_PER_MM))
-    still = optics.render(0.0 * probe_surfaces.ball(0.0, 0.0, 1.0), rng, NOISE_GREY)
+    still = optics.render(0.0 * ball_surface(0.0, 0.0, 1.0), rng, NOISE_GREY)
     surfaces = (
-        probe_surfaces.ball(x_mm, y_mm, depth_mm, diameter_mm / 2)
+        ball_surface(x_mm, y_mm, depth_mm, diameter_mm / 2)
         for (x_mm, y_mm, depth_mm), diameter_mm in zip(poses, diameters_mm, strict=True)
     )
     return still, np.array([optics.render(surface, rng, NOISE_GREY) for surface in surfaces])

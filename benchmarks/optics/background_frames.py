@@ -25,7 +25,6 @@ from scipy.optimize import nnls
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.background_light import mean_light, sample_lights
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import contact_patch, read_frames
@@ -35,6 +34,7 @@ from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.camera.response import linear
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.sim.digit.randomization.lighting import SampledLight, light_at_rest
+from t2twin.sim.digit.surface import ball_surface
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.background_frames",
@@ -97,7 +97,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     background, frames, names = read_frames(background, options.frames)
     last = _shown(background, report.real, report.surfaces_mm)
     balls = [
-        probe_surfaces.ball(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
+        ball_surface(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
         for x_mm, y_mm, depth_mm in report.training_poses
     ]
     trained = frames[[names.index(name) for name in report.trained]]

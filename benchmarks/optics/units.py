@@ -21,13 +21,14 @@ from benchmarks import ROOT
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
+from maintenance.bake_optics import block
 from t2twin.core.files import atomic_write
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 from t2twin.sim.digit.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
 from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
+from t2twin.sim.digit.surface import ball_surface
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.units",
@@ -199,7 +200,7 @@ def _shown(unit: Unit) -> tuple[np.ndarray, np.ndarray]:
     """(presses, rows, columns, RGB) int16 change of the pictures, and the background."""
     optics = DigitOptics(unit.calibration)
     still = optics.background[::STRIDE, ::STRIDE].astype(np.int16)
-    pressed = [optics.render(probe_surfaces.ball(*ball))[::STRIDE, ::STRIDE] for ball in BALLS]
+    pressed = [optics.render(ball_surface(*ball))[::STRIDE, ::STRIDE] for ball in BALLS]
     return np.array(pressed).astype(np.int16) - still, still
 
 
@@ -209,9 +210,7 @@ def _distances(one: np.ndarray, among: np.ndarray) -> np.ndarray:
 
 def sheet() -> Image.Image:
     """Drawn units, each pressed by a ball and a block."""
-    surface = np.maximum(
-        probe_surfaces.ball(-1.5, -2.5, 1.1), probe_surfaces.block(1.8, 3.0, 0.7, 5.0, 2.0, 0.5)
-    )
+    surface = np.maximum(ball_surface(-1.5, -2.5, 1.1), block(1.8, 3.0, 0.7, 5.0, 2.0, 0.5))
     page = Image.new("RGB", (SHEET[1] * TILE_PX[0], SHEET[0] * TILE_PX[1]))
     for number in range(SHEET[0] * SHEET[1]):
         picture = DigitOptics(drawn(number).calibration).render(surface)

@@ -16,7 +16,7 @@ from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.lobe import LOBE_PLACES, LOBE_TERMS
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
-"""The default calibration, written by t2twin.sim.digit.bake."""
+"""The default calibration, written by maintenance/bake_optics.py."""
 PLACE_MM = 8.0
 """Unit of length of the response's polynomials, mm: half the image."""
 PLACE_DEGREE = 4
@@ -76,7 +76,7 @@ def led_columns(cosine: np.ndarray, weight: np.ndarray, places: np.ndarray) -> n
 
 @dataclass(frozen=True)
 class Calibration:
-    """Parameters of the baked model (t2twin.sim.digit.baked).
+    """Parameters of the baked model (t2twin.sim.digit.optics).
 
     background: (ROWS, COLUMNS, 3) uint8, the background frame.
     leds_mm: (3, 3) places of the LEDs in the sensor frame. sizes_mm: (3,) radii of their discs.

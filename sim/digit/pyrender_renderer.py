@@ -1,4 +1,14 @@
-"""Reference renderer: the deformed gel as a mesh, lit by three LEDs, rendered by pyrender.
+"""Images of a DIGIT by pyrender: the deformed gel as a mesh, lit by three LEDs.
+
+As in the baked model, the image is background + L(deformed) - L(rest), but pyrender renders L. So a
+gel at rest gives the background exactly. Gamma and noise are the same.
+
+pyrender gets a sampled unit's LEDs with their places, sizes and colors in the image's middle
+(t2twin.sim.digit.randomization.lighting). Each LED's light varies over the image and with the
+cosine of incidence as a default LED's does on a Lambertian surface. Negative leaks are omitted.
+
+A process has one renderer, which is created at the first image, so that RenderedOptics can be
+pickled. OpenGL belongs to one thread, which renders all images.
 
 No other module imports pyrender, which is unmaintained. This one sets the GL platform before the
 import and restores a name that NumPy 2 removed. It registers a type with PyOpenGL whose name Python
@@ -12,6 +22,7 @@ per point, and the images are averaged in linear light.
 
 import os
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
 from typing import Any
 
@@ -19,11 +30,23 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera import response
+from t2twin.sim.digit.camera.gaussian_noise import standard_normal
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
 from t2twin.sim.digit.light.coating import coated
 from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS, REACH_MM, Led
 from t2twin.sim.digit.light.shadows import MIN_CASTER_MM
+from t2twin.sim.digit.markers import Markers
+from t2twin.sim.digit.optics import DigitOptics
 
+FRAME_SECONDS = 1.1
+"""Time of an image with software OpenGL on two idle cores, s (benchmark `digit_render`). It uses
+all cores, so more processes are hardly faster."""
+FIRST_SECONDS = 6.0
+"""Time of the first image of a process, including the start of OpenGL, s (measured)."""
+LED_POINTS = 8
+"""Points per LED, each a render pass: the default of ReferenceRenderer."""
 GAMMA = 2.2
 """Exponent of pyrender's output encoding."""
 MESH_STRIDE = 2
@@ -225,6 +248,95 @@ class ReferenceRenderer:
         return self._pyrender.Primitive(
             positions=points, normals=normals, indices=faces, material=material
         )
+
+
+class RenderedOptics(DigitOptics):
+    """As DigitOptics, but pyrender renders each image, in about FRAME_SECONDS.
+
+    leds: in the order of the calibration's. calibration: for camera, background and gamma. markers:
+    printed on the gel; None for none. Raises T2TwinError at the first image if there is no OpenGL.
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        leds: tuple[Led, ...],
+        gel: Elastomer = DIGIT_GEL,
+        markers: Markers | None = None,
+    ) -> None:
+        super().__init__(calibration, gel=gel, markers=markers)
+        self._lit_by = leds
+
+    def _image(
+        self,
+        surface_mm: np.ndarray,
+        coated_mm: np.ndarray,
+        background: np.ndarray,
+        shade: np.ndarray,
+        rng: np.random.Generator | None,
+        noise_grey: float,
+    ) -> np.ndarray:
+        grey = self._grey(surface_mm, background)
+        if shade.size:
+            grey *= shade[..., None]
+        if rng is not None:
+            grey += noise_grey * standard_normal(rng, grey.shape)
+        return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
+
+    def _grey(self, surface_mm: np.ndarray, background: np.ndarray) -> np.ndarray:
+        """(320, 240, 3) float64 grey levels on a background frame, without markers and noise."""
+        if not surface_mm.any():
+            return background.astype(float)
+        light, thread = self.calibration, _thread(os.getpid())
+        change = thread.submit(_change, self._lit_by, light.camera, self._gel, surface_mm).result()
+        if light.albedo is not None:
+            change = change * light.albedo[..., None]
+        total = response.linear(background, light.gamma) + change
+        return 255.0 * np.clip(total, 0.0, 1.0) ** (1.0 / light.gamma)
+
+
+@cache
+def _thread(process: int) -> ThreadPoolExecutor:
+    """The thread of a process for OpenGL; the argument distinguishes forks."""
+    return ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"pyrender-{process}")
+
+
+def _change(
+    leds: tuple[Led, ...], camera: Camera, gel: Elastomer, surface_mm: np.ndarray
+) -> np.ndarray:
+    """(ROWS, COLUMNS, RGB) change of the light by a deflection."""
+    renderer, rest_light = _renderer_cache(os.getpid()).renderer(leds, camera, gel)
+    return renderer.render_linear(surface_mm) - rest_light
+
+
+class _RendererCache:
+    """The last renderer, and its light of the gel at rest."""
+
+    def __init__(self) -> None:
+        self._parameters: tuple = ()
+        self._renderer: ReferenceRenderer | None = None
+        self._rest_light = np.zeros(0)
+
+    def renderer(
+        self, leds: tuple[Led, ...], camera: Camera, gel: Elastomer
+    ) -> tuple[ReferenceRenderer, np.ndarray]:
+        if self._renderer is not None and self._parameters != (leds, camera, gel):
+            self._renderer.close()
+            self._renderer = None
+        if self._renderer is None:
+            self._renderer = ReferenceRenderer(
+                leds, AMBIENT, led_points=LED_POINTS, camera=camera, gel=gel
+            )
+            x, y = optical_grid(gel)
+            self._rest_light = self._renderer.render_linear(np.zeros((y.size, x.size)))
+            self._parameters = (leds, camera, gel)
+        return self._renderer, self._rest_light
+
+
+@cache
+def _renderer_cache(process: int) -> _RendererCache:
+    """The cache of a process; the argument distinguishes forks."""
+    return _RendererCache()
 
 
 def encode(linear: np.ndarray) -> np.ndarray:

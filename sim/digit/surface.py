@@ -1,4 +1,4 @@
-"""The surface of a contact on other axes than the contact's grid, for images."""
+"""Surfaces of the gel for images: of a contact, and of a pressed ball in closed form."""
 
 from functools import lru_cache
 
@@ -10,6 +10,7 @@ from t2twin.sim.contact.grid import dilated
 from t2twin.sim.contact.heights import raise_to_shape
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.digit.camera.compiled import at_place
+from t2twin.sim.digit.camera.pinhole import optical_grid
 from t2twin.sim.splines import on_lines
 
 NEAR_CELLS = 3
@@ -20,6 +21,12 @@ BACKWARD_STEPS, BACKWARD_MM = 40, 1e-4
 change, mm, at which they end. They are half steps where full steps do not halve the change. Behind
 a shape that has slid far the surface is stretched to twice its length, where full steps oscillate.
 """
+
+BALL_HOLD = 0.8
+"""Fraction of a ball's contact radius inside which the gel follows the ball (assumed); the skirt
+starts there with the same slope."""
+BALL_SKIRT = 1.0
+"""Length of the skirt, in parts of the one of equal slope (assumed)."""
 
 
 def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
@@ -121,3 +128,28 @@ def _rest_surface(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
     """(y, x) float32 undeformed surface over axes of float64, mm."""
     x, y = np.meshgrid(np.frombuffer(x_mm), np.frombuffer(y_mm))
     return elastomer.rest_surface_mm(x, y).astype(np.float32)
+
+
+def ball_surface(
+    x_mm: float,
+    y_mm: float,
+    depth_mm: float,
+    radius_mm: float = 2.35,
+    hold: float = BALL_HOLD,
+    skirt: float = BALL_SKIRT,
+) -> np.ndarray:
+    """Approximate deflection by a ball pressed depth_mm deep, mm, on optical_grid().
+
+    The ball's profile within hold times the contact radius, and an exponential skirt outside,
+    skirt times as long as one of equal slope.
+    """
+    x, y = np.meshgrid(*optical_grid())
+    distance = np.hypot(x - x_mm, y - y_mm)
+    chord = np.sqrt(radius_mm**2 - max(radius_mm - depth_mm, 0.0) ** 2)
+    held_mm = hold * chord
+    height = np.sqrt(radius_mm**2 - held_mm**2)
+    edge_mm = depth_mm - radius_mm + height
+    skirt_mm = skirt * edge_mm * height / held_mm
+    inside = depth_mm - radius_mm + np.sqrt(np.maximum(radius_mm**2 - distance**2, 0.0))
+    outside = edge_mm * np.exp(-np.maximum(distance - held_mm, 0.0) / skirt_mm)
+    return np.where(distance < held_mm, inside, outside)

@@ -288,7 +288,7 @@ def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
 
 def pyrender_duration() -> str:
     """The time that pyrender takes, as a message."""
-    from t2twin.sim.digit.rendered import FIRST_SECONDS
+    from t2twin.sim.digit.pyrender_renderer import FIRST_SECONDS
 
     return f"pyrender takes about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
 

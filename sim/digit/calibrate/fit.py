@@ -32,11 +32,11 @@ from t2twin.sim.digit.calibrate.samples import (
     Profile,
     Square,
     State,
-    ball_surface,
     inner,
     leds_of,
     samples_of,
     square_about,
+    surface_at,
 )
 from t2twin.sim.digit.calibration import PLACE_TERMS, Calibration, led_columns, place_terms
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera
@@ -161,7 +161,7 @@ class BallFit:
 
     def surface(self, state: State, index: int, pose: np.ndarray) -> np.ndarray:
         """The deflection by one frame's ball at a pose, mm, on optical_grid()."""
-        return ball_surface(pose, self._profile(state.geometry, index))
+        return surface_at(pose, self._profile(state.geometry, index))
 
     def _profile(self, geometry: np.ndarray, index: int) -> Profile:
         return self.radii_mm[index], geometry[10], geometry[11]
@@ -180,7 +180,7 @@ class BallFit:
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
-            surface = ball_surface(pose, profile)
+            surface = surface_at(pose, profile)
         rows, columns = part = inner(square)
         region = (rows.start, rows.stop, columns.start, columns.stop)
         coated = self._rays.coated(surface)

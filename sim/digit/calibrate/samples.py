@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.ridge import Terms
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
 from t2twin.sim.digit.light.ray_casting import Leds
+from t2twin.sim.digit.surface import ball_surface
 
 HALF_SAMPLES = 36
 """Half side of the square around a press, samples: 7.5 mm, which contains the shadows."""
@@ -21,7 +21,7 @@ SHALLOWEST_MM, DEEPEST = 0.1, 0.93
 """Bounds of a press's depth: mm, and in parts of the ball's radius."""
 
 Profile = tuple[float, float, float]
-"""Radius of a ball, mm, and the gel's profile around it: hold and skirt of probe_surfaces.ball."""
+"""Radius of a ball, mm, and the gel's profile around it: hold and skirt of ball_surface."""
 
 Square = tuple[slice, slice]
 """Rows and columns of samples."""
@@ -38,7 +38,7 @@ GEOMETRY = (
     ("log_size_0", np.log(2.0), 0.05, 0.5),  # assumed: an LED behind a diffuser, mm
     ("log_size_1", np.log(2.0), 0.05, 0.5),
     ("log_size_2", np.log(3.0), 0.05, 0.5),
-    ("hold", 0.75, 0.01, 0.1),  # assumed; t2twin.sim.digit.probe_surfaces
+    ("hold", 0.75, 0.01, 0.1),  # assumed; t2twin.sim.digit.surface
     ("skirt", 1.0, 0.03, 0.3),
 )
 START = np.array([row[1] for row in GEOMETRY])
@@ -82,12 +82,12 @@ def inner(square: Square) -> Square:
     return rows, columns
 
 
-def ball_surface(pose: np.ndarray, profile: Profile) -> np.ndarray:
+def surface_at(pose: np.ndarray, profile: Profile) -> np.ndarray:
     """The deflection by a ball at a pose within the bounds, mm, on optical_grid()."""
     radius_mm, hold, skirt = profile
     depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
     hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
-    return probe_surfaces.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
+    return ball_surface(pose[0], pose[1], depth, radius_mm, hold, skirt)
 
 
 def leds_of(geometry: np.ndarray) -> Leds:

@@ -6,7 +6,7 @@ is
     F_kc(p, m) = own_kc B_k(p) S(m) + leak_kc + irregular_kc(p, m),
 
 with p the place over PLACE_MM, B_k a paraboloid, S a parabola, own_kc 1 for c = k and else 0. All
-is quadratic in the place and in the cosine, as a response of t2twin.sim.digit.baked is.
+is quadratic in the place and in the cosine, as a response of t2twin.sim.digit.optics is.
 
 For pyrender, equivalent_leds gives lamps of the same places, sizes and colors. Each has the lobe of
 the default LED in its place, rotated and moved with it, since the resolution of pyrender's shadow

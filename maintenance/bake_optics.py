@@ -1,6 +1,6 @@
 """Makes the default calibration: fits the baked model's response to pyrender's images.
 
-    python -m t2twin.sim.digit.bake
+    python -m maintenance.bake_optics
 
 Run it again after changes of the LEDs, the camera or the gel's dome; it takes about a minute.
 """
@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibration import (
     DEFAULT_PATH,
     PLACE_TERMS,
@@ -24,6 +23,7 @@ from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS, Led
 from t2twin.sim.digit.light.ray_casting import Leds, Rays
 from t2twin.sim.digit.pyrender_renderer import GAMMA, ReferenceRenderer
+from t2twin.sim.digit.surface import ball_surface
 
 DARK = 0.05
 """Linear light added to a pixel's in the conversion of errors to grey levels: the ambient's."""
@@ -33,6 +33,8 @@ FIT_POINTS = 4
 """Points per LED in the renders for the fit, which have no shadows."""
 BACKGROUND_POINTS = 16
 """Points per LED in the render of the background."""
+SKIRT_MM = 0.6
+"""Decay length of the deflection outside a shape, mm (assumed: a fraction of the layer)."""
 
 
 def probe_deflections() -> list[np.ndarray]:
@@ -40,16 +42,45 @@ def probe_deflections() -> list[np.ndarray]:
     x, y = optical_grid()
     rest = [np.zeros((y.size, x.size))]
     balls = [
-        probe_surfaces.ball(x_mm, y_mm, depth_mm, radius_mm)
+        ball_surface(x_mm, y_mm, depth_mm, radius_mm)
         for x_mm in (-4.0, 0.0, 4.0)
         for y_mm, depth_mm, radius_mm in ((-6.0, 1.0, 2.35), (-1.5, 1.5, 3.0), (4.0, 0.8, 4.0))
     ]
     edges = [
-        probe_surfaces.block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
-        probe_surfaces.block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
-        probe_surfaces.ring(0.0, 0.0, 0.7, 2.0, 3.5),
+        block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
+        block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
+        ring(0.0, 0.0, 0.7, 2.0, 3.5),
     ]
     return rest + balls + edges
+
+
+def block(
+    x_mm: float,
+    y_mm: float,
+    depth_mm: float,
+    width_mm: float,
+    length_mm: float,
+    yaw_rad: float = 0.0,
+) -> np.ndarray:
+    """Deflection by a flat rectangle, mm, on optical_grid(); at yaw 0 its width is along x."""
+    x, y = np.meshgrid(*optical_grid())
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    along = (x - x_mm) * cos + (y - y_mm) * sin
+    across = (y - y_mm) * cos - (x - x_mm) * sin
+    beyond = np.stack([np.abs(along) - width_mm / 2, np.abs(across) - length_mm / 2])
+    return _flat(np.hypot(*np.maximum(beyond, 0.0)), depth_mm)
+
+
+def ring(x_mm: float, y_mm: float, depth_mm: float, inner_mm: float, outer_mm: float) -> np.ndarray:
+    """Deflection by a flat ring, mm, with these inner and outer radii."""
+    x, y = np.meshgrid(*optical_grid())
+    distance = np.hypot(x - x_mm, y - y_mm)
+    outside = np.maximum(np.maximum(inner_mm - distance, distance - outer_mm), 0.0)
+    return _flat(outside, depth_mm)
+
+
+def _flat(distance_mm: np.ndarray, depth_mm: float) -> np.ndarray:
+    return depth_mm * np.exp(-distance_mm / SKIRT_MM)
 
 
 def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibration:
