@@ -53,47 +53,70 @@ PARKED_MM = 1.0e4
 """Height of the shape's ball above an unused pin, mm."""
 
 
-def mjcf(pins: int) -> str:
-    """The model as MJCF text: the shape first, so that the solver's factorization stays sparse."""
-    balls = "".join(
-        f'<geom name="over{i}" pos="{0.01 * (i + 1):g} 0 {PARKED_MM:g}"/>' for i in range(pins)
-    )
-    bodies = "".join(
-        f'<body pos="{0.01 * (i + 1):g} 0 {-BALL_MM:g}"><joint class="pin"/>'
-        f'<geom name="tip{i}"/></body>'
-        for i in range(pins)
-    )
-    pairs = "".join(f'<pair geom1="over{i}" geom2="tip{i}"/>' for i in range(pins))
-    return f"""<mujoco model="press">
+BLOCK_PINS = 512
+"""Pins that are read at once, to be attached to the others: MuJoCo's time to read bodies grows with
+the square of their number."""
+
+HEAD = f"""<mujoco model="press">
   <option timestep="1" integrator="discrete" solver="Newton" gravity="0 0 0" tolerance="1e-10">
     <flag refsafe="disable" island="disable" sensor="disable" actuation="disable"/>
   </option>
-  <size memory="{max(16, pins // 16)}M"/>
   <default>
     <geom type="sphere" size="{BALL_MM:g}" mass="{PIN_MASS:g}" contype="0" conaffinity="0"/>
     <pair condim="1" solref="0.001 1" solimp="0.9999 0.9999 0.001 0.5 2"/>
     <default class="pin"><joint type="slide" axis="0 0 1" stiffness="1"/></default>
   </default>
+"""
+
+
+def _shape_mjcf(pins: int) -> str:
+    """The shape with a ball above each pin, as MJCF text."""
+    balls = "".join(
+        f'<geom name="over{i}" pos="{0.01 * (i + 1):g} 0 {PARKED_MM:g}"/>' for i in range(pins)
+    )
+    return f"""{HEAD}<size memory="{max(16, pins // 16)}M"/>
   <worldbody>
     <body name="shape"><inertial pos="0 0 0" mass="{SHAPE_MASS:g}" diaginertia="1 1 1"/>
       <joint name="down" type="slide" axis="0 0 1"/>{balls}</body>
-    {bodies}
   </worldbody>
-  <contact>{pairs}</contact>
 </mujoco>"""
 
 
+def _pins_mjcf(numbers: range) -> str:
+    """Pins with their balls, as MJCF text."""
+    bodies = "".join(
+        f'<body pos="{0.01 * (i + 1):g} 0 {-BALL_MM:g}"><joint class="pin"/>'
+        f'<geom name="tip{i}"/></body>'
+        for i in numbers
+    )
+    return f"{HEAD}<worldbody>{bodies}</worldbody></mujoco>"
+
+
+def _compile(pins: int) -> mujoco.MjModel:
+    """The shape first, so that the solver's factorization stays sparse."""
+    whole = mujoco.MjSpec.from_string(_shape_mjcf(pins))
+    for start in range(0, pins, BLOCK_PINS):
+        numbers = range(start, min(start + BLOCK_PINS, pins))
+        block = mujoco.MjSpec.from_string(_pins_mjcf(numbers))
+        block.memory = whole.memory  # else MuJoCo warns that they differ
+        whole.attach(block, prefix=f"{start}/", frame=whole.worldbody.add_frame())
+        for i in numbers:
+            whole.add_pair(geomname1=f"over{i}", geomname2=f"{start}/tip{i}")
+    return whole.compile()
+
+
 def _model(pins: int) -> mujoco.MjModel:
-    """The compiled model. Large ones are cached on disk: the time to compile grows with the square
-    of the pins, up to a minute for the largest; loading takes a second at most."""
-    text, folder = mjcf(pins), cache_dir() if pins >= MIN_CACHED_PINS else None
+    """The compiled model. Large ones are cached on disk: compiling takes up to half a minute, and
+    loading a second at most."""
+    folder = cache_dir() if pins >= MIN_CACHED_PINS else None
     if folder is None:
-        return mujoco.MjModel.from_xml_string(text)
-    path = folder / "mujoco" / f"{pins}-{short_digest(f'{mujoco.__version__} {text}'.encode())}.mjb"
+        return _compile(pins)
+    text = f"{mujoco.__version__} {BLOCK_PINS} {_shape_mjcf(pins)} {_pins_mjcf(range(1))}"
+    path = folder / "mujoco" / f"{pins}-{short_digest(text.encode())}.mjb"
     content = read_checked(path)
     if content is not None:
         return mujoco.MjModel.from_binary_path(path.name, {path.name: content})
-    model = mujoco.MjModel.from_xml_string(text)
+    model = _compile(pins)
     with suppress(T2TwinError):  # a full disk: it is compiled the next time too
         content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, content)
