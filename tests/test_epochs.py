@@ -14,8 +14,7 @@ from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
-from t2twin.translate.training.settings import for_steps
-from t2twin.translate.training.train import train
+from t2twin.translate.training.train import for_steps, train
 from t2twin.translate.training.trainer import Trainer, steps_of_epoch
 
 pytestmark = pytest.mark.usefixtures("one_thread")

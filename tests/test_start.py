@@ -12,6 +12,7 @@ from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import make_dataset
+from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.inference.load import load_run
@@ -19,9 +20,12 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
 from t2twin.translate.runs.checkpoint import build
 from t2twin.translate.runs.config import CONFIG, load_config
-from t2twin.translate.training.settings import WARM_START_SHARE, after_warm_start
-from t2twin.translate.training.train import train
-from t2twin.translate.training.warm_start import apply_warm_start, find_warm_start
+from t2twin.translate.training.train import (
+    WARM_START_SHARE,
+    find_weights,
+    train,
+)
+from t2twin.translate.training.trainer import load_initial_weights
 
 WORLD = """
 format = 1
@@ -57,11 +61,11 @@ def world(folder: Path, seed: int, force: str) -> Path:
 def test_begins_where_the_other_run_ended(runs: list[Path], data_dir: Path, number: int) -> None:
     model, info = PAPER_MODELS[number], load_info(data_dir)
     earlier = load_run(runs[number])
-    start = find_warm_start(runs[number], model, earlier.config.preset, info)
+    start = find_weights(runs[number], model, earlier.config.preset, info)
     averaged = replace(earlier.config.preset, averaged_part=0.1)
     fresh = build(structs.replace(earlier.config, seed=7, preset=averaged))
     pictures = load_pairs(data_dir, "val", averaged.size, averaged.grey).images[:4]
-    apply_warm_start(start, fresh)
+    load_initial_weights(start, fresh)
     np.testing.assert_allclose(
         replace(earlier, translator=fresh).predict_pixels(pictures),
         earlier.predict_pixels(pictures),
@@ -79,13 +83,11 @@ def test_a_start_saves_steps_and_is_kept_in_mind(
     begun = train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, init_from=runs[1])
     assert begun.best_rmse_percent < 0.8 * fresh.best_rmse_percent
     config = load_config(tmp_path / "begun")
-    assert (
-        config.init_from == find_warm_start(runs[1], "resnet18", config.preset, config.data).sha256
-    )
-    assert config.preset == after_warm_start(PRESETS["resnet18"]["smoke"])
-    assert (
-        config.preset.learning_rate == WARM_START_SHARE * PRESETS["resnet18"]["smoke"].learning_rate
-    )
+    weights = find_weights(runs[1], "resnet18", config.preset, config.data)
+    assert config.init_from == sha256_of(weights)
+    smoke = PRESETS["resnet18"]["smoke"]
+    lower = WARM_START_SHARE * smoke.learning_rate
+    assert config.preset == replace(smoke, learning_rate=lower)
     assert load_config(tmp_path / "fresh").init_from is None
     for other in (None, tmp_path / "fresh"):
         with pytest.raises(T2TwinError, match="holds a run with another"):
@@ -101,8 +103,8 @@ def test_a_field_run_keeps_what_it_knows_but_for_the_mean_frame(tmp_path: Path) 
     config = load_config(tmp_path / "run")
     translator = build(config)
     assert isinstance(translator, FieldTranslator)
-    start = find_warm_start(tmp_path / "run", "field", config.preset, load_info(several))
-    apply_warm_start(start, translator)
+    start = find_weights(tmp_path / "run", "field", config.preset, load_info(several))
+    load_initial_weights(start, translator)
     before = {name: tensor.clone() for name, tensor in translator.network.state_dict().items()}
     translator.prepare(load_pairs(several, "train", config.preset.size, False, with_field=True))
     after = translator.network.state_dict()

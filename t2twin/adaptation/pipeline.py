@@ -51,8 +51,7 @@ from t2twin.translate.models.presets import Preset, find_preset
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import HOME, pretrained_runs
 from t2twin.translate.training.recalibrate import recalibrate
-from t2twin.translate.training.train import train
-from t2twin.translate.training.warm_start import run_of_model
+from t2twin.translate.training.train import run_of_model, train
 
 STEPS = ("light", "data", "training", "check")
 BALL, WORLD, DATA, TRAINING = "ball.step", "world.toml", "data", "training"

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
-from t2twin.report.dataset.tables import Dataset, read_dataset
-from t2twin.report.html.page import check_out
+from t2twin.report.dataset import Dataset, read_dataset
+from t2twin.report.page import check_out
 from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.evaluation.evaluate import evaluate

@@ -10,34 +10,50 @@ the order of sums and thereby the last digits. The processes of torchrun share e
 its own GPU if the machine has GPUs.
 """
 
+import math
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from os.path import lexists
 from pathlib import Path
 
+import numpy as np
+
 from t2twin.core import arguments
+from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import LOCK, is_empty, locked
-from t2twin.translate.data.pairs import CACHE, Pairs, load_info, load_pairs, usable_cache
+from t2twin.sim.dataset.store import sha256_of
+from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models import distributed
-from t2twin.translate.models.presets import DIGIT_TO_CYSKIN, Preset, check_direction, find_preset
+from t2twin.translate.models.layouts import same_layout
+from t2twin.translate.models.presets import (
+    DIGIT_TO_CYSKIN,
+    REVERSIBLE,
+    Preset,
+    check_direction,
+    find_preset,
+)
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import TRANSLATORS, has_bf16, load_history
-from t2twin.translate.runs.config import CONFIG, LAST, RunConfig, load_config
-from t2twin.translate.runs.log import EpochRecord
-from t2twin.translate.training.early_stopping import TrainingResult, stop_reason, training_result
-from t2twin.translate.training.settings import (
-    after_warm_start,
-    check_limits,
-    check_processes,
-    for_steps,
-    with_iou_weight,
+from t2twin.translate.runs.config import (
+    BEST,
+    CONFIG,
+    LAST,
+    MAX_STEPS,
+    RunConfig,
+    load_config,
+    resolve_run,
 )
-from t2twin.translate.training.trainer import Trainer
-from t2twin.translate.training.warm_start import WarmStart, find_warm_start
+from t2twin.translate.runs.log import EpochRecord
+from t2twin.translate.training.trainer import Trainer, TrainingResult, stop_reason, training_result
 
 MIN_PAIRS = 8
 """Minimum number of training pairs (assumed: batch norm needs several)."""
+
+WARM_START_SHARE = 0.3
+"""Learning rate after a warm start, divided by the preset's (assumed). With another DIGIT, another
+force or fewer pairs, a trained translator needs a tenth of the steps of a new one."""
 
 
 def train(
@@ -59,7 +75,7 @@ def train(
     out_dir: folder of the run. epochs: maximum epochs, by default the preset's. minutes: maximum
     minutes; the epochs, and with them the learning rate's schedule, are planned to fit. steps:
     maximum steps in place of the preset's, rounded to whole epochs; a larger number adapts the
-    preset (settings.for_steps). init_from: another run, whose best weights are the initial weights,
+    preset (`for_steps`). init_from: another run, whose best weights are the initial weights,
     at a lower learning rate. direction: "digit-to-cyskin", or "cyskin-to-digit" for DIGIT images
     from counts, validated by the RMSE of their pixels. iou_weight: weight of the soft IoU loss
     (models.touch2touch), by default the preset's.
@@ -68,15 +84,15 @@ def train(
     is not finite.
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
-    check_limits(epochs, minutes, steps, seed)
+    _check_limits(epochs, minutes, steps, seed)
     settings = for_steps(find_preset(model, preset), steps)
     check_direction(direction, model)
-    settings = with_iou_weight(settings, iou_weight, model, direction)
+    settings = _with_iou_weight(settings, iou_weight, model, direction)
     info = load_info(data_dir)
-    warm_start = None
+    weights = None
     if init_from is not None:
-        warm_start = find_warm_start(init_from, model, settings, info, direction)
-        settings = after_warm_start(settings)
+        weights = find_weights(init_from, model, settings, info, direction)
+        settings = replace(settings, learning_rate=WARM_START_SHARE * settings.learning_rate)
     config = RunConfig(
         model=model,
         preset=settings,
@@ -88,20 +104,25 @@ def train(
         planned_epochs=epochs or settings.epochs,
         bf16=settings.bf16 and has_bf16(),
         processes=distributed.process_count(),
-        init_from=None if warm_start is None else warm_start.sha256,
+        init_from=None if weights is None else sha256_of(weights),
         direction=direction,
     )
-    return _run(config, data_dir, out_dir, warm_start)
+    return _run(config, data_dir, out_dir, weights)
 
 
-def _run(
-    config: RunConfig, data_dir: Path, out_dir: Path, warm_start: WarmStart | None
-) -> TrainingResult:
-    """Trains the run of a configuration, unless out_dir contains it finished."""
+def _run(config: RunConfig, data_dir: Path, out_dir: Path, weights: Path | None) -> TrainingResult:
+    """Trains the run of a configuration, unless out_dir contains it finished.
+
+    weights: initial ones, None for random ones.
+    """
     distributed.use_all_cores()
     distributed.keep_memory()
     with distributed.processes() as rank:
-        check_processes(config.preset, config.processes)
+        if config.preset.batch % config.processes:
+            raise T2TwinError(
+                f"a batch of {config.preset.batch} cannot be shared by {config.processes} "
+                "processes; their number must divide it"
+            )
         config, history = _earlier_run(config, out_dir) or (config, [])
         reason = stop_reason(config, history)
         if reason is not None:
@@ -112,7 +133,7 @@ def _run(
         with locked(out_dir) if rank == 0 else nullcontext():
             _check_folder(out_dir)
             pairs, validation = _load_in_turn(data_dir, out_dir, config, rank)
-            result = Trainer(config, out_dir, pairs, validation, rank, warm_start).run()
+            result = Trainer(config, out_dir, pairs, validation, rank, weights).run()
             if rank == 0:
                 write_card(out_dir, data_dir)
             return result
@@ -181,6 +202,111 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
     if not state.is_file():
         raise T2TwinError(f"{state} is not a file; remove {out_dir} to train again")
     return earlier, load_history(state)
+
+
+def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
+    """Raises T2TwinError for limits and seeds that are out of range, and for epochs with steps."""
+    for name, value in (("steps", steps), ("epochs", epochs)):
+        if value is not None:
+            arguments.whole_number(value, name)
+    if minutes is not None:
+        minutes = arguments.real(minutes, "minutes")
+    if steps is not None and not 1 <= steps <= MAX_STEPS:
+        raise T2TwinError(f"steps is {steps}; it must be from 1 to {MAX_STEPS:,}")
+    if steps is not None and epochs is not None:
+        raise T2TwinError("epochs and steps are both given; expected at most one of them")
+    if epochs is not None and epochs < 1:
+        raise T2TwinError(f"epochs is {epochs}; it must be at least 1")
+    if minutes is not None and not (minutes > 0 and math.isfinite(minutes)):
+        raise T2TwinError(f"minutes is {minutes:g}; it must be more than 0")
+    check_seed(seed)
+
+
+def for_steps(preset: Preset, steps: int | None) -> Preset:
+    """The preset for a number of steps, None for its own.
+
+    With more steps than the preset's, the discriminator's learning rate is reduced in proportion.
+    With the full rate and three times the steps, the discriminator dominates in the second half,
+    and L1 and validation error increase.
+    """
+    if preset.l1_weight == 0.0 or not preset.steps or steps is None or steps <= preset.steps:
+        return preset
+    share = preset.discriminator_share * preset.steps / steps
+    return replace(preset, discriminator_share=share)
+
+
+def _with_iou_weight(preset: Preset, weight: float | None, model: str, direction: str) -> Preset:
+    """The preset with a weight of the soft IoU loss, None for its own.
+
+    Raises T2TwinError for a negative weight, and for a model or direction without tactile images.
+    """
+    weight = preset.iou_weight if weight is None else arguments.real(weight, "iou_weight")
+    if not (weight >= 0 and math.isfinite(weight)):
+        raise T2TwinError(f"iou_weight is {weight:g}; it must be 0 or more")
+    if weight and not (model == REVERSIBLE and direction == DIGIT_TO_CYSKIN):
+        raise T2TwinError(
+            f"iou_weight is {weight:g}, but a {model} {direction} run predicts no tactile image; "
+            f"expected 0, or {REVERSIBLE} {DIGIT_TO_CYSKIN}"
+        )
+    return replace(preset, iou_weight=weight)
+
+
+def find_weights(
+    run: str | Path, model: str, preset: Preset, data: DataInfo, direction: str = DIGIT_TO_CYSKIN
+) -> Path:
+    """The best weights of a run, as initial ones of a training with this model, preset and dataset.
+
+    run: its folder, or the name of a pretrained run. Raises T2TwinError for a folder that is not a
+    run, and for a run of another model, direction, image size, width, layout or field.
+    """
+    run_dir, config = run_of_model(run, model)
+    theirs, places = config.preset, config.data
+    for difference, differs in (
+        (f"a {config.direction} run, not {direction}", config.direction != direction),
+        (
+            f"a run of {theirs.size} pixels, base width {theirs.filters}, and preset {preset.name} "
+            f"has {preset.size} and {preset.filters}",
+            (theirs.size, theirs.grey, theirs.filters)
+            != (preset.size, preset.grey, preset.filters),
+        ),
+        (
+            f"a run of layout {places.layout}, and the dataset's is {data.layout}",
+            not same_layout(places, data.x_mm, data.y_mm),
+        ),
+        (
+            "a run of another field than the dataset's",
+            model == "field"
+            and not (
+                _equal(places.field_x_mm, data.field_x_mm)
+                and _equal(places.field_y_mm, data.field_y_mm)
+            ),
+        ),
+    ):
+        if differs:
+            raise T2TwinError(f"{run_dir} is {difference}; expected a run like the new one")
+    weights = run_dir / BEST
+    if not weights.is_file():
+        raise T2TwinError(f"{weights} does not exist; the run has not finished its first epoch")
+    return weights
+
+
+def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
+    """The folder and configuration of a run. run: as for `find_weights`.
+
+    Raises T2TwinError for a folder that is not a run, and for a run of another model.
+    """
+    run_dir = resolve_run(run)
+    config = load_config(run_dir)
+    if config.model != model:
+        raise T2TwinError(
+            f"{run_dir} is a {config.model} run, and the new run is a {model}; expected a run like "
+            "the new one"
+        )
+    return run_dir, config
+
+
+def _equal(one: np.ndarray | None, other: np.ndarray | None) -> bool:
+    return one is not None and other is not None and np.array_equal(one, other)
 
 
 if __name__ == "__main__":  # for torchrun, which starts a module

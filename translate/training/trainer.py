@@ -1,8 +1,9 @@
-"""The training loop of all translators."""
+"""The training loop of all translators, when it ends, and its result."""
 
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,74 @@ from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.presets import Preset
-from t2twin.translate.runs.checkpoint import build, load_state, save_state, save_weights
+from t2twin.translate.networks.field_net import SHEAR
+from t2twin.translate.runs.checkpoint import (
+    build,
+    load_state,
+    load_weights,
+    save_state,
+    save_weights,
+)
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochRecord, best_epoch, to_json, write_log
-from t2twin.translate.training.early_stopping import TrainingResult, stop_reason, training_result
-from t2twin.translate.training.warm_start import WarmStart, apply_warm_start
 from t2twin.translate.uncertainty.ood import fit_ood_detector
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """Result of a finished training.
+
+    best_rmse_counts: RMSE on the validation split, counts, the root of the L3 of Grella et al.
+    2023. best_rmse_percent: the same in percent of full scale. best_rmse_grey: for a run that
+    predicts DIGIT images, the RMSE of its pixels, grey levels; best_rmse_counts is None then.
+    """
+
+    run_dir: Path
+    epochs: int
+    best_epoch: int
+    best_rmse_counts: float | None
+    best_rmse_percent: float
+    stop_reason: str
+    best_rmse_grey: float | None = None
+
+    @property
+    def summary(self) -> str:
+        """The result as one clause."""
+        grey = self.best_rmse_grey
+        rmse = f"{self.best_rmse_counts:.0f} counts" if grey is None else f"{grey:.1f} grey levels"
+        return (
+            f"{self.stop_reason}; the best of {self.epochs} epochs is {self.best_epoch}, with a "
+            f"validation RMSE of {rmse} ({self.best_rmse_percent:.2f} %)"
+        )
+
+
+def training_result(run_dir: Path, history: list[EpochRecord], reason: str) -> TrainingResult:
+    """The result of a run with at least one epoch."""
+    best = best_epoch(history)
+    return TrainingResult(
+        run_dir=run_dir,
+        epochs=len(history),
+        best_epoch=best.epoch,
+        best_rmse_counts=best.val_rmse_counts,
+        best_rmse_percent=best.val_rmse_percent,
+        stop_reason=reason,
+        best_rmse_grey=best.val_rmse_grey,
+    )
+
+
+def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
+    """Why a run with this history is finished, or None."""
+    if not history:
+        return None
+    if len(history) >= config.planned_epochs:
+        return "all its epochs are done"
+    if len(history) - best_epoch(history).epoch >= config.preset.patience:
+        return f"{config.preset.patience} epochs brought no better validation"
+    seconds = sum(record.seconds for record in history)
+    if config.minutes is not None and seconds >= 60 * config.minutes:
+        return f"its {config.minutes:g} minutes are over"
+    return None
+
 
 VALIDATION_BATCH = 64
 """Pairs in one batch of validation; bounds memory."""
@@ -39,7 +102,7 @@ TIMED_STEPS = 3
 
 
 class Trainer:
-    """The training of one run, in one of its processes."""
+    """The training of one run, in one of its processes. weights: initial ones, None for random."""
 
     def __init__(
         self,
@@ -48,14 +111,14 @@ class Trainer:
         pairs: Pairs,
         validation: Pairs,
         rank: int,
-        warm_start: WarmStart | None = None,
+        weights: Path | None = None,
     ) -> None:
         self.config = config
         self.out_dir = out_dir
         self.pairs = pairs
         self.validation = validation
         self.rank = rank
-        self.warm_start = warm_start
+        self.weights = weights
         most = min(config.preset.batch, len(pairs))
         self.batch = most - most % config.processes
         self.batches = len(pairs) // self.batch  # no smaller last batch: bad for batch norm
@@ -78,8 +141,8 @@ class Trainer:
                 ood_detector=fit_ood_detector(self.pairs.images),
             )
         self.translator = build(self.config)
-        if self.warm_start is not None:
-            apply_warm_start(self.warm_start, self.translator)
+        if self.weights is not None:
+            load_initial_weights(self.weights, self.translator)
         if resumed:
             self.history = load_state(self.out_dir / LAST, self.translator)
         else:
@@ -255,6 +318,17 @@ class Trainer:
             f"{config.preset.patience} epochs without a better validation.",
             flush=True,
         )
+
+
+def load_initial_weights(path: Path, translator: Translator) -> None:
+    """Loads the weights of another run; those of the shear only if both networks predict it.
+
+    Raises T2TwinError for a file with the weights of another network.
+    """
+    load_weights(path, translator.predictor, optional=(SHEAR,))
+    trained = next(iter(translator.networks.values()))
+    if trained is not translator.predictor:  # the predictor is its weight average
+        trained.load_state_dict(translator.predictor.state_dict())
 
 
 def load_examples(
