@@ -17,8 +17,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Float32, Float32MultiArray
 
 import t2twin
-from t2twin.live.latest_frame import LatestFrame
-from t2twin.live.sources import open_source
+from t2twin.live.sources import LatestFrame, open_source
 
 QUEUE = 5  # messages that a topic keeps for slow subscribers
 

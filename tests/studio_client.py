@@ -39,14 +39,13 @@ CAMERA = {
 class Client:
     """A connection to a studio.
 
-    controls: messages with identifier and properties, by label. images: number of updates of the
-    images. cards: the last update. has_intervals: whether one had the intervals of the pretrained
-    run.
+    controls: messages with identifier and properties, by label. cards: the last update. notices:
+    texts of the notifications so far.
     """
 
     def __init__(self, address: str, **options: Any) -> None:
         self.controls: dict[str, dict[str, Any]] = {}
-        self.images, self.has_intervals = 0, False
+        self.notices: list[str] = []
         self.cards, self._command, self._presses = "", "", 0
         self._socket = websockets.sync.client.connect(
             address.replace("http", "ws", 1), subprotocols=[PROTOCOL], compression=None,
@@ -68,7 +67,7 @@ class Client:
     def open_page(self) -> "Client":
         """Waits for the first images."""
         self.send(CAMERA)
-        if not self.wait_for(lambda: self.images > 0, OPEN_S):
+        if not self.wait_for(lambda: bool(self.cards), OPEN_S):
             raise T2TwinError(f"the page has no image after {OPEN_S:g} s")
         return self
 
@@ -98,29 +97,21 @@ class Client:
             while True:
                 self._read(0.0)
 
-    def wait_closed(self) -> bool:
-        """Whether the studio closes the connection."""
-        self.wait_for(lambda: False)
-        return self._socket.state.name == "CLOSED"
-
-    @property
-    def is_open(self) -> bool:
-        return self._socket.state.name == "OPEN"
-
     def _read(self, timeout_s: float) -> None:
         raw = self._socket.recv(timeout=max(timeout_s, 0.0))
         assert isinstance(raw, bytes)
         size = int.from_bytes(raw[8:16], "little")
         packed = zstandard.ZstdDecompressor().decompress(raw[16 : 16 + size])
         for message in msgspec.msgpack.decode(packed)["messages"]:
-            label = message.get("props", {}).get("label") if "uuid" in message else None
-            if label:
+            properties = message.get("props", {}) if "uuid" in message else {}
+            if label := properties.get("label"):
                 self.controls[label] = message
+            if message["type"].startswith("Notification"):
+                self.notices.append(properties.get("body", ""))
             updates = message.get("updates")
             content = str(updates.get("content")) if isinstance(updates, dict) else ""
             if "data-name" in content:
-                self.images, self.cards = self.images + 1, content
-                self.has_intervals |= 'data-name="intervals"' in content
+                self.cards = content
             if "--force-n" in content:
                 self._command = content
 
@@ -142,15 +133,6 @@ class Target:
         self._process, self._errors = process, errors
         assert process.stdout is not None
         self.address = process.stdout.readline().split()[1]
-
-    @property
-    def memory_mb(self) -> float:
-        """Resident memory of the process, MB."""
-        status = Path(f"/proc/{self._process.pid}/statm")
-        if status.is_file():
-            return int(status.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-        command = ("ps", "-o", "rss=", "-p", str(self._process.pid))
-        return int(subprocess.check_output(command)) * 1024 / 1e6
 
     @property
     def lines(self) -> list[str]:

@@ -13,11 +13,15 @@ from PIL import Image
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.live.folder import FolderSource
 from t2twin.live.follow import follow
-from t2twin.live.frame import Frame, SkippedFrames
-from t2twin.live.latest_frame import LatestFrame
-from t2twin.live.sources import VideoSource, _opencv, open_source
+from t2twin.live.sources import (
+    FolderSource,
+    Frame,
+    LatestFrame,
+    VideoSource,
+    _opencv,
+    open_source,
+)
 from t2twin.translate.inference.predictor import FieldPredictor, require
 from t2twin.translate.uncertainty.ood import OODClass
 
@@ -59,6 +63,9 @@ class Listed:
         self.more(self.left[0].number)
         return self.left.pop(0)
 
+    def close(self):
+        self.left = []
+
 
 @pytest.fixture
 def no_waiting(monkeypatch):
@@ -77,7 +84,6 @@ def no_waiting(monkeypatch):
             slept.append(seconds)
 
     monkeypatch.setattr("t2twin.live.sources.time", Clock)
-    monkeypatch.setattr("t2twin.live.frame.time", Clock)
     return slept
 
 
@@ -195,11 +201,11 @@ def _write_when(reports, path):
     write(path, frame(4), time.time())
 
 
-def test_skipped_frames_are_reported_now_and_then(no_waiting):
+def test_skipped_frames_are_reported_now_and_then(no_waiting, tmp_path):
     reports = []
-    skipped = SkippedFrames(reports.append)
+    source = FolderSource(tmp_path, 0, reports.append)
     for _ in range(40):
-        skipped.add("a.png is damaged")
+        source._skip("a.png", (0, 0, 0), "a.png is damaged")
         no_waiting.append(0.25)  # ten seconds in all
     assert len(reports) == 2 and "21 frames skipped" in reports[1]
 
@@ -213,11 +219,21 @@ def test_a_folder_that_is_closed_ends(tmp_path):
 
 @pytest.mark.parametrize(
     "name, words",
-    [("nowhere", "no source"), ("", "no source"), ("text.mp4", "as a video"), ("99", "camera 99")],
+    [
+        ("nowhere", "no source"),
+        ("", "no source"),
+        ("text.mp4", "as a video"),
+        ("list.m3u8", "as a video"),
+        ("image.mp4", "as a video"),
+        ("99", "camera 99"),
+    ],
 )
 def test_what_gives_no_frames_is_refused(name, words, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "text.mp4").write_text("no video")
+    (tmp_path / "text.mp4").write_text("no video\n" * 1000)  # FFmpeg would render it
+    (tmp_path / "list.m3u8").write_text("#EXTM3U\n#EXTINF:1,\n/etc/hosts\n")
+    Image.fromarray(frame(0)).save(tmp_path / "image.png")
+    (tmp_path / "image.png").rename(tmp_path / "image.mp4")
     with pytest.raises(T2TwinError, match=words):
         open_source(name)
     assert capfd.readouterr() == ("", "")  # nor does OpenCV report anything
@@ -260,12 +276,12 @@ def test_several_take_from_one_source():
 
 
 def test_a_source_s_error_comes_through():
-    class Broken:
+    class Broken(Listed):
         def read(self):
             raise T2TwinError("the camera is gone")
 
     with pytest.raises(T2TwinError, match="gone"):
-        LatestFrame(Broken()).take()
+        LatestFrame(Broken(0)).take()
 
 
 # Lines

@@ -17,8 +17,8 @@ from PIL import Image
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.live.frame import Frame
 from t2twin.live.outputs import RerunOutput, ZmqPublisher
+from t2twin.live.sources import Frame
 from t2twin.rerun_log import RerunLog
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

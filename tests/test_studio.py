@@ -18,13 +18,12 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.depth import TOLERANCE_MM
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world.protocol import indices, press_at, scale_of
-from t2twin.studio.controls.files import COMMAND_FILE, zip_press
+from t2twin.studio import cards, files, solids
+from t2twin.studio.files import COMMAND_FILE, zip_press
+from t2twin.studio.html import color_table, color_values
 from t2twin.studio.press_state import PressState, protocol_press, read_query
 from t2twin.studio.session import Session
 from t2twin.studio.translators import LEVEL, TRAIN_COMMAND, Translators
-from t2twin.studio.transport import uploads
-from t2twin.studio.view import cards, solids
-from t2twin.studio.view.colors import color_table, color_values
 from t2twin.translate.runs.config import DEFAULT_RUN
 
 SHAPE = "hemisphere-4"
@@ -368,12 +367,12 @@ def test_what_a_user_names_is_escaped(result):
 
 
 def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
-    path = uploads.save_upload("shape", "../../e vil$.STL", b"x", tmp_path)
+    path = files.save_upload("shape", "../../e vil$.STL", b"x", tmp_path)
     assert path.read_bytes() == b"x" and path.name == "e_vil.stl"
     assert path.resolve().is_relative_to(tmp_path)
-    again = uploads.save_upload("shape", "..\\..\\$.stl", b"y", tmp_path)
+    again = files.save_upload("shape", "..\\..\\$.stl", b"y", tmp_path)
     assert again.read_bytes() == b"y" and again.resolve().is_relative_to(tmp_path)
-    uploads.remove_uploads("shape", tmp_path, all_but=again)
+    files.remove_uploads("shape", tmp_path, all_but=again)
     assert again.exists() and not path.exists()
 
 
@@ -384,12 +383,12 @@ def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
         ("frame", "a.npz", 3, r"\.png"),
         ("calibration", "a.pkl", 3, r"\.npz"),
         ("layout", "", 3, r"\.csv"),
-        ("shape", "a.stl", uploads.MAX_BYTES + 1, "64 MB"),
+        ("shape", "a.stl", files.MAX_BYTES + 1, "64 MB"),
     ],
 )
 def test_a_file_of_another_kind_or_too_large_is_refused(kind, name, size, words, tmp_path):
     with pytest.raises(T2TwinError, match=words):
-        uploads.save_upload(kind, name, bytes(size), tmp_path)
+        files.save_upload(kind, name, bytes(size), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -19,9 +19,9 @@ from waiting import wait_until
 import t2twin
 from benchmarks.timing.studio_events import act
 from t2twin.cli import main
+from t2twin.studio.files import MAX_BYTES
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import FOLDER, studio
-from t2twin.studio.transport.uploads import MAX_BYTES
 
 SHAPE = "hemisphere-4"
 STATE = PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0)
@@ -220,7 +220,7 @@ def test_on_a_phone_all_of_it_fits_and_each_client_has_its_own_press(desk, opene
 def test_a_file_is_pressed_and_a_bad_one_is_refused_as_by_the_command(desk, tmp_path, capsys):
     tab, page = desk
     (tmp_path / "bad.stl").write_text("no solid")
-    upload(tab, page.controls.upload_shape, tmp_path / "bad.stl")
+    upload(tab, page.controls.uploads["shape"], tmp_path / "bad.stl")
     with pytest.raises(SystemExit):
         main(["press", str(tmp_path / "bad.stl")])
     sentence = capsys.readouterr().err.removeprefix("t2twin: ").strip()
@@ -229,7 +229,7 @@ def test_a_file_is_pressed_and_a_bad_one_is_refused_as_by_the_command(desk, tmp_
     assert tab.get_by_text("Not possible").count()
     assert page.state == STATE
     trimesh.creation.icosphere(subdivisions=3, radius=6.0).export(tmp_path / "my ball.stl")
-    upload(tab, page.controls.upload_shape, tmp_path / "my ball.stl")
+    upload(tab, page.controls.uploads["shape"], tmp_path / "my ball.stl")
     wait_until(lambda: page.state.shape.endswith("my_ball.stl"))
     drawn(tab, page)
     touch = t2twin.press(tmp_path / "my ball.stl", x_mm=1.5, yaw_deg=30.0, force_n=5.0)
@@ -241,7 +241,7 @@ def test_a_file_that_is_too_large_is_dropped_as_it_comes(desk, tmp_path):
     tab, page = desk
     with (tmp_path / "large.stl").open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    upload(tab, page.controls.upload_shape, tmp_path / "large.stl")
+    upload(tab, page.controls.uploads["shape"], tmp_path / "large.stl")
     tab.get_by_text("at most 64 MB are allowed").wait_for()
     assert page._client.gui._current_file_upload_states == {}
     assert page.state == STATE
@@ -263,7 +263,7 @@ def test_a_frame_of_ones_own_is_translated(desk, untrained_runs, tmp_path):
     tab, page = desk
     Image.fromarray(page.result.touch.image).save(tmp_path / "mine.png")
     tab.get_by_text("Translate", exact=True).click()
-    upload(tab, page._tab.upload, tmp_path / "mine.png")
+    upload(tab, page._tab.uploads["frame"], tmp_path / "mine.png")
     counts = t2twin.load(untrained_runs[0]).predict(page.result.touch.image)
     listed = " ".join(str(count) for count in np.rint(counts).astype(int))
     wait_until(lambda: listed in tab.locator("body").inner_text())

@@ -8,10 +8,9 @@ from PIL import Image
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
+from t2twin.studio.access import read_origin
 from t2twin.studio.server import is_loopback
-from t2twin.studio.transport.log import BURST, MAX_LINE, Log
-from t2twin.studio.transport.origin_check import read_origin
-from t2twin.studio.worker import LatestOnlyWorker
+from t2twin.studio.tasks import LatestOnlyWorker
 
 # The newest first
 
@@ -45,7 +44,7 @@ def test_only_the_newest_is_done():
         (("--port", "70000"), "0 to 65535"),
         (("--port", "-1"), "0 to 65535"),
         (("--source", "nowhere"), "no source"),
-        (("--source", "{picture}"), "is an image"),
+        (("--source", "{picture}"), "as a video"),
         (("--background", "{folder}"), "is a folder"),
         (("--background", "nowhere.png"), "there is no file"),
         (("--allow-origin", "evil.example"), "is not an origin"),
@@ -87,15 +86,3 @@ def test_a_text_that_is_no_origin_is_refused(text):
 def test_an_origin_has_the_port_of_its_scheme():
     assert read_origin("https://Lab.example:443") == "https://lab.example"
     assert read_origin("http://[::1]:8080") == "http://[::1]:8080"
-
-
-def test_lines_are_limited_and_have_no_control_characters(capsys):
-    log = Log()
-    for number in range(int(2 * BURST)):
-        log(f"line {number}\n\x1b[31m" + "x" * 10_000)
-    lines = capsys.readouterr().err.splitlines()
-    assert BURST <= len(lines) < 1.5 * BURST
-    assert max(map(len, lines)) <= len("t2twin: ") + MAX_LINE + len(
-        " (400 earlier lines were suppressed)"
-    )
-    assert not any("\x1b" in line for line in lines)

@@ -14,13 +14,12 @@ import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.slide import MAX_STEP_MM
-from t2twin.studio.controls.files import zip_press
+from t2twin.studio import cards, charts
+from t2twin.studio.files import zip_press
 from t2twin.studio.press_state import PressState, read_query
 from t2twin.studio.server import studio
-from t2twin.studio.session import Session
-from t2twin.studio.slide import MAX_STEPS, PATH_FILE
+from t2twin.studio.session import MAX_STEPS, PATH_FILE, Session
 from t2twin.studio.translators import Translators
-from t2twin.studio.view import cards, traction
 
 SHAPE = "hemisphere-4"
 STATE = PressState(SHAPE, force_n=4.0, motion="slide", friction=0.6)
@@ -197,7 +196,7 @@ def test_a_link_contains_the_motion():
 
 def test_arrows_show_the_traction_and_where_the_shape_slips(slid):
     contact = slid.touch.digit
-    arrows = traction.arrows_of(contact)
+    arrows = charts.arrows_of(contact)
     at = arrows.rows, arrows.columns
     assert np.array_equal(arrows.slips, contact.slipping[at])
     assert 0 < arrows.slips.sum() < arrows.slips.size

@@ -9,7 +9,7 @@ import pytest
 
 from t2twin.core import compile_ahead
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.studio import warmup
+from t2twin.studio import shared
 from t2twin.studio.translators import Translators
 
 SLOW = ("torch", "cadquery", "numba", "mujoco", "trimesh")
@@ -88,10 +88,10 @@ def test_translators_are_loaded_after_a_page_has_its_picture(untrained_runs, tmp
 
     translators = Watched()
     translators.search(untrained_runs)
-    shared = warmup.SharedState(translators, tmp_path, page_shown=Seen())
-    monkeypatch.setattr(warmup, "_press", lambda _: order.append(shared.press_ready.is_set()))
-    warmup.warm_up(shared, search=False)
-    assert order == [False, "seen", translators.default_names] and shared.press_ready.is_set()
+    state = shared.SharedState(translators, tmp_path, page_shown=Seen())
+    monkeypatch.setattr(shared, "_press", lambda _: order.append(state.press_ready.is_set()))
+    shared.warm_up(state, search=False)
+    assert order == [False, "seen", translators.default_names] and state.press_ready.is_set()
 
 
 WATCHING = next(

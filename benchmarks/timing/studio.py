@@ -134,11 +134,11 @@ def _start_s(cache: Path) -> float:
 
 def _core_ms(run: Path) -> float:
     """A new force to all that is sent to a page, without one."""
+    from t2twin.studio.cards import press_html, scales_of
     from t2twin.studio.press_state import PressState
     from t2twin.studio.session import Session
+    from t2twin.studio.solids import as_glb, elastomer_part, taxels_part
     from t2twin.studio.translators import Translators
-    from t2twin.studio.view.cards import press_html, scales_of
-    from t2twin.studio.view.solids import as_glb, elastomer_part, taxels_part
 
     translators = Translators()
     translators.search([run])

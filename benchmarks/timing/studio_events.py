@@ -14,7 +14,7 @@ import t2twin
 from t2twin.core.errors import T2TwinError
 from t2twin.studio.page import Page
 from t2twin.studio.server import Studio
-from t2twin.studio.view import notices
+from t2twin.studio.tasks import Notices
 
 WARM = 0.3
 """Part of the events after which memory is looked at first: by then all that is kept is there."""
@@ -35,14 +35,14 @@ def act(served: Studio, pages: Sequence[Page], events: int, folder: Path) -> dic
     """
     rng = np.random.default_rng(0)
     files, exceptions = _files(folder), []
-    wrong = notices.Notices.show_error
+    wrong = Notices.show_error
 
-    def counted(self: notices.Notices, error: Exception) -> None:
+    def counted(self: Notices, error: Exception) -> None:
         if not isinstance(error, T2TwinError | OSError):
             exceptions.append(error)
         wrong(self, error)
 
-    notices.Notices.show_error = counted
+    Notices.show_error = counted
     try:
         first_bytes = 0
         for number in range(events):
@@ -55,7 +55,7 @@ def act(served: Studio, pages: Sequence[Page], events: int, folder: Path) -> dic
                 _send(page, page.controls.sliders[name], value)
         grown = 100.0 * (_held(pages) / first_bytes - 1.0)
     finally:
-        notices.Notices.show_error = wrong
+        Notices.show_error = wrong
     return {
         "events": events,
         "exceptions": len(exceptions),
@@ -82,7 +82,7 @@ def _event(page: Page, rng: np.random.Generator, files: dict[str, bytes]) -> Non
         _send(page, controls.noise, bool(rng.random() < 0.5))
     else:
         name = str(rng.choice(list(files)))
-        button = controls.upload_layout if name.endswith(".csv") else controls.upload_shape
+        button = controls.uploads["layout" if name.endswith(".csv") else "shape"]
         _arrive(page, button, UploadedFile(name, files[name]))
 
 

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from t2twin.live.frame import Frame, Report
-from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.outputs import Output
-from t2twin.live.sources import Source
+from t2twin.live.sources import LatestFrame, Report, Source
 from t2twin.translate.inference.batch import ood_entry
 from t2twin.translate.inference.predictor import (
     NO_BACKGROUND,
@@ -72,74 +70,70 @@ def follow(
     size. outputs: receive each frame and the values of its line too.
     Raises T2TwinError if the source fails, and for a background frame with another model.
     """
-    frame_of_unit = None if background is None else _background(run, background)
-    if background is None and isinstance(run, FieldPredictor):
-        report(NO_BACKGROUND)
-    blank = np.zeros((run.config.preset.size,) * 2, np.uint8)
-    _predict(run, run.pixels_of(blank, frame_of_unit))  # warm-up: the first prediction is slow
-    latest = LatestFrame(source)
+    translate = _translator(run, background, report)
+    latest, throughput = LatestFrame(source), Throughput()
+    reported_s, last, waiting, warned = throughput.began_s, -1, False, False
     try:
-        return _follow(run, latest, write, report, max_frames, (background, frame_of_unit), outputs)
+        while max_frames is None or throughput.translated < max_frames:
+            ended = latest.ended  # read before the frame: a last frame may arrive with the end
+            frame = latest.take(last, REPORT_EVERY_S)
+            if frame is None and ended:
+                break
+            if frame is None:
+                if not waiting and not latest.ended:
+                    report(f"no new frame for {REPORT_EVERY_S:g} s; waiting for the next one")
+                    waiting = True
+                continue
+            last, waiting = frame.number, False
+            values = translate(frame.image)
+            now_s = time.perf_counter()
+            latency_ms = 1e3 * (now_s - frame.arrived_s)
+            line = {
+                "frame": frame.number,
+                **({} if frame.name is None else {"file": frame.name}),
+                "time_s": round(time.time() - latency_ms / 1e3, 6),
+                "latency_ms": round(latency_ms, 3),
+                **values,
+            }
+            write(json.dumps(line))
+            for output in outputs:
+                output(frame, line)
+            throughput.translated, throughput.received = throughput.translated + 1, latest.read
+            throughput.latencies_ms.append(latency_ms)
+            if not values["in_distribution"] and not warned:
+                warned = True
+                report(
+                    f"a frame is unlike the training images of {run.run_dir} "
+                    f"({values['ood_class']}); predictions are only valid for upright frames of "
+                    "the same sensor in the same light, with its own background frame"
+                )
+            if now_s - reported_s >= REPORT_EVERY_S:
+                reported_s = now_s
+                report(str(throughput))
     finally:
         latest.close()
-
-
-def _follow(
-    run: CountsPredictor,
-    latest: LatestFrame,
-    write: Callable[[str], None],
-    report: Report,
-    max_frames: int | None,
-    backgrounds: tuple[np.ndarray | None, np.ndarray | None],
-    outputs: Sequence[Output],
-) -> Throughput:
-    """backgrounds: the background frame, and at the run's size, from `_background`. Other
-    arguments: as for `follow`."""
-    background, resized = backgrounds
-    throughput = Throughput()
-    reported_s, warned, waiting = throughput.began_s, False, False
-    last = -1
-    while max_frames is None or throughput.translated < max_frames:
-        ended = latest.ended  # read before the frame: a last frame may arrive with the end
-        frame = latest.take(last, REPORT_EVERY_S)
-        if frame is None:
-            if ended:
-                break
-            if not waiting and not latest.ended:
-                waiting = True
-                report(f"no new frame for {REPORT_EVERY_S:g} s; waiting for the next one")
-            continue
-        last, waiting = frame.number, False
-        pixels = run.pixels_of(frame.image, resized)
-        predicted = _predict(run, pixels)
-        ood_class = combined(classify_frame(frame.image, background), *run.classify(pixels))
-        entry = predicted | ood_entry(ood_class)
-        now_s = time.perf_counter()
-        latency_ms = 1e3 * (now_s - frame.arrived_s)
-        line = _line(frame, entry, latency_ms)
-        write(json.dumps(line))
-        for output in outputs:
-            output(frame, line)
-        throughput.translated, throughput.received = throughput.translated + 1, latest.read
-        throughput.latencies_ms.append(latency_ms)
-        if not entry["in_distribution"] and not warned:
-            warned = True
-            report(
-                f"a frame is unlike the training images of {run.run_dir} ({ood_class}); "
-                "predictions are only valid for upright frames of the same sensor in the same "
-                "light, with its own background frame"
-            )
-        if now_s - reported_s >= REPORT_EVERY_S:
-            reported_s = now_s
-            report(str(throughput))
     throughput.received = latest.read
     report(str(throughput))
     return throughput
 
 
-def _background(run: CountsPredictor, frame: np.ndarray) -> np.ndarray:
-    """The background frame at the run's size, (S, S, 3) uint8, so that it is resized only once."""
-    return require(run, FieldPredictor, "a background frame").pixels_of(frame)[0]
+def _translator(
+    run: CountsPredictor, background: np.ndarray | None, report: Report
+) -> Callable[[np.ndarray], dict[str, Any]]:
+    """A function from an image to the predicted values of its line. Arguments: as for `follow`."""
+    resized = None
+    if background is not None:  # resized only once
+        resized = require(run, FieldPredictor, "a background frame").pixels_of(background)[0]
+    elif isinstance(run, FieldPredictor):
+        report(NO_BACKGROUND)
+
+    def translate(image: np.ndarray) -> dict[str, Any]:
+        pixels = run.pixels_of(image, resized)
+        ood_class = combined(classify_frame(image, background), *run.classify(pixels))
+        return _predict(run, pixels) | ood_entry(ood_class)
+
+    translate(np.zeros((run.config.preset.size,) * 2, np.uint8))  # the first one is slow
+    return translate
 
 
 def _predict(run: CountsPredictor, pixels: np.ndarray) -> dict[str, Any]:
@@ -147,22 +141,13 @@ def _predict(run: CountsPredictor, pixels: np.ndarray) -> dict[str, Any]:
     if not isinstance(run, FieldPredictor):
         return {"counts": _whole(run.predict_pixels(pixels)[0])}
     estimate = run.estimate_pixels(pixels).first()
-    predicted = {"counts": _whole(estimate.counts), "counts_std": _whole(estimate.counts_std)}
     forces = {"force_n": estimate.force_n, "force_std_n": estimate.force_std_n}
-    known = {name: round(float(value), 3) for name, value in forces.items() if value is not None}
-    return {**predicted, **known}
+    return {
+        "counts": _whole(estimate.counts),
+        "counts_std": _whole(estimate.counts_std),
+        **{name: round(float(value), 3) for name, value in forces.items() if value is not None},
+    }
 
 
 def _whole(values: np.ndarray) -> list[int]:
     return np.rint(values).astype(int).tolist()
-
-
-def _line(frame: Frame, predicted: dict[str, Any], latency_ms: float) -> dict[str, Any]:
-    file = {} if frame.name is None else {"file": frame.name}
-    return {
-        "frame": frame.number,
-        **file,
-        "time_s": round(time.time() - latency_ms / 1e3, 6),
-        "latency_ms": round(latency_ms, 3),
-        **predicted,
-    }

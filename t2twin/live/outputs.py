@@ -8,7 +8,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from t2twin.core.errors import T2TwinError
-from t2twin.live.frame import Frame
+from t2twin.live.sources import Frame
 from t2twin.rerun_log import RerunLog
 
 Output = Callable[[Frame, dict[str, Any]], None]

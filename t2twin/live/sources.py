@@ -1,15 +1,21 @@
-"""Sources of frames: a camera, a video file at its own frame rate, a folder of images."""
+"""Sources of frames: a camera, a video file at its own frame rate, a folder of images.
+
+`LatestFrame` reads any of them and drops the frames that are not taken in time.
+"""
 
 import os
+import stat
 import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from threading import Condition, Thread
 from typing import Any, Protocol
 
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.live.folder import POLL_S, READ_TIMEOUT_S, FolderSource
-from t2twin.live.frame import Frame, Report, rotated
 
 DEFAULT_HZ = 60.0
 """Frame rate of a video without a valid rate: that of a DIGIT (digit-interface)."""
@@ -27,15 +33,60 @@ MAX_CAMERA_DIGITS = 4
 TURNS_DEG = (0, 90, 180, 270)
 """Allowed clockwise rotations of frames."""
 
-HEAD_BYTES = 4096
-"""Number of bytes of a file that are checked for text (assumed)."""
+FFMPEG_OPTIONS = {
+    "protocol_whitelist": "file",
+    "format_whitelist": "avi,mov,matroska,mpegts,mpeg,mpegvideo,h264,hevc,mjpeg,flv,asf,ogg,gif,"
+    "ivf,mxf,yuv4mpegpipe",
+}
+"""Limits of FFmpeg to videos in local files: it also renders text and images as videos, and opens
+the files and addresses of a playlist."""
+
+POLL_S = 0.002
+"""Polling period of a folder, s: an eighth of the period of a 60 Hz camera."""
+
+READ_TIMEOUT_S = 1.0
+"""Time for which an unreadable file is read again after its last change, and a camera that returns
+no frame, s (assumed)."""
+
+RECENT = 64
+"""Number of recently read files that every poll checks for changes (assumed). All files are checked
+less often, because checking tens of thousands of them takes longer than a frame."""
+
+FULL_SCAN_EVERY_S, FULL_SCAN_SHARE = 0.5, 0.05
+"""Minimum time between two checks of all files, s, and maximum share of the time that they take
+(assumed)."""
+
+REPORT_EVERY_S = 5.0
+"""Minimum time between two reports of skipped frames, s (assumed)."""
+
+Report = Callable[[str], None]
+"""Receives a message for the user."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame of a source.
+
+    image: (h, w, 3) or (h, w) uint8, upright. number: position in the source, from 0. name: file
+    name in a folder, None otherwise. arrived_s: arrival on the clock of time.perf_counter.
+    """
+
+    image: np.ndarray
+    number: int
+    name: str | None
+    arrived_s: float
 
 
 class Source(Protocol):
     """A sequence of frames."""
 
     def read(self) -> Frame | None:
-        """Waits for the next frame; None after the last. Raises T2TwinError if the source fails."""
+        """Waits for the next frame; None after the last and after `close`. Raises T2TwinError if
+        the source fails."""
+        ...
+
+    def close(self) -> None:
+        """Ends `read`, of a camera or a video after its next frame."""
         ...
 
 
@@ -59,11 +110,6 @@ def open_source(name: str, turn_deg: int = 0, report: Report = _silent) -> Sourc
         if name and path.is_dir():
             return FolderSource(path, turn_deg, report)
         if path.is_file():
-            if _is_image(path):
-                raise T2TwinError(
-                    f"{name} is an image, not a source of frames; expected a camera number, a "
-                    "video file or a folder"
-                )
             return VideoSource(path, turn_deg, report)
     except OSError as error:
         raise T2TwinError(
@@ -81,7 +127,7 @@ def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
     """
     from t2twin.translate.data.images import open_image  # imports torch
 
-    return rotated(np.asarray(open_image(path)), turn_deg)
+    return _rotated(np.asarray(open_image(path)), turn_deg)
 
 
 class CameraSource:
@@ -98,21 +144,24 @@ class CameraSource:
                 "no other program uses"
             )
         self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older frames are not needed
-        self._name, self._turn_deg, self._count = f"camera {number}", turn_deg, 0
+        self._number, self._turn_deg, self._count = number, turn_deg, 0
+        self._closed = False
 
     def read(self) -> Frame | None:
-        failed_s: float | None = None
-        while True:
+        due_s = time.monotonic() + READ_TIMEOUT_S
+        while not self._closed:
             ok, bgr = self._capture.read()
             if ok:
-                break
-            failed_s = failed_s or time.monotonic()
-            if time.monotonic() - failed_s >= READ_TIMEOUT_S:
-                raise T2TwinError(f"{self._name} returns no frames; check its connection")
+                self._count += 1
+                image = _rotated(bgr[:, :, ::-1], self._turn_deg)
+                return Frame(image, self._count - 1, None, time.perf_counter())
+            if time.monotonic() >= due_s:
+                raise T2TwinError(f"camera {self._number} returns no frames; check its connection")
             time.sleep(POLL_S)  # a damaged frame is not the end
-        frame = Frame(_upright(bgr, self._turn_deg), self._count, None, time.perf_counter())
-        self._count += 1
-        return frame
+        return None
+
+    def close(self) -> None:
+        self._closed = True
 
 
 class VideoSource:
@@ -123,12 +172,14 @@ class VideoSource:
 
     def __init__(self, path: Path, turn_deg: int = 0, report: Report = _silent) -> None:
         cv2 = _opencv()
-        # FFmpeg renders text as a video, and opens the files of a playlist.
-        self._capture = cv2.VideoCapture()
-        if not _is_text(path):
-            self._capture.open(str(path), cv2.CAP_FFMPEG)
+        with path.open("rb"):
+            pass  # raises the reason, which OpenCV does not state
+        self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         if not self._capture.isOpened():
-            raise T2TwinError(f"{path} cannot be read as a video")
+            raise T2TwinError(
+                f"{path} cannot be read as a video; expected a video file, such as AVI, MP4 or "
+                "MKV, or a folder of images"
+            )
         hz = self._capture.get(cv2.CAP_PROP_FPS)
         if not MIN_HZ <= hz <= MAX_HZ:
             report(f"{path} states {hz:g} frames/s; {DEFAULT_HZ:g} frames/s are used instead")
@@ -137,8 +188,11 @@ class VideoSource:
         self._path, self._period_s, self._report = path, 1.0 / hz, report
         self._turn_deg, self._count = turn_deg, 0
         self._began_s: float | None = None
+        self._closed = False
 
     def read(self) -> Frame | None:
+        if self._closed:
+            return None
         if self._began_s is None:
             self._began_s = time.perf_counter()
         due_s = self._began_s + self._count * self._period_s
@@ -146,10 +200,13 @@ class VideoSource:
         if not ok:
             self._check_end()
             return None
-        frame = Frame(_upright(bgr, self._turn_deg), self._count, None, due_s)
+        frame = Frame(_rotated(bgr[:, :, ::-1], self._turn_deg), self._count, None, due_s)
         self._count += 1
         time.sleep(max(0.0, due_s - time.perf_counter()))
         return frame
+
+    def close(self) -> None:
+        self._closed = True
 
     def _check_end(self) -> None:
         if not self._count:
@@ -161,39 +218,193 @@ class VideoSource:
             )
 
 
-def _is_image(path: Path) -> bool:
-    """Whether a file is an image, which FFmpeg opens as a video of one frame."""
-    from t2twin.core.images import check_image_header
+_Version = tuple[int, int, int]
+"""Identifies one content of a file: time of its last change, ns, size in bytes, and inode."""
 
+
+class FolderSource:
+    """PNG and JPEG files of a folder: the latest existing file first, then new files.
+
+    A rewritten file is a new frame. An incomplete file is retried; if it remains unreadable for
+    read_timeout_s after its last change, it is skipped and reported. Subfolders, hidden files,
+    pipes and devices are ignored. Raises T2TwinError if the folder cannot be listed.
+    """
+
+    def __init__(
+        self, path: Path, turn_deg: int, report: Report, read_timeout_s: float = READ_TIMEOUT_S
+    ) -> None:
+        self._path, self._turn_deg, self._report = path, turn_deg, report
+        self._read_timeout_s = read_timeout_s
+        self._count, self._skipped, self._report_due_s = 0, 0, 0.0
+        self._recent: deque[str] = deque(maxlen=RECENT)  # names of processed files
+        self._done: dict[str, _Version] = {}  # processed contents
+        self._full_scan_due_s = 0.0  # monotonic
+        self._closed = False
+        self._done.update(sorted(self._listed().items(), key=_age)[:-1])
+
+    def read(self) -> Frame | None:
+        while not self._closed:
+            frame = self._latest()
+            if frame is not None:
+                return frame
+            time.sleep(POLL_S)
+        return None
+
+    def close(self) -> None:
+        self._closed = True
+
+    def _latest(self) -> Frame | None:
+        """The latest readable frame that was not read yet. Older frames are dropped."""
+        listed = self._listed()
+        for name in self._done.keys() - listed.keys():
+            del self._done[name]
+        new = [each for each in listed.items() if self._done.get(each[0]) != each[1]]
+        new.sort(key=_age)
+        while new:
+            name, version = new[-1]
+            arrived_s = time.perf_counter()
+            image = self._image(name, version)
+            if image is not None:
+                self._done.update(new)
+                self._recent.extend(name for name, _ in new)
+                self._count += len(new)
+                return Frame(_rotated(image, self._turn_deg), self._count - 1, name, arrived_s)
+            new.pop()
+        return None
+
+    def _image(self, name: str, version: _Version) -> np.ndarray | None:
+        """The image of a file; None if it is incomplete or was rewritten during reading."""
+        from t2twin.translate.data.images import open_image  # imports torch
+
+        modified_ns, _, inode = version
+        try:
+            image = np.asarray(open_image(self._path / name))
+        except T2TwinError as error:
+            if time.time() - modified_ns / 1e9 >= self._read_timeout_s:
+                self._skip(name, version, str(error))
+            return None
+        after = _version(self._path / name)
+        rewritten = after is not None and after != version and after[2] == inode
+        return None if rewritten else image
+
+    def _skip(self, name: str, version: _Version, reason: str) -> None:
+        """Counts a frame that remains unreadable, and reports it at a limited rate."""
+        self._done[name] = version
+        self._count, self._skipped = self._count + 1, self._skipped + 1
+        if time.monotonic() >= self._report_due_s:
+            self._report_due_s = time.monotonic() + REPORT_EVERY_S
+            frames = "frame" if self._skipped == 1 else "frames"
+            self._report(f"{self._skipped} {frames} skipped so far; latest: {reason}")
+
+    def _listed(self) -> dict[str, _Version]:
+        """Versions of the image files. Raises T2TwinError if the folder cannot be listed."""
+        began_s = time.monotonic()
+        is_full = began_s >= self._full_scan_due_s
+        recent, listed = set(self._recent), {}
+        for name in self._names():
+            known = None if is_full or name in recent else self._done.get(name)
+            version = known or _version(self._path / name)
+            if version is not None:
+                listed[name] = version
+        if is_full:
+            now_s = time.monotonic()
+            pause_s = max(FULL_SCAN_EVERY_S, (now_s - began_s) / FULL_SCAN_SHARE)
+            self._full_scan_due_s = now_s + pause_s
+        return listed
+
+    def _names(self) -> list[str]:
+        from t2twin.translate.inference.batch import SUFFIXES  # imports torch, as above
+
+        try:
+            names = [path.name for path in self._path.iterdir()]
+        except (FileNotFoundError, NotADirectoryError):
+            raise T2TwinError(f"the folder {self._path} no longer exists") from None
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise T2TwinError(f"the folder {self._path} cannot be listed ({reason})") from error
+        return [name for name in names if name.lower().endswith(SUFFIXES) and name[0] != "."]
+
+
+class LatestFrame:
+    """Reads a source in a thread of its own. read: number of frames read so far.
+
+    A queue.Queue would give each frame to one taker only; here all takers get the latest one.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.read = 0
+        self._source = source
+        self._frame: Frame | None = None
+        self._ended = False
+        self._error: Exception | None = None
+        self._changed = Condition()
+        # A daemon thread: the process does not wait for a camera when it stops.
+        Thread(target=self._run, daemon=True).start()
+
+    def take(self, after: int = -1, timeout_s: float | None = None) -> Frame | None:
+        """Waits for a frame with a number above `after` and returns the latest one.
+
+        Returns None after the end of the source and after the timeout. Several threads may take
+        frames. Raises the exception that the source raised.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self.read > after + 1 or self._ended, timeout_s)
+            if self._frame is not None and self._frame.number > after:
+                return self._frame
+            if self._error is not None:
+                raise self._error
+            return None
+
+    def close(self) -> None:
+        """Stops reading, without waiting for a frame that is being read."""
+        self._source.close()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the source has ended."""
+        with self._changed:
+            return self._ended
+
+    def _run(self) -> None:
+        try:
+            while (frame := self._source.read()) is not None:
+                with self._changed:
+                    self._frame, self.read = frame, frame.number + 1
+                    self._changed.notify_all()
+        except Exception as error:  # `take` raises it
+            self._error = error
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+
+def _rotated(image: np.ndarray, turn_deg: int) -> np.ndarray:
+    """The image rotated clockwise by a multiple of 90 degrees."""
+    return np.ascontiguousarray(np.rot90(image, -turn_deg // 90))
+
+
+def _age(item: tuple[str, _Version]) -> tuple[int, str]:
+    """Sort key of files, the latest last."""
+    name, (modified_ns, *_) = item
+    return modified_ns, name
+
+
+def _version(path: Path) -> _Version | None:
+    """The version of a regular file; None for anything else and for a missing file."""
     try:
-        with path.open("rb") as file:
-            check_image_header(file, ("PNG", "JPEG", "BMP", "TIFF"))
-    except T2TwinError:
-        return False
-    return True
-
-
-def _is_text(path: Path) -> bool:
-    """Whether a file begins with text, unlike any video. Raises OSError if it is unreadable."""
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
-    try:
-        text = head.decode()
-    except UnicodeDecodeError as error:
-        text = head[: error.start].decode() if error.start > len(head) - 4 else "\0"
-    return all(character.isprintable() or character in "\t\r\n\x1b" for character in text)
-
-
-def _upright(bgr: np.ndarray, turn_deg: int) -> np.ndarray:
-    """A frame of OpenCV as (h, w, 3) RGB, rotated upright."""
-    return rotated(bgr[:, :, ::-1], turn_deg)
+        status = path.stat()
+    except OSError:
+        return None
+    if not stat.S_ISREG(status.st_mode):
+        return None
+    return status.st_mtime_ns, status.st_size, status.st_ino
 
 
 def _opencv() -> Any:
-    """OpenCV, silent and limited to local files. Raises T2TwinError if it is not installed."""
-    # A video may refer to other files and addresses, and FFmpeg prints messages of its own.
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = "protocol_whitelist;file"
+    """OpenCV, silent and limited by FFMPEG_OPTIONS. Raises T2TwinError if it is not installed."""
+    options = "|".join(f"{name};{value}" for name, value in FFMPEG_OPTIONS.items())
+    os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = options
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's own messages
     try:
         import cv2
     except ImportError:

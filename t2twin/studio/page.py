@@ -7,17 +7,15 @@ from typing import Any
 
 import viser
 
-from t2twin.studio.controls.files import FileTasks
-from t2twin.studio.controls.press import MAX_SLIDER_N, MIN_SLIDER_N, Controls
-from t2twin.studio.controls.translate_tab import TranslateTab
-from t2twin.studio.controls.view_options import ViewOptions
+from t2twin.studio.cards import Scales, press_html, reproduce_html, scales_of, welcome_html
+from t2twin.studio.controls import MAX_SLIDER_N, MIN_SLIDER_N, Controls, ViewOptions
+from t2twin.studio.files import FileTasks
 from t2twin.studio.press_state import PressState
+from t2twin.studio.scene import Drag, Scene
 from t2twin.studio.session import PressResult, Session
-from t2twin.studio.view.cards import Scales, press_html, reproduce_html, scales_of, welcome_html
-from t2twin.studio.view.notices import Notices
-from t2twin.studio.view.scene import Drag, Scene
-from t2twin.studio.warmup import SharedState
-from t2twin.studio.worker import LatestOnlyWorker
+from t2twin.studio.shared import SharedState
+from t2twin.studio.tasks import LatestOnlyWorker, Notices
+from t2twin.studio.translate_tab import TranslateTab
 
 DEGREES_PER_MM, NEWTONS_PER_MM = 4.0, 0.25
 """Rotation of a drag to the right with Shift, and force of a drag downwards with Ctrl (assumed)."""
@@ -69,7 +67,7 @@ class Page:
             lambda: self._notices.guard(self._scene.hide_old_surfaces),
         )
         # Loads in a thread of its own, so that the page still follows its sliders.
-        self._loader = LatestOnlyWorker(lambda: self._notices.guard(self._load), lambda: None)
+        self._loader = LatestOnlyWorker(lambda: self._notices.guard(self._load))
         self.update_runs()
         self._worker.request()
 
@@ -78,7 +76,6 @@ class Page:
         self._worker.stop()
         self._loader.stop()
         self._tab.close()
-        self._shared.uploads.remove_client(self._client)
         self.files.remove()
 
     def join(self, timeout_s: float) -> None:
@@ -135,7 +132,6 @@ class Page:
 
     def _build(self) -> None:
         gui = self._client.gui
-        self._shared.uploads.add_client(self._client, self._notices.show_error)
         gui.set_panel_label("t2twin studio")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
@@ -155,14 +151,7 @@ class Page:
         with cards.add_tab("Images", viser.Icon.PHOTO):
             self._cards = gui.add_html("")
         with cards.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
-            self._tab = TranslateTab(
-                self._client,
-                self._shared.translators,
-                self._notices,
-                self._shared.frame_source,
-                self._shared.background,
-                lambda: self.result,
-            )
+            self._tab = TranslateTab(self._client, self._shared, self._notices, lambda: self.result)
         self.files.connect(self.controls, self._tab)
         cards.dock_right()
         cards.set_width(CARDS_PX)

@@ -23,18 +23,10 @@ import viser
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import remove_leftovers, temporary_folder
-from t2twin.studio.frame_source import FrameSource, read_frame
+from t2twin.studio.access import OriginCheck, checked_server
+from t2twin.studio.shared import FrameSource, SharedState, read_frame, warm_up
+from t2twin.studio.tasks import Notices
 from t2twin.studio.translators import Translators
-from t2twin.studio.transport.connection import Connection, guarded_server
-from t2twin.studio.transport.messages import (
-    FileTransferPart,
-    FileTransferStartUpload,
-    GuiUpdateMessage,
-    check_update,
-)
-from t2twin.studio.transport.origin_check import OriginCheck
-from t2twin.studio.view.notices import Notices
-from t2twin.studio.warmup import SharedState, warm_up
 
 if TYPE_CHECKING:
     from t2twin.studio.page import Page
@@ -67,7 +59,7 @@ class Studio:
     ) -> None:
         self._shared = shared
         self.pages: dict[int, Page] = {}
-        with redirect_stdout(io.StringIO()), guarded_server(origin_check):  # hides viser's message
+        with redirect_stdout(io.StringIO()), checked_server(origin_check):  # hides viser's message
             self._server = _Server(host, port, verbose=False)
         name = f"[{host}]" if ":" in host else host
         self.address = f"http://{name}:{self._server.get_port()}"
@@ -95,13 +87,10 @@ class Studio:
         from t2twin.studio.press_state import PressState, read_query
 
         connection = self._server._websock_server._live_connections.get(client.client_id)
-        if not isinstance(connection, Connection):
+        if connection is None or connection.request is None:
             return  # already disconnected
         buffer = client._websock_connection.get_message_buffer()
         buffer._warned_push_after_done = True  # a press may end after its page is closed
-        connection.unsent = lambda: len(buffer.message_from_id)
-        connection.check = partial(self._check, client)
-        assert connection.request is not None
         address = connection.request.headers.get("Origin", self.address)
         state, error = PressState(), None
         try:
@@ -125,16 +114,6 @@ class Studio:
             gc.collect()  # a page contains reference cycles
             with suppress(OSError, AttributeError):  # C libraries other than glibc
                 ctypes.CDLL(None).malloc_trim(0)  # malloc retains freed memory, 50 MB a page
-
-    def _check(self, client: viser.ClientHandle, message: object) -> bool:
-        """Whether a message is passed to viser. Raises T2TwinError for one that no page sends."""
-        if isinstance(message, GuiUpdateMessage):
-            check_update(client.gui, message)
-        elif isinstance(message, FileTransferStartUpload):
-            return self._shared.uploads.accepts_start(client, message)
-        elif isinstance(message, FileTransferPart):
-            return self._shared.uploads.accepts_part(client, message)
-        return True
 
 
 class _Server(viser.ViserServer):

@@ -11,8 +11,7 @@ from cases import NOISE, Base, Case, Content, laid, link
 from pictures import JPEG, PNG, bomb, encoded, frame, grey16
 
 from t2twin.core.errors import T2TwinError
-from t2twin.live.folder import FolderSource
-from t2twin.live.sources import open_source
+from t2twin.live.sources import FolderSource, open_source
 
 LIVE = "live --run {resnet18} "
 FRAME: dict[str, Content] = {"d/x.png": PNG}
@@ -103,7 +102,7 @@ def cases() -> Iterator[Case]:
         yield Case(f"source {name[:20]!r}", f"{LIVE} '{name}'", says=says)
     for name, content in NO_VIDEO.items():
         yield Case(name, LIVE + name, laid({name: content}), "cannot be read as a video")
-    yield Case("one image", LIVE + "x.png", laid({"x.png": PNG}), "is an image")
+    yield Case("one image", LIVE + "x.png", laid({"x.png": PNG}), "cannot be read as a video")
     for option in OPTIONS.strip().replace("\n", "|").split("|"):
         words, _, says = option.partition(" => ")
         yield Case(f"live {words}", f"{LIVE} d {words}", laid(FRAME), says)

@@ -12,9 +12,10 @@ from cases import REFUSED, Base, Case
 
 from t2twin.core.errors import T2TwinError
 
-KINDS = {"command_lines": 20, "pictures": 4, "files": 16, "frames": 10, "pairs": 5, "stored": 18,
-         "solids": 5, "caches": 1, "places": 9, "recipes": 5, "python_api": 26, "live_sources": 5,
-         "studio_messages": 10}  # fmt: skip
+KINDS = {
+    "command_lines": 20, "pictures": 4, "files": 16, "frames": 10, "pairs": 5, "stored": 18,
+    "solids": 5, "caches": 1, "places": 9, "recipes": 5, "python_api": 26, "live_sources": 5,
+}  # fmt: skip
 """Modules with a function `cases`, imported by their tests, and the number of these tests: about
 20 cases each, so that the workers end at about the same time."""
 
@@ -49,8 +50,6 @@ def base(small_dataset, trained, products) -> Iterator[Base]:
         "evaluation", lambda folder: evaluate_both(runs, small_dataset, folder)
     )
     yield Base(small_dataset, touch2touch, resnet18, evaluation)
-    if "studio_messages" in sys.modules:
-        sys.modules["studio_messages"].STACK.close()
 
 
 @pytest.mark.parametrize("kind, part", list(parts()))

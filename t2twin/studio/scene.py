@@ -14,8 +14,9 @@ import viser
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
 from t2twin.sim.contact.types import Contact
+from t2twin.studio.charts import SLIP_RGB, STICK_RGB, arrows_of
 from t2twin.studio.session import PressResult
-from t2twin.studio.view.solids import (
+from t2twin.studio.solids import (
     ShapeStyle,
     as_glb,
     cut_open,
@@ -27,7 +28,6 @@ from t2twin.studio.view.solids import (
     taxels_part,
     without_plate,
 )
-from t2twin.studio.view.traction import SLIP_RGB, STICK_RGB, arrows_of
 
 Sensors = Literal["both", "DIGIT", "CySkin"]
 """Visible sensors."""

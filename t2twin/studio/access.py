@@ -1,4 +1,4 @@
-"""Checks the Origin and Host headers of requests before the handshake.
+"""Which pages may connect: checks of the Origin and Host headers, before viser handles a request.
 
 Any web page that a user opens could connect to a studio on the same machine. The Origin header
 contains the site of the connecting page. The Host header contains the name that the browser
@@ -6,13 +6,23 @@ resolved, which a hostile name server may direct to this machine (DNS rebinding)
 """
 
 import socket
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from http import HTTPStatus
 from ipaddress import IPv6Address, ip_address
+from threading import Lock
+from typing import Any
 from urllib.parse import urlsplit
 
-from websockets.http11 import Request
+from websockets.asyncio import server as websocket_server
+from websockets.asyncio.server import ServerConnection
+from websockets.http11 import Request, Response
 
 from t2twin.core.errors import T2TwinError
+from t2twin.studio.tasks import log
+
+MAX_MESSAGE = 2**20
+"""Maximum size of a message of a page, bytes: twice a part of an upload (512 KiB in viser)."""
 
 OWN_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 """Loopback names (RFC 6761, RFC 1122, RFC 4291)."""
@@ -47,10 +57,9 @@ class OriginCheck:
     """
 
     def __init__(self, host: str, allowed: Sequence[str] = ()) -> None:
-        self.allowed = frozenset(map(read_origin, allowed))
-        self._names = (
-            OWN_NAMES | {urlsplit(each).hostname for each in self.allowed} | {host.lower()}
-        )
+        self._allowed = frozenset(map(read_origin, allowed))
+        self._names = OWN_NAMES | {urlsplit(each).hostname for each in self._allowed}
+        self._names |= {host.lower()}
         if host not in OWN_NAMES:
             name = socket.gethostname().lower()
             self._names |= {name, f"{name}.local"}
@@ -74,12 +83,60 @@ class OriginCheck:
         # The Host header has no scheme, so it may be that of either scheme.
         own = {read_origin(f"{scheme}://{given}") for scheme in PORTS}
         for origin in request.headers.get_all("Origin"):
-            if origin.lower() not in self.allowed | own:
+            if origin.lower() not in self._allowed | own:
                 return (
                     f"a request of a page of {origin[:80]!r} was refused; to allow such pages, "
                     "start the studio with --allow-origin"
                 )
         return ""
+
+    def policy(self, host: str) -> str:
+        """Content security policy of the page. host: the Host header.
+
+        viser's page connects to the address in its link and obeys the server there. The policy
+        restricts these addresses, so that a forged link cannot connect it to another server, and
+        prevents other sites from embedding the page.
+        """
+        sites = " ".join(self._allowed)
+        sockets = f"ws://{host} wss://{host} {sites.replace('http', 'ws')}"
+        return f"connect-src 'self' data: blob: {sites} {sockets}; frame-ancestors 'self' {sites}"
+
+
+_serving = Lock()
+"""Held while the server function is replaced, so that two studios do not start at once."""
+
+
+@contextmanager
+def checked_server(origin_check: OriginCheck) -> Iterator[None]:
+    """Within the block, viser starts its server with a check of origins; it has no option for it.
+
+    Refused requests are logged, and their response is the reason.
+    """
+    serve = websocket_server.serve
+
+    def checked(handler: Any, host: str, port: int, **options: Any) -> Any:
+        page = options["process_request"]
+
+        def process_request(connection: ServerConnection, request: Request) -> Response | None:
+            refusal = origin_check.refusal(request, connection.local_address[0])
+            if refusal:
+                log(refusal)
+                return connection.respond(HTTPStatus.FORBIDDEN, refusal + "\n")
+            response = page(connection, request)
+            if response is not None:
+                policy = origin_check.policy(request.headers["Host"])
+                response.headers["Content-Security-Policy"] = policy
+            return response
+
+        options |= {"process_request": process_request, "max_size": MAX_MESSAGE}
+        return serve(handler, host, port, **options)
+
+    with _serving:
+        websocket_server.serve = checked  # pyright: ignore[reportAttributeAccessIssue]
+        try:
+            yield
+        finally:
+            websocket_server.serve = serve
 
 
 def _plain_address(address: str) -> str:

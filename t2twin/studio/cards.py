@@ -9,30 +9,37 @@ import numpy as np
 from t2twin.sim.cyskin.phi import PX_PER_MM, TACTILE_SHAPE
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.touch import Touch
-from t2twin.studio.frame_source import NamedFrame
-from t2twin.studio.session import PressResult
-from t2twin.studio.translators import TRAIN_COMMAND, Translation
-from t2twin.studio.view.charts import PERCENT, SENSORS, intervals_html, slide_html
-from t2twin.studio.view.colors import (
+from t2twin.studio.charts import (
+    PERCENT,
+    SENSORS,
+    SLIP_RGB,
+    STICK_RGB,
+    arrows_of,
+    half_side_mm,
+    intervals_html,
+    map_svg,
+    slide_html,
+)
+from t2twin.studio.html import (
     DIVERGING,
     SEQUENTIAL,
-    color_image_url,
-    color_values,
-    gradient,
-    image_url,
-)
-from t2twin.studio.view.html import (
     STYLE,
     code,
+    color_image_url,
+    color_values,
     figure,
+    gradient,
     heading,
+    image_url,
     key,
     page,
     paragraph,
     row,
     table,
 )
-from t2twin.studio.view.traction import SLIP_RGB, STICK_RGB, arrows_of, half_side_mm, map_svg
+from t2twin.studio.session import PressResult
+from t2twin.studio.shared import NamedFrame
+from t2twin.studio.translators import TRAIN_COMMAND, Translation
 
 NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 """Leading digits of a color bar's upper end."""

@@ -10,13 +10,11 @@ import numpy as np
 import viser
 
 from t2twin.sim.digit.optics import NOISE_GREY
-from t2twin.studio.controls.inputs import Inputs, markdown_safe
-from t2twin.studio.frame_source import FrameSource, NamedFrame, read_frame
+from t2twin.studio.cards import frame_html
+from t2twin.studio.controls import Inputs, markdown_safe
 from t2twin.studio.session import PressResult
-from t2twin.studio.translators import Translators
-from t2twin.studio.view.cards import frame_html
-from t2twin.studio.view.notices import Notices
-from t2twin.studio.worker import LatestOnlyWorker
+from t2twin.studio.shared import FrameSource, NamedFrame, SharedState, read_frame
+from t2twin.studio.tasks import LatestOnlyWorker, Notices
 
 MAX_SHOWN_HZ = 15.0
 """Maximum rate at which a page receives frames of a live source (assumed)."""
@@ -28,39 +26,38 @@ NO_BACKGROUND = "Background frame: **none**; field runs use the mean of their tr
 class TranslateTab:
     """Created inside the container of the tab.
 
-    frame_source, background: of the studio, if it has them. get_result: returns the shown press.
+    get_result: returns the shown press. uploads: buttons by kind of file.
     """
 
     def __init__(
         self,
         client: viser.ClientHandle,
-        translators: Translators,
+        shared: SharedState,
         notices: Notices,
-        frame_source: FrameSource | None,
-        background: NamedFrame | None,
         get_result: Callable[[], PressResult | None],
     ) -> None:
-        self._translators, self._notices, self._get_result = translators, notices, get_result
+        self._translators, self._notices = shared.translators, notices
+        self._get_result = get_result
         self._runs: tuple[str, ...] = ()
         self._get_frame: Callable[[], NamedFrame | None] = lambda: None
         self._live: Event | None = None  # set to stop following the source
-        self._worker = LatestOnlyWorker(lambda: notices.guard(self._translate), lambda: None)
+        self._worker = LatestOnlyWorker(lambda: notices.guard(self._translate))
         gui, inputs = client.gui, Inputs(client.gui, notices)
         gui.add_markdown(
             "Predicts CySkin counts from an upright frame of a DIGIT (rows along its length)."
         )
-        self.upload = inputs.upload("Upload a frame", "PNG or JPEG of any size")
+        self.uploads = {"frame": inputs.upload("Upload a frame", "PNG or JPEG of any size")}
         inputs.button("Current image, with noise", viser.Icon.PHOTO, self._show_current)
         self._background_name = gui.add_markdown("")
-        self.upload_background = inputs.upload(
+        self.uploads["background"] = inputs.upload(
             "Upload a background frame", "Frame of the same DIGIT without contact, PNG or JPEG"
         )
         self._no_background = inputs.button(
             "Remove the background frame", viser.Icon.X, lambda: self._set_background(None)
         )
-        self._set_background(background)
-        if frame_source is not None:
-            self._add_source(inputs, frame_source)
+        self._set_background(shared.background)
+        if shared.frame_source is not None:
+            self._add_source(inputs, shared.frame_source)
         self._shown = gui.add_html("")
 
     def close(self) -> None:

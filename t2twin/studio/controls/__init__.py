@@ -1,1 +1,0 @@
-"""Controls of a page: the press, files, frames to translate, and view options."""

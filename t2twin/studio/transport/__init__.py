@@ -1,1 +1,0 @@
-"""Connections to clients: origins, messages, uploads and the log."""

@@ -1,1 +1,0 @@
-"""Output of a page: the scene, the cards and notices."""
