@@ -20,6 +20,7 @@ from t2twin.sim.dataset.columns import SCHEMA
 from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.world.plan import shard_path
+from t2twin.sim.world.recipe import PAPER, load_recipe
 from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import Trainer
 
@@ -73,8 +74,10 @@ def write_spots(
             full_scale_counts=FULL_SCALE_COUNTS,
             versions=versions(),
             shards=shards,
+            image_shape=(ROWS, COLUMNS, 3),
             scale=scale,
             seed=None if scale is None else seed,
+            world=None if scale is None else load_recipe(PAPER),
         ),
     )
     return folder

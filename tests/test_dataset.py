@@ -167,9 +167,9 @@ def test_verify_finds_what_a_digest_cannot(made, tmp_path, capsys):
         ({"split": ["train", "val", "train"]}, "another split"),
         ({"image": [{"bytes": b"no picture", "path": ""}, *image[1:]]}, "cannot be decoded"),
         ({"image": [None, *image[1:]]}, "cannot be decoded"),
-        ({"index": [None, *index[1:]]}, "has no index"),
-        ({"taxels": [None, *counts[1:]]}, "0 taxels"),
-        ({"taxels": [[40_001] * 20, *counts[1:]]}, "outside of 0 to 40000"),
+        ({"index": [None, *index[1:]]}, "index has empty rows"),
+        ({"taxels": [None, *counts[1:]]}, "taxels has empty rows"),
+        ({"taxels": [[40_001] * 20, *counts[1:]]}, "count of 40001, over the full scale"),
         ({"taxels": [counts[0][:19], *counts[1:]]}, "19 taxels"),
     ):
         folder = tmp_path / "changed"

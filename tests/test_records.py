@@ -8,12 +8,13 @@ from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.dataset.build_info import build_info
+from t2twin.sim.dataset.generate import build_info
 from t2twin.sim.dataset.info import DatasetInfo, Shard
 from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
+from t2twin.sim.dataset.verify import planned_shards
 from t2twin.sim.sensors import SensorPair
-from t2twin.sim.world.plan import Batch
+from t2twin.sim.world.plan import Batch, plan
 from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.presets import PRESETS
@@ -39,6 +40,13 @@ def info() -> DatasetInfo:
     making = ShardContext(load_recipe("paper"), SensorPair(), "", None)
     begun = build_info(making, "smoke", [batch])
     return replace(begun, complete=True, shards={SHARD: Shard("0" * 64, 2)})
+
+
+def test_verification_plans_primitives_that_are_not_on_the_grid() -> None:
+    recipe = load_recipe("pretrained-3")
+    batches = plan(recipe)
+    info = build_info(ShardContext(recipe, SensorPair(), "", None), None, batches)
+    assert list(planned_shards(info).values()) == batches
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.field import SPACING_MM, field_counts, field_layout
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.dataset import rejection_sampling
+from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import (
@@ -27,7 +27,7 @@ from t2twin.sim.dataset.store import (
     write_info,
 )
 from t2twin.sim.dataset.verify import verify_dataset
-from t2twin.sim.digit import rendered
+from t2twin.sim.digit import pyrender_renderer
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world import presses
 from t2twin.sim.world.plan import plan
@@ -214,12 +214,12 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     """The second shape and its first stand-in go to the base plate wherever they are pressed."""
     slivers = [f"random-3{number:09d}" for number in (1, 500_000_001)]
     stand_in = "random-3550000001"
-    ask = rejection_sampling.rejection_reason
+    ask = shard.rejection_reason
 
     def why(touch):
         return "on the base plate" if touch.command.shape in slivers else ask(touch)
 
-    monkeypatch.setattr(rejection_sampling, "rejection_reason", why)
+    monkeypatch.setattr(shard, "rejection_reason", why)
     recipe, folder = load_recipe(recipe_file), tmp_path / "stood-in"
     part = structs.replace(recipe.parts[0], untouched_share=0.0, force_n=2.0)
     whole = structs.replace(recipe, parts=(part,))
@@ -359,7 +359,7 @@ def test_a_folder_of_solids_is_a_world_but_not_of_tools(tmp_path, shape_cache, s
 
 
 def test_pyrender_itself_makes_a_worlds_pictures(tmp_path, shape_cache, monkeypatch, capsys):
-    monkeypatch.setattr(rendered, "LED_POINTS", 2)
+    monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 2)
     part = structs.replace(load_recipe("open").parts[0], count=1, presses=1, untouched_share=0.0,
                            val_share=0.0, force_n=4.0)  # fmt: skip
     world = structs.replace(load_recipe("open-8n"), parts=(part,))

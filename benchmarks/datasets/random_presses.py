@@ -38,7 +38,7 @@ from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.dataset.rejection_sampling import press_until_accepted
+from t2twin.sim.dataset.shard import press_until_accepted
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
 from t2twin.sim.world import protocol
@@ -297,7 +297,7 @@ def by_force(values: np.ndarray) -> list[dict[str, float]]:
 
 def draw_spread(values: np.ndarray, tools: np.ndarray) -> None:
     """The distributions side by side, each as a share of its presses."""
-    from t2twin.report.html.figures import figure
+    from t2twin.report.figures import figure
 
     def draw(page: Page) -> None:
         axes = page.subplots(1, len(QUANTITIES))

@@ -19,12 +19,24 @@ from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape_cache import code_digest
+from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.layer import cached_layer
+from t2twin.sim.cyskin import reading, taxels
+from t2twin.sim.cyskin.field import field_layout
 from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.dataset import pool
-from t2twin.sim.dataset.build_info import build_info
 from t2twin.sim.dataset.card import write_card
-from t2twin.sim.dataset.info import SPLITS, DatasetInfo, Shard
+from t2twin.sim.dataset.info import (
+    FORMAT,
+    SPLITS,
+    CySkinParameters,
+    DatasetInfo,
+    DigitParameters,
+    Parameters,
+    Shard,
+    versions,
+)
 from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import (
     INFO,
@@ -36,12 +48,12 @@ from t2twin.sim.dataset.store import (
 )
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, peak_memory, process_name, summary
 from t2twin.sim.digit.optics import NOISE_GREY
-from t2twin.sim.digit.rendered import FRAME_SECONDS
+from t2twin.sim.digit.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import check_held_out
 from t2twin.sim.world.plan import Batch, plan
-from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, checked, load_recipe
+from t2twin.sim.world.recipe import NAMED, PAPER, RANDOM, Recipe, checked, load_recipe
 
 SECONDS_PER_PAIR, SECONDS_PER_SAMPLED_PAIR, SECONDS_PER_SHAPE = 0.015, 0.024, 0.75
 """Time of one pair of the protocol, of one with a sampled press or light, and of preparing one
@@ -110,6 +122,65 @@ def make_dataset(
     info = build_info(context, scale, batches)
     with locked(folder):
         return _make_dataset(context, batches, info, workers or cores(), scheduler)
+
+
+def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -> DatasetInfo:
+    """The info of a dataset without shards."""
+    recipe, sensors = context.recipe, context.sensors
+    layout = sensors.cyskin.layout
+    rows, columns, channels = sensors.digit.optics.background.shape
+    places = field_layout(sensors.cyskin.cover) if recipe.field else None
+    solids = sorted(
+        {
+            path
+            for batch in batches
+            if recipe.parts[batch.part].shapes not in NAMED
+            for path in batch.shapes
+        }
+    )
+    on_grid = {batch.shapes[0]: batch.indices for batch in batches if batch.indices is not None}
+    has_random = any(part.shapes == RANDOM for part in recipe.parts)
+    return DatasetInfo(
+        format=FORMAT,
+        complete=False,
+        pairs={s: sum(b.pairs for b in batches if b.split == s) for s in SPLITS},
+        layout=layout.name,
+        layout_x_mm=tuple(layout.x_mm.tolist()),
+        layout_y_mm=tuple(layout.y_mm.tolist()),
+        full_scale_counts=taxels.FULL_SCALE_COUNTS,
+        versions=versions(),
+        shards={},
+        image_shape=(rows, columns, channels),
+        scale=scale,
+        seed=recipe.seed,
+        parameters=_parameters(sensors, on_grid),
+        shape_code=code_digest(has_random),
+        world=recipe,
+        field_x_mm=None if places is None else tuple(places.x_mm.tolist()),
+        field_y_mm=None if places is None else tuple(places.y_mm.tolist()),
+        files={path: sha256_of(Path(path)) for path in solids} or None,
+    )
+
+
+def _parameters(sensors: SensorPair, shapes: dict[str, tuple[int, ...]]) -> Parameters:
+    digit, cyskin = sensors.digit, sensors.cyskin
+    return Parameters(
+        digit=DigitParameters(
+            **elastomer_json(digit.elastomer),
+            pitch_mm=digit.pitch_mm,
+            noise_grey=float(digit.noise_grey),
+            calibration_sha256=digit.calibration_sha256,
+        ),
+        cyskin=CySkinParameters(
+            **elastomer_json(cyskin.cover),
+            pitch_mm=cyskin.pitch_mm,
+            gain_counts=taxels.GAIN_COUNTS,
+            pad_diameter_mm=tuple(cyskin.layout.pad_diameter_mm.tolist()),
+            readings=reading.READINGS,
+            imperfections=cyskin.flaws,
+        ),
+        shapes=shapes,
+    )
 
 
 def _recipe(

@@ -26,11 +26,12 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import new_folder, read_file
+from t2twin.core.files import new_folder, open_regular, read_file
 from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names
 from t2twin.sim.cyskin.layout import Layout
@@ -38,8 +39,8 @@ from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.columns import BACKGROUND, FIELD, POSE, SCHEMA, UNIT
 from t2twin.sim.dataset.info import FORMAT, MAX_COUNTS, SPLITS, DatasetInfo, Shard, versions
-from t2twin.sim.dataset.pairs_table import find_table, read_table
 from t2twin.sim.dataset.store import write_info, write_shard
+from t2twin.sim.tables import ERRORS, read_csv, row_labels
 from t2twin.sim.world.plan import file_stem, shard_path
 
 ORIGIN = "imported"
@@ -64,6 +65,18 @@ none, since they may be those of a robot."""
 
 NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?", re.ASCII)
 """A number in a column of CSV that also has other text."""
+
+
+SUFFIXES = (".csv", ".parquet")
+
+TEXTS = ("image", "split", "shape", "family")
+"""Columns of CSV that are text, also where they look like numbers."""
+
+MAX_PARQUET_BYTES = 1_000_000_000
+"""Largest Parquet file, also when decoded, bytes (assumed: 10,000 images of 100 kB)."""
+
+BATCH_ROWS = 64
+"""Rows that are decoded together (assumed: some MB)."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +106,7 @@ def import_pairs(
     Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size or a
     duplicate, for a wrong number of counts, and for counts outside 0 to full_scale.
     """
-    table_path = find_table(arguments.path(source, "source"))
+    table_path = _find_table(arguments.path(source, "source"))
     folder = arguments.path(folder, "folder").absolute()
     arguments.instance(layout, "layout", Layout)
     if not 0 < arguments.whole_number(full_scale, "full_scale") <= MAX_COUNTS:
@@ -104,10 +117,72 @@ def import_pairs(
         return _write(pairs, table_path.parent, temporary, layout, full_scale)
 
 
+def _find_table(source: Path) -> Path:
+    """The table: source, or the only one in that folder. Raises T2TwinError without one."""
+    if source.is_dir():
+        tables = [
+            path
+            for path in source.iterdir()
+            if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+        ]
+        if not tables:
+            raise T2TwinError(
+                f"{source} contains no CSV or Parquet file; expected a folder with the table of "
+                "pairs and its images"
+            )
+        if len(tables) > 1:
+            raise T2TwinError(
+                f"{source} holds {len(tables)} CSV and Parquet files; name the one with the pairs"
+            )
+        source = tables[0]
+    if not source.is_file() or source.suffix.lower() not in SUFFIXES:
+        raise T2TwinError(
+            f"{source} is not a table of pairs; expected a .csv or .parquet file, or its folder"
+        )
+    return source
+
+
+def read_table(path: Path) -> tuple[pa.Table, list[str]]:
+    """The table, and the place of each row for messages: "line 2" of CSV, "row 1" of Parquet.
+
+    The separator of CSV is the one of comma, semicolon and tab that is most frequent in the first
+    line. Raises T2TwinError for a file that cannot be read, is too large, or has no rows.
+    """
+    is_csv = path.suffix.lower() == ".csv"
+    try:
+        if is_csv:
+            table, places = read_csv(read_file(path), TEXTS)
+        else:
+            table = _read_parquet(path)
+            places = row_labels(table)
+    except (*ERRORS, OSError) as error:
+        # Messages of the Parquet reader are not for users.
+        reason = f" ({error})" if is_csv else ""
+        raise T2TwinError(f"{path} cannot be read as a table of pairs{reason}") from error
+    if not len(table):
+        raise T2TwinError(f"{path} contains no pairs")
+    check_names(table.column_names, COLUMNS + _counts_of(table), path, others=True)
+    return table, places
+
+
+def _read_parquet(path: Path) -> pa.Table:
+    """A Parquet file. Raises T2TwinError if its decoded rows are larger than MAX_PARQUET_BYTES."""
+    with open_regular(path, MAX_PARQUET_BYTES) as stream, pq.ParquetFile(stream) as file:
+        batches, size = [], 0
+        for batch in file.iter_batches(BATCH_ROWS):
+            size += batch.nbytes
+            if size > MAX_PARQUET_BYTES:
+                raise T2TwinError(
+                    f"{path} holds more than {MAX_PARQUET_BYTES / 1e6:,.0f} MB of rows, the most "
+                    "allowed; use a CSV file and separate files of images"
+                )
+            batches.append(batch)
+        return pa.Table.from_batches(batches, file.schema_arrow)
+
+
 def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     """All rows, with checked counts."""
     table, places = read_table(path)
-    check_names(table.column_names, COLUMNS + _counts_of(table), path, others=True)
     if "image" not in table.column_names:
         raise T2TwinError(f"{path} has no column image; its columns are {_list(table)}")
     is_csv = path.suffix.lower() == ".csv"
@@ -267,6 +342,7 @@ def _write(
         own = by_shard[split, shape]
         path = shard_path(split, shape)
         shards[path] = Shard(write_shard(folder / path, _rows(own, reader)), len(own))
+    assert reader.shape is not None  # there are pairs
     info = DatasetInfo(
         format=FORMAT,
         complete=True,

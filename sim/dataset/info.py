@@ -108,13 +108,12 @@ class DatasetInfo:
     complete: whether all shards exist. pairs: their number in each split when complete. layout: the
     taxel layout's name, with the taxels' positions, mm. full_scale_counts: counts at saturation.
     versions: of everything that may change a shard's bytes. shards: the existing ones, by path
-    below the dataset's folder.
+    below the dataset's folder. image_shape: rows, columns and channels.
 
-    The others are optional. image_shape: rows, columns and channels. scale, seed, parameters: of a
-    simulated dataset. origin, pad_diameter_mm: of an imported one. shape_code: digest of the code
-    and libraries of the shapes' surfaces; older datasets have none. world: the recipe of a
-    simulated dataset; older ones, all of the protocol, have none. field_x_mm, field_y_mm: places
-    of the field. files: sha256 of the users' solids, by path.
+    The others are optional. seed, parameters, world, shape_code: of a simulated dataset; world is
+    its recipe, shape_code a digest of the code and libraries of the shapes' surfaces. scale: of a
+    dataset of the protocol. origin, pad_diameter_mm: of an imported one. field_x_mm, field_y_mm:
+    places of the field. files: sha256 of the users' solids, by path.
 
     Raises ValueError for fields that contradict each other.
     """
@@ -128,7 +127,7 @@ class DatasetInfo:
     full_scale_counts: Annotated[int, Meta(ge=1, le=MAX_COUNTS)]
     versions: dict[str, str]
     shards: dict[str, Shard]
-    image_shape: tuple[Size, Size, Size] | None = None
+    image_shape: tuple[Size, Size, Size]
     scale: str | None = None
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] | None = None
     origin: str | None = None
@@ -152,6 +151,8 @@ class DatasetInfo:
             raise ValueError(
                 f"pad_diameter_mm has {len(pads)} taxels and the layout {len(self.layout_x_mm)}"
             )
+        if self.world is None and (self.scale is not None or self.parameters is not None):
+            raise ValueError("world is missing, the recipe of a simulated dataset")
         for path in self.shards:
             if not _is_shard_path(path):
                 raise ValueError(
@@ -170,8 +171,8 @@ class DatasetInfo:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it is simulated; an imported dataset has neither scale nor world."""
-        return self.scale is not None or self.world is not None
+        """Whether it is simulated; an imported dataset has no world."""
+        return self.world is not None
 
     @property
     def is_protocol(self) -> bool:
@@ -180,14 +181,12 @@ class DatasetInfo:
         Training and validation then contain versions of the paper's primitives, the test hand
         tools, all pressed with one force. Only such results are compared with the paper's.
         """
-        return self.is_simulated and (self.world is None or self.world.name == PAPER)
+        return self.world is not None and self.world.name == PAPER
 
     @property
     def world_name(self) -> str | None:
         """The protocol's scale, or the world's name; None for an imported dataset."""
-        if not self.is_simulated:
-            return None
-        return self.scale or (PAPER if self.world is None else self.world.name)
+        return self.scale or (None if self.world is None else self.world.name)
 
 
 def check_layout(x_mm: Sequence[float] | np.ndarray, y_mm: Sequence[float] | np.ndarray) -> None:

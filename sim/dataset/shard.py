@@ -1,8 +1,11 @@
-"""Makes one shard of a dataset, row by row."""
+"""Makes one shard of a dataset, row by row.
+
+A sampled press is repeated until it touches the shape and settles.
+"""
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -11,10 +14,12 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.arguments import MAX_SEED
+from t2twin.core.errors import T2TwinError
 from t2twin.core.images import encode_png
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.dataset.columns import BACKGROUND, FIELD, MARKERS, UNIT, motion_row, row, schema_of
-from t2twin.sim.dataset.rejection_sampling import press_until_accepted, rejection_reason
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
 from t2twin.sim.digit.markers import Markers
@@ -50,6 +55,10 @@ MARKER_PITCHES_MM = (1.0, 2.5)
 MARKER_SHARES, MAX_JITTER_SHARE = (0.25, 0.45), 0.3
 """Range of the markers' diameters over their pitch, and largest jitter over the free distance
 (assumed)."""
+
+
+Press = Callable[[Shape, PressSample], list[Touch]]
+"""Makes a press and the touches of its path; the last one is rejected, or none."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +135,49 @@ def _rows(
                     image = encode_png(touch.image)
                 yield row(touch, index, batch.split, image) | columns
                 progress()
+
+
+def press_until_accepted(
+    attempts: Iterable[PressSample], shape: Shape, press: Press, rejected: Counter[str]
+) -> tuple[list[Touch], int]:
+    """The touches of the first accepted attempt at a path, and its number.
+
+    attempts: from presses.path_attempts. shape: the planned one. rejected: counts the rejected
+    attempts by reason. A press on the grid is not sampled: it may bottom out, and must settle.
+    Raises T2TwinError where no attempt is accepted.
+    """
+    planned = shape.name
+    for sample in attempts:
+        if sample.command.shape != shape.name:
+            shape = catalogue.load(sample.command.shape)
+        if sample.attempt is None:
+            touches = press(shape, sample)
+            if not all(contact.settled for contact in touches[0].contacts.values()):
+                raise T2TwinError(
+                    f"press {sample.index} of {planned} did not settle; use another grid"
+                )
+            return touches, 0
+        try:
+            touches = press(shape, sample)
+        except OffPadError:
+            reason = "off the pad"
+        else:
+            reason = rejection_reason(touches[-1])
+            if reason is None:
+                return touches, sample.attempt
+        rejected[reason] += 1
+    raise T2TwinError(
+        f"no attempt at a press touched {planned}; use places nearer to the middle of the shapes, "
+        "or center = true in a part of files"
+    )
+
+
+def rejection_reason(touch: Touch) -> str | None:
+    """Why a sampled press is rejected, None for an accepted one, such as a press of 0 N."""
+    contacts = touch.contacts.values()
+    if any(contact.bottomed for contact in contacts):
+        return "on the base plate"
+    return None if all(contact.settled for contact in contacts) else "not settled"
 
 
 def _touches(

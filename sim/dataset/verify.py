@@ -3,15 +3,13 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from msgspec import structs
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -21,15 +19,12 @@ from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.dataset.columns import BACKGROUND, FIELD, PATH, POSE, TRACTIONS, schema_of
+from t2twin.sim.dataset.columns import IMAGE_TYPE, PATH, POSE, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
-from t2twin.sim.dataset.store import BATCH_ROWS, INFO, read_info, sha256_of
+from t2twin.sim.dataset.store import BATCH_ROWS, INFO, check_table, read_info, sha256_of
 from t2twin.sim.world.plan import Batch, name_of, paths_of, plan, shard_path
 from t2twin.sim.world.presses import MotionPath, path_attempts, planned_name
-from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
-
-ARRAYS = ("image", "taxels")
-"""Columns of every dataset that are not scalars."""
+from t2twin.sim.world.recipe import RANDOM, Recipe
 
 POSE_TOLERANCE = 1e-9
 """Largest difference between planned and written poses, mm, rad and N: rounding only."""
@@ -56,7 +51,7 @@ def verify_dataset(folder: str | Path) -> list[Fault]:
     """
     folder = arguments.path(folder, "folder")
     info = read_info(folder)
-    planned = _plan(info)
+    planned = planned_shards(info)
     faults = list(_files(folder, info, set(planned)))
     faulty = {fault.part for fault in faults}
     shards = [path for path in sorted(info.shards) if path not in faulty]
@@ -86,18 +81,22 @@ def _files(folder: Path, info: DatasetInfo, planned: set[str]) -> Iterator[Fault
                 )
 
 
-def _plan(info: DatasetInfo) -> dict[str, Batch]:
-    """The planned shards of a simulated dataset by path; none of an imported one."""
-    if info.parameters is None:
+def planned_shards(info: DatasetInfo) -> dict[str, Batch]:
+    """The planned shards of a simulated dataset by path; none of an imported one.
+
+    Of the primitives and tools on a grid, those whose presses info.json lists.
+    """
+    recipe, parameters = info.world, info.parameters
+    if recipe is None or parameters is None:
         return {}
-    recipe, on_grid = recipe_of(info), info.parameters.shapes
-    batches = plan(recipe, tuple(name for name in catalogue.NAMES if name in on_grid))
-    grid = {
-        batch.path: replace(batch, indices=on_grid[batch.shapes[0]])
-        for batch in batches
-        if batch.indices is not None
-    }
-    return {batch.path: batch for batch in batches} | grid
+    on_grid = {part.shapes for part in recipe.parts if part.place == "grid"}
+    names = tuple(
+        name
+        for name in catalogue.NAMES
+        if name in parameters.shapes
+        or ("primitives" if name in catalogue.PRIMITIVES else "tools") not in on_grid
+    )
+    return {batch.path: batch for batch in plan(recipe, names)}
 
 
 def _shard(
@@ -115,22 +114,26 @@ def _shard(
 def _content(
     folder: Path, path: str, info: DatasetInfo, planned: dict[str, Batch]
 ) -> Iterator[Fault]:
-    pairs = info.shards[path].pairs
+    schema = schema_of(info.world)
     with pq.ParquetFile(folder / path) as file:
-        schema = schema_of(info.world)
         if not file.schema_arrow.equals(schema):
             yield Fault(path, "its columns are not the dataset's")
             return
-        if file.metadata.num_rows != pairs:
-            yield Fault(path, f"it has {file.metadata.num_rows} rows instead of {pairs}")
-        arrays = [name for name in (*ARRAYS, FIELD, BACKGROUND, *TRACTIONS) if name in schema.names]
-        scalars = file.read([name for name in schema.names if name not in arrays])
-        yield from (Fault(path, reason) for reason in _pairing(path, scalars, info, planned))
+        images = [field.name for field in schema if field.type == IMAGE_TYPE]
+        others = [name for name in schema.names if name not in images]
+        table = file.read(others)
+        try:
+            check_table(table, others, schema, info.shards[path], info)
+        except ValueError as error:
+            yield Fault(path, str(error))
+        else:
+            yield from (Fault(path, reason) for reason in _pairing(path, table, info, planned))
         row = 0
-        for batch in file.iter_batches(BATCH_ROWS, columns=arrays):
+        for batch in file.iter_batches(BATCH_ROWS, columns=images):
             for values in batch.to_pylist():
-                for reason in _sample(values, info):
-                    yield Fault(path, f"row {row}: {reason}")
+                for image in values.values():
+                    for reason in _image(image, info.image_shape):
+                        yield Fault(path, f"row {row}: {reason}")
                 row += 1
 
 
@@ -148,18 +151,15 @@ def _pairing(
     if has_own_shard and (len(shapes) != 1 or shard_path(split, *shapes) != path):
         yield "its shape is not the one of its name"
         return
-    if any(index is None for _, index in presses):
-        yield "a press has no index"
-        return
     repeated = [press for press, count in Counter(presses).items() if count > 1]
     if repeated:
         yield f"press {repeated[0][1]} of {repeated[0][0]} is repeated"
-    if batch is None:
+    if batch is None or info.world is None:
         if planned:
             yield "its presses are not the protocol's"
         return
-    expected = planned_presses(info, batch)
-    if recipe_of(info).parts[batch.part].shapes == RANDOM:
+    expected = _planned_presses(info.world, batch)
+    if info.world.parts[batch.part].shapes == RANDOM:
         presses = [(_planned(shape), index) for shape, index in presses]
     if set(presses) != set(expected):
         yield "its presses are not the planned ones"
@@ -186,7 +186,7 @@ def _pose(
     attempts: Callable[[], Iterator[PressCommand]],
 ) -> Iterator[str]:
     """A fault if a row's shape and pose are those of no attempt at its press."""
-    written = {name: row[name][0].as_py() for name in POSE}
+    written = {name: float(row[name].to_numpy()[0]) for name in POSE}
     wrong = "shape"
     for command in attempts():
         if command.shape != row["shape"][0].as_py():
@@ -198,17 +198,11 @@ def _pose(
     yield f"row {number}: its {wrong} is not the planned one of press {press[1]} of {press[0]}"
 
 
-def recipe_of(info: DatasetInfo) -> Recipe:
-    """The recipe of a dataset; the protocol for older ones without."""
-    return info.world or load_recipe(PAPER)
-
-
-def planned_presses(
-    info: DatasetInfo, batch: Batch
+def _planned_presses(
+    recipe: Recipe, batch: Batch
 ) -> dict[tuple[str, int], tuple[int, Callable[[], Iterator[PressCommand]]]]:
     """The touches of a shard by shape and index: the index of the path, and the commands of the
     attempts."""
-    recipe = structs.replace(recipe_of(info), seed=info.seed or 0)
 
     def commands(name: str, number: int, path: MotionPath, step: int) -> Iterator[PressCommand]:
         attempts = path_attempts(recipe, batch.part, name, number, path)
@@ -222,33 +216,10 @@ def planned_presses(
     }
 
 
-def _sample(row: dict[str, Any], info: DatasetInfo) -> Iterator[str]:
-    for column in ("image", BACKGROUND):
-        if column not in row:
-            continue
-        image = row[column]
-        try:
-            shape = decode_png(image["bytes"] if image else b"").shape
-            if shape != (info.image_shape or shape):
-                yield f"its image is {list(shape)} instead of {list(info.image_shape or ())}"
-        except T2TwinError:
-            yield "its image cannot be decoded"
-    for column, what, size in (
-        ("taxels", "taxels", len(info.layout_x_mm)),
-        (FIELD, "places of the field", len(info.field_x_mm or ())),
-    ):
-        if column not in row:
-            continue
-        counts = row[column] or []
-        if len(counts) != size:
-            yield f"it has {len(counts)} {what} instead of {size}"
-        elif not all(
-            count is not None and 0 <= count <= info.full_scale_counts for count in counts
-        ):
-            yield f"it has a count outside of 0 to {info.full_scale_counts}"
-    for column in TRACTIONS:
-        values = np.array(row.get(column) or [], float)
-        if column in row and values.shape != (len(info.field_x_mm or ()),):
-            yield f"it has {values.size} values of {column}"
-        elif not np.isfinite(values).all():
-            yield f"its {column} has values that are not finite"
+def _image(image: dict[str, Any] | None, shape: tuple[int, ...]) -> Iterator[str]:
+    try:
+        found = decode_png(image["bytes"] if image else b"").shape
+        if found != shape:
+            yield f"its image is {list(found)} instead of {list(shape)}"
+    except T2TwinError:
+        yield "its image cannot be decoded"

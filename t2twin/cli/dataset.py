@@ -169,7 +169,7 @@ def convert(
             counts, forces and shear are float features.
         out: Folder to write, new or empty.
     """
-    from t2twin.sim.conversion.lerobot import convert_to_lerobot
+    from t2twin.sim.dataset.lerobot import convert_to_lerobot
 
     assert to == "lerobot"
     info = convert_to_lerobot(dataset, out)

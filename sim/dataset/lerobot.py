@@ -24,18 +24,20 @@ import pyarrow.parquet as pq
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, new_folder, write_json
-from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.core.templates import render
-from t2twin.sim.conversion.features import BACKGROUND_FEATURE, INDICES, features_of
-from t2twin.sim.conversion.statistics import FeatureStatistics
 from t2twin.sim.dataset.card import CARD
 from t2twin.sim.dataset.columns import PATH, schema_of, with_features
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
+from t2twin.sim.dataset.lerobot_features import (
+    BACKGROUND_FEATURE,
+    INDICES,
+    FeatureStatistics,
+    features_of,
+)
 from t2twin.sim.dataset.store import (
     BATCH_ROWS,
     INFO,
-    iter_images,
     iter_shards,
     read_info,
     row_writer,
@@ -99,7 +101,7 @@ class _Conversion:
     def __init__(self, folder: Path, out: Path, info: DatasetInfo) -> None:
         self._folder, self._out, self._info = folder, out, info
         self._splits = [split for split in SPLITS if info.pairs[split]]
-        self._features = features_of(info, _image_shape(folder, info), self._present())
+        self._features = features_of(info, self._present())
         every = (*self._features, *INDICES)
         self._statistics = {feature.name: FeatureStatistics(feature) for feature in every}
         self._tasks: dict[str, int] = {}
@@ -122,7 +124,7 @@ class _Conversion:
         write_whole(self._out / "meta" / "t2twin.json", (self._folder / INFO).read_bytes())
         content = self._content()
         write_json(self._out / "meta" / "info.json", content)
-        card = render("sim/conversion/card.md", info=self._info, content=content)
+        card = render("sim/dataset/lerobot_card.md", info=self._info, content=content)
         write_whole(self._out / CARD, card.encode())
         return content
 
@@ -232,11 +234,6 @@ class _Conversion:
             "video_path": None,
             "features": {each.name: each.description() for each in (*self._features, *INDICES)},
         }
-
-
-def _image_shape(folder: Path, info: DatasetInfo) -> tuple[int, ...]:
-    """(rows, columns, 3) of the images; older datasets do not have it in info.json."""
-    return info.image_shape or decode_png(next(iter_images(folder, min(info.shards)))).shape
 
 
 def _path_of(row: Row) -> tuple[str, int]:

@@ -1,1 +1,0 @@
-"""Conversion of datasets to the formats of other projects."""
