@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 import t2twin
-from t2twin.primitives_cad.ball import write_ball
+from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.sensors import Digit, SensorPair
 

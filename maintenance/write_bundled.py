@@ -15,7 +15,7 @@ import trimesh
 
 from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue, height_map, solids, tools
-from t2twin.primitives_cad.bundled_shapes import path_of
+from t2twin.primitives_cad.catalogue import path_of
 from t2twin.primitives_cad.shape import HeightMap, Keypoint, Shape
 
 

@@ -1,11 +1,9 @@
-"""Writes STEP and STL files of all primitives, tools and the print plate, with a manifest."""
+"""Writes STEP and STL files of all primitives, tools and the print plate, with a manifest, and the
+ball for the calibration of a DIGIT."""
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
-
-import cadquery as cq
-import trimesh
+from typing import TYPE_CHECKING, Any
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -13,6 +11,11 @@ from t2twin.core.files import atomic_write, locked, write_json
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue, primitive_parameters
 from t2twin.primitives_cad.primitive_parameters import FAMILIES, PRIMITIVES
+from t2twin.primitives_cad.shape import Shape
+
+if TYPE_CHECKING:
+    import cadquery as cq  # takes seconds
+    import trimesh
 
 MANIFEST = "manifest.json"
 MOSAIC = "mosaic"
@@ -23,6 +26,9 @@ neighbor: the sum of half the diagonal of a DIGIT's gel, the protocol's largest 
 neighbor. That is 15.5 + 8.3 + 6.5 mm along x, where the largest square and circle stand next to the
 largest empty circle, and 15.5 + 20.2 + 20 mm along y, where lines follow lines. The plate fits a
 printer's bed of 250 mm."""
+
+STEM_MM = 5.0
+"""Length of the ball's stem from its center, mm: more than an elastomer's thickness (assumed)."""
 
 PLATE_COLUMNS = len(FAMILIES)
 PLATE_ROWS = len(PRIMITIVES) // PLATE_COLUMNS
@@ -53,6 +59,8 @@ def _write_shape(folder: Path, name: str) -> dict[str, Any]:
     their distance along x and y. bounding_box_mm: lowest and highest corner of the mesh, (2, 3).
     chordal_error_mm: requested from the mesher.
     """
+    import cadquery as cq
+
     from t2twin.primitives_cad import solids, tools
 
     mesh: trimesh.Trimesh
@@ -107,7 +115,7 @@ def plate_positions() -> dict[str, tuple[float, float]]:
     }
 
 
-def plate_solid() -> cq.Shape:
+def plate_solid() -> "cq.Shape":
     """The plate with all primitives as one solid, tops of the features at z = 0, mm."""
     from t2twin.primitives_cad.solids import feature, plate
 
@@ -118,3 +126,17 @@ def plate_solid() -> cq.Shape:
         for name, place in plate_positions().items()
     ]
     return ground.fuse(*features)
+
+
+def write_ball(path: Path, diameter_mm: float) -> Shape:
+    """Write a ball on a stem of its diameter as a STEP file, pressing side up; returns the shape.
+
+    Raises T2TwinError where the file cannot be written.
+    """
+    import cadquery as cq
+
+    stem = cq.Workplane().circle(diameter_mm / 2).extrude(-STEM_MM)
+    ball = stem.union(cq.Workplane().sphere(diameter_mm / 2))
+    with atomic_write(path) as temporary:
+        cq.exporters.export(ball, str(temporary), cq.exporters.ExportTypes.STEP)
+    return catalogue.load(path)

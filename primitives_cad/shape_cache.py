@@ -19,7 +19,6 @@ MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
 """Distributions whose versions affect meshes."""
 
 NOT_MAKERS = (
-    "bundled_shapes.py",
     "contact_sheet.py",
     "export.py",
 )

@@ -11,22 +11,23 @@ import torch
 from ball_frames import BALL_MM, HELD_OUT, POSES
 from safetensors.torch import load_file
 
-from t2twin.adaptation import pipeline, recipe
+from t2twin.adaptation import pipeline
 from t2twin.adaptation.pipeline import adapt
-from t2twin.adaptation.real_frame_evaluation import evaluate_frame, simulate_reference
-from t2twin.adaptation.record import (
+from t2twin.adaptation.real_frame_evaluation import (
     INITIAL,
-    PRESSES,
-    RECORD,
     TRAINED,
     AdaptationScores,
+    Candidate,
     RunScores,
-    read_fitted,
+    choose,
+    evaluate_frame,
+    publish,
+    simulate_reference,
 )
-from t2twin.adaptation.selection import Candidate, choose, publish
+from t2twin.adaptation.record import PRESSES, RECORD, read_fitted
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.ball import write_ball
+from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE
@@ -136,7 +137,7 @@ def adapted_run(unit, calibrated, tmp_path_factory):
         return calibrated
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recipe, "SHAPES_PER_MINUTE", 25)
+        patch.setattr(pipeline, "SHAPES_PER_MINUTE", 25)
         patch.setattr(pipeline, "calibrate", calibrate)
         patch.setattr(pipeline, "train", briefly)
         said: list[str] = []

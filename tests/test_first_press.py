@@ -13,7 +13,7 @@ from session import copy_machine_code
 from maintenance.write_bundled import build
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import cached_array
-from t2twin.primitives_cad import bundled_shapes, catalogue, tools
+from t2twin.primitives_cad import catalogue, tools
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.sim.cyskin.tactile_image import _colors
 from t2twin.sim.splines import CubicSpline
@@ -69,16 +69,16 @@ def test_a_refusal_comes_before_anything_is_compiled(tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith("t2twin: ") and done.stderr.count("\n") == 1
     assert NOTICE not in done.stderr
-    assert not list(tmp_path.rglob("*.loop"))
+    assert not list(tmp_path.rglob("*.nbi"))
 
 
 def assert_as_made(name: str, tool=None) -> None:
     made = build(name, tool)
-    bundled = bundled_shapes.read_surface(name)
+    bundled = catalogue.read_surface(name)
     np.testing.assert_array_equal(bundled.heights_mm, made.surface.heights_mm)
     np.testing.assert_array_equal(bundled.x_mm, made.surface.x_mm)
     np.testing.assert_array_equal(bundled.y_mm, made.surface.y_mm)
-    vertices, faces = bundled_shapes.read_mesh(name)
+    vertices, faces = catalogue.read_mesh(name)
     np.testing.assert_array_equal(faces, made.mesh.faces)
     np.testing.assert_allclose(vertices, made.mesh.vertices, rtol=0, atol=MESH_MM)
     loaded = catalogue.load(name)
@@ -100,19 +100,19 @@ def test_all_bundled_shapes_are_those_of_the_cad(tool):
             assert_as_made(name)
         return
     mesh = tools.mesh(tool)
-    np.testing.assert_array_equal(bundled_shapes.read_mesh(tool)[0], mesh.vertices)
+    np.testing.assert_array_equal(catalogue.read_mesh(tool)[0], mesh.vertices)
     for keypoint in catalogue.KEYPOINTS[tool]:
         assert_as_made(f"{tool}/{keypoint}", mesh)
 
 
 def test_bundled_shapes_are_small():
-    files = list(bundled_shapes.FOLDER.glob("*.npz"))
+    files = list(catalogue.BUNDLED.glob("*.npz"))
     assert len(files) == len(catalogue.NAMES) + len(catalogue.TOOLS)
     assert sum(path.stat().st_size for path in files) < 5_000_000
 
 
 def test_an_stl_file_has_the_triangles(tmp_path):
-    vertices, faces = bundled_shapes.read_mesh("square-2")
+    vertices, faces = catalogue.read_mesh("square-2")
     (tmp_path / "square.stl").write_bytes(binary_stl(vertices, faces))
     from t2twin.primitives_cad.mesh_io.read import read_solid
 

@@ -16,7 +16,7 @@ import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.mesh_io import bodies, polygons, read, threemf
+from t2twin.primitives_cad.mesh_io import bodies, read, threemf
 
 VOLUME_MM3 = 72.0
 
@@ -479,7 +479,7 @@ def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path, monkeypatch):
     (tmp_path / "prism.obj").write_text("\ufeff" + "\r".join(lines), encoding="utf-8")
     mesh, _ = read.read_solid(tmp_path / "prism.obj")
     assert mesh.volume == pytest.approx(np.pi * 25 * 5, rel=1e-3)
-    monkeypatch.setattr(polygons, "MAX_FACE_CORNERS", 399)
+    monkeypatch.setattr(bodies, "MAX_FACE_CORNERS", 399)
     with pytest.raises(T2TwinError, match="a face of 400 corners; at most 399"):
         read.read_solid(tmp_path / "prism.obj")
 

@@ -25,7 +25,7 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.ball import write_ball
+from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.digit.optics import NOISE_GREY
@@ -65,7 +65,7 @@ BENCHMARK = Benchmark(
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.adaptation.record import baseline_rmse_percent
+    from t2twin.adaptation.real_frame_evaluation import baseline_rmse_percent
     from t2twin.translate.inference.load import load_run
 
     runs = {}
@@ -106,8 +106,11 @@ def real_references(folder: Path) -> tuple[list[SimulatedReference], np.ndarray]
 def _scores(
     run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray
 ) -> dict[str, Any]:
-    from t2twin.adaptation.real_frame_evaluation import evaluate_frames, predict_counts
-    from t2twin.adaptation.record import AdaptationScores
+    from t2twin.adaptation.real_frame_evaluation import (
+        AdaptationScores,
+        evaluate_frames,
+        predict_counts,
+    )
 
     comparisons = evaluate_frames(run, references, background)
     alone = evaluate_frames(run, references, None)

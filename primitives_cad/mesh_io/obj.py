@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad.mesh_io import polygons
 from t2twin.primitives_cad.mesh_io.bodies import (
     NOT_NUMBERS,
     check_coordinates,
     check_corners,
     check_triangles,
     merged,
+    triangles_of_faces,
 )
 
 MAX_LINE = 1_000_000
@@ -48,7 +48,7 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
     places = np.array(corners, dtype=np.float64).reshape(-1, 3)
     check_coordinates(places)
     rows = [np.array(faces[size]).reshape(-1, size) for size in sorted(faces)]
-    return merged([(places, polygons.triangles(rows, places))]), 1.0
+    return merged([(places, triangles_of_faces(rows, places))]), 1.0
 
 
 def _lines(path: Path) -> Iterator[list[str]]:

@@ -12,8 +12,13 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad.mesh_io import polygons
-from t2twin.primitives_cad.mesh_io.bodies import Body, check_corners, check_triangles, merged
+from t2twin.primitives_cad.mesh_io.bodies import (
+    Body,
+    check_corners,
+    check_triangles,
+    merged,
+    triangles_of_faces,
+)
 from t2twin.primitives_cad.mesh_io.stl import numbers
 
 TYPES = (
@@ -86,7 +91,7 @@ def _body_of(elements: list[_Element], content: "_Body") -> Body:
         elif element.name == "tristrips":
             faces += _strips(corners)
     check_triangles(sum(len(each) * (each.shape[1] - 2) for each in faces))
-    triangles = polygons.triangles(faces, places)
+    triangles = triangles_of_faces(faces, places)
     used, numbered = np.unique(triangles, return_inverse=True)
     return places[used], numbered.reshape(-1, 3)
 

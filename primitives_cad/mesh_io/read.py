@@ -11,14 +11,14 @@ import trimesh
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
-from t2twin.primitives_cad.mesh_io import glb, obj, ply, repair, step, stl, threemf
+from t2twin.primitives_cad.mesh_io import gltf, obj, ply, repair, step, stl, threemf
 
 READERS = {
     ".stl": stl.read,
     ".obj": obj.read,
     ".ply": ply.read,
     ".3mf": threemf.read,
-    ".glb": glb.read,
+    ".glb": gltf.read,
     ".step": step.read,
     ".stp": step.read,
 }

@@ -19,26 +19,30 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from t2twin.adaptation.real_frame_evaluation import SimulatedReference, simulate_reference
-from t2twin.adaptation.recipe import write_recipe
+from t2twin.adaptation.real_frame_evaluation import (
+    INITIAL,
+    TRAINED,
+    Candidate,
+    SimulatedReference,
+    baseline_rmse_percent,
+    choose,
+    publish,
+    simulate_reference,
+)
 from t2twin.adaptation.record import (
     CALIBRATION,
-    INITIAL,
     RECORD,
-    TRAINED,
     AdaptationResult,
     FittedCalibration,
-    baseline_rmse_percent,
     read_fitted,
+    write_adapt_page,
     write_fitted,
 )
-from t2twin.adaptation.report import write_adapt_page
-from t2twin.adaptation.selection import Candidate, choose, publish
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import is_empty, locked, write_json
+from t2twin.core.files import atomic_write, is_empty, locked, write_json
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.ball import write_ball
+from t2twin.primitives_cad.export import write_ball
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.pool import check_workers
@@ -74,6 +78,39 @@ TRAINED_SHARE = 0.7
 1, the RMSE on held-out frames of a real unit is 0.93, 0.91, 0.89 and 0.91 of the initial run's
 after 12 minutes, mean of three rotations of the frames. After 60 minutes it is 0.93, 0.90, 0.90 and
 1.07, mean of two rotations (measured)."""
+
+SHAPES_PER_MINUTE = 90
+"""Random shapes of the dataset per minute of the adaptation. Pressing them, four times each, takes
+a third of the time on two cores of a virtual machine (measured: 0.1 s of a core for a pair)."""
+
+PRIMITIVE_PRESSES_PER_MINUTE = 1.5
+"""Presses of each primitive per minute of the adaptation (assumed)."""
+
+WORLD_TEXT = """# Recipe of the dataset that {model} is adapted on, in the light of one unit.
+format = 1
+name = "adapted"
+
+[[parts]]
+shapes = "random"
+count = {shapes}
+presses = 4
+place = {{ normal_mm = 2.5 }}
+force_n = {{ low = 0.5, high = 12.0 }}
+untouched_share = 0.05
+val_share = 0.04
+
+[[parts]]
+shapes = "primitives"
+presses = {presses}
+place = {{ normal_mm = 2.5 }}
+force_n = {{ low = 0.5, high = 12.0 }}
+
+[light]
+kind = "drawn"
+each = "press"
+calibration = {calibration}
+frames = 1
+"""
 
 
 @dataclass(frozen=True)
@@ -249,6 +286,24 @@ def _initial_run(init_from: str | Path | None, model: str) -> Path | None:
     if init_from is None:
         return HOME / model if model in pretrained_runs() else None
     return run_of_model(init_from, model)[0]
+
+
+def write_recipe(file: Path, model: str, minutes: float, calibration: Path) -> None:
+    """Writes the recipe of a dataset in the light of one unit.
+
+    file: the recipe. model: named in its comment. minutes: duration of the adaptation, which
+    determines the number of presses. calibration: file of the light around which units are
+    sampled.
+    """
+    path = str(calibration.absolute()).replace("\\", "\\\\").replace('"', '\\"')
+    text = WORLD_TEXT.format(
+        model=model,
+        shapes=max(round(SHAPES_PER_MINUTE * minutes), 25),
+        presses=max(round(PRIMITIVE_PRESSES_PER_MINUTE * minutes), 2),
+        calibration=f'"{path}"',
+    )
+    with atomic_write(file) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _existing_fit(config: AdaptConfig, digest: str) -> FittedCalibration | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.ball import write_ball
+from t2twin.primitives_cad.export import write_ball
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.depth import force_at_depth
