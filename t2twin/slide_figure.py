@@ -9,7 +9,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from t2twin.report.html.figures import COUNTS_MAP
+from t2twin.report.figures import COUNTS_MAP
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.phi import PX_PER_MM
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration

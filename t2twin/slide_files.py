@@ -30,7 +30,7 @@ from t2twin.core.files import (
     temporary_folder,
     write_csv,
 )
-from t2twin.report.html.figures import figure
+from t2twin.report.figures import figure
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import Phi

@@ -12,13 +12,11 @@ from pages import Reader, read_page
 
 from t2twin.cli import main
 from t2twin.report import data as report_reader
+from t2twin.report import pairs, run_report
 from t2twin.report.data import ReportData, read_report_data
-from t2twin.report.dataset import pairs
-from t2twin.report.dataset.pairs import sample_in_turn
-from t2twin.report.html.labels import name_of
-from t2twin.report.html.page import PAGE, render_section
-from t2twin.report.run_report import LINKS, write_report
-from t2twin.report.sections import overview, qualitative
+from t2twin.report.page import PAGE, name_of, render_section
+from t2twin.report.pairs import sample_in_turn
+from t2twin.report.run_report import SECTIONS, write_report
 from t2twin.translate.evaluation.predictions import read_predictions, write_predictions
 from t2twin.translate.evaluation.records import (
     FINDINGS,
@@ -48,10 +46,10 @@ def test_page_holds_every_section_in_order(page: Path, read: Reader) -> None:
     assert page.name == PAGE
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
     # There is one force, and no run with uncertainty.
-    drawn = [name for name in LINKS if name not in ("by-force", "uncertainty")]
-    assert sections == ["summary", "about", *drawn]
+    drawn = [name for name in SECTIONS if name not in ("by-force", "uncertainty")]
+    assert sections == drawn
     anchors = [attrs["href"] for tag, attrs in read.tags if tag == "a"]
-    assert anchors == [f"#{name}" for name in drawn]
+    assert anchors == [f"#{name}" for name in drawn[2:]]
 
 
 def test_page_needs_nothing_but_itself(page: Path, read: Reader) -> None:
@@ -165,8 +163,7 @@ def test_limits_name_the_calibration_and_the_law_of_the_elastomer(
     digit = replace(parameters.digit, calibration_sha256="0123456789ab" + 52 * "0")
     info = replace(report_data.info, parameters=replace(parameters, digit=digit))
     own = replace(report_data, info=info)
-    template = "report/templates/runs/limits.html"
-    text = render_section(template, report=own, **overview.limits(own))
+    text = render_section(run_report.RUNS, "limits", report=own, **run_report.limits(own))
     assert "not on your sensor" not in text
     assert "custom calibration (SHA-256 0123456789ab)" in " ".join(text.split())
 
@@ -181,7 +178,7 @@ def test_summary_says_what_the_evaluation_found(read: Reader, report_data: Repor
         rules = [rows[name].overall.rmse_counts for name in ("mean-array", "nearest-neighbour")]
         best = min(row.overall.rmse_counts for row in evaluation.runs.values())
         assert f"{best / min(rules):.2f}" in said
-        assert overview.best_run(evaluation) == min(
+        assert run_report.best_run(evaluation) == min(
             evaluation.runs, key=lambda name: rows[name].overall.rmse_counts
         )
     assert "A simulated DIGIT" in said and "All data are simulated" in said
@@ -190,13 +187,13 @@ def test_summary_says_what_the_evaluation_found(read: Reader, report_data: Repor
 def test_samples_stand_at_their_quantiles(report_data: ReportData) -> None:
     predictions = report_data.predictions["val"]
     error = (predictions.rmse_counts("touch2touch") + predictions.rmse_counts("resnet18")) / 2
-    rows = qualitative.samples_at_quantiles(report_data, "val")
+    rows = run_report.samples_at_quantiles(report_data, "val")
     assert [quantile for _, quantile in rows] == [0.1, 0.5, 0.9, 1.0]
     assert rows[-1][0] == error.argmax()
     for row, quantile in rows:
         assert abs(np.mean(error <= error[row]) - quantile) <= 1.5 / error.size
     # Two test pairs cannot fill five places, and none is shown twice.
-    assert [row for row, _ in qualitative.samples_at_quantiles(report_data, "test")] in (
+    assert [row for row, _ in run_report.samples_at_quantiles(report_data, "test")] in (
         [0, 1],
         [1, 0],
     )

@@ -10,11 +10,11 @@ import pytest
 from pages import read_page
 from spots import write_spots
 
-from t2twin.report.dataset import contents
-from t2twin.report.dataset.pairs import sample_in_turn
-from t2twin.report.dataset.tables import read_dataset
+from t2twin.report import dataset_report
+from t2twin.report.dataset import read_dataset
 from t2twin.report.dataset_report import write_data_report
-from t2twin.report.html.labels import forces_text
+from t2twin.report.page import forces_text
+from t2twin.report.pairs import sample_in_turn
 from t2twin.report.run_report import write_report
 from t2twin.sim.dataset.store import read_info, sha256_of, write_info
 from t2twin.translate.evaluation.records import read_evaluation
@@ -87,7 +87,7 @@ def test_the_page_of_data_with_many_shapes_stays_short(data_dir: Path, tmp_path:
     assert "The 256 shapes are grouped by family." in text
     assert "256 pairs of 256 shapes, pressed with 0.5, 2 and 8 N" in text
     dataset = read_dataset(data_dir)
-    counted = contents.counted_by_split(dataset, dataset.families)
+    counted = dataset_report.counted_by_split(dataset, dataset.families)
     assert counted["train", "long"] == 72 and counted["val", "round"] == 16
 
 

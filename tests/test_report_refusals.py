@@ -6,7 +6,7 @@ import pytest
 
 from t2twin.cli import main
 from t2twin.report import data, dataset_report
-from t2twin.report.html.page import PAGE, check_out
+from t2twin.report.page import PAGE, check_out
 
 
 def files(folder: Path) -> list[Path]:

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from t2twin.core.tables import Table
 from t2twin.core.templates import PACKAGE, environment, render
-from t2twin.report.html.figures import figure
-from t2twin.report.html.labels import MAX_NAME, name_of, shape_name
+from t2twin.report.figures import figure
+from t2twin.report.page import MAX_NAME, name_of, shape_name
 
 ODD = [
     "$\\foo_{$", "<script>alert(1)</script>", "x" * 200, "触覚 ☃ é", "two\nlines\x07\x1b", "a--b",

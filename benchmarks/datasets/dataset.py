@@ -29,7 +29,7 @@ from t2twin.sim.dataset.timing import RunTiming
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Page
 
-    from t2twin.report.dataset.tables import Dataset
+    from t2twin.report.dataset import Dataset
 
 BENCHMARK = Benchmark(
     module="benchmarks.datasets.dataset",
@@ -56,7 +56,7 @@ SENSORS = ("digit", "cyskin")
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.report.dataset.tables import read_dataset
+    from t2twin.report.dataset import read_dataset
 
     dataset = read_dataset(options.folder)
     if not options.keep_nothing:
@@ -66,8 +66,8 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def figures(dataset: Dataset) -> dict[str, Any]:
     """What a dataset's shards say."""
-    from t2twin.report.dataset import contents
-    from t2twin.report.dataset.scan import near_duplicates, noise_grey, scan
+    from t2twin.report import dataset_report as report
+    from t2twin.report.near_duplicates import near_duplicates, noise_grey, scan
 
     scanned = scan(dataset, noise_grey(dataset))
     counts, saturated = dataset.counts, dataset.saturated
@@ -82,7 +82,7 @@ def figures(dataset: Dataset) -> dict[str, Any]:
         "versions": dict(dataset.info.versions),
         "size_gib": size / 2**30,
         "kb_a_pair": size / len(counts) / 1e3,
-        "pairs_without_contact": int((largest < contents.MIN_CONTACT_COUNTS).sum()),
+        "pairs_without_contact": int((largest < report.MIN_CONTACT_COUNTS).sum()),
         "unsettled": int(sum((~dataset.column(f"{s}_settled")).sum() for s in SENSORS)),
         "bottomed": int(sum(dataset.column(f"{s}_bottomed").sum() for s in SENSORS)),
         "force_off_percent": {
@@ -126,22 +126,22 @@ def _last_run(folder: Path) -> dict[str, Any]:
 
 def draw(dataset: Dataset) -> None:
     """The pictures of a dataset."""
-    from t2twin.report.dataset import contents, forces
-    from t2twin.report.html.figures import figure
+    from t2twin.report import dataset_report as report
+    from t2twin.report.figures import figure
 
-    rows = contents.gallery(dataset)
-    lines = -(-len(rows) // contents.GALLERY_COLUMNS)
+    rows = report.gallery(dataset)
+    lines = -(-len(rows) // report.GALLERY_COLUMNS)
     drawings: dict[str, tuple[float, Callable[[Page], None]]] = {
         "forces_and_counts": (
-            forces.HEIGHT_IN,
-            lambda page: forces.forces_and_counts(page, dataset),
+            report.HEIGHT_IN,
+            lambda page: report.forces_and_counts(page, dataset),
         ),
-        "depths": (forces.DEPTHS_IN, lambda page: forces.depths_in(page, dataset)),
-        "saturation": (contents.SATURATION_IN, lambda page: contents.saturation(page, dataset)),
-        "gallery": (contents.TILE_IN * lines, lambda page: contents.tiles(page, dataset, rows)),
+        "depths": (report.DEPTHS_IN, lambda page: report.depths_in(page, dataset)),
+        "saturation": (report.SATURATION_IN, lambda page: report.saturation(page, dataset)),
+        "gallery": (report.TILE_IN * lines, lambda page: report.tiles(page, dataset, rows)),
     }
     for name, (height_in, drawing) in drawings.items():
-        content = figure("png", contents.WIDTH_IN, height_in, drawing)
+        content = figure("png", report.WIDTH_IN, height_in, drawing)
         with atomic_write(PICTURES / f"dataset_{name}.png") as temporary:
             temporary.write_bytes(content)
 

@@ -104,8 +104,7 @@ def _scores(
     run: CountsPredictor, references: list[SimulatedReference], background: np.ndarray
 ) -> dict[str, Any]:
     """Scores of a run on the real frames of a third."""
-    from t2twin.adaptation.real_frame_evaluation import evaluate_frames
-    from t2twin.adaptation.record import AdaptationScores
+    from t2twin.adaptation.real_frame_evaluation import AdaptationScores, evaluate_frames
 
     found, alone = (
         AdaptationScores.of([one.real for one in evaluate_frames(run, references, still)])

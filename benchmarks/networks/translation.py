@@ -140,7 +140,7 @@ def on_layout(folder: Path) -> dict[str, Any]:
 
 def draw(report: ReportData) -> None:
     """The samples, one below another."""
-    from t2twin.report.sections.qualitative import sample_image, samples_at_quantiles
+    from t2twin.report.run_report import sample_image, samples_at_quantiles
 
     rows = []
     for split, quantiles in SHOWN.items():

@@ -1,30 +1,44 @@
-"""Evaluation of a translator on real frames, with simulated presses as reference.
+"""Evaluation of translators on real frames, with simulated presses as reference; the one to keep.
 
 The true counts of the real presses are unknown. The reference is the simulated CySkin, pressed at
 the position and depth that the calibration found in each frame.
+
+The trained run and the one that initialized its training are evaluated on the same held-out
+presses. The trained run is kept if its RMSE is lower on the real frames and also on their simulated
+frames; one of the two may be lower by chance.
 """
 
-from collections.abc import Sequence
+import shutil
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import cast
 
 import numpy as np
 from skimage.measure import label
 
+from t2twin.core.files import atomic_write
+from t2twin.core.templates import render
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.depth import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import SensorPair
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
+from t2twin.translate.runs.card import CARD, LIMITS
+from t2twin.translate.runs.config import BEST, CONFIG, LOG
 
 REGION_SHARE = 0.2
 """Contact threshold of a tactile image, as a share of its maximum (assumed)."""
 
 MIN_CONTACT_COUNTS = 400.0
 """Smallest count of a contact: one percent of full scale."""
+
+TRAINED, INITIAL = "trained", "initial"
+"""Names of the runs of an adaptation: its own, and the one that initialized the training."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +83,53 @@ class PressComparison:
     reference: SimulatedReference
     real: FrameResult
     simulated: FrameResult
+
+
+@dataclass(frozen=True)
+class AdaptationScores:
+    """Scores of a translator over the held-out presses, relative to the simulated CySkin.
+
+    rmse_percent: over all presses, percent of full scale. centroid_mm: median. single_region:
+    presses with exactly one predicted contact region. force_error: median absolute relative error.
+    interval_coverage_percent: counts within their 90 % intervals, None without intervals.
+    """
+
+    rmse_percent: float
+    centroid_mm: float
+    single_region: int
+    force_error: float
+    interval_coverage_percent: float | None
+
+    @classmethod
+    def of(cls, results: Sequence[FrameResult]) -> "AdaptationScores":
+        covered = [result.coverage for result in results if result.coverage is not None]
+        return cls(
+            rmse_percent=float(np.sqrt(np.mean([result.rmse_percent**2 for result in results]))),
+            centroid_mm=float(np.median([result.centroid_mm for result in results])),
+            single_region=sum(result.regions == 1 for result in results),
+            force_error=float(np.median([abs(result.force_error) for result in results])),
+            interval_coverage_percent=100.0 * float(np.mean(covered)) if covered else None,
+        )
+
+
+@dataclass(frozen=True)
+class RunScores:
+    """Scores of a run on the real and the simulated frames of the held-out presses.
+
+    background_counts: largest predicted count on the real background frame.
+    """
+
+    real: AdaptationScores
+    simulated: AdaptationScores
+    background_counts: float
+
+    @classmethod
+    def of(cls, comparisons: Sequence[PressComparison], background_counts: float) -> "RunScores":
+        real, simulated = (
+            [one.real for one in comparisons],
+            [one.simulated for one in comparisons],
+        )
+        return cls(AdaptationScores.of(real), AdaptationScores.of(simulated), background_counts)
 
 
 def simulate_reference(
@@ -176,3 +237,64 @@ def _regions(image: np.ndarray) -> int:
     """Number of connected contact regions of a tactile image, (R, C)."""
     contact = image > max(REGION_SHARE * float(image.max()), MIN_CONTACT_COUNTS)
     return int(cast(np.ndarray, label(contact)).max())
+
+
+def baseline_rmse_percent(
+    references: Sequence[SimulatedReference], run: CountsPredictor
+) -> tuple[float, float]:
+    """RMSE, percent of full scale, of zero counts and of the mean array of the presses."""
+    truth = np.array([reference.counts for reference in references])
+    zero, mean_array = (
+        100.0 * float(np.sqrt(np.mean(residual**2))) / run.config.data.full_scale_counts
+        for residual in (truth, truth - truth.mean(axis=0))
+    )
+    return zero, mean_array
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A run, with its scores on the held-out presses."""
+
+    run_dir: Path
+    run: CountsPredictor
+    comparisons: list[PressComparison]
+    scores: RunScores
+
+    @classmethod
+    def of(
+        cls, run_dir: Path, references: Sequence[SimulatedReference], background: np.ndarray
+    ) -> "Candidate":
+        """Evaluates a run. background: (320, 240, 3) uint8, of the real unit."""
+        run = load_run(run_dir)
+        comparisons = evaluate_frames(run, references, background)
+        counts = predict_counts(run, background, background)
+        scores = RunScores.of(comparisons, background_counts=float(counts.max()))
+        return cls(run_dir, run, comparisons, scores)
+
+
+def choose(candidates: Mapping[str, Candidate]) -> str:
+    """TRAINED or INITIAL, the name of the candidate to keep."""
+    trained, initial = candidates[TRAINED].scores, candidates.get(INITIAL)
+    if initial is None:
+        return TRAINED
+    is_better = all(
+        getattr(trained, frames).rmse_percent < getattr(initial.scores, frames).rmse_percent
+        for frames in ("real", "simulated")
+    )
+    return TRAINED if is_better else INITIAL
+
+
+def publish(candidates: Mapping[str, Candidate], kept: str, out_dir: Path) -> None:
+    """Copies the kept run to out_dir, with the scores of all candidates in its card."""
+    out_dir.mkdir(exist_ok=True)
+    source = candidates[kept].run_dir
+    for name in (BEST, LOG, CONFIG):
+        if (source / name).is_file():
+            with atomic_write(out_dir / name) as temporary:
+                shutil.copyfile(source / name, temporary)
+    card = source / CARD
+    text = card.read_text(encoding="utf-8") if card.is_file() else LIMITS
+    scores = {name: candidate.scores for name, candidate in candidates.items()}
+    section = render("adaptation/templates/card.md", kept=kept, scores=scores)
+    with atomic_write(out_dir / CARD) as temporary:
+        temporary.write_text(text.replace(LIMITS, f"{section}\n{LIMITS}", 1), encoding="utf-8")

@@ -1,34 +1,39 @@
-"""Files of an adaptation: the fitted calibration, its held-out presses, and the results.
+"""Files of an adaptation: the fitted calibration, its held-out presses, the results, and the page.
 
 calibration.npz has the format of `t2twin calibrate`. presses.json contains positions, depths and
 scores of the held-out presses, so that an interrupted adaptation resumes without a new fit.
-adapted.json contains the results.
+adapted.json contains the results, which index.html shows with images of every held-out press.
 """
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from t2twin.adaptation.real_frame_evaluation import (
-    FrameResult,
+    MIN_CONTACT_COUNTS,
     PressComparison,
-    SimulatedReference,
+    RunScores,
 )
-from t2twin.core.errors import T2TwinError
-from t2twin.core.files import read_file, write_json
-from t2twin.core.records import decode_json
+from t2twin.core.files import write_json
+from t2twin.core.records import read_json
+from t2twin.core.tables import Table
+from t2twin.report.figures import Panel, panels_image
+from t2twin.report.page import Section, write_page
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
-from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
+from t2twin.sim.digit.calibrate.record import uncertainty_sentences
+from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty
 from t2twin.translate.inference.predictor import CountsPredictor
 
 CALIBRATION, PRESSES, RECORD = "calibration.npz", "presses.json", "adapted.json"
-TRAINED, INITIAL = "trained", "initial"
-"""Names of the runs of an adaptation: its own, and the one that initialized the training."""
 
 FORMAT = 2
 """Format of presses.json."""
+
+TITLE = "Translator adapted to this DIGIT"
 
 
 @dataclass(frozen=True)
@@ -74,53 +79,6 @@ class FittedCalibration:
 
 
 @dataclass(frozen=True)
-class AdaptationScores:
-    """Scores of a translator over the held-out presses, relative to the simulated CySkin.
-
-    rmse_percent: over all presses, percent of full scale. centroid_mm: median. single_region:
-    presses with exactly one predicted contact region. force_error: median absolute relative error.
-    interval_coverage_percent: counts within their 90 % intervals, None without intervals.
-    """
-
-    rmse_percent: float
-    centroid_mm: float
-    single_region: int
-    force_error: float
-    interval_coverage_percent: float | None
-
-    @classmethod
-    def of(cls, results: Sequence[FrameResult]) -> "AdaptationScores":
-        covered = [result.coverage for result in results if result.coverage is not None]
-        return cls(
-            rmse_percent=float(np.sqrt(np.mean([result.rmse_percent**2 for result in results]))),
-            centroid_mm=float(np.median([result.centroid_mm for result in results])),
-            single_region=sum(result.regions == 1 for result in results),
-            force_error=float(np.median([abs(result.force_error) for result in results])),
-            interval_coverage_percent=100.0 * float(np.mean(covered)) if covered else None,
-        )
-
-
-@dataclass(frozen=True)
-class RunScores:
-    """Scores of a run on the real and the simulated frames of the held-out presses.
-
-    background_counts: largest predicted count on the real background frame.
-    """
-
-    real: AdaptationScores
-    simulated: AdaptationScores
-    background_counts: float
-
-    @classmethod
-    def of(cls, comparisons: Sequence[PressComparison], background_counts: float) -> "RunScores":
-        real, simulated = (
-            [one.real for one in comparisons],
-            [one.simulated for one in comparisons],
-        )
-        return cls(AdaptationScores.of(real), AdaptationScores.of(simulated), background_counts)
-
-
-@dataclass(frozen=True)
 class AdaptationResult:
     """Content of adapted.json.
 
@@ -146,18 +104,6 @@ class AdaptationResult:
     def scores(self) -> RunScores:
         """Scores of the kept run."""
         return self.runs[self.kept]
-
-
-def baseline_rmse_percent(
-    references: Sequence[SimulatedReference], run: CountsPredictor
-) -> tuple[float, float]:
-    """RMSE, percent of full scale, of zero counts and of the mean array of the presses."""
-    truth = np.array([reference.counts for reference in references])
-    zero, mean_array = (
-        100.0 * float(np.sqrt(np.mean(residual**2))) / run.config.data.full_scale_counts
-        for residual in (truth, truth - truth.mean(axis=0))
-    )
-    return zero, mean_array
 
 
 def write_fitted(
@@ -196,7 +142,71 @@ def read_fitted(folder: Path) -> FittedCalibration | None:
     path = folder / PRESSES
     if not path.is_file() or not (folder / CALIBRATION).is_file():
         return None
-    fitted = decode_json(read_file(path), FittedCalibration, path)
-    if fitted.format != FORMAT:
-        raise T2TwinError(f"{path} is of format {fitted.format}; expected {FORMAT}")
-    return fitted
+    return read_json(path, FittedCalibration, FORMAT)
+
+
+def write_adapt_page(
+    out: Path,
+    run: CountsPredictor,
+    comparisons: Sequence[PressComparison],
+    result: AdaptationResult,
+) -> Path:
+    """Writes out/index.html and returns its path."""
+    values = {
+        "summary": ("", lambda: _summary(result)),
+        "presses": (
+            "Presses",
+            lambda: {"presses": [(one, _figure(run, one)) for one in comparisons]},
+        ),
+        "uncertainty": ("Uncertainty", lambda: _uncertainty(result.uncertainty)),
+    }
+    template = "adaptation/templates/adaptation.html"
+    sections = {name: Section(link, template, compute) for name, (link, compute) in values.items()}
+    return write_page(out, TITLE, sections, result=result)
+
+
+def _summary(result: AdaptationResult) -> dict[str, Any]:
+    rows = [
+        [
+            name,
+            f"{scores.rmse_percent:.2f}",
+            f"{scores.centroid_mm:.2f}",
+            f"{100 * scores.force_error:.0f}",
+            f"{scores.single_region}",
+        ]
+        for run, each in result.runs.items()
+        for name, scores in (
+            (f"{run} run, real frames", each.real),
+            (f"{run} run, simulated frames", each.simulated),
+        )
+    ]
+    heads = ["", "RMSE, %", "centroid, mm", "force error, %", "one region"]
+    return {"table": Table(heads, {"": rows}), "min_contact_counts": MIN_CONTACT_COUNTS}
+
+
+def _uncertainty(uncertainty: CalibrationUncertainty) -> dict[str, Any]:
+    rows = [
+        [press.name, *_bounds(press.depth_mm), *_bounds(press.force_n)]
+        for press in uncertainty.presses
+    ]
+    heads = ["press", "depth, mm", "low", "high", "force, N", "low", "high"]
+    return {"table": Table(heads, {"": rows}), "sentences": uncertainty_sentences(uncertainty)}
+
+
+def _bounds(bounds: Bounds | None) -> list[str]:
+    values = (bounds.value, bounds.low, bounds.high) if bounds else ()
+    return [f"{value:.2f}" for value in values] or [""] * 3
+
+
+def _figure(run: CountsPredictor, comparison: PressComparison) -> bytes:
+    """Content of a PNG file with both frames of a press, their translations and the reference."""
+    reference, layout = comparison.reference, run.config.data
+    phi = Phi(layout.x_mm, layout.y_mm)
+    panels = [
+        Panel("real frame", reference.frame),
+        Panel("translated", phi(comparison.real.counts)),
+        Panel("simulated frame", reference.simulated),
+        Panel("translated", phi(comparison.simulated.counts)),
+        Panel("simulated CySkin", phi(reference.counts)),
+    ]
+    return panels_image(panels, phi, layout.x_mm, layout.y_mm)

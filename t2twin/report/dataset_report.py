@@ -1,20 +1,325 @@
 """The report of a dataset: one self-contained HTML page."""
 
+from collections import Counter
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
-from t2twin.report.dataset import contents, forces, pairs, scan
-from t2twin.report.dataset.tables import read_dataset
-from t2twin.report.html.page import Sections, check_out, write_page
+from t2twin.report import pairs
+from t2twin.report.dataset import Dataset, read_dataset
+from t2twin.report.figures import figure, force_axis
+from t2twin.report.near_duplicates import Scan, duplicates, near_duplicates, noise_grey, scan
+from t2twin.report.page import (
+    SENSOR_COLORS,
+    SENSOR_NAMES,
+    SPLIT_COLORS,
+    SPLIT_NAMES,
+    Section,
+    check_out,
+    forces_text,
+    shape_name,
+    write_page,
+)
+from t2twin.sim.dataset.store import taxels
 
-LINKS = {
-    "shapes": "Pairs by shape",
-    "gallery": "Images",
-    "pairs": "Pairs",
-    "forces": "Forces, depths, counts",
-    "saturation": "Saturation",
-    "duplicates": "Near-duplicates",
-}
+MIN_CONTACT_COUNTS = 100
+"""Smallest maximum count of a pair with contact: more than ten times the noise."""
+
+MAX_BARS = 100
+"""Maximum number of bars (assumed: three printed pages)."""
+
+GALLERY_COLUMNS, MAX_IMAGES = 10, 60
+GALLERY_SEED = 0
+BARS_WIDTH_IN, BAR_IN, MARGINS_IN = 4.4, 0.17, 0.8
+"""Width of the bar chart, which fits on a phone; height of a bar and of the margins, inches."""
+
+SATURATION_IN = 2.8
+TILE_IN = 1.42
+
+SENSORS = ("digit", "cyskin")
+BINS = 40
+FORCE_BINS = 12
+"""Number of bins of the commanded forces, equal in the logarithm."""
+
+MAX_FAMILIES = 24
+"""Maximum number of families in the chart of depths (assumed: space for their names)."""
+
+MIN_PERCENT = 0.001
+"""Smallest displayed force error, percent."""
+
+COUNTS_TICKS = 5
+WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
+
+
+def summary(dataset: Dataset, scanned: Scan) -> dict[str, Any]:
+    """Shares of unusual pairs and counts, and the pair with the median maximum count."""
+    largest = dataset.counts.max(axis=1)
+    place = int(np.argsort(largest, kind="stable")[(largest.size - 1) // 2])
+    split, row = dataset.places[place]
+    return {
+        "shapes": np.unique(dataset.shapes).size,
+        "near_duplicates": _share(near_duplicates(dataset, scanned)),
+        "without_contact": _share(largest < MIN_CONTACT_COUNTS),
+        "saturated": _share(dataset.saturated),
+        "min_contact_counts": MIN_CONTACT_COUNTS,
+        "example": pairs.example(dataset, split, row),
+        "shape": dataset.row(split, row)["shape"],
+        "largest": largest[place],
+    }
+
+
+def _share(which: np.ndarray) -> str:
+    """The share of True values, such as "1.2 %", or "none"."""
+    return f"{100 * which.mean():.2g} %" if which.any() else "none"
+
+
+def about(dataset: Dataset) -> dict[str, Any]:
+    """Number of shapes by split, size of the dataset, and pairs without contact."""
+    sizes = [(dataset.data / path).stat().st_size for path in dataset.info.shards]
+    largest = dataset.counts.max(axis=1)
+    return {
+        "shapes": {s: len(table["shape"].unique()) for s, table in dataset.tables.items()},
+        "size_bytes": sum(sizes),
+        "pairs": largest.size,
+        "without_contact": int((largest < MIN_CONTACT_COUNTS).sum()),
+        "min_contact_counts": MIN_CONTACT_COUNTS,
+    }
+
+
+def shapes(dataset: Dataset) -> dict[str, Any]:
+    """Bar chart of the pairs per shape; of more than MAX_BARS shapes, per family."""
+    number = np.unique(dataset.shapes).size
+    by_shape = number <= MAX_BARS
+    counted = counted_by_split(dataset, dataset.shapes if by_shape else dataset.families)
+    shown = dict(list(counted.items())[:MAX_BARS])
+    height = MARGINS_IN + BAR_IN * len(shown)
+    return {
+        "shapes": number,
+        "by_shape": by_shape,
+        "hidden": len(counted) - len(shown),
+        "chart": figure("svg", BARS_WIDTH_IN, height, lambda page: bars(page, shown)),
+    }
+
+
+def counted_by_split(dataset: Dataset, names: np.ndarray) -> dict[tuple[str, str], int]:
+    """Number of pairs by split and name, in the order of the shards.
+
+    Of more than MAX_BARS names, in descending order. names: (P,).
+    """
+    splits = np.repeat(list(dataset.tables), [len(table) for table in dataset.tables.values()])
+    counted = Counter(zip(splits.tolist(), names.tolist(), strict=True))
+    return dict(counted.most_common()) if len(counted) > MAX_BARS else dict(counted)
+
+
+def gallery(dataset: Dataset) -> list[tuple[str, int]]:
+    """Splits and rows of the sampled images: one of each shape, then further ones of each."""
+    return pairs.sample_in_turn(dataset, dataset.shapes, MAX_IMAGES, GALLERY_SEED)
+
+
+def images(dataset: Dataset) -> dict[str, Any]:
+    """Grid of images of all shapes."""
+    rows = gallery(dataset)
+    height = TILE_IN * -(-len(rows) // GALLERY_COLUMNS)
+    return {"grid": figure("png", WIDTH_IN, height, lambda page: tiles(page, dataset, rows))}
+
+
+def saturation_chart(dataset: Dataset) -> dict[str, Any]:
+    """Histograms of saturated counts by pair and by taxel."""
+    chart = figure("svg", WIDTH_IN, SATURATION_IN, lambda page: saturation(page, dataset))
+    return {"saturated": dataset.saturated, "chart": chart}
+
+
+def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
+    """counted: number of pairs by split and name, in the order of the bars."""
+    axes = page.subplots()
+    for split in dict.fromkeys(split for split, _ in counted):
+        own = [n for n, (where, _) in enumerate(counted) if where == split]
+        pairs = [number for (where, _), number in counted.items() if where == split]
+        axes.barh(own, pairs, 0.8, color=SPLIT_COLORS[split], label=SPLIT_NAMES[split])
+    axes.set_yticks(range(len(counted)), [shape_name(name) for _, name in counted], fontsize=7.5)
+    axes.set(xlabel="pairs", ylim=(len(counted) - 0.4, -0.6))
+    axes.locator_params(axis="x", integer=True)
+    axes.legend()
+
+
+def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
+    """rows: splits and rows of the images."""
+    grid = page.subplots(-(-len(rows) // GALLERY_COLUMNS), GALLERY_COLUMNS, squeeze=False)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    for axes, (split, row) in zip(grid.flat, rows, strict=False):
+        axes.imshow(dataset.image(split, row))
+        axes.set_title(shape_name(dataset.row(split, row)["shape"]), fontsize=6)
+
+
+def saturation(page: Figure, dataset: Dataset) -> None:
+    largest, number, array = page.subplots(1, 3)
+    counts, full_scale = dataset.counts, dataset.layout.full_scale_counts
+    largest.hist(counts.max(axis=1), np.linspace(0, full_scale, 41).tolist(), color="#0072b2")
+    largest.set(xlabel="largest count of a pair", ylabel="pairs")
+    largest.xaxis.set_major_formatter("{x:,.0f}")
+    largest.locator_params(axis="x", nbins=4)
+    saturated = dataset.saturated
+    times = np.bincount(saturated.sum(axis=1))
+    number.bar(range(times.size), times, color="#0072b2")
+    number.set(xlabel="saturated taxels of a pair", ylabel="pairs", yscale="log")
+    number.locator_params(axis="x", integer=True)
+    drawn = array.scatter(
+        dataset.layout.x_mm,
+        dataset.layout.y_mm,
+        c=100 * saturated.mean(axis=0),
+        s=70,
+        edgecolors="#444444",
+        linewidths=0.4,
+    )
+    array.set(aspect="equal", xlabel="x, mm", ylabel="y, mm")
+    array.margins(0.15)
+    array.invert_yaxis()
+    page.colorbar(drawn, ax=array, label="saturated, % of the pairs")
+
+
+def forces(dataset: Dataset) -> dict[str, Any] | None:
+    """Ranges by sensor, histograms of forces and counts, depths by family and by force.
+
+    None for imported pairs, which have neither contact forces nor depths.
+    """
+    if not dataset.info.is_simulated:
+        return None
+    commanded = dataset.column("force_n")
+    contact = commanded > 0
+    families = np.unique(dataset.families).size
+
+    def chart(draw: Callable[[Figure, Dataset], None], height_in: float = HEIGHT_IN) -> bytes:
+        return figure("svg", WIDTH_IN, height_in, lambda page: draw(page, dataset))
+
+    return {
+        "commanded": _range(commanded[contact], "N"),
+        "without_contact": int((~contact).sum()),
+        "sensors": [_sensor(dataset, sensor) for sensor in SENSORS],
+        "pairs": commanded.size,
+        "saturated": dataset.saturated,
+        "families": families,
+        "max_families": MAX_FAMILIES,
+        "by_force": chart(commanded_and_depths) if dataset.forces_n.size > 1 else None,
+        "histograms": chart(forces_and_counts),
+        "depths": chart(depths_in, DEPTHS_IN),
+    }
+
+
+def _sensor(dataset: Dataset, sensor: str) -> dict[str, Any]:
+    """Force error, failed presses and depths of a sensor."""
+    commanded = dataset.column("force_n")
+    contact = commanded > 0
+    error = dataset.column(f"{sensor}_force_n")[contact] / commanded[contact] - 1.0
+    percent = 100 * np.abs(error).max()
+    return {
+        "name": SENSOR_NAMES[sensor],
+        "error_percent": f"{percent:.2g}" if percent >= MIN_PERCENT else f"{MIN_PERCENT:g}",
+        "not_converged": int((~dataset.column(f"{sensor}_settled").astype(bool)).sum()),
+        "bottomed": int(dataset.column(f"{sensor}_bottomed").sum()),
+        "depth": _range(dataset.column(f"{sensor}_depth_mm")[contact], "mm"),
+    }
+
+
+def _range(values: np.ndarray, unit: str) -> str:
+    low, high = f"{values.min():.2f}", f"{values.max():.2f}"
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def forces_and_counts(page: Figure, dataset: Dataset) -> None:
+    left, right = page.subplots(1, 2)
+    commanded = dataset.column("force_n")
+    errors = {s: 1e3 * (dataset.column(f"{s}_force_n") - commanded) for s in SENSORS}
+    limit = max(float(np.abs(values).max()) for values in errors.values()) or 1.0
+    bins = np.linspace(-limit, limit, BINS + 1).tolist()
+    for sensor, values in errors.items():
+        left.hist(values, bins, color=SENSOR_COLORS[sensor], alpha=0.65, label=SENSOR_NAMES[sensor])
+    left.axvline(0.0, color="#222222", linewidth=0.8)
+    commanded_text = forces_text(dataset.forces_n)
+    left.set(xlabel=f"contact force − commanded ({commanded_text}), mN", ylabel="pairs")
+    left.locator_params(axis="x", nbins=6)
+    left.legend()
+    _counts(right, dataset)
+
+
+def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
+    left, right = page.subplots(1, 2)
+    commanded = dataset.column("force_n")
+    touching = commanded > 0
+    low, high = commanded[touching].min(), commanded[touching].max()
+    edges = np.geomspace(low, high, FORCE_BINS + 1) if high > low else np.array([low, 2 * low])
+    splits = np.repeat(list(dataset.tables), [len(table) for table in dataset.tables.values()])
+    for split, color in SPLIT_COLORS.items():
+        own = commanded[touching & (splits == split)]
+        if own.size:
+            left.hist(own, edges.tolist(), histtype="step", color=color, label=SPLIT_NAMES[split])
+    left.set(xlabel="commanded force, N", ylabel="pairs")
+    force_axis(left, low, high)
+    left.legend()
+    place = np.clip(np.searchsorted(edges, commanded, "right") - 1, 0, edges.size - 2)
+    bins = [touching & (place == n) for n in range(edges.size - 1)]
+    kept = [mine for mine in bins if mine.any()]
+    middles = [float(np.median(commanded[mine])) for mine in kept]
+    for sensor in SENSORS:
+        depths = dataset.column(f"{sensor}_depth_mm")
+        spread = [np.quantile(depths[mine], (0.25, 0.5, 0.75)) for mine in kept]
+        first, median, third = np.array(spread).T
+        color = SENSOR_COLORS[sensor]
+        right.plot(middles, median, "o-", color=color, markersize=3, label=SENSOR_NAMES[sensor])
+        right.fill_between(middles, first, third, color=color, alpha=0.2, linewidth=0)
+    right.set(xlabel="commanded force, N", ylabel="depth, mm", ylim=(0, None))
+    force_axis(right, low, high)
+    right.legend()
+
+
+def _counts(axes: Axes, dataset: Dataset) -> None:
+    full_scale = dataset.layout.full_scale_counts
+    bins = np.linspace(0.0, full_scale, BINS + 1).tolist()
+    for split, color in SPLIT_COLORS.items():
+        if split not in dataset.tables:
+            continue
+        counts = taxels(dataset.tables[split]).ravel()
+        weights = np.full(counts.size, 100.0 / counts.size)
+        name = SPLIT_NAMES[split]
+        axes.hist(counts, bins, weights=weights, histtype="step", color=color, label=name)
+    axes.set(xlabel="counts", ylabel="% of the split's counts", yscale="log")
+    axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
+    axes.xaxis.set_major_formatter("{x:,.0f}")
+    axes.legend()
+
+
+def depths_in(page: Figure, dataset: Dataset) -> None:
+    touching = dataset.column("force_n") > 0
+    families = dataset.families[touching]
+    names = list(dict.fromkeys(families.tolist()))
+    if len(names) > MAX_FAMILIES:
+        names = [name for name, _ in Counter(families.tolist()).most_common(MAX_FAMILIES)]
+    axes = page.subplots()
+    for place, sensor in enumerate(SENSORS):
+        depths = dataset.column(f"{sensor}_depth_mm")[touching]
+        color = SENSOR_COLORS[sensor]
+        boxes = axes.boxplot(
+            [depths[families == name] for name in names],
+            positions=(np.arange(len(names)) + 0.36 * (place - 0.5)).tolist(),
+            widths=0.28, whis=(0, 100), patch_artist=True,
+            boxprops={"facecolor": color, "alpha": 0.65, "linewidth": 0.6},
+            medianprops={"color": "#111111", "linewidth": 1.0},
+            whiskerprops={"linewidth": 0.7}, capprops={"linewidth": 0.7},
+        )  # fmt: skip
+        boxes["boxes"][0].set_label(SENSOR_NAMES[sensor])
+    axes.set_xticks(range(len(names)), [name.replace("-", "-\n") for name in names])
+    axes.set(ylabel="depth, mm", ylim=(0, None))
+    axes.legend()
+
+
+TEMPLATE = "report/templates/dataset.html"
 
 
 def write_data_report(out: str | Path, data: str | Path) -> Path:
@@ -26,20 +331,16 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     out, data = arguments.path(out, "out"), arguments.path(data, "data")
     check_out(out)
     dataset = read_dataset(data)
-    scanned = scan.scan(dataset, scan.noise_grey(dataset))
+    scanned = scan(dataset, noise_grey(dataset))
     values = {
-        "summary": lambda: contents.summary(dataset, scanned),
-        "about": lambda: contents.about(dataset),
-        "shapes": lambda: contents.shapes(dataset),
-        "gallery": lambda: contents.images(dataset),
-        "pairs": lambda: pairs.section(dataset),
-        "forces": lambda: forces.section(dataset),
-        "saturation": lambda: contents.saturation_chart(dataset),
-        "duplicates": lambda: scan.duplicates(dataset, scanned),
+        "summary": ("", partial(summary, dataset, scanned)),
+        "about": ("", partial(about, dataset)),
+        "shapes": ("Pairs by shape", partial(shapes, dataset)),
+        "gallery": ("Images", partial(images, dataset)),
+        "pairs": ("Pairs", partial(pairs.section, dataset)),
+        "forces": ("Forces, depths, counts", partial(forces, dataset)),
+        "saturation": ("Saturation", partial(saturation_chart, dataset)),
+        "duplicates": ("Near-duplicates", partial(duplicates, dataset, scanned)),
     }
-    if not dataset.info.is_simulated:
-        del values["forces"]  # imported pairs have neither contact forces nor depths
-    sections: Sections = {
-        name: (f"report/templates/dataset/{name}.html", compute) for name, compute in values.items()
-    }
-    return write_page(out, f"The dataset in {data}", sections, LINKS, dataset=dataset)
+    sections = {name: Section(link, TEMPLATE, compute) for name, (link, compute) in values.items()}
+    return write_page(out, f"The dataset in {data}", sections, dataset=dataset)

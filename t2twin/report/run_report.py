@@ -5,42 +5,226 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from t2twin.core import arguments
+from t2twin.core.machine import cores, processor
+from t2twin.core.tables import Table
+from t2twin.report import dataset_report, pairs, run_charts
 from t2twin.report.data import ReportData, read_report_data
-from t2twin.report.dataset import forces, pairs
-from t2twin.report.html.page import Sections, write_page
-from t2twin.report.sections import (
-    breakdowns,
-    learning_curves,
-    overview,
-    qualitative,
-    results,
-    uncertainty,
+from t2twin.report.figures import Panel, panels_image
+from t2twin.report.page import SPLIT_NAMES, Section, name_of, write_page
+from t2twin.report.pairs import example
+from t2twin.sim.cyskin.taxels import DIELECTRIC_MODULUS_MPA
+from t2twin.sim.dataset.store import sha256_of
+from t2twin.sim.digit.calibration import DEFAULT_PATH
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+from t2twin.translate.evaluation.records import Evaluation
+from t2twin.translate.evaluation.table import (
+    FURTHER,
+    MAIN,
+    figures_table,
+    findings_table,
+    training_data,
 )
+from t2twin.translate.runs.log import best_epoch
 
 TITLE = "Touch-to-touch translation on a simulated bench"
 IMPORTED_TITLE = "Touch-to-touch translation of the pairs in {}"
 
-DATASET, RUNS = "report/templates/dataset", "report/templates/runs"
-"""Folders of the templates; two sections are also in the report of a dataset."""
-
-SECTIONS: dict[str, tuple[str, str, Callable[[ReportData], Mapping[str, Any]]]] = {
-    "summary": ("", RUNS, overview.summary),
-    "about": ("", RUNS, overview.about),
-    "results": ("Results", RUNS, results.section),
-    "finding": ("The paper's finding", RUNS, results.finding),
-    "by-force": ("By force", RUNS, breakdowns.by_force),
-    "uncertainty": ("Uncertainty", RUNS, uncertainty.section),
-    "samples": ("Samples", RUNS, qualitative.section),
-    "pairs": ("Pairs", DATASET, pairs.section),
-    "curves": ("Learning", RUNS, learning_curves.section),
-    "forces": ("Forces", DATASET, forces.section),
-    "by-shape": ("By shape", RUNS, breakdowns.by_shape),
-    "limits": ("Limits", RUNS, overview.limits),
+UNSEEN_SHAPES = {
+    "val": "new versions of the training shapes",
+    "test": "hand tools (new objects)",
 }
-"""Title of the link, folder of the template, and function that computes the values."""
+"""Content of the splits of the paper's protocol, for a run trained on the same dataset."""
 
-LINKS = {name: title for name, (title, _, _) in SECTIONS.items() if title}
+HEADS = [
+    "Run", "Trained on", "Pairs", "Steps", "Preset", "Image, px", "Parameters", "Epochs",
+    "Best epoch", "Minutes",
+]  # fmt: skip
+
+TITLES = {"val": "Validation, unseen versions", "test": "Test, objects"}
+"""Titles of the splits of the paper's protocol."""
+
+QUANTILES = {"val": (0.1, 0.5, 0.9, 1.0), "test": (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)}
+"""Quantiles of the error at which samples are shown."""
+
+
+def summary(report: ReportData) -> dict[str, Any]:
+    """Errors by split, and the press with the median error of the best run."""
+    split, evaluation = next(iter(report.evaluations.items()))
+    name, predictions = best_run(evaluation), report.predictions[split]
+    errors = predictions.rmse_counts(name)
+    row = int(np.argsort(errors, kind="stable")[(errors.size - 1) // 2])
+    ratios = {s: _ratio(one) for s, one in report.evaluations.items()}
+    return {
+        "runs": [name_of(run) for run in report.runs],
+        "pairs": {split: _pairs(report, split) for split in report.evaluations},
+        "baselines": (MEAN_ARRAY, NEAREST_NEIGHBOR),
+        "ratios": ratios,
+        "better": [split for split, ratio in ratios.items() if ratio < 1.0],
+        "split": split,
+        "best": name,
+        "errors": errors,
+        "row": row,
+        "example": example(report, split, row, predictions.by_model[name][row]),
+    }
+
+
+def best_run(evaluation: Evaluation) -> str:
+    """Name of the run with the lowest RMSE on a split."""
+    return min(evaluation.runs, key=lambda name: evaluation.runs[name].overall.rmse_counts)
+
+
+def _pairs(report: ReportData, split: str) -> str:
+    """Content of a split, and whether its shapes are in the training split, if recorded."""
+    evaluation = report.evaluations[split]
+    pairs = f"the {evaluation.pairs:,} {SPLIT_NAMES[split]} pairs"
+    if not all(row.same_data for row in evaluation.runs.values()):
+        return pairs
+    own, trained = (set(report.tables[s]["shape"].to_pylist()) for s in (split, "train"))
+    if own <= trained:
+        return f"{pairs} (of training shapes)"
+    if own & trained:
+        return f"{pairs} (some of training shapes)"
+    return UNSEEN_SHAPES[split] if report.info.is_protocol else f"{pairs} (of unseen shapes)"
+
+
+def _ratio(evaluation: Evaluation) -> float:
+    """RMSE of the best run relative to that of the better baseline."""
+    baselines = (evaluation.models[name] for name in (MEAN_ARRAY, NEAREST_NEIGHBOR))
+    lowest = min(row.overall.rmse_counts for row in baselines)
+    best = evaluation.runs[best_run(evaluation)].overall.rmse_counts
+    return best / lowest if lowest else float("inf")
+
+
+def about(report: ReportData) -> dict[str, Any]:
+    """Shapes by split, table of the runs, and runs with other training data."""
+    models = report.evaluation.runs
+    return {
+        "shapes": {s: len(table["shape"].unique()) for s, table in report.tables.items()},
+        "cores": cores(),
+        "processor": processor(),
+        "table": Table(HEADS, {"": [_run(report, name) for name in report.runs]}),
+        "other_data": [
+            f"{name_of(name)} ({training_data(model)[0]})"
+            for name, model in models.items()
+            if not model.same_data
+        ],
+    }
+
+
+def _run(report: ReportData, name: str) -> list[str]:
+    """Row of a run."""
+    run, history = report.runs[name], report.histories[name]
+    preset = run.config.preset
+    parameters = sum(p.numel() for p in run.translator.predictor.parameters())
+    seconds = sum(record.seconds for record in history)
+    return [
+        name_of(name),
+        *training_data(report.evaluation.runs[name]),
+        preset.name,
+        f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
+        f"{parameters / 1e6:.2f} M",
+        f"{len(history)}",
+        f"{best_epoch(history).epoch}",
+        f"{seconds / 60:.1f}" if seconds < 600 else f"{seconds / 60:,.0f}",
+    ]
+
+
+def limits(report: ReportData) -> dict[str, Any]:
+    """Assumed parameters of a simulated dataset, and whether its optics are the default ones."""
+    parameters = report.info.parameters
+    return {
+        "parameters": parameters,
+        "dielectric_mpa": DIELECTRIC_MODULUS_MPA,
+        "is_default_calibration": parameters is not None
+        and parameters.digit.calibration_sha256 == sha256_of(DEFAULT_PATH),
+    }
+
+
+def results(report: ReportData) -> dict[str, Any]:
+    """Two tables of the figures."""
+    evaluations = report.evaluations
+    titles = {
+        split: TITLES[split] if report.info.is_protocol else name_of(split).capitalize()
+        for split in evaluations
+    }
+    with_pairs = {s: f"{titles[s]} ({one.pairs:,} pairs)" for s, one in evaluations.items()}
+    own = "This dataset" + ", simulated" * report.info.is_simulated
+    return {
+        "main": figures_table(evaluations, MAIN, with_pairs, name_of, own=own),
+        "further": figures_table(evaluations, FURTHER, titles, name_of),
+    }
+
+
+def finding(report: ReportData) -> dict[str, Any] | None:
+    """Answers to the paper's statements, which are about both translators, with intervals."""
+    tables = findings_table(report.evaluations, report.gap, name_of)
+    return {"table": tables[0]} if tables else None
+
+
+def samples(report: ReportData) -> dict[str, Any]:
+    """Split, quantile, values, errors by run, and figure of each sample."""
+    return {
+        "samples": [
+            (
+                split,
+                quantile,
+                report.row(split, row),
+                {name: report.predictions[split].rmse_counts(name)[row] for name in report.runs},
+                sample_image(report, split, row),
+            )
+            for split in report.evaluations
+            for row, quantile in samples_at_quantiles(report, split)
+        ]
+    }
+
+
+def samples_at_quantiles(report: ReportData, split: str) -> list[tuple[int, float]]:
+    """Unique rows at QUANTILES of the error, with their quantile."""
+    predictions = report.predictions[split]
+    error = np.mean([predictions.rmse_counts(name) for name in report.runs], axis=0)
+    order = np.argsort(error, kind="stable")
+    rows: dict[int, float] = {}
+    for quantile in QUANTILES[split]:
+        rows.setdefault(int(order[round(quantile * (order.size - 1))]), quantile)
+    return list(rows.items())
+
+
+def sample_image(report: ReportData, split: str, row: int) -> bytes:
+    """One sample as PNG: X, generated images, phi of the predicted counts, differences, and I."""
+    predictions, phi, layout = report.predictions[split], report.phi, report.layout
+    digit, truth = report.image(split, row), phi(predictions.truth[row])
+    panels = [Panel("X\nDIGIT", digit)]
+    for name, run in report.runs.items():
+        predicted, title = phi(predictions.by_model[name][row]), name_of(name)
+        if run.reads_any_layout:
+            panels.append(Panel(f"{title}\ngenerated", run.tactile_images([digit])[0]))
+        error = predictions.rmse_counts(name)[row]
+        panels.append(Panel(f"φ(Ŷ) {title}\n{error:,.0f} counts", predicted))
+        panels.append(Panel("φ(Ŷ) − I\n", predicted - truth, is_difference=True))
+    panels.append(Panel("I = φ(Y)\ntrue", truth))
+    return panels_image(panels, phi, layout.x_mm, layout.y_mm)
+
+
+RUNS, DATASET = "report/templates/runs.html", "report/templates/dataset.html"
+
+SECTIONS: dict[str, tuple[str, str, Callable[[ReportData], Mapping[str, Any] | None]]] = {
+    "summary": ("", RUNS, summary),
+    "about": ("", RUNS, about),
+    "results": ("Results", RUNS, results),
+    "finding": ("The paper's finding", RUNS, finding),
+    "by-force": ("By force", RUNS, run_charts.by_force),
+    "uncertainty": ("Uncertainty", RUNS, run_charts.uncertainty),
+    "samples": ("Samples", RUNS, samples),
+    "pairs": ("Pairs", DATASET, pairs.section),
+    "curves": ("Learning", RUNS, run_charts.learning_curves),
+    "forces": ("Forces", DATASET, dataset_report.forces),
+    "by-shape": ("By shape", RUNS, run_charts.by_shape),
+    "limits": ("Limits", RUNS, limits),
+}
+"""Fields of page.Section; two sections are also in the report of a dataset."""
 
 
 def write_report(
@@ -67,21 +251,12 @@ def write_report(
 
 def draw_report(out: Path, report: ReportData) -> Path:
     """Writes out/index.html and returns its path."""
-    info, hidden = report.info, set()
-    if not info.is_simulated:
-        hidden.add("forces")  # imported pairs have neither contact forces nor depths
-    if not report.gap and not any(one.findings for one in report.evaluations.values()):
-        hidden.add("finding")  # about both translators
-    if not any(one.has_forces for one in report.evaluations.values()):
-        hidden.add("by-force")
-    if not uncertainty.has_uncertainty(report.evaluations):
-        hidden.add("uncertainty")
-    sections: Sections = {
-        name: (f"{folder}/{name}.html", partial(compute, report))
-        for name, (_, folder, compute) in SECTIONS.items()
-        if name not in hidden
-    }
+    info = report.info
     title = TITLE if info.is_simulated else IMPORTED_TITLE.format(report.data)
     if info.is_simulated and not info.is_protocol:
         title += f", world {info.world_name}"
-    return write_page(out, title, sections, LINKS, report=report, dataset=report)
+    sections = {
+        name: Section(link, template, partial(values, report))
+        for name, (link, template, values) in SECTIONS.items()
+    }
+    return write_page(out, title, sections, report=report, dataset=report)

@@ -118,7 +118,7 @@ def figures_table(
         {title: rows for title, rows in groups.items() if rows},
         [(title, len(columns)) for title in (splits or {}).values()],
         "" if splits else f"{each[0].split}, {each[0].pairs} pairs",
-        list(_notes(evaluations)),
+        list(_notes(evaluations, columns)),
     )
 
 
@@ -142,18 +142,20 @@ def _interval(interval: Interval | None, form: str) -> str:
     return "" if interval is None else f"{form.format(interval.low)}–{form.format(interval.high)}"
 
 
-def _notes(evaluations: Evaluations) -> Iterator[str]:
+def _notes(evaluations: Evaluations, columns: Collection[Column]) -> Iterator[str]:
     """Sentences on intervals, groups of taxels, uncertainty, motion, training data, the paper."""
     one = next(iter(evaluations.values()))
     shapes = " and ".join(str(each.bootstrap.shapes) for each in evaluations.values())
     yield (
-        f"Intervals: {100 * one.bootstrap.confidence:.0f} %, by bootstrap over the {shapes} shapes."
+        f"Below or behind a figure: its {100 * one.bootstrap.confidence:.0f} % interval, by "
+        f"bootstrap over the {shapes} shapes."
     )
-    taxels = one.view.taxels
-    yield (
-        f"Of the taxels, {taxels.under} lie under the DIGIT's view, {taxels.near} within one pitch "
-        f"of it ({one.view.pitch_mm:.1f} mm), {taxels.beyond} beyond."
-    )
+    if FURTHER[-1] in columns:
+        taxels = one.view.taxels
+        yield (
+            f"Of the taxels, {taxels.under} lie under the DIGIT's view, {taxels.near} within one "
+            f"pitch of it ({one.view.pitch_mm:.1f} mm), {taxels.beyond} beyond."
+        )
     for split, each in evaluations.items():
         of_split = f"{split}: " if len(evaluations) > 1 else ""
         yield from (of_split + line for line in uncertainty_text(each.models))

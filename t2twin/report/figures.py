@@ -7,6 +7,7 @@ import io
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -54,6 +55,9 @@ FORCE_MARGIN = 1.15
 
 BAR_WIDTH = 0.12
 """Width of a color bar, relative to a tactile image."""
+
+PANEL_IN, ROW_IN, BAR_IN, DIFFERENCE_BAR_IN = 1.25, 2.5, 0.6, 0.3
+"""Width of a panel, height of a row of panels, widths of its color bars, inches."""
 
 
 def figure(
@@ -189,6 +193,14 @@ def draw_panels(
     for is_difference, image in sorted(drawn.items(), reverse=True):
         title = "difference, counts" if is_difference else "counts"
         color_bar(page, image, axes[-1], BAR_WIDTH, title)
+
+
+def panels_image(panels: Sequence[Panel], phi: Phi, x_mm: np.ndarray, y_mm: np.ndarray) -> bytes:
+    """Content of a PNG file with a row of panels; see `draw_panels`."""
+    bars = BAR_IN + DIFFERENCE_BAR_IN * any(one.is_difference for one in panels)
+    width = PANEL_IN * sum(panel.width for panel in panels) + bars
+    draw = partial(draw_panels, panels=panels, phi=phi, x_mm=x_mm, y_mm=y_mm)
+    return figure("png", width, ROW_IN, draw)
 
 
 def extent_mm(phi: Phi) -> tuple[float, float, float, float]:

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from t2twin.report.dataset.tables import Dataset
-from t2twin.report.html.figures import (
+from t2twin.report.dataset import Dataset
+from t2twin.report.figures import (
     COUNTS_MAP,
     Panel,
     color_bar,

@@ -1,5 +1,6 @@
-"""Errors by force and by shape."""
+"""Sections of runs with a chart: errors by force and shape, learning, predicted uncertainty."""
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -11,11 +12,21 @@ from matplotlib.ticker import MaxNLocator
 
 from t2twin.primitives_cad import catalogue
 from t2twin.report.data import ReportData
-from t2twin.report.html.figures import figure, force_axis
-from t2twin.report.html.labels import BASELINE_COLORS, SPLIT_NAMES, colors, name_of, shape_name
+from t2twin.report.figures import figure, force_axis
+from t2twin.report.page import (
+    BASELINE_COLORS,
+    SPLIT_COLORS,
+    SPLIT_NAMES,
+    colors,
+    name_of,
+    shape_name,
+)
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE, MIN_PRESSES
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, ForceFigures
+from t2twin.translate.evaluation.table import uncertainty_text
+from t2twin.translate.runs.log import best_epoch
 
 FORCE_IN, SPLIT_IN, LEGEND_IN = 9.0, 2.7, 0.4
 """Width of the chart by force, height per split and of the legend, inches."""
@@ -40,10 +51,18 @@ MARKS: dict[str, dict[str, Any]] = {
     NEAREST_NEIGHBOR: {"marker": "D", "markersize": 5, "markeredgecolor": "white"},
 }
 
+WIDTH_IN, HEIGHT_IN = 9.0, 3.4
+"""Size of the other charts, inches."""
 
-def by_force(report: ReportData) -> dict[str, Any]:
-    """Chart of the splits with several forces."""
+STYLES = ("-", "--", ":")
+"""Line styles of the runs with uncertainty."""
+
+
+def by_force(report: ReportData) -> dict[str, Any] | None:
+    """Chart of the splits with several forces; None without one."""
     evaluations = {s: one for s, one in report.evaluations.items() if one.has_forces}
+    if not evaluations:
+        return None
     height = LEGEND_IN + SPLIT_IN * len(evaluations)
     return {
         "evaluations": evaluations,
@@ -149,3 +168,85 @@ def _shape_bars(page: Figure, report: ReportData, split: str) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
     axes.xaxis.set_major_formatter("{x:,.0f}")
     page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+
+def learning_curves(report: ReportData) -> dict[str, Any]:
+    """Chart of the RMSE by epoch, from the logs of the runs."""
+    draw = partial(_epochs, report=report)
+    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, draw)}
+
+
+def _epochs(page: Figure, report: ReportData) -> None:
+    axes = page.subplots()
+    color_of = colors(list(report.runs))
+    full_scale = report.layout.full_scale_counts
+    for name, history in report.histories.items():
+        epochs = [record.epoch for record in history]
+        validation = [full_scale * record.val_rmse_percent / 100 for record in history]
+        marker = "o" if len(history) == 1 else ""
+        label = f"{name_of(name)}, validation"
+        axes.plot(epochs, validation, color=color_of[name], label=label, marker=marker)
+        best = best_epoch(history)
+        lowest = full_scale * best.val_rmse_percent / 100
+        axes.plot(best.epoch, lowest, "o", color=color_of[name], markersize=5)
+        if "l3" in history[0].train:
+            seen = [full_scale * math.sqrt(record.train["l3"]) for record in history]
+            label = f"{name_of(name)}, training"
+            axes.plot(epochs, seen, "--", color=color_of[name], label=label, marker=marker)
+    evaluation = report.evaluations.get("val")
+    if evaluation is not None and all(row.same_data for row in evaluation.runs.values()):
+        for name in (MEAN_ARRAY, NEAREST_NEIGHBOR):
+            axes.axhline(
+                evaluation.models[name].overall.rmse_counts, color=color_of[name], linewidth=1,
+                linestyle=(0, (6, 3)), label=f"{name_of(name)}, validation",
+            )  # fmt: skip
+    axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
+    axes.yaxis.set_major_formatter("{x:,.0f}")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend()
+
+
+def uncertainty(report: ReportData) -> dict[str, Any] | None:
+    """Reliability diagram, risk-coverage curve, and a summary of each run and split.
+
+    None if no run predicts uncertainty.
+    """
+    evaluations = report.evaluations
+    if all(row.uncertainty is None for one in evaluations.values() for row in one.runs.values()):
+        return None
+    return {
+        "chart": figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _coverage(page, evaluations)),
+        "summaries": [
+            (split, line)
+            for split, one in evaluations.items()
+            for line in uncertainty_text({name_of(name): row for name, row in one.runs.items()})
+        ],
+    }
+
+
+def _coverage(page: Figure, evaluations: dict[str, Evaluation]) -> None:
+    left, right = page.subplots(1, 2)
+    for split, evaluation in evaluations.items():
+        rows = {
+            n: row.uncertainty for n, row in evaluation.runs.items() if row.uncertainty is not None
+        }
+        for style, (name, metrics) in zip(STYLES * len(rows), rows.items(), strict=False):
+            nominal, observed, kept = (
+                [100 * share for share in shares]
+                for shares in (metrics.levels, metrics.coverage, metrics.retained)
+            )
+            look = {"color": SPLIT_COLORS[split], "label": f"{name_of(name)}, {SPLIT_NAMES[split]}"}
+            left.plot(nominal, observed, style, marker="o", markersize=3, **look)
+            right.plot(kept, metrics.retained_rmse_counts, style, **look)
+    left.plot((0, 100), (0, 100), color="#999999", linewidth=0.8)
+    left.set(
+        xlabel="nominal coverage, %", ylabel="observed coverage, %", xlim=(0, 100), ylim=(0, 100)
+    )
+    right.axvline(100 * REPORTED_SHARE, color="#999999", linewidth=0.8)
+    right.set(
+        xlabel="presses with the lowest uncertainty, %", ylabel="RMSE, counts", xlim=(0, 100),
+        ylim=(0, None),
+    )  # fmt: skip
+    right.yaxis.set_major_formatter("{x:,.0f}")
+    left.legend()
+    right.legend()

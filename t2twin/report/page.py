@@ -1,10 +1,15 @@
-"""Displayed names and colors."""
+"""Self-contained HTML pages from the blocks of their sections; displayed names and colors."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from t2twin.core.files import atomic_write, check_replaceable, locked
+from t2twin.core.progress import Progress
+from t2twin.core.templates import environment, render
 from t2twin.translate.evaluation.metrics.baselines import (
     LAYOUT_FLOOR,
     MEAN_ARRAY,
@@ -12,6 +17,9 @@ from t2twin.translate.evaluation.metrics.baselines import (
     NOISE_FLOOR,
 )
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
+
+PAGE = "index.html"
+MACROS = "report/templates/macros.html"
 
 SPLIT_NAMES = {"train": "training", "val": "validation", "test": "test"}
 NAMES = {
@@ -43,6 +51,51 @@ MAX_LISTED_FORCES = 6
 MAX_NAME, NAME_END = 20, 6
 """Maximum length of a displayed shape name, and length of its preserved end (assumed: half of a
 phone's width)."""
+
+
+class Section(NamedTuple):
+    """A section of a page.
+
+    title: of the link to it; "" for none. template: file with a block of the section's name.
+    values: computes the values of the block, or None to leave the section out.
+    """
+
+    title: str
+    template: str
+    values: Callable[[], Mapping[str, Any] | None]
+
+
+def check_out(out: Path) -> None:
+    """Raises T2TwinError if out/index.html cannot be written. Leaves no files behind."""
+    with locked(out):
+        check_replaceable(out / PAGE)
+
+
+def write_page(out: Path, title: str, sections: Mapping[str, Section], **shared: Any) -> Path:
+    """Writes out/index.html, a self-contained page, and returns its path.
+
+    sections: by name, in their order; the first is above the links. shared: values for all of them.
+    """
+    bodies = {}
+    for name in Progress(list(sections), desc="report", unit="section"):
+        section = sections[name]
+        values = section.values()
+        if values is not None:
+            bodies[name] = render_section(section.template, name, **shared, **values)
+    links = {name: sections[name].title for name in bodies if sections[name].title}
+    path = out / PAGE
+    with locked(path.parent), atomic_write(path) as temporary:
+        text = render("report/templates/page.html", title=title, links=links, sections=bodies)
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def render_section(template: str, name: str, /, **values: Any) -> str:
+    """HTML of the block of a section. It also has LABELS, and the macros of MACROS as `ui`."""
+    found = environment().get_template(template)
+    ui = environment().get_template(MACROS).module
+    context = found.new_context({"ui": ui, **LABELS, **values})
+    return "".join(found.blocks[name.replace("-", "_")](context))
 
 
 def name_of(model: str) -> str:

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from t2twin.core.images import decode_png
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
-from t2twin.report.dataset.tables import Dataset
-from t2twin.report.html.figures import figure
+from t2twin.report.dataset import Dataset
+from t2twin.report.figures import figure
 from t2twin.sim.cyskin.reading import expected_reading
 from t2twin.sim.dataset.store import iter_images, split_shards
 

@@ -1,1 +1,0 @@
-"""Sections about runs and their evaluation."""
