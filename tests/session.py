@@ -75,6 +75,17 @@ def copy_machine_code(numba: Path, package: Path = PACKAGE) -> None:
         if (kept := Path(os.environ["NUMBA_CACHE_DIR"]) / place).is_dir():
             ignored = shutil.ignore_patterns(f"*{LEFT_OUT}*")
             shutil.copytree(kept, numba / other, ignore=ignored)
+            for folder in (sources, *(path for path in sources.rglob("*") if path.is_dir())):
+                name = _numba_name(package / folder.relative_to(PACKAGE))
+                for each in (numba / other).glob(f"*/{_numba_name(folder)}"):
+                    each.rename(each.with_name(name))
+
+
+def _numba_name(folder: Path) -> str:
+    """Numba's name of the folder for the machine code of sources in a folder."""
+    from numba.core.caching import UserProvidedCacheLocator  # reads NUMBA_CACHE_DIR
+
+    return UserProvidedCacheLocator.get_suitable_cache_subpath(str(folder / "module.py"))
 
 
 class Products:

@@ -1,5 +1,6 @@
 """The console command `t2twin`, with its subcommands."""
 
+import logging
 import os
 import signal
 import sys
@@ -23,7 +24,6 @@ from t2twin.cli import (
     translate,
 )
 from t2twin.cli.parser_errors import one_sentence
-from t2twin.core.compile_ahead import before_compiling
 from t2twin.core.errors import OUT_OF_MEMORY, T2TwinError, is_out_of_memory
 from t2twin.core.files import NO_SPACE
 from t2twin.core.signals import Stopped, report_stop
@@ -54,7 +54,7 @@ COMMANDS = {
 def main(arguments: list[str] | None = None) -> None:
     """Run a subcommand; print one sentence and exit with status 2 after an error of the user."""
     given = sys.argv[1:] if arguments is None else arguments
-    before_compiling(_report_compiling)
+    _print_log()
     try:
         _run(given)
         if sys.stdout is not None:
@@ -76,12 +76,13 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(report_stop(stop.number))
 
 
-def _report_compiling() -> None:
-    print(
-        "t2twin: compiling numerical loops for their first use on this machine (up to 20 s)",
-        file=sys.stderr,
-        flush=True,
-    )
+def _print_log() -> None:
+    """Prints what modules log, such as a notice before they compile."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("t2twin: %(message)s"))
+    log = logging.getLogger("t2twin")
+    log.handlers = [handler]
+    log.setLevel(logging.INFO)
 
 
 def _run(given: list[str]) -> None:

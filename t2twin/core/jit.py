@@ -1,14 +1,12 @@
 """Functions compiled by numba, with their machine code in the cache directory.
 
-A function is compiled at its first call, or loaded if it was compiled before. Numba's own cache is
-not used: it detects changes only in a function's own file, although code of other files is compiled
-into it, and it unpickles files without a check. Here the key includes all sources of the function's
-package and of this one, and a file is loaded only if its checksum is right.
+A function is compiled at its first call, or loaded if it was compiled before. Numba's cache detects
+changes only in a function's own file, although code of other files is compiled into it. Here its
+folder is named after a digest of all sources of the function's package and of this module.
 """
 
-import pickle
+import logging
 import shutil
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -19,28 +17,32 @@ from typing import Any
 
 import numba
 from numba.core import config
-from numba.core.caching import NullCache
-from numba.core.compiler import CompileResult
-from numba.core.serialize import dumps
+from numba.core.caching import FunctionCache, NullCache
 
 from t2twin.core.cache_dir import cache_dir, is_writable
-from t2twin.core.cached_files import read_checked, short_digest, write_checked
-from t2twin.core.compile_ahead import announce_compiling, wait_for_helper
-from t2twin.core.errors import T2TwinError
+from t2twin.core.cached_files import short_digest
 
 PACKAGE_LEVEL = 3
 """Dots in t2twin.sim.digit.optics; modules with more belong to a package at this level."""
-
-SUFFIX = ".loop"
-"""Suffix of the files with machine code."""
 
 _lock = RLock()
 _config: Any = config
 _njit: Any = numba.njit
 """Of numba, whose types pyright cannot resolve."""
 
+_log = logging.getLogger("t2twin")
+_helpers: dict[str, Callable[[], object]] = {}
+_has_compiled = False
 _compile_time_s = 0.0
 _depth = 0
+
+
+def wait_before_compiling(package: str, wait: Callable[[], object]) -> None:
+    """Call wait once, before this process compiles a function of a package that is not cached.
+
+    It waits for another process that compiles these functions; then the cache is read again.
+    """
+    _helpers[package] = wait
 
 
 def compile_time_s() -> float:
@@ -70,13 +72,7 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
 
     def declare(function: Callable) -> Any:
         dispatcher = _njit(**options)(function)
-        # Loops of one package, such as t2twin.sim.digit with its subpackages, inline each other.
-        level = max(0, function.__module__.count(".") - PACKAGE_LEVEL)
-        sources = Path(function.__code__.co_filename).parents[level]
-        with _lock:
-            folder = _code_folder(_config.CACHE_DIR, sources)
-        name = f"{function.__module__}.{function.__qualname__}"
-        dispatcher._cache = _MachineCode(folder, name)
+        dispatcher._cache = _machine_code(function)
 
         def compile_declared() -> None:
             with _lock, _timed():
@@ -104,43 +100,50 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
     return declare
 
 
-class _MachineCode(NullCache):
-    """The machine code of one function, one file for each signature and type of processor.
-
-    folder: None to store nothing.
-    """
-
-    def __init__(self, folder: Path | None, name: str) -> None:
-        self._folder, self._name = folder, name
+class _MachineCode(FunctionCache):
+    """Numba's cache of a function. A damaged file and a full disk are as if there was no cache."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function for a signature, or None."""
-        target_context.refresh()
-        path = self._file(sig, target_context)
-        content = None if path is None else read_checked(path)
-        if content is None and path is not None and "t2twin.sim.digit." in self._name:
-            wait_for_helper()
-            content = read_checked(path)
-        if content is None:
-            announce_compiling()
+        global _has_compiled
+        found = self._loaded(sig, target_context)
+        for package in [each for each in _helpers if self._py_func.__module__.startswith(each)]:
+            if found is None:
+                _helpers.pop(package)()
+                found = self._loaded(sig, target_context)
+        if found is None and not _has_compiled:
+            _has_compiled = True
+            _log.info("compiling numerical loops for their first use on this machine (up to 20 s)")
+        return found
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # a damaged pickle raises errors of many types
+            with suppress(OSError):
+                self.flush()
             return None
-        return CompileResult._rebuild(target_context, *pickle.loads(content))
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled function, if possible."""
-        path = self._file(sig, data.target_context)
-        if path is not None:
-            with suppress(T2TwinError):  # a full disk: it is compiled the next time too
-                write_checked(path, dumps(data._reduce()))
+        with suppress(Exception):
+            super().save_overload(sig, data)
 
-    def _file(self, sig: Any, target_context: Any) -> Path | None:
-        """The file of a signature; its name depends on everything but the sources."""
-        if self._folder is None:
-            return None
-        machine = target_context.codegen().magic_tuple()
-        key = repr((self._name, sig, numba.__version__, sys.version, machine)).encode()
-        short = self._name.removeprefix("t2twin.")
-        return self._folder / f"{short}-{short_digest(key)}{SUFFIX}"
+
+def _machine_code(function: Callable) -> FunctionCache | NullCache:
+    """The cache of a function."""
+    # Loops of one package, such as t2twin.sim.digit with its subpackages, inline each other.
+    level = max(0, function.__module__.count(".") - PACKAGE_LEVEL)
+    with _lock:
+        given = _config.CACHE_DIR
+        folder = _code_folder(given, Path(function.__code__.co_filename).parents[level])
+        if folder is None:
+            return NullCache()
+        _config.CACHE_DIR = str(folder)  # read by the constructor
+        try:
+            return _MachineCode(function)
+        finally:
+            _config.CACHE_DIR = given
 
 
 @cache
@@ -155,7 +158,7 @@ def _code_folder(numba_folder: str, sources: Path) -> Path | None:
     if not numba_folder:
         root /= "numba"
     place = root / f"{sources.name}-{short_digest(str(sources).encode())}"
-    used = sorted({*sources.rglob("*.py"), *Path(__file__).parent.glob("*.py")})
+    used = sorted({*sources.rglob("*.py"), Path(__file__)})
     folder = place / short_digest(b"".join(path.read_bytes() for path in used))
     if not folder.is_dir():
         for older in set(place.glob("*")) - {folder}:

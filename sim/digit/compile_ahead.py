@@ -1,0 +1,60 @@
+"""Compiles and caches the loops of t2twin.sim.digit in a second process.
+
+Numba compiles one loop at a time in each process. This module imports nothing slow, such as numba,
+so that the process starts early.
+"""
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+from t2twin.core.cache_dir import cache_dir
+from t2twin.core.machine import cores
+
+PACKAGE = "t2twin.sim.digit"
+
+
+def compile_optics_ahead() -> bool:
+    """Start the second process if nothing is cached yet and a second core exists.
+
+    Returns whether the process was started. It ends when its standard input closes, that is with
+    the process that started it.
+    """
+    given, folder = os.environ.get("NUMBA_CACHE_DIR"), cache_dir()
+    if folder is None or cores() < 2:
+        return False
+    cached = Path(given) if given else folder / "numba"  # as in t2twin.core.jit
+    if any(cached.glob("digit-*/*/*/*.nbi")):
+        return False
+    helper = subprocess.Popen(
+        [sys.executable, "-m", f"{PACKAGE}.compile_ahead"],
+        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    from t2twin.core.jit import wait_before_compiling
+
+    def wait() -> None:
+        helper.wait()
+        assert helper.stdin is not None
+        helper.stdin.close()
+
+    wait_before_compiling(PACKAGE, wait)
+    return True
+
+
+def main() -> None:
+    """Render any surface, which compiles all loops of the package; end with standard input."""
+    threading.Thread(target=lambda: (sys.stdin.read(), os._exit(0)), daemon=True).start()
+    import numpy as np
+
+    from t2twin.sim.digit.camera.pinhole import optical_grid
+    from t2twin.sim.digit.optics import DigitOptics
+
+    x, y = optical_grid()
+    DigitOptics.load().render(np.exp(-np.hypot(x, y[:, None]).astype(np.float32)))
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()
