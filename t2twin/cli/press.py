@@ -124,14 +124,13 @@ class TouchOptions:
 
     def folder(self, command: str, shape: "Shape") -> Path:
         """The folder to write. The suffix is added where another file of a shape has this stem."""
-        from t2twin.primitives_cad.mesh_io.read import SUFFIXES
-
         name, file = shape.name, Path(self.shape)
-        if file.suffix.lower() in SUFFIXES and any(
-            other != file and other.stem == file.stem and other.suffix.lower() in SUFFIXES
-            for other in file.parent.glob("*")
-        ):
-            name += file.suffix.replace(".", "-")
+        if file.suffix:
+            from t2twin.primitives_cad.mesh_io.read import SUFFIXES  # slow to import
+
+            solids = [each for each in file.parent.glob("*") if each.suffix.lower() in SUFFIXES]
+            if file in solids and [each.stem for each in solids].count(file.stem) > 1:
+                name += file.suffix.replace(".", "-")
         return self.out or Path("runs") / command / name.replace("/", "-")
 
 
