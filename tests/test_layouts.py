@@ -19,7 +19,6 @@ from t2twin.translate.evaluation.metrics.baselines import (
 )
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor
-from t2twin.translate.models.layouts import same_layout
 from t2twin.translate.models.touch2touch import Touch2Touch
 
 PITCH_MM = 4.0
@@ -78,7 +77,7 @@ def test_own_layout_changes_nothing(runs: dict[str, CountsPredictor]) -> None:
     layout = load_layout()
     for run in runs.values():
         assert run.at_layout(layout.x_mm, layout.y_mm + 1e-6, "again") is run
-        assert not same_layout(run.config.data, layout.x_mm[::-1], layout.y_mm[::-1])
+        assert not run.config.data.same_layout(layout.x_mm[::-1], layout.y_mm[::-1])
 
 
 def test_layouts_that_cannot_be_read_are_refused(

@@ -133,6 +133,10 @@ def _frames(data_dir: Path, split: str, info: DatasetInfo) -> Iterator[bytes]:
                 bar.update()
 
 
+SAME_MM = 1e-3
+"""Largest distance of corresponding taxels of equal layouts, mm (assumed: far below the tolerance
+of a printed board)."""
+
 CACHE = "cache"
 SHEAR = ("digit_shear_x_n", "digit_shear_y_n")
 """Columns of the shear force on the DIGIT, of worlds with motion."""
@@ -277,6 +281,16 @@ class DataInfo(Struct, frozen=True):
                 "pad_diameter_mm must have one for each taxel, above 0 and at most "
                 f"{LARGEST_PAD_MM:g}"
             )
+
+    def same_layout(self, x_mm: np.ndarray, y_mm: np.ndarray) -> bool:
+        """Whether positions equal those of the layout, in its order. x_mm, y_mm: (N,), mm."""
+        own, other = np.stack([self.x_mm, self.y_mm]), np.stack([x_mm, y_mm])
+        return own.shape == other.shape and bool(np.abs(own - other).max() < SAME_MM)
+
+    def same_pads(self, other: Layout) -> bool:
+        """Whether a layout of equal positions has pads of equal sizes."""
+        own = self.taxels.pad_diameter_mm
+        return bool(np.abs(own - other.pad_diameter_mm).max() < SAME_MM)
 
     @property
     def taxels(self) -> Layout:

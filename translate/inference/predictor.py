@@ -29,11 +29,10 @@ from t2twin.translate.data.images import (
     resized,
     to_input,
 )
-from t2twin.translate.data.pairs import ImageFile, InputImages
+from t2twin.translate.data.pairs import DataInfo, ImageFile, InputImages
 from t2twin.translate.models.base import CountsTranslator, LayoutReader, Translator
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.field_readout import FieldPrediction
-from t2twin.translate.models.layouts import checked_counts, same_layout, same_pads
 from t2twin.translate.models.touch2touch import CySkinToDigit
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate
@@ -223,8 +222,8 @@ class CountsPredictor(TrainedTranslator):
         data = structs.replace(
             trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm
         )
-        if same_layout(trained, x_mm, y_mm) and (
-            not self.translator.learns_field or same_pads(trained.taxels, data.taxels)
+        if trained.same_layout(x_mm, y_mm) and (
+            not self.translator.learns_field or trained.same_pads(data.taxels)
         ):
             return self
         if not isinstance(self.translator, LayoutReader):
@@ -279,7 +278,7 @@ class ImagePredictor(TrainedTranslator):
         Returns (S, S) or (B, S, S) uint8, grey; the DIGIT's own images are 320 by 240. Raises
         T2TwinError for invalid counts.
         """
-        counts = checked_counts(counts, self.config.data)
+        counts = _checked_counts(counts, self.config.data)
         size = self.config.preset.size
         images = [np.empty((0, size, size), np.uint8)]
         rows = torch.from_numpy(np.atleast_2d(counts))
@@ -308,6 +307,22 @@ def not_predicted(
     return NotPredicted(
         f"{run_dir} is a {name} run, which predicts {kind.PREDICTS}; {purpose} needs a {needed}"
     )
+
+
+def _checked_counts(counts: object, data: DataInfo) -> np.ndarray:
+    """Counts of the layout as an array, (N,) or (B, N) float32; T2TwinError if they are invalid."""
+    found = arguments.array(counts, "counts").astype(np.float32)
+    if found.ndim not in (1, 2) or found.shape[-1] != data.x_mm.size:
+        raise T2TwinError(
+            f"counts have shape {found.shape}; they must be ({data.x_mm.size},) or "
+            f"(B, {data.x_mm.size}), one for each taxel of {data.layout}"
+        )
+    if not ((found >= 0) & (found <= data.full_scale_counts)).all():
+        raise T2TwinError(
+            f"a count is out of range; expected numbers from 0 to {data.full_scale_counts:,.0f}, "
+            f"the range of the taxels of {data.layout}"
+        )
+    return found
 
 
 def parts_of(size: int, progress: str | None) -> list[slice] | Progress:

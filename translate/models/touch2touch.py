@@ -23,18 +23,26 @@ from typing import Self
 
 import numpy as np
 import torch
+from scipy.spatial import ConvexHull
 from torch import nn
 from torch.nn import functional
 
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import TACTILE_SHAPE, Phi
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.models.base import CountsTranslator, Translator, adamw, weight_average
 from t2twin.translate.models.distributed import average_gradients
-from t2twin.translate.models.layouts import check_inside, reading_at
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.pix2pix import PatchGAN, UNet
+
+OUTSIDE_MM = 0.01
+"""Largest distance of a taxel outside the trained layout's hull, mm: positions are often
+rounded."""
+
+SAME_COVER = 1e-6
+"""Largest difference of two hulls' coverage of a pixel, as a fraction (assumed)."""
 
 CONTACT_LEVEL = 0.1
 """Fraction of the maximum at which the membership is one half; the contact IoU of an evaluation has
@@ -195,9 +203,9 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
     def read_at(self, layout: Layout) -> Self:
         """See LayoutReader. The images keep their size; the new layout's phi^-1 reads them."""
         phi = Phi(layout.x_mm, layout.y_mm)
-        check_inside(self.info, layout.x_mm, layout.y_mm, layout.name)
+        _check_inside(self.info, layout.x_mm, layout.y_mm, layout.name)
         other = copy(self)
-        other.phi = reading_at(phi.resized(self.phi.shape), self.phi)
+        other.phi = _reading_at(phi.resized(self.phi.shape), self.phi)
         return other
 
     def as_module(self) -> nn.Module:
@@ -207,6 +215,35 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
     def counts_of(self, tactile_images: torch.Tensor) -> torch.Tensor:
         """phi^-1, clipped to full scale. (B, 1, S, S) -> (B, N)."""
         return self.phi.from_torch(tactile_images).clamp(0.0, self.full_scale)
+
+
+def _check_inside(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> None:
+    """Raises T2TwinError for taxels outside the trained layout's hull, where images are undefined.
+
+    x_mm, y_mm: (N,), mm. name: the new layout's.
+    """
+    sides = ConvexHull(np.column_stack([trained.x_mm, trained.y_mm])).equations  # (sides, 3)
+    distance_mm = (np.stack([x_mm, y_mm, np.ones_like(x_mm)], axis=1) @ sides.T).max(axis=1)
+    outside = np.flatnonzero(distance_mm > OUTSIDE_MM)
+    if outside.size:
+        n = int(outside[distance_mm[outside].argmax()])
+        raise T2TwinError(
+            f"the layout {name} has {outside.size} taxel(s) outside the array that the run was "
+            f"trained on ({trained.layout}), such as taxel {n} at x {x_mm[n]:g} mm, y "
+            f"{y_mm[n]:g} mm, {distance_mm[n]:.2f} mm outside; expected all taxels inside, where "
+            "the tactile image is defined"
+        )
+
+
+def _reading_at(new: Phi, trained: Phi) -> Phi:
+    """`new` with a phi^-1 that reads images made by `trained`, both (S, S).
+
+    phi^-1 ignores the pixels on the rim that the two hulls cover differently, because their values
+    also depend on what lies outside the new hull.
+    Raises T2TwinError if the other pixels do not determine the new taxels.
+    """
+    covers = [phi.matrix.sum(axis=1) for phi in (new, trained)]
+    return new.with_inverse_from(np.flatnonzero(np.abs(covers[0] - covers[1]) < SAME_COVER))
 
 
 class _FromPixels(nn.Module):

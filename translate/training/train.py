@@ -26,7 +26,6 @@ from t2twin.core.files import LOCK, is_empty, locked
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models import distributed
-from t2twin.translate.models.layouts import same_layout
 from t2twin.translate.models.presets import (
     DIGIT_TO_CYSKIN,
     REVERSIBLE,
@@ -271,7 +270,7 @@ def find_weights(
         ),
         (
             f"a run of layout {places.layout}, and the dataset's is {data.layout}",
-            not same_layout(places, data.x_mm, data.y_mm),
+            not places.same_layout(data.x_mm, data.y_mm),
         ),
         (
             "a run of another field than the dataset's",
