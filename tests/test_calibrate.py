@@ -13,7 +13,7 @@ from PIL import Image
 from benchmarks.optics.calibration import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate
+from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate, cut_and_paste, score
 from t2twin.sim.digit.calibrate.frames import (
     clean_background,
     contact_patch,
@@ -21,7 +21,6 @@ from t2twin.sim.digit.calibrate.frames import (
     upright_frame,
 )
 from t2twin.sim.digit.calibrate.ridge import MAX_TERMS, Sums, Terms, select_terms
-from t2twin.sim.digit.calibrate.scores import cut_and_paste, score
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics

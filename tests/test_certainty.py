@@ -13,12 +13,10 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.fit import BallFit
-from t2twin.sim.digit.calibrate.forces import BallForces, fit_young_mpa
+from t2twin.sim.digit.calibrate.fit import START, BallFit, State
 from t2twin.sim.digit.calibrate.measurements import FORCES, Tolerance, read_measurements
-from t2twin.sim.digit.calibrate.record import uncertainty_lines
 from t2twin.sim.digit.calibrate.ridge import FIRST_TERMS
-from t2twin.sim.digit.calibrate.samples import START, State
+from t2twin.sim.digit.calibrate.uncertainty import ball_forces_n, fit_young_mpa, uncertainty_lines
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
@@ -50,7 +48,7 @@ def twin_frames(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def true_forces_n():
-    return BallForces().of(TRUE_POSES, BALLS_MM) * YOUNG_MPA / DIGIT_GEL.young_mpa
+    return ball_forces_n(TRUE_POSES, BALLS_MM) * YOUNG_MPA / DIGIT_GEL.young_mpa
 
 
 def table(folder, *columns, rows=PRESSES):

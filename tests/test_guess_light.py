@@ -6,8 +6,13 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.sim.digit.calibrate.background_light import RANGES, mean_light, sample_lights
-from t2twin.sim.digit.calibrate.scores import crop_scores, mean_score
+from t2twin.sim.digit.calibrate.calibrate import (
+    RANGES,
+    crop_scores,
+    mean_light,
+    mean_score,
+    sample_lights,
+)
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import DigitOptics

@@ -8,11 +8,10 @@ from ball_frames import BALL_MM, POSES
 
 from benchmarks.optics.calibration import rim_steepness
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibrate.fit import BallFit
+from t2twin.sim.digit.calibrate.calibrate import score
+from t2twin.sim.digit.calibrate.fit import START, BallFit
 from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch, crop
 from t2twin.sim.digit.calibrate.ridge import Terms
-from t2twin.sim.digit.calibrate.samples import START
-from t2twin.sim.digit.calibrate.scores import score
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.digit.light.leds import DIGIT_LEDS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibrate.noise import measure_noise
+from t2twin.sim.digit.calibrate.frames import measure_noise
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.noise import Noise
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, optical_grid

@@ -22,11 +22,9 @@ from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.forces import BallForces
 from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch
-from t2twin.sim.digit.calibrate.measurements import FORCES, Measurements
-from t2twin.sim.digit.calibrate.scale import Presses, fit_presses
-from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty
+from t2twin.sim.digit.calibrate.measurements import FORCES, Measurements, Presses, fit_presses
+from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty, ball_forces_n
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
@@ -73,7 +71,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     for name, balls_mm in BALLS_MM.items():
         diameters_mm = np.resize(balls_mm, PRESSES)
         background, frames = _frames(poses, diameters_mm, rng)
-        forces_n = BallForces().of(poses, diameters_mm) * YOUNG_MPA / DIGIT_GEL.young_mpa
+        forces_n = ball_forces_n(poses, diameters_mm) * YOUNG_MPA / DIGIT_GEL.young_mpa
         known = {BALL: diameters_mm}
         stated = _certainty(background, frames, known)
         known |= {DEPTH: poses[:DISPLACEMENTS, 2], FORCE: forces_n}

@@ -25,10 +25,15 @@ from scipy.optimize import nnls
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
-from t2twin.sim.digit.calibrate.background_light import mean_light, sample_lights
-from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.calibrate import (
+    Score,
+    calibrate,
+    crop_scores,
+    mean_light,
+    mean_score,
+    sample_lights,
+)
 from t2twin.sim.digit.calibrate.frames import contact_patch, read_frames
-from t2twin.sim.digit.calibrate.scores import Score, crop_scores, mean_score
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.camera.response import linear

@@ -16,10 +16,17 @@ from scipy.ndimage import gaussian_gradient_magnitude
 
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from t2twin.sim.digit.calibrate.calibrate import Inputs, calibrate, evaluate, read_inputs
+from t2twin.sim.digit.calibrate.calibrate import (
+    Inputs,
+    Score,
+    calibrate,
+    evaluate,
+    mean_score,
+    read_inputs,
+    score,
+)
 from t2twin.sim.digit.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
-from t2twin.sim.digit.calibrate.scale import fit_presses
-from t2twin.sim.digit.calibrate.scores import Score, mean_score, score
+from t2twin.sim.digit.calibrate.measurements import fit_presses
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 
 BENCHMARK = Benchmark(

@@ -24,8 +24,11 @@ from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import Section, write_page
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
-from t2twin.sim.digit.calibrate.record import uncertainty_sentences
-from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty
+from t2twin.sim.digit.calibrate.uncertainty import (
+    Bounds,
+    CalibrationUncertainty,
+    uncertainty_sentences,
+)
 from t2twin.translate.inference.predictor import CountsPredictor
 
 CALIBRATION, PRESSES, RECORD = "calibration.npz", "presses.json", "adapted.json"

@@ -51,7 +51,7 @@ def adapt(
 
 
 def _print(result: "AdaptationResult") -> None:
-    from t2twin.sim.digit.calibrate.record import uncertainty_lines
+    from t2twin.sim.digit.calibrate.uncertainty import uncertainty_lines
 
     for line in uncertainty_lines(result.uncertainty):
         print(line)

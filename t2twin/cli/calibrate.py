@@ -72,8 +72,8 @@ def calibrate(
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import check_replaceable, locked
-    from t2twin.sim.digit.calibrate.background_light import guess_light
     from t2twin.sim.digit.calibrate.calibrate import calibrate as calibrate_optics
+    from t2twin.sim.digit.calibrate.calibrate import guess_light
     from t2twin.sim.digit.camera.pinhole import Camera
 
     camera = Camera(fit.scale_px_per_mm)
@@ -111,7 +111,8 @@ def _write(report: "CalibrationReport", out: Path) -> None:
     from PIL import Image
 
     from t2twin.core.files import atomic_write
-    from t2twin.sim.digit.calibrate.record import uncertainty_lines, write_record
+    from t2twin.sim.digit.calibrate.calibrate import write_record
+    from t2twin.sim.digit.calibrate.uncertainty import uncertainty_lines
 
     simulated, noise, rng = report.simulated, report.calibration.noise, np.random.default_rng(0)
     if noise is not None:

@@ -1,28 +1,39 @@
-"""Calibrates the DIGIT's optics to a user's sensor: fits some presses, scores on others."""
+"""Calibrates the DIGIT's optics to a user's sensor: fits some presses, scores on others.
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+From a background frame alone, a calibration is the mean light of sampled units. The background
+frame does not determine how LEDs shade and shadow a press. The sampled units whose LEDs explain it
+best predict a real unit's presses no better than the others. The mean over many units predicts them
+better than any one unit.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from skimage.metrics import structural_similarity
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch, read_frames
+from t2twin.core.files import write_json
+from t2twin.sim.digit.calibrate.fit import GAMMA
+from t2twin.sim.digit.calibrate.frames import (
+    clean_background,
+    contact_patch,
+    crop,
+    measure_noise,
+    read_frame,
+    read_frames,
+    upright_frame,
+)
 from t2twin.sim.digit.calibrate.measurements import (
     FORCES,
+    Fit,
     Measurements,
+    Presses,
     Tolerance,
+    fit_presses,
     read_measurements,
-)
-from t2twin.sim.digit.calibrate.noise import measure_noise
-from t2twin.sim.digit.calibrate.scale import Fit, Presses, fit_presses
-from t2twin.sim.digit.calibrate.scores import (
-    CalibrationScores,
-    Score,
-    crop_scores,
-    cut_and_paste,
-    mean_score,
 )
 from t2twin.sim.digit.calibrate.uncertainty import (
     CalibrationUncertainty,
@@ -32,15 +43,46 @@ from t2twin.sim.digit.calibrate.uncertainty import (
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.randomization.ranges import UnitRanges
+from t2twin.sim.digit.randomization.unit import sample_unit
 
 MIN_TRAINING = 6
 """Smallest number of presses to fit to: each LED's light varies over the gel."""
 HELD_OUT_SHARE = 3
 """By default one in so many presses is held out, the last ones."""
 DEFAULT_TOLERANCE = Tolerance()
+UNIT_COUNT = 300
+"""Number of units that are averaged (assumed: twice as many change the mean by little)."""
+RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
+"""Ranges of the units: their gamma is the one of a fit. Only responses of one gamma can be
+averaged."""
+FORMAT = 1
+"""Format of calibration.json."""
 
 Report = Callable[[str], object]
 """Called with progress messages."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """l1: mean absolute difference, grey levels. psnr_db: peak signal-to-noise ratio."""
+
+    l1: float
+    ssim: float
+    psnr_db: float
+
+
+@dataclass(frozen=True)
+class CalibrationScores:
+    """Mean scores on the contact crops of the held-out frames.
+
+    calibrated: of the simulated frames. cut_and_paste: of the training presses' mean change, moved
+    to the held-out positions. do_nothing: of the background frame.
+    """
+
+    calibrated: Score
+    cut_and_paste: Score
+    do_nothing: Score
 
 
 @dataclass(frozen=True)
@@ -112,22 +154,19 @@ def read_inputs(
     if tolerance is not None:
         check_tolerance(measurements, camera, tolerance)
     count = len(frames) // HELD_OUT_SHARE if held_out is None else held_out
-    if count < 1 or len(frames) - count < MIN_TRAINING:
-        raise T2TwinError(
-            f"{presses} holds {len(frames)} presses and {count} of them are held out; at least "
-            f"{MIN_TRAINING} must be left to fit to, and at least 1 held out"
-        )
-    patches = _patches(frames, background_frame, names)
     first: dict[bytes, int] = {}  # of each different frame
     for index, frame in enumerate(frames):
         first.setdefault(frame.tobytes(), index)
     train = [index for index in first.values() if index < len(frames) - count]
     test = [index for index in first.values() if index >= len(frames) - count]
     if len(train) < MIN_TRAINING or not test:
+        copies = len(frames) - len(first)
         raise T2TwinError(
-            f"{len(frames) - len(first)} presses of {presses} are copies of others; at least "
-            f"{MIN_TRAINING} different ones must be left to fit to, and at least 1 held out"
+            f"{presses} holds {len(frames)} presses, of which {count} are held out and {copies} "
+            f"are copies of others; at least {MIN_TRAINING} different ones must be left to fit to, "
+            "and at least 1 held out"
         )
+    patches = _patches(frames, background_frame, names)
     if measurements.has_depths and not measurements.subset(train).has_depths:
         raise T2TwinError(
             f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
@@ -261,3 +300,107 @@ def _pixels(poses: np.ndarray, camera: Camera) -> np.ndarray:
     """(n, 2) rows and columns, px, of poses (n, 3)."""
     rows, columns = camera.project(poses[:, 0], poses[:, 1], np.zeros(len(poses)))
     return np.stack([rows, columns], axis=1)
+
+
+def score(real: np.ndarray, other: np.ndarray) -> Score:
+    """The score of two uint8 images of one shape (rows, columns, 3)."""
+    difference = real.astype(float) - other
+    error = max(float(np.mean(difference**2)), 1e-12)
+    return Score(
+        l1=float(np.abs(difference).mean()),
+        ssim=float(np.mean(structural_similarity(real, other, channel_axis=2, data_range=255))),
+        psnr_db=float(10.0 * np.log10(255.0**2 / error)),
+    )
+
+
+def mean_score(scores: Sequence[Score]) -> Score:
+    """The mean of each metric."""
+    return Score(*np.mean([astuple(each) for each in scores], axis=0).tolist())
+
+
+def crop_scores(real: np.ndarray, other: np.ndarray, places: np.ndarray) -> list[Score]:
+    """Scores of frames (n, ...) on the crops around places (n, 2), row and column."""
+    return [
+        score(crop(a, place), crop(b, place))
+        for a, b, place in zip(real, other, places, strict=True)
+    ]
+
+
+def cut_and_paste(
+    background: np.ndarray, training: np.ndarray, from_px: np.ndarray, to_px: np.ndarray
+) -> np.ndarray:
+    """(m, ...) uint8: the background with the training presses' mean change, moved to other places.
+
+    from_px, to_px: (n, 2), (m, 2) rows and columns of the presses. Moves are whole pixels.
+    """
+    rows, columns = background.shape[:2]
+    wide = np.zeros((3 * rows, 3 * columns, 3))
+    seen = np.zeros((3 * rows, 3 * columns, 1))
+    for frame, (row, column) in zip(training, np.rint(from_px).astype(int), strict=True):
+        top, left = rows + rows // 2 - row, columns + columns // 2 - column
+        wide[top : top + rows, left : left + columns] += frame.astype(float) - background
+        seen[top : top + rows, left : left + columns] += 1.0
+    mean = wide / np.maximum(seen, 1.0)
+    pasted = []
+    for row, column in np.rint(to_px).astype(int):
+        top, left = rows + rows // 2 - row, columns + columns // 2 - column
+        pasted.append(background + mean[top : top + rows, left : left + columns])
+    return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
+
+
+def write_record(path: Path, report: CalibrationReport) -> None:
+    """Write calibration.json: names, scores, each held-out press, the uncertainty.
+
+    Raises T2TwinError where it cannot be written.
+    """
+    held_out = [
+        {"name": name, "x_mm": pose[0], "y_mm": pose[1], "depth_mm": pose[2], **asdict(score)}
+        for name, pose, score in zip(
+            report.held_out, report.poses.tolist(), report.each, strict=True
+        )
+    ]
+    content = {
+        "format": FORMAT,
+        "trained": report.trained,
+        "repeated": report.repeated,
+        "held_out": held_out,
+        "scores": asdict(report.scores),
+        "uncertainty": None if report.uncertainty is None else asdict(report.uncertainty),
+    }
+    write_json(path, content)
+
+
+def guess_light(
+    background: str | Path,
+    camera: Camera | None = None,
+    report: Callable[[str], object] = lambda line: None,
+) -> Calibration:
+    """A calibration with the user's background and the mean light of sampled units.
+
+    background: a background frame, 240 wide, 320 high, PNG or JPEG, whose noise is kept. camera:
+    scale and distance, which a frame does not determine. report: called with progress messages.
+    Raises T2TwinError for an invalid frame.
+    """
+    camera = Camera() if camera is None else arguments.instance(camera, "camera", Camera)
+    arguments.function(report, "report")
+    frame = upright_frame(read_frame(arguments.path(background, "background")))
+    report(f"sampling {UNIT_COUNT} DIGIT units, some seconds")
+    return mean_light(sample_lights(frame, camera))
+
+
+def sample_lights(
+    background: np.ndarray, camera: Camera, count: int = UNIT_COUNT
+) -> list[Calibration]:
+    """Sampled units, all with one camera and one background (ROWS, COLUMNS, 3) uint8."""
+    units = (sample_unit(np.random.default_rng((0, n)), RANGES).calibration for n in range(count))
+    return [replace(unit, background=background, **asdict(camera)) for unit in units]
+
+
+def mean_light(units: Sequence[Calibration]) -> Calibration:
+    """The mean LED positions and response, and the geometric mean of the LED sizes."""
+    return replace(
+        units[0],
+        leds_mm=np.mean([unit.leds_mm for unit in units], axis=0),
+        sizes_mm=np.exp(np.mean([np.log(unit.sizes_mm) for unit in units], axis=0)),
+        response=np.mean([unit.response for unit in units], axis=0),
+    )

@@ -1,14 +1,18 @@
 """Fits the baked model to frames of ball presses at unknown positions and depths.
 
-The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry (module samples), and
-the response of each LED in each color, which is linear. All are fitted jointly to the grey levels
-around the contacts by the method of Levenberg and Marquardt (Marquardt 1963); the response is
-solved for after each step. Between two such fits ridge.select_terms selects the response's terms.
+The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry that all presses
+share (GEOMETRY: the LEDs, and the gel's profile around a ball), and the response of each LED in
+each color, which is linear. All are fitted jointly to the grey levels around the contacts by the
+method of Levenberg and Marquardt (Marquardt 1963); the response is solved for after each step.
+Between two such fits ridge.select_terms selects the response's terms.
 
 A lobe can replace a tenth of the depths (measured on a real unit), so these are fitted without it.
+
+A sample is a block of 2 x 2 pixels; an image has (ROWS / 2, COLUMNS / 2). A press is fitted to the
+samples in a square around it.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -23,27 +27,13 @@ from t2twin.sim.digit.calibrate.ridge import (
     solve_ridge,
     solve_step,
 )
-from t2twin.sim.digit.calibrate.samples import (
-    DEEPEST,
-    NUDGE,
-    SHALLOWEST_MM,
-    SPREAD,
-    START,
-    Profile,
-    Square,
-    State,
-    inner,
-    leds_of,
-    samples_of,
-    square_about,
-    surface_at,
-)
 from t2twin.sim.digit.calibration import PLACE_TERMS, Calibration, led_columns, place_terms
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera
 from t2twin.sim.digit.camera.response import linear
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.lobe import lobe_columns, normal_terms
 from t2twin.sim.digit.light.ray_casting import Leds, Rays
+from t2twin.sim.digit.surface import ball_surface
 
 GAMMA = 1.0
 """Exponent between light and grey levels of a real unit (measured by cross-validation)."""
@@ -51,11 +41,103 @@ MAX_STEPS = 8
 """Largest number of steps of the joint fit."""
 MIN_GAIN = 2e-3
 """The fit ends when a step lowers the error by less than this fraction (assumed)."""
-_POSE_NUDGE = np.array([0.02, 0.02, 0.02])  # mm
-_POSE_REACH = np.array([0.3, 0.3, 0.3])  # longest step of a pose, mm
-_PRIOR = 2e-5
+POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3
+"""Step of the difference quotients of a pose, and its longest step in the fit, mm."""
+PRIOR = 2e-5
 """Weight of the priors: one standard deviation of a parameter costs as much as this mean square
 error over one press, in (grey / 255)^2 (assumed)."""
+HALF_SAMPLES = 36
+"""Half side of the square around a press, samples: 7.5 mm, which contains the shadows."""
+SHALLOWEST_MM, DEEPEST = 0.1, 0.93
+"""Bounds of a press's depth: mm, and in parts of the ball's radius."""
+
+Profile = tuple[float, float, float]
+"""Radius of a ball, mm, and the gel's profile around it: hold and skirt of ball_surface."""
+
+Square = tuple[slice, slice]
+"""Rows and columns of samples."""
+
+# name, start, step of the difference quotient, standard deviation of the prior
+GEOMETRY = (
+    ("azimuth_0_deg", 30.0, 0.7, 10.0),  # as TACTO's configuration and the maker's notes
+    ("azimuth_1_deg", 150.0, 0.7, 10.0),
+    ("azimuth_2_deg", 270.0, 0.7, 10.0),
+    ("elevation_0_deg", 19.0, 0.5, 6.0),  # assumed from the lengths of real shadows
+    ("elevation_1_deg", 19.0, 0.5, 6.0),
+    ("elevation_2_deg", 13.0, 0.5, 6.0),
+    ("radius_mm", 19.0, 0.5, 1.0),  # assumed: next to the gel
+    ("log_size_0", np.log(2.0), 0.05, 0.5),  # assumed: an LED behind a diffuser, mm
+    ("log_size_1", np.log(2.0), 0.05, 0.5),
+    ("log_size_2", np.log(3.0), 0.05, 0.5),
+    ("hold", 0.75, 0.01, 0.1),  # assumed; t2twin.sim.digit.surface
+    ("skirt", 1.0, 0.03, 0.3),
+)
+START = np.array([row[1] for row in GEOMETRY])
+NUDGE = np.array([row[2] for row in GEOMETRY])
+SPREAD = np.array([row[3] for row in GEOMETRY])
+
+
+@dataclass(frozen=True)
+class State:
+    """Fitted parameters.
+
+    geometry: (12,) as in GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms). error:
+    mean square error with the priors.
+    """
+
+    geometry: np.ndarray
+    poses: np.ndarray
+    terms: Terms
+    response: np.ndarray
+    error: float
+
+
+def samples_of(image: np.ndarray) -> np.ndarray:
+    """(ROWS / 2, COLUMNS / 2, 3): the block means of an image (ROWS, COLUMNS, 3)."""
+    return image.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3))
+
+
+def square_about(patch: np.ndarray) -> Square:
+    """The square of samples around a contact (row, column), px, moved into the image."""
+    row = round(min(max(patch[0] / 2, HALF_SAMPLES), ROWS // 2 - HALF_SAMPLES))
+    column = round(min(max(patch[1] / 2, HALF_SAMPLES), COLUMNS // 2 - HALF_SAMPLES))
+    return (
+        slice(row - HALF_SAMPLES, row + HALF_SAMPLES),
+        slice(column - HALF_SAMPLES, column + HALF_SAMPLES),
+    )
+
+
+def inner(square: Square) -> Square:
+    """The same square on the lattice of samples, which has one more row and column at each edge."""
+    rows, columns = (slice(side.start + 1, side.stop + 1) for side in square)
+    return rows, columns
+
+
+def surface_at(pose: np.ndarray, profile: Profile) -> np.ndarray:
+    """The deflection by a ball at a pose within the bounds, mm, on optical_grid()."""
+    radius_mm, hold, skirt = profile
+    depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
+    hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
+    return ball_surface(pose[0], pose[1], depth, radius_mm, hold, skirt)
+
+
+def leds_of(geometry: np.ndarray) -> Leds:
+    """The LEDs of a geometry, (12,) in the order of GEOMETRY."""
+    azimuth, elevation = np.radians(geometry[0:3]), np.radians(geometry[3:6])
+    radius = geometry[6]
+    places = np.stack(
+        [radius * np.cos(azimuth), -radius * np.sin(azimuth), -radius * np.tan(elevation)], axis=1
+    )
+    return Leds(places, np.exp(geometry[7:10]))
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """What one press is computed with: the LEDs, its ball's profile, its square of samples."""
+
+    leds: Leds
+    profile: Profile
+    square: Square
 
 
 class BallFit:
@@ -125,13 +207,12 @@ class BallFit:
         )
         low = np.array([middle[0] - 1.5, middle[1] - 1.5, SHALLOWEST_MM])
         high = np.array([middle[0] + 1.5, middle[1] + 1.5, DEEPEST * radius_mm])
-        leds, profile = leds_of(state.geometry), self._profile(state.geometry, index)
-        square = self._squares[index]
-        gain = self._gain(state, square)
-        target = self._light(leds, None, profile, square, gain) + self._target(index)
+        setting = self._setting(state.geometry, index)
+        gain = self._gain(state, setting.square)
+        target = self._light(setting, None, gain) + self._target(index)
 
         def residual(pose: np.ndarray) -> np.ndarray:
-            return (self._light(leds, pose, profile, square, gain) - target).ravel()
+            return (self._light(setting, pose, gain) - target).ravel()
 
         fits = [
             least_squares(
@@ -161,17 +242,18 @@ class BallFit:
 
     def surface(self, state: State, index: int, pose: np.ndarray) -> np.ndarray:
         """The deflection by one frame's ball at a pose, mm, on optical_grid()."""
-        return surface_at(pose, self._profile(state.geometry, index))
+        return surface_at(pose, self._setting(state.geometry, index).profile)
 
-    def _profile(self, geometry: np.ndarray, index: int) -> Profile:
-        return self.radii_mm[index], geometry[10], geometry[11]
+    def _setting(self, geometry: np.ndarray, index: int) -> _Setting:
+        profile = self.radii_mm[index], geometry[10], geometry[11]
+        return _Setting(leds_of(geometry), profile, self._squares[index])
 
     def _target(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""
         return self._changes[index][self._squares[index]].reshape(-1, 3)
 
     def _incidence(
-        self, leds: Leds, pose: np.ndarray | None, profile: Profile, square: Square, lobe: bool
+        self, setting: _Setting, pose: np.ndarray | None, lobe: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Cosines and weights (samples, LEDs), and for a lobe normals (samples, 2).
 
@@ -180,27 +262,20 @@ class BallFit:
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
-            surface = surface_at(pose, profile)
-        rows, columns = part = inner(square)
+            surface = surface_at(pose, setting.profile)
+        rows, columns = part = inner(setting.square)
         region = (rows.start, rows.stop, columns.start, columns.stop)
         coated = self._rays.coated(surface)
-        cosine, weight = self._rays.incidence(coated, leds, region)
+        cosine, weight = self._rays.incidence(coated, setting.leds, region)
         normals = None
         if lobe:
             normals = self._rays.normals(coated, region)[:, rows, columns].reshape(2, -1).T
         return cosine[part].reshape(-1, LEDS), weight[part].reshape(-1, LEDS), normals
 
-    def _columns(
-        self,
-        leds: Leds,
-        pose: np.ndarray | None,
-        profile: Profile,
-        square: Square,
-        terms: Terms,
-    ) -> np.ndarray:
+    def _columns(self, setting: _Setting, pose: np.ndarray | None, terms: Terms) -> np.ndarray:
         """(samples, entries) light per unit of each of the response's entries."""
-        cosine, weight, normals = self._incidence(leds, pose, profile, square, terms.lobe)
-        places = self._place_terms(square, terms)
+        cosine, weight, normals = self._incidence(setting, pose, terms.lobe)
+        places = self._place_terms(setting.square, terms)
         entries = [led_columns(cosine[:, k], weight[:, k], places) for k in range(LEDS)]
         if normals is not None:
             entries += [lobe_columns(normals, weight[:, k], places) for k in range(LEDS)]
@@ -211,12 +286,9 @@ class BallFit:
         places = self._places[inner(square)]
         return places.reshape(-1, places.shape[-1])[:, : terms.places]
 
-    def _changed(
-        self, leds: Leds, pose: np.ndarray, profile: Profile, square: Square, terms: Terms
-    ) -> np.ndarray:
+    def _changed(self, setting: _Setting, pose: np.ndarray, terms: Terms) -> np.ndarray:
         """(samples, entries) the columns of a pose minus those at rest."""
-        at_rest = self._columns(leds, None, profile, square, terms)
-        return self._columns(leds, pose, profile, square, terms) - at_rest
+        return self._columns(setting, pose, terms) - self._columns(setting, None, terms)
 
     def _gain(self, state: State, square: Square) -> list[np.ndarray]:
         """The response and, if fitted, the lobe at each sample's place, for _light: (samples, LEDs,
@@ -229,15 +301,10 @@ class BallFit:
         ]
 
     def _light(
-        self,
-        leds: Leds,
-        pose: np.ndarray | None,
-        profile: Profile,
-        square: Square,
-        gain: list[np.ndarray],
+        self, setting: _Setting, pose: np.ndarray | None, gain: list[np.ndarray]
     ) -> np.ndarray:
         """(samples, RGB) light of a pose: _columns times the response, computed without them."""
-        cosine, weight, normals = self._incidence(leds, pose, profile, square, len(gain) > 1)
+        cosine, weight, normals = self._incidence(setting, pose, len(gain) > 1)
         powers = weight[..., None] * cosine[..., None] ** np.arange(COSINE_TERMS)
         light = np.einsum("skj,skjc->sc", powers, gain[0], optimize=True)
         if normals is not None:
@@ -247,13 +314,13 @@ class BallFit:
 
     def _sums(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> list[Sums]:
         """Of each press, for the fit of the response."""
-        leds = leds_of(geometry)
-        sums = []
-        for index, (pose, square) in enumerate(zip(poses, self._squares, strict=True)):
-            profile = self._profile(geometry, index)
-            changed = self._changed(leds, pose, profile, square, terms)
-            sums.append(Sums.of(changed.astype(float), self._target(index)))
-        return sums
+        return [
+            Sums.of(
+                self._changed(self._setting(geometry, index), pose, terms).astype(float),
+                self._target(index),
+            )
+            for index, pose in enumerate(poses)
+        ]
 
     def _solved(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> State:
         """The state with the best response of these terms."""
@@ -264,7 +331,7 @@ class BallFit:
         everything = np.arange(terms.entries)
         error = float(np.mean([press.error(response, everything) for press in sums]))
         deviation = (geometry - START) / SPREAD
-        error += _PRIOR / len(poses) * float(deviation @ deviation)
+        error += PRIOR / len(poses) * float(deviation @ deviation)
         return State(geometry, poses, terms, response, error)
 
     def _step(self, state: State, damping: float) -> tuple[State, float]:
@@ -277,7 +344,7 @@ class BallFit:
             damped[rest, rest] *= 1.0 + damping
             move = -solve_step(damped, gradient, self.radii_mm)[linear_part:]
             by_pose = move[: state.poses.size].reshape(-1, 3)
-            poses = state.poses + np.clip(by_pose, -_POSE_REACH, _POSE_REACH)
+            poses = state.poses + np.clip(by_pose, -POSE_REACH_MM, POSE_REACH_MM)
             poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radii_mm)
             geometry = state.geometry + np.clip(move[state.poses.size :], -SPREAD, SPREAD)
             moved = self._solved(geometry, poses, state.terms)
@@ -291,11 +358,10 @@ class BallFit:
         count, entries = len(state.poses), state.response.shape[1]
         size = 3 * entries + 3 * count + len(START)
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
-        nudged = [(leds_of(geometry), geometry) for geometry in state.geometry + np.diag(NUDGE)]
         of_geometry = np.arange(size - len(START), size)
         samples = 0
         for index in range(count):
-            columns, residual, derivatives = self._linearized(state, index, nudged)
+            columns, residual, derivatives = self._linearized(state, index)
             samples = residual.size
             at = np.concatenate([3 * entries + 3 * index + np.arange(3), of_geometry])
             gram = columns.T @ columns
@@ -314,7 +380,7 @@ class BallFit:
             ridge = state.terms.penalty(matrix[own, own])
             matrix[own, own] += ridge
             gradient[own] += ridge @ state.response[c]
-        prior = samples * _PRIOR / SPREAD**2
+        prior = samples * PRIOR / SPREAD**2
         matrix[of_geometry, of_geometry] += prior
         gradient[of_geometry] += prior * (state.geometry - START)
         if state.terms.lobe:  # the depths stay
@@ -323,28 +389,19 @@ class BallFit:
             matrix[depths, depths], gradient[depths] = 1.0, 0.0
         return matrix, gradient
 
-    def _linearized(
-        self, state: State, index: int, nudged: list[tuple[Leds, np.ndarray]]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _linearized(self, state: State, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Linearization of one press: columns (samples, entries), residual (samples, RGB), and
-        derivatives of the light (3 + 12, samples, RGB) by its pose and the geometry.
-
-        nudged: the geometry with one parameter after the other increased by its NUDGE.
-        """
-        leds, profile = leds_of(state.geometry), self._profile(state.geometry, index)
-        pose, square = state.poses[index], self._squares[index]
-        columns = self._changed(leds, pose, profile, square, state.terms).astype(float)
+        derivatives of the light (3 + 12, samples, RGB) by its pose and the geometry."""
+        setting, pose = self._setting(state.geometry, index), state.poses[index]
+        columns = self._changed(setting, pose, state.terms).astype(float)
         shown = columns @ state.response.T
-        gain = self._gain(state, square)
-        lit = self._light(leds, pose, profile, square, gain)
+        gain = self._gain(state, setting.square)
+        lit = self._light(setting, pose, gain)
         derivatives = []
-        for axis in range(3):
-            other = pose + _POSE_NUDGE * (np.arange(3) == axis)
-            moved = self._light(leds, other, profile, square, gain)
-            derivatives.append((moved - lit) / _POSE_NUDGE[axis])
-        for (other, geometry), nudge in zip(nudged, NUDGE, strict=True):
-            profile = self._profile(geometry, index)
-            moved = self._light(other, pose, profile, square, gain)
-            moved = moved - self._light(other, None, profile, square, gain)
+        for nudged in pose + POSE_NUDGE_MM * np.eye(3):
+            derivatives.append((self._light(setting, nudged, gain) - lit) / POSE_NUDGE_MM)
+        for geometry, nudge in zip(state.geometry + np.diag(NUDGE), NUDGE, strict=True):
+            other = self._setting(geometry, index)
+            moved = self._light(other, pose, gain) - self._light(other, None, gain)
             derivatives.append((moved - shown) / nudge)
         return columns, shown - self._target(index), np.array(derivatives)
