@@ -1,6 +1,6 @@
 """A DIGIT unit's calibration: the parameters of the baked model, and their file."""
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any
 from zipfile import is_zipfile
@@ -32,14 +32,8 @@ MAX_RESPONSE = 1e4
 """Largest entry of the response (assumed: 19 in the default calibration, for a white of 1)."""
 GAMMAS = (0.5, 4.0)
 """Range of the exponent between light and grey levels (assumed: cameras have 1 to 2.4)."""
-YOUNG = "young_mpa"
-"""Key of the gel's modulus in the file, present if it was fitted to forces."""
 YOUNGS_MPA = (0.01, 10.0)
 """Range of the modulus (assumed: soft silicones have 0.05 to 2 MPa)."""
-LOBE = "lobe"
-"""Key of the lobe in the file, present if it was fitted."""
-ALBEDO = "albedo"
-"""Key of a worn coating's albedo in the file, present if there is one."""
 ALBEDOS = (0.01, 10.0)
 """Range of the albedo (assumed: worn coatings have 0.3 to 1.5)."""
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
@@ -109,62 +103,34 @@ class Calibration:
     albedo: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        for name, shape in (
-            ("background", (ROWS, COLUMNS, 3)),
-            ("leds_mm", (3, 3)),
-            ("sizes_mm", (3,)),
-            ("response", (3, 3, PLACE_TERMS, COSINE_TERMS)),
-            *(() if self.lobe is None else (("lobe", (3, 3, LOBE_PLACES, LOBE_TERMS)),)),
-            *(() if self.albedo is None else ((ALBEDO, (ROWS, COLUMNS)),)),
-        ):
-            value, key = np.asarray(getattr(self, name)), _KEYS.get(name, name)
+        for name, (shape, low, high) in _LIMITS.items():
+            given = getattr(self, name)
+            if given is None:
+                continue
+            value, key = np.asarray(given), _KEYS[name]
             if value.shape != shape:
                 raise T2TwinError(
                     f"the calibration's {key} has shape {value.shape}; it must be {shape}"
                 )
-            if value.dtype.kind not in "fiu" or not np.isfinite(value).all():
+            is_scalar = shape == ()
+            if value.dtype.kind not in "fiu" or not (is_scalar or np.isfinite(value).all()):
                 raise T2TwinError(f"the calibration's {key} must hold finite numbers only")
+            for reached in (value.min(), value.max()):
+                if not low <= reached <= high:  # nor is nan
+                    raise T2TwinError(
+                        f"the calibration's {key} reaches {reached:g}; it must lie between "
+                        f"{low:g} and {high:g}"
+                    )
         if self.background.dtype != np.uint8:
             raise T2TwinError(
                 f"the calibration's background is {self.background.dtype}; it must be uint8"
             )
         if not (np.asarray(self.sizes_mm) > 0).all():
             raise T2TwinError("the calibration's sizes_mm must be positive")
-        for name, value, low, high in (
-            ("leds_mm", np.abs(self.leds_mm).max(), 0.0, FARTHEST_LED_MM),
-            ("sizes_mm", np.max(self.sizes_mm), 0.0, LARGEST_LED_MM),
-            ("response", np.abs(self.response).max(), 0.0, MAX_RESPONSE),
-            ("gamma", self.gamma, *GAMMAS),
-            ("scale_px_per_mm", self.scale_px_per_mm, *SCALES_PX_PER_MM),
-            ("distance_mm", self.distance_mm, *DISTANCES_MM),
-            *(
-                (name, getattr(self, name), -limit, limit)
-                for name, limit in MAX_MISALIGNMENT.items()
-            ),
-            *(() if self.lobe is None else ((LOBE, np.abs(self.lobe).max(), 0.0, MAX_RESPONSE),)),
-            *(() if self.young_mpa is None else ((YOUNG, self.young_mpa, *YOUNGS_MPA),)),
-            *(
-                ()
-                if self.albedo is None
-                else ((ALBEDO, of, *ALBEDOS) for of in (self.albedo.min(), self.albedo.max()))
-            ),
-        ):
-            if not low <= value <= high:
-                raise T2TwinError(
-                    f"the calibration's {_KEYS.get(name, name)} reaches {value:g}; it must lie "
-                    f"between {low:g} and {high:g}"
-                )
 
     @property
     def camera(self) -> Camera:
-        return Camera(
-            self.scale_px_per_mm,
-            self.distance_mm,
-            self.shift_x_px,
-            self.shift_y_px,
-            self.tilt_x_deg,
-            self.tilt_y_deg,
-        )
+        return Camera(**{field.name: getattr(self, field.name) for field in fields(Camera)})
 
     def save(self, path: Path) -> None:
         """Write as .npz, atomically. Raises T2TwinError where it cannot be written."""
@@ -178,13 +144,7 @@ class Calibration:
             values = {key: value for key, value in values.items() if key not in MAX_MISALIGNMENT}
         if self.noise is not None:
             values |= {NOISE_MIX: self.noise.mix, NOISE_TAPS: self.noise.taps}
-        if self.young_mpa is not None:
-            values[YOUNG] = self.young_mpa
-        if self.lobe is not None:
-            values[LOBE] = self.lobe
-        if self.albedo is not None:
-            values[ALBEDO] = self.albedo
-        return values
+        return {key: value for key, value in values.items() if value is not None}
 
     @classmethod
     def load(cls, path: Path | str = DEFAULT_PATH) -> "Calibration":
@@ -205,28 +165,35 @@ def _read(path: Path | str) -> dict[str, Any]:
     if not is_zipfile(path):
         raise T2TwinError("it is not an .npz file")
     with np.load(path, allow_pickle=False) as file:
-        optional = (YOUNG, LOBE, ALBEDO, NOISE_MIX, NOISE_TAPS)
-        if unknown := sorted({*file.files} - {*_KEYS.values(), *optional, *REMARKS}):
+        if unknown := sorted({*file.files} - {*_KEYS.values(), NOISE_MIX, NOISE_TAPS, *REMARKS}):
             raise T2TwinError(f"its {unknown[0]} is not read")
-        for key in _KEYS.values():
-            if key not in file and key not in MAX_MISALIGNMENT:
-                raise T2TwinError(f"its {key} is missing")
-        values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items() if key in file}
-        values |= {key: file[key] for key in (YOUNG, LOBE, ALBEDO) if key in file}
+        for field in fields(Calibration):
+            if field.default is MISSING and _KEYS[field.name] not in file:
+                raise T2TwinError(f"its {_KEYS[field.name]} is missing")
+        values: dict[str, Any] = {
+            name: file[key] if _LIMITS[name][0] else float(file[key])
+            for name, key in _KEYS.items()
+            if key in file
+        }
         noise = [file[key] for key in (NOISE_MIX, NOISE_TAPS) if key in file]
     if len(noise) == 1:
         raise T2TwinError(f"one of {NOISE_MIX} and {NOISE_TAPS} is missing")
-    if noise:
-        values["noise"] = Noise(*noise)
-    for name in ("gamma", "scale_px_per_mm", "distance_mm", *MAX_MISALIGNMENT, YOUNG):
-        if name in values:
-            values[name] = float(values[name])
-    return values
+    return values | ({"noise": Noise(*noise)} if noise else {})
 
 
-_KEYS = {
-    name: name
-    for name in Calibration.__dataclass_fields__
-    if name not in ("noise", YOUNG, LOBE, ALBEDO)
-} | {"leds_mm": "lamps_mm"}
+_LIMITS: dict[str, tuple[tuple[int, ...], float, float]] = {
+    "background": ((ROWS, COLUMNS, 3), 0, 255),
+    "leds_mm": ((3, 3), -FARTHEST_LED_MM, FARTHEST_LED_MM),
+    "sizes_mm": ((3,), 0.0, LARGEST_LED_MM),
+    "response": ((3, 3, PLACE_TERMS, COSINE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
+    "gamma": ((), *GAMMAS),
+    "scale_px_per_mm": ((), *SCALES_PX_PER_MM),
+    "distance_mm": ((), *DISTANCES_MM),
+    **{name: ((), -limit, limit) for name, limit in MAX_MISALIGNMENT.items()},
+    "young_mpa": ((), *YOUNGS_MPA),
+    "lobe": ((3, 3, LOBE_PLACES, LOBE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
+    "albedo": ((ROWS, COLUMNS), *ALBEDOS),
+}
+"""Shape, least and largest value of each field but the noise."""
+_KEYS = {name: name for name in _LIMITS} | {"leds_mm": "lamps_mm"}
 """Key of each field in the file; the LEDs' places have the key of the first calibrations."""
