@@ -159,7 +159,7 @@ def test_an_unusable_marker_is_an_error(page, text, sentence):
 
 
 def test_cells_of_figures(tmp_path, monkeypatch):
-    provenance = json.loads((figures.RESULTS / "phi.json").read_text())["measured_on"]
+    provenance = json.loads((figures.RESULTS / "press.json").read_text())["measured_on"]
     content = {"measured_on": provenance, "a": {"b.c": [0.0197, 3e3]}, "none": None}
     (tmp_path / "x.json").write_text(json.dumps(content))
     monkeypatch.setattr(figures, "RESULTS", tmp_path)
