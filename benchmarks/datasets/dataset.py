@@ -35,7 +35,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.datasets.dataset",
     measures="Content, size and generation rate of a dataset.",
     minutes=2,
-    sources=("primitives_cad", "sim", "t2twin/report/dataset"),
+    sources=("primitives_cad", "sim", "t2twin/report"),
     figures=(
         Figure("run.minutes", "minutes", most=15.0),
         Figure("run.pairs_a_second", "pairs/s"),
