@@ -14,7 +14,7 @@ from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
-from t2twin.sim.contact.depth import force_at_depth
+from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout

@@ -10,9 +10,8 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.contact.loads.bodies import owner_of
 from t2twin.sim.contact.loads.carry import carry
-from t2twin.sim.contact.loads.prescribed import Load
+from t2twin.sim.contact.loads.prescribed import Load, owner_of
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import Contact, PressCommand

@@ -5,7 +5,7 @@ import pytest
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.depth import TOLERANCE_MM, force_at_depth
+from t2twin.sim.contact.contact_solver import DEPTH_TOLERANCE_MM, force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors import CySkin, Digit
 
@@ -23,7 +23,7 @@ def test_a_forces_depth_gives_the_force_back(shapes, sensor, name, force):
     # the force is as exact as the depth: the gel's stiffness here is some N in a tenth of a mm
     assert found == pytest.approx(force, rel=0.02)
     assert press(PressCommand(name, 0.5, 1.0, 0.3, found)).depth_mm == pytest.approx(
-        depth, abs=2 * TOLERANCE_MM
+        depth, abs=2 * DEPTH_TOLERANCE_MM
     )
 
 

@@ -15,7 +15,7 @@ from PIL import Image
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.depth import TOLERANCE_MM
+from t2twin.sim.contact.contact_solver import DEPTH_TOLERANCE_MM
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world.protocol import indices, press_at, scale_of
 from t2twin.studio import cards, files, solids
@@ -88,7 +88,7 @@ def test_of_force_and_depth_the_last_counts(session):
     assert hard == PressState(SHAPE, force_n=3.0)
     assert read_query(deep.query()) == deep and read_query(hard.query()) == hard
     touch = session.press(deep).touch
-    assert touch.digit.depth_mm == pytest.approx(0.5, abs=TOLERANCE_MM)
+    assert touch.digit.depth_mm == pytest.approx(0.5, abs=DEPTH_TOLERANCE_MM)
     assert np.array_equal(touch.image, t2twin.press(SHAPE, depth_mm=0.5).image)
 
 

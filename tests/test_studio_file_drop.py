@@ -10,7 +10,7 @@ from trimesh.exchange.stl import export_stl
 from waiting import wait_until
 
 import t2twin
-from t2twin.sim.contact.depth import TOLERANCE_MM
+from t2twin.sim.contact.contact_solver import DEPTH_TOLERANCE_MM
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import studio
 
@@ -121,7 +121,7 @@ def test_a_depth_is_pressed_and_the_force_follows(opened):
     number.locator("input[type=text]").press("Enter")
     wait_until(lambda: page.state.depth_mm == 0.8)
     assert page.wait(60)
-    assert page.result.touch.digit.depth_mm == pytest.approx(0.8, abs=TOLERANCE_MM)
+    assert page.result.touch.digit.depth_mm == pytest.approx(0.8, abs=DEPTH_TOLERANCE_MM)
     assert force.value == pytest.approx(page.result.touch.command.force_n)
     page.controls.apply({"force_n": 4.0})
     assert page.wait(60)

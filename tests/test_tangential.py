@@ -15,10 +15,9 @@ from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.layer import base_stress, cached_layer, compliance_mm_per_mpa
 from t2twin.sim.contact.pin_layout import PinLayout, Survey
 from t2twin.sim.contact.sliding import advance
-from t2twin.sim.contact.tangential.folding import MAX_SHORTENING, unfolded
-from t2twin.sim.contact.tangential.kernels import shear_kernels
+from t2twin.sim.contact.tangential.displacements import MAX_SHORTENING, unfolded
+from t2twin.sim.contact.tangential.kernels import shear_kernels, spectra
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer, cached_shear_layer, domed_layer
-from t2twin.sim.contact.tangential.spectra import spectra
 from t2twin.sim.contact.tangential.traction import solve_traction
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa

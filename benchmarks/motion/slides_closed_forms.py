@@ -13,9 +13,8 @@ from scipy import integrate, special
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.tangential.kernels import shear_kernels
+from t2twin.sim.contact.tangential.kernels import shear_kernels, spectra
 from t2twin.sim.contact.tangential.shear_layer import ShearLayer
-from t2twin.sim.contact.tangential.spectra import spectra
 from t2twin.sim.contact.tangential.traction import Traction, solve_traction
 
 YOUNG_MPA, THICK_MM = 1.0, 200.0

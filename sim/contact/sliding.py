@@ -24,8 +24,7 @@ from t2twin.sim.contact.contact_solver import is_confirmed, solve_bodies
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.solver_loops import Anderson
-from t2twin.sim.contact.tangential.displacements import is_small, means, moved
-from t2twin.sim.contact.tangential.folding import unfolded
+from t2twin.sim.contact.tangential.displacements import is_small, means, moved, unfolded
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
 from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, Response, SurfaceShift

@@ -17,7 +17,7 @@ from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.grid import Window
-from t2twin.sim.contact.tangential.folding import unfolded
+from t2twin.sim.contact.tangential.displacements import unfolded
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer, ShearLayer, domed_layer
 
 FORCE_RANGE_N = (0.01, 100.0)

@@ -8,12 +8,13 @@ from functools import lru_cache, partial
 from typing import Literal
 
 import numpy as np
+from scipy import special
 
 from t2twin.core.cached_files import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.sim.contact.layer import base_stress
-from t2twin.sim.contact.tangential.spectra import spectra
+from t2twin.sim.contact.tangential.kernels import spectra
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.layout import Layout
 
@@ -145,20 +146,22 @@ def _hankel(
 ) -> np.ndarray:
     """`_pad_responses` at distances (n,), 1/mm^2, by a Hankel transform.
 
-    The integrand is the stress at the base times the transforms of a disc, 2 J1(k a) / (k a), and
-    of a cell. The latter is that of a Gaussian with the second moment of the square, p^2 / 12 along
-    each axis.
+    The integrand is the stress at the base times the transforms of a disc and of a cell. The latter
+    is that of a Gaussian with the second moment of the square, p^2 / 12 along each axis.
     """
-    from scipy import special
-
     k = np.linspace(1e-4, 25.0 / thickness_mm, 3000)
-    radius = diameter_mm / 2
-    disc = 2 * special.j1(k * radius) / (k * radius)
     if force == "normal":
         spectrum, bessel = base_stress(k, thickness_mm, poisson), special.j0
     elif force == "moment":  # the derivative of J0 is -J1
         spectrum, bessel = k * base_stress(k, thickness_mm, poisson), special.j1
     else:
         spectrum, bessel = spectra(k, thickness_mm, 1.0, poisson).base_shear, special.j1
-    spectrum = spectrum * disc * np.exp(-((k * pitch_mm) ** 2) / 24) * k / (2 * np.pi)
+    disc, cell = disc_transform(k, diameter_mm), np.exp(-((k * pitch_mm) ** 2) / 24)
+    spectrum = spectrum * disc * cell * k / (2 * np.pi)
     return np.trapezoid(spectrum * bessel(r_mm[:, None] * k), k, axis=1)
+
+
+def disc_transform(wavenumber: np.ndarray, diameter_mm: float) -> np.ndarray:
+    """Hankel transform of the mean over a round pad of radius a, 2 J1(k a) / (k a)."""
+    reach = wavenumber * diameter_mm / 2
+    return 2 * special.j1(reach) / reach

@@ -21,7 +21,7 @@ from skimage.measure import label
 from t2twin.core.files import atomic_write
 from t2twin.core.templates import render
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.depth import force_at_depth
+from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import SensorPair

@@ -10,13 +10,12 @@ from scipy import ndimage
 from t2twin.attachment.contacts import Push, Wrench
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.loads.bodies import owner_of
 from t2twin.sim.contact.loads.carry import carry
-from t2twin.sim.contact.loads.prescribed import Load
+from t2twin.sim.contact.loads.prescribed import Load, owner_of
 from t2twin.sim.contact.pin_layout import SURVEY_MM, OffPadError
 from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import FORCE_RANGE_N, Contact
-from t2twin.sim.notices import Notice
+from t2twin.sim.touch import Notice
 
 MAX_FORCE_N = 0.9999 * FORCE_RANGE_N[1]
 """Largest force of all bodies together, N: below the limit on a press by more than rounding."""

@@ -14,7 +14,6 @@ from t2twin.core import arguments
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.loads.balance import balance, balanced_step
-from t2twin.sim.contact.loads.bodies import owner_of
 from t2twin.sim.contact.sliding import Friction
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
 from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
@@ -32,6 +31,19 @@ MOTION_EXCESS, MOTION_MM = 0.05, 0.02
 """A body whose force exceeds the limit of friction by this share slides along its prescribed
 motion. Below, its direction is between those of the force and the motion. A motion of MOTION_MM
 counts half. Both are assumed."""
+
+
+def owner_of(contact: Contact, names: tuple[str, ...]) -> np.ndarray:
+    """(ny, nx) index among the names of the body that presses most on each cell of a contact.
+
+    0 where no body presses. -1 where the body is not among the names, unless both the contact and
+    the names are of one body.
+    """
+    before = contact.bodies
+    if len(before) == len(names) == 1:
+        return np.zeros(contact.pressure_kpa.shape, int)
+    indices = np.array([names.index(name) if name in names else -1 for name in before])
+    return np.where(contact.pressure_kpa > 0, indices[contact.owner], 0)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,14 @@
-"""Fields of the displacement by shear: their means, motion with the bodies, and tolerance."""
+"""Fields of the displacement by shear: means, motion with the bodies, tolerance, and no folds.
+
+The response of the layer is linear. Where a pressure or traction is several times the elastic
+modulus, as under a tip, it would move points of the surface past each other. The points of a real
+surface keep their order.
+"""
 
 import numpy as np
 from scipy import ndimage
+
+from t2twin.core.jit import compiled
 
 COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
 """Convergence of a step: mean error, weighted with the pressure, of the displacement by shear that
@@ -10,6 +17,10 @@ more. Into the sensor: a share of the depth."""
 
 MIN_MOVE = 0.1
 """Motion of a contact, in cells, below which its displacement does not move with it (assumed)."""
+
+
+MAX_SHORTENING = 0.8
+"""Largest shortening of the surface in one direction, as a share of its length (assumed)."""
 
 
 def is_small(
@@ -45,3 +56,59 @@ def moved(
             shifted = ndimage.shift(values, by_cells, order=1, mode="nearest")
             found = np.where(here, shifted, found)
     return found
+
+
+def unfolded(displacement_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
+    """A displacement near the given one that does not shorten the surface by MAX_SHORTENING.
+
+    displacement_mm: (2 or 3, rows, columns) along x, along y, and perhaps into the sensor, mm. The
+    component along each line of cells is limited, in turn along x, y and both diagonals. Each is an
+    isotonic regression of the places to which the points move (Barlow et al., Statistical Inference
+    under Order Restrictions, 1972), so the result is continuous in the displacement.
+    """
+    found = np.array(displacement_mm, float)
+    _unfold(found, MAX_SHORTENING * pitch_mm)
+    return found
+
+
+@compiled("void(f8[:, :, ::1], f8)", nogil=True)
+def _unfold(moved, most):
+    """Limit the displacement in place. most: decrease from one column or row to the next, mm."""
+    _, rows, columns = moved.shape
+    places = np.empty(max(rows, columns))
+    means, sizes = np.empty(places.size), np.empty(places.size, np.int64)
+    for down, across in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        norm, folds = down * down + across * across, False
+        for i in range(down, rows):
+            for j in range(max(across, 0), columns + min(across, 0)):
+                n, m = i - down, j - across
+                apart = across * (moved[0, i, j] - moved[0, n, m])
+                apart += down * (moved[1, i, j] - moved[1, n, m])
+                folds |= apart < -most * norm
+        if not folds:
+            continue
+        for first in range(rows * columns):
+            i, j = first // columns, first % columns
+            if i - down >= 0 and 0 <= j - across < columns:
+                continue  # not the first cell of a line
+            count, blocks = 0, 0
+            while i < rows and 0 <= j < columns:
+                place = (across * moved[0, i, j] + down * moved[1, i, j]) / norm + most * count
+                places[count] = place
+                i, j, count = i + down, j + across, count + 1
+            # Pools adjacent violators: all points of a block move to their mean place.
+            for n in range(count):
+                means[blocks], sizes[blocks] = places[n], 1
+                blocks += 1
+                while blocks > 1 and means[blocks - 2] > means[blocks - 1]:
+                    blocks -= 1
+                    size = sizes[blocks - 1] + sizes[blocks]
+                    total = means[blocks - 1] * sizes[blocks - 1] + means[blocks] * sizes[blocks]
+                    means[blocks - 1], sizes[blocks - 1] = total / size, size
+            i, j, n = first // columns, first % columns, 0
+            for block in range(blocks):
+                for _ in range(sizes[block]):
+                    change = means[block] - places[n]
+                    moved[0, i, j] += across * change
+                    moved[1, i, j] += down * change
+                    i, j, n = i + down, j + across, n + 1
