@@ -218,8 +218,8 @@ class VideoSource:
             )
 
 
-_Version = tuple[int, int, int]
-"""Identifies one content of a file: time of its last change, ns, size in bytes, and inode."""
+_Version = tuple[int, int]
+"""Identifies one content of a file: time of its last change, ns, and size in bytes."""
 
 
 class FolderSource:
@@ -276,16 +276,13 @@ class FolderSource:
         """The image of a file; None if it is incomplete or was rewritten during reading."""
         from t2twin.translate.data.images import open_image  # imports torch
 
-        modified_ns, _, inode = version
         try:
             image = np.asarray(open_image(self._path / name))
         except T2TwinError as error:
-            if time.time() - modified_ns / 1e9 >= self._read_timeout_s:
+            if time.time() - version[0] / 1e9 >= self._read_timeout_s:
                 self._skip(name, version, str(error))
             return None
-        after = _version(self._path / name)
-        rewritten = after is not None and after != version and after[2] == inode
-        return None if rewritten else image
+        return image if _version(self._path / name) in (version, None) else None
 
     def _skip(self, name: str, version: _Version, reason: str) -> None:
         """Counts a frame that remains unreadable, and reports it at a limited rate."""
@@ -385,7 +382,7 @@ def _rotated(image: np.ndarray, turn_deg: int) -> np.ndarray:
 
 def _age(item: tuple[str, _Version]) -> tuple[int, str]:
     """Sort key of files, the latest last."""
-    name, (modified_ns, *_) = item
+    name, (modified_ns, _) = item
     return modified_ns, name
 
 
@@ -397,7 +394,7 @@ def _version(path: Path) -> _Version | None:
         return None
     if not stat.S_ISREG(status.st_mode):
         return None
-    return status.st_mtime_ns, status.st_size, status.st_ino
+    return status.st_mtime_ns, status.st_size
 
 
 def _opencv() -> Any:

@@ -18,6 +18,7 @@ from t2twin.studio.charts import (
     half_side_mm,
     intervals_html,
     map_svg,
+    nice_end,
     slide_html,
 )
 from t2twin.studio.html import (
@@ -40,9 +41,6 @@ from t2twin.studio.html import (
 from t2twin.studio.session import PressResult
 from t2twin.studio.shared import NamedFrame
 from t2twin.studio.translators import TRAIN_COMMAND, Translation
-
-NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-"""Leading digits of a color bar's upper end."""
 
 MIN_COUNTS, MIN_KPA = 100.0, 1.0
 """Minimum upper ends of the color scales, so that noise is not drawn in strong colors."""
@@ -90,13 +88,6 @@ def scales_of(result: PressResult) -> Scales:
         nice_end(max(counts), MIN_COUNTS),
         nice_end(max(residuals, default=0.0), MIN_COUNTS),
     )
-
-
-def nice_end(maximum: float, minimum_end: float) -> float:
-    """The smallest number with leading digits of NICE that is not below either argument."""
-    end = max(float(maximum), minimum_end)
-    decade = 10.0 ** np.floor(np.log10(end))
-    return float(next(n * decade for n in NICE if n * decade >= end * (1 - 1e-9)))
 
 
 def welcome_html() -> str:

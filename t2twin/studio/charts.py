@@ -12,6 +12,9 @@ from t2twin.studio.html import data_url, key
 from t2twin.studio.session import SlidePoint
 from t2twin.studio.translators import LEVEL, Translation
 
+NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+"""Leading digits of the upper end of a color bar or a chart."""
+
 WIDTH, HEIGHT, LEFT = 400.0, 130.0, 44.0
 """Size of a chart and width of the margin for its labels, in units of the SVG."""
 
@@ -60,6 +63,13 @@ class Arrows:
     peak_kpa: float
 
 
+def nice_end(maximum: float, minimum_end: float) -> float:
+    """The smallest number with leading digits of NICE that is not below either argument."""
+    end = max(float(maximum), minimum_end)
+    decade = 10.0 ** np.floor(np.log10(end))
+    return float(next(n * decade for n in NICE if n * decade >= end * (1 - 1e-9)))
+
+
 def intervals_html(translation: Translation) -> str:
     """Chart of the intervals of the counts; empty for a run without intervals."""
     if translation.interval is None:
@@ -67,7 +77,7 @@ def intervals_html(translation: Translation) -> str:
     high = [float(translation.interval[1].max()), 1.0]
     if translation.truth is not None:
         high.append(float(translation.truth.max()))
-    end = _end(max(high))
+    end = nice_end(max(high), 1.0)
     taxels = "".join(_taxel(translation, n, end) for n in range(translation.counts.size))
     caption = f"Counts by taxel: {key(PREDICTED_COLOR, f'predicted with {PERCENT} interval')}"
     if translation.covered is not None:
@@ -104,7 +114,7 @@ def slide_html(points: Sequence[SlidePoint]) -> str:
              f'stroke="{color}" stroke-dasharray="4 4" opacity="0.7"')
             for sensor, (_, color) in SENSORS.items()
         ]  # fmt: skip
-    end = _end(max(max(values) for values, _ in lines))
+    end = nice_end(max(max(values) for values, _ in lines), 1e-6)
     across = LEFT + (WIDTH - LEFT) * travel[shown] / travel[-1]
     drawn = "".join(_line(across, values, end, style) for values, style in lines)
     keys = " ".join(key(color, name) for name, color in SENSORS.values())
@@ -171,12 +181,6 @@ def _chart(name: str, drawn: str, caption: str) -> str:
         f'<figure data-name="{name}"><svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" '
         f'aria-label="{name}">{drawn}</svg><figcaption>{caption}</figcaption></figure>'
     )
-
-
-def _end(high: float) -> float:
-    """Upper end of a chart: the maximum, rounded up to two digits."""
-    step = 10.0 ** (np.floor(np.log10(max(high, 1e-6))) - 1)
-    return float(np.ceil(high / step) * step) or 1.0
 
 
 def _y(value: float, end: float) -> float:

@@ -182,16 +182,11 @@ class FileTasks:
 
     def _export(self) -> None:
         result = self._get_result()
-        if result is None or self._is_sending():
+        if result is None:
             return
         with tempfile.TemporaryDirectory(dir=self.folder) as folder:
             name, content = zip_press(result, Path(folder))
         self._client.send_file_download(name, content, save_immediately=True)
-
-    def _is_sending(self) -> bool:
-        """Whether a download to the client is unfinished."""
-        unsent = self._client._websock_connection.get_message_buffer().message_from_id
-        return any(isinstance(each, _messages.FileTransferPart) for each in list(unsent.values()))
 
 
 def limit_uploads(client: viser.ClientHandle, notices: Notices) -> None:

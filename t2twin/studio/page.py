@@ -5,13 +5,14 @@ from contextlib import suppress
 from threading import Event, Lock
 from typing import Any
 
+import numpy as np
 import viser
 
 from t2twin.studio.cards import Scales, press_html, reproduce_html, scales_of, welcome_html
 from t2twin.studio.controls import MAX_SLIDER_N, MIN_SLIDER_N, Controls, ViewOptions
 from t2twin.studio.files import FileTasks
 from t2twin.studio.press_state import PressState
-from t2twin.studio.scene import Drag, Scene
+from t2twin.studio.scene import Scene
 from t2twin.studio.session import PressResult, Session
 from t2twin.studio.shared import SharedState
 from t2twin.studio.tasks import LatestOnlyWorker, Notices
@@ -158,17 +159,17 @@ class Page:
         cards.expand()
         self._scene.arrange("both", CONTROLS_PX + CARDS_PX)
 
-    def _drag(self, drag: Drag) -> None:
-        if drag.is_start:
+    def _drag(self, by_mm: np.ndarray, key: str | None, is_start: bool) -> None:
+        if is_start:
             self._drag_start = self.state
             self._drag_force_n = self.state.force_n
             result = self.result  # contains the force of a given depth
             if result is not None and result.state == self.state:
                 self._drag_force_n = result.touch.command.force_n
-        start, (along_x, along_y, along_z) = self._drag_start, drag.by_mm
-        if drag.keys is None:
+        start, (along_x, along_y, along_z) = self._drag_start, by_mm
+        if key is None:
             changes = {"x_mm": start.x_mm + along_x, "y_mm": start.y_mm + along_y}
-        elif drag.keys == "shift":
+        elif key == "shift":
             changes = {"yaw_deg": start.yaw_deg + DEGREES_PER_MM * along_x}
         else:
             force = self._drag_force_n - NEWTONS_PER_MM * along_z

@@ -2,6 +2,7 @@
 protocol."""
 
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -128,38 +129,13 @@ class PressState:
 def read_query(query: str) -> PressState:
     """The press of a link's query; missing fields have their defaults.
 
-    Raises T2TwinError for invalid values and for files.
+    A link must not refer to files of this machine. Raises T2TwinError for invalid values and for
+    names of shapes, layouts, imperfections and motions that are not known.
     """
     if len(query) > MAX_QUERY:
         raise T2TwinError(f"the link is longer than {MAX_QUERY:,} characters")
-    values: dict[str, Any] = {}
-    for name, text in parse_qsl(query):
-        if name in ("shape", "layout", "imperfections", "motion"):
-            values[name] = text
-        elif name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "friction"):
-            values[name] = _read_number(name, text)
-        elif name == "markers":
-            if text not in ("0", "1"):
-                raise T2TwinError(f"markers is {text[:20]!r}; expected 0 or 1")
-            values[name] = text == "1"
-        elif name == "seed":
-            if not (text.isascii() and text.isdigit()):
-                raise T2TwinError(f"seed is {text[:20]!r}; expected a whole number, 0 or more")
-            values[name] = int(text)
-    state = _DEFAULT.with_changes(values)
-    check_names(state)
-    check_force(state.force_n)
-    check_friction(state.friction)
-    if state.seed is not None:
-        check_seed(state.seed)
-    return state
-
-
-def check_names(state: PressState) -> None:
-    """Raises T2TwinError unless shape, layout, imperfections and motion are known names.
-
-    A link must not refer to files of this machine.
-    """
+    given = [(name, text) for name, text in parse_qsl(query) if name in _READERS]
+    state = _DEFAULT.with_changes({name: _READERS[name](name, text) for name, text in given})
     if state.shape not in catalogue.NAMES and seed_of(state.shape) is None:
         raise T2TwinError(
             f"there is no shape {state.shape!r}; `t2twin shapes` lists all but the random ones"
@@ -171,6 +147,9 @@ def check_names(state: PressState) -> None:
     ):
         if value not in known:
             raise T2TwinError(f"no {name} {value!r}; expected one of {', '.join(known)}")
+    check_force(state.force_n)
+    check_friction(state.friction)
+    return state
 
 
 def protocol_press(state: PressState, scale: str, number: int) -> PressState:
@@ -218,6 +197,10 @@ def _shortest(value: float) -> str:
     return repr(int(value)) if value == int(value) else repr(float(value))
 
 
+def _read_name(name: str, text: str) -> str:
+    return text
+
+
 def _read_number(name: str, text: str) -> float:
     try:
         value = float(text)
@@ -227,5 +210,26 @@ def _read_number(name: str, text: str) -> float:
         raise T2TwinError(f"{name} is {text[:20]!r}; expected a finite number")
     return value
 
+
+def _read_seed(name: str, text: str) -> int:
+    if not (text.isascii() and text.isdigit()):
+        raise T2TwinError(f"seed is {text[:20]!r}; expected a whole number, 0 or more")
+    check_seed(int(text))
+    return int(text)
+
+
+def _read_flag(name: str, text: str) -> bool:
+    if text not in ("0", "1"):
+        raise T2TwinError(f"{name} is {text[:20]!r}; expected 0 or 1")
+    return text == "1"
+
+
+_READERS: dict[str, Callable[[str, str], Any]] = {
+    **dict.fromkeys(("shape", "layout", "imperfections", "motion"), _read_name),
+    **dict.fromkeys(("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "friction"), _read_number),
+    "seed": _read_seed,
+    "markers": _read_flag,
+}
+"""Fields that a link may contain, with the functions that read them."""
 
 _DEFAULT = PressState()

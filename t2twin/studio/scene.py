@@ -4,7 +4,6 @@ The sensor frame is that of t2twin.primitives_cad.shape, shifted along x for eac
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -70,17 +69,9 @@ MIN_SLOPE = 0.05
 """Slope of a ray below which its intersection with a height is undefined."""
 
 
-@dataclass(frozen=True)
-class Drag:
-    """One step of a drag of the shape.
-
-    by_mm: displacement since the start, (3,), at the height of the start unless a key is pressed.
-    keys: None, "shift" or "cmd/ctrl". is_start: whether this is the first step.
-    """
-
-    by_mm: np.ndarray
-    keys: str | None
-    is_start: bool
+OnDrag = Callable[[np.ndarray, str | None, bool], None]
+"""Receives a step of a drag of the shape: its displacement since the start, (3,) mm, in a plane of
+constant height unless a key is pressed; the key, None, "shift" or "cmd/ctrl"; whether it begins."""
 
 
 class Scene:
@@ -90,7 +81,7 @@ class Scene:
     `hide_old_surfaces` hides the previous one. Not thread-safe.
     """
 
-    def __init__(self, client: viser.ClientHandle, on_drag: Callable[[Drag], None]) -> None:
+    def __init__(self, client: viser.ClientHandle, on_drag: OnDrag) -> None:
         self._client, self._on_drag = client, on_drag
         self._places = {
             name: client.scene.add_frame(f"/{name}", show_axes=False)
@@ -241,7 +232,7 @@ class Scene:
         end = np.array(event.end_position)
         if event.modifier is None:
             end = _at_height(self._client.camera.position, end, float(self._grabbed[2]))
-        self._on_drag(Drag(end - self._grabbed, event.modifier, is_start))
+        self._on_drag(end - self._grabbed, event.modifier, is_start)
 
 
 def _at_height(camera: np.ndarray, point: np.ndarray, height_mm: float) -> np.ndarray:

@@ -18,28 +18,18 @@ FRAME: dict[str, Content] = {"d/x.png": PNG}
 SHORT_PATIENCE_S = 0.2
 """Patience of a folder source with unreadable files in these cases, s."""
 
-NO_SOURCE = ("nowhere", "", " ", "/dev/null", "/dev/zero", "~", "*", "http://127.0.0.1:9/x.mp4",
-             "rtsp://127.0.0.1:9/x", "file:///etc/hosts", "concat:a.avi|b.avi", "1.5", "0x0", "٣",
-             "²", "nowhere/", "v.avi\n")  # fmt: skip
-OTHER = {"99": "camera 99", "9999999999": "camera 9999999999", "9" * 5000: "camera",
-         "x" * 300: "cannot be read"}  # fmt: skip
+NO_SOURCE = ("nowhere", "", "/dev/zero", "~", "http://127.0.0.1:9/x.mp4", "file:///etc/hosts",
+             "concat:a.avi|b.avi", "1.5", "٣", "nowhere/", "v.avi\n")  # fmt: skip
+OTHER = {"99": "camera 99", "9" * 5000: "camera", "x" * 300: "cannot be read"}
 NO_VIDEO: dict[str, bytes] = {
-    "empty.mp4": b"", "text.mp4": b"no video", "notes.txt": b"a line\n" * 100,
-    "long.txt": "ä line\n".encode() * 5000, "list.m3u8": b"#EXTM3U\n#EXTINF:1,\n/etc/hosts\n",
-    "list.ffconcat": b"ffconcat version 1.0\nfile /etc/hosts\n", "x.sdp": b"v=0\nm=video\n",
-    "x.html": b"<html></html>", "x.json": b"{}", "x.npz": b"PK\x03\x04" + bytes(100),
-    "zeros.avi": bytes(100_000), "noise.avi": NOISE * 20,
+    "empty.mp4": b"", "long.txt": "ä line\n".encode() * 5000, "noise.avi": NOISE * 20,
+    "list.m3u8": b"#EXTM3U\n#EXTINF:1,\n/etc/hosts\n", "x.sdp": b"v=0\nm=video\n",
+    "list.ffconcat": b"ffconcat version 1.0\nfile /etc/hosts\n", "image.mp4": PNG,
 }  # fmt: skip
 OPTIONS = """
---frames 0 => 1 or more|--frames -1 => 1 or more|--frames 1.5 => expected a whole number
---frames= => --frames is ''|--frames many => --frames is 'many'|--frames => --frames has no value
 --turn-deg 45 => expected 0, 90, 180 or 270|--turn-deg -90 => --turn-deg
---turn-deg 90.0 => --turn-deg|--turn-deg 360 => --turn-deg is '360'
---layout none => layout|--layout '' => layout
---layout cyskin-63 => ResNet18|--background none.png => none.png|--background d => d
---background d/x.png => needs a field run|--background => --background has no value
---bf16=yes => unexpected argument|--untouched d/x.png => there is no option '--untouched'
---out out => there is no option '--out'|extra => with --run RUN
+--layout none => layout|--layout cyskin-63 => ResNet18|--background none.png => none.png
+--background d => d|--background d/x.png => needs a field run|extra => with --run RUN
 """
 """Options that are refused with a valid source, and a part of the sentence."""
 
@@ -64,9 +54,8 @@ def video(
     return write
 
 
-VIDEOS = (video(), video(7.5, 2), video(30000 / 1001, 3), video(0.01, 2), video(100_000.0),
-          video(frames=1), video(size=(16, 16)), video(size=(320, 240)), video(size=(1920, 1080)),
-          video(200.0, 20, part=0.5))  # fmt: skip
+VIDEOS = (video(30000 / 1001, 3), video(0.01, 2), video(100_000.0), video(frames=1),
+          video(size=(16, 16)), video(200.0, 20, part=0.5))  # fmt: skip
 ODD_FOLDERS: tuple[dict[str, Content], ...] = (
     {}, {"d/a.png": PNG, "d/b.jpg": JPEG}, {"d/a.png": bomb()},
     {"d/a.png": PNG[:999], "d/b.png": b"", "d/c.jpg": b"no image"},
@@ -102,7 +91,6 @@ def cases() -> Iterator[Case]:
         yield Case(f"source {name[:20]!r}", f"{LIVE} '{name}'", says=says)
     for name, content in NO_VIDEO.items():
         yield Case(name, LIVE + name, laid({name: content}), "cannot be read as a video")
-    yield Case("one image", LIVE + "x.png", laid({"x.png": PNG}), "cannot be read as a video")
     for option in OPTIONS.strip().replace("\n", "|").split("|"):
         words, _, says = option.partition(" => ")
         yield Case(f"live {words}", f"{LIVE} d {words}", laid(FRAME), says)
