@@ -26,8 +26,13 @@ from t2twin.translate.evaluation.metrics.baselines import (
     mean_array,
     neighbors,
 )
-from t2twin.translate.evaluation.predictions import PREDICTIONS, as_readings, read_predictions
-from t2twin.translate.evaluation.prepare import OF_CALIBRATION, is_of_default_calibration
+from t2twin.translate.evaluation.predictions import (
+    OF_CALIBRATION,
+    PREDICTIONS,
+    as_readings,
+    is_of_default_calibration,
+    read_predictions,
+)
 from t2twin.translate.evaluation.records import (
     FORMAT,
     METRICS,

@@ -36,8 +36,7 @@ from t2twin.translate.evaluation.metrics.baselines import (
     neighbors,
     second_reading,
 )
-from t2twin.translate.evaluation.predictions import predict_baselines
-from t2twin.translate.evaluation.prepare import EvaluationInputs
+from t2twin.translate.evaluation.predictions import EvaluationInputs, predict_baselines
 from t2twin.translate.evaluation.records import ModelRow
 
 FULL_SCALE = 40000.0

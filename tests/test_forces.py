@@ -11,19 +11,17 @@ from t2twin.translate.data.pairs import ImageFile, Pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics import array_errors
 from t2twin.translate.evaluation.metrics.array_errors import (
+    MAX_FORCES,
+    MIN_PRESSES,
     PairFigures,
+    by_force,
+    force_bins,
+    mean_array_of_force,
     replicates,
     resample_weights,
     rmse_by_group,
 )
-from t2twin.translate.evaluation.metrics.forces import (
-    MAX_FORCES,
-    MEAN_ARRAY_OF_FORCE,
-    MIN_PRESSES,
-    by_force,
-    force_bins,
-    mean_array_of_force,
-)
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.records import METRICS, read_evaluation
 
 FULL_SCALE = 40000.0

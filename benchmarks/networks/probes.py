@@ -88,7 +88,7 @@ def rows(probes: Probes, runs: Sequence[Path], data: Path) -> dict[str, dict[str
         mean_array,
         neighbors,
     )
-    from t2twin.translate.evaluation.prepare import run_names
+    from t2twin.translate.evaluation.predictions import run_names
     from t2twin.translate.inference.load import load_run
 
     train = load_pairs(data, "train", FEATURE_SIZE, grey=False)

@@ -117,8 +117,7 @@ def _shear(estimate: Estimate, pairs: Pairs, which: np.ndarray) -> dict[str, Any
 def _counts(estimate: Estimate, pairs: Pairs, run: FieldPredictor) -> dict[str, Any]:
     """Errors of the counts of still and of moving pairs."""
     from t2twin.sim.cyskin.phi import Phi
-    from t2twin.translate.evaluation.metrics.array_errors import compare
-    from t2twin.translate.evaluation.metrics.reliability import by_motion
+    from t2twin.translate.evaluation.metrics.array_errors import by_motion, compare
 
     data = run.config.data
     full_scale = data.full_scale_counts

@@ -48,13 +48,14 @@ def evaluate(
     if not data:
         raise T2TwinError("there is no dataset to evaluate on; give its folder with --data")
     folder = out or Path("runs/evaluate") / ("" if split == "both" or len(data) > 1 else split)
+    first = next(iter(data))
     use_all_cores()
     if len(data) > 1:
         worlds = evaluation.evaluate_worlds(runs, data, split, folder, background)
     elif split == "both":
-        worlds = {"": evaluation.evaluate_both(runs, data[0], folder, background)}
+        worlds = {"": evaluation.evaluate_both(runs, first, folder, background)}
     else:
-        worlds = {"": {split: evaluation.evaluate(runs, data[0], split, folder, background)}}
+        worlds = {"": {split: evaluation.evaluate(runs, first, split, folder, background)}}
     for name, evaluations in worlds.items():
         if name:
             print(f"{name}\n")

@@ -15,8 +15,12 @@ from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.findings import gap_between
-from t2twin.translate.evaluation.predictions import Predictions, read_predictions
-from t2twin.translate.evaluation.prepare import run_names, splits_with_pairs
+from t2twin.translate.evaluation.predictions import (
+    Predictions,
+    read_predictions,
+    run_names,
+    splits_with_pairs,
+)
 from t2twin.translate.evaluation.records import Evaluation, Finding, read_evaluation, write_findings
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor

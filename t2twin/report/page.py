@@ -13,10 +13,10 @@ from t2twin.core.templates import environment, render
 from t2twin.translate.evaluation.metrics.baselines import (
     LAYOUT_FLOOR,
     MEAN_ARRAY,
+    MEAN_ARRAY_OF_FORCE,
     NEAREST_NEIGHBOR,
     NOISE_FLOOR,
 )
-from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 
 PAGE = "index.html"
 MACROS = "report/templates/macros.html"

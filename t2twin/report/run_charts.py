@@ -21,8 +21,12 @@ from t2twin.report.page import (
     name_of,
     shape_name,
 )
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
-from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE, MIN_PRESSES
+from t2twin.translate.evaluation.metrics.array_errors import MIN_PRESSES
+from t2twin.translate.evaluation.metrics.baselines import (
+    MEAN_ARRAY,
+    MEAN_ARRAY_OF_FORCE,
+    NEAREST_NEIGHBOR,
+)
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, ForceFigures
 from t2twin.translate.evaluation.table import uncertainty_text

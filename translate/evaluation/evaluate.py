@@ -1,6 +1,6 @@
 """Evaluation of trained runs: the paper's table, with baselines, error floors and intervals.
 
-The steps are: prepare (module prepare), predict (predictions), score, write (records, table).
+The steps are: prepare and predict (module predictions), score, write (records, table).
 
 Shape letters: P pairs, N taxels.
 """
@@ -20,6 +20,12 @@ from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_pairs, usable_cache
 from t2twin.translate.evaluation.findings import findings, gap_between, paired
 from t2twin.translate.evaluation.metrics import array_errors
+from t2twin.translate.evaluation.metrics.array_errors import (
+    ForceBin,
+    by_force,
+    by_motion,
+    force_bins,
+)
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     NEAREST_NEIGHBOR,
@@ -29,19 +35,19 @@ from t2twin.translate.evaluation.metrics.baselines import (
     neighbors,
     view_on,
 )
-from t2twin.translate.evaluation.metrics.forces import ForceBin, by_force, force_bins
 from t2twin.translate.evaluation.metrics.reliability import (
-    by_motion,
     shear_metrics,
     uncertainty_metrics,
 )
 from t2twin.translate.evaluation.predictions import (
+    EvaluationInputs,
     Predictions,
     predict_baselines,
     predict_runs,
+    prepare,
+    splits_with_pairs,
     write_predictions,
 )
-from t2twin.translate.evaluation.prepare import EvaluationInputs, prepare, splits_with_pairs
 from t2twin.translate.evaluation.records import (
     FORMAT,
     Bootstrap,
@@ -81,7 +87,7 @@ def evaluate(
     "train"). Returns the content of metrics.json (module records). The rows are, in order:
 
     - mean-array and nearest-neighbour (module baselines), between them mean-array-of-force for
-      presses of several forces (module forces);
+      presses of several forces (module array_errors);
     - noise-floor, if the noise of the dataset is known, and layout-floor, for runs of another
       layout (module baselines);
     - the runs, by their models' names, with the folder's name for runs of the same model.
@@ -95,7 +101,7 @@ def evaluate(
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     arguments.choice(split, "split", ALL_SPLITS)
-    return _evaluate_split(prepare(runs, data_dir, (split,), background), split, out_dir)
+    return _evaluate_splits(runs, data_dir, split, out_dir, background)[split]
 
 
 def evaluate_both(
@@ -111,8 +117,7 @@ def evaluate_both(
 
     Returns the evaluations by split. Raises T2TwinError as `evaluate`, and if both are empty.
     """
-    splits = splits_with_pairs(data_dir)
-    return _evaluate_both(prepare(runs, data_dir, splits, background), splits, out_dir)
+    return _evaluate_splits(runs, data_dir, BOTH, out_dir, background)
 
 
 def evaluate_worlds(
@@ -134,30 +139,38 @@ def evaluate_worlds(
     if not folders:
         raise T2TwinError("there is no dataset to evaluate on; give at least one")
     names = [folder.resolve().name for folder in folders]
-    splits = {}
     for name, folder in zip(names, folders, strict=True):
-        if name in splits:
+        if names.count(name) > 1:
             raise T2TwinError(
                 f"{folder} is not the only dataset in a folder {name!r}; evaluations are written "
                 "to folders of these names, which must differ"
             )
-        splits[name] = splits_with_pairs(folder) if split == BOTH else (split,)
-        prepare(runs, folder, splits[name], background)
-    worlds: dict[str, dict[str, Evaluation]] = {}
-    for name, folder in zip(names, folders, strict=True):
-        inputs = prepare(runs, folder, splits[name], background)
-        if split == BOTH:
-            worlds[name] = _evaluate_both(inputs, splits[name], out_dir / name)
-        else:
-            worlds[name] = {split: _evaluate_split(inputs, split, out_dir / name)}
+        prepare(runs, folder, _splits(folder, split), background)
+    worlds = {
+        name: _evaluate_splits(runs, folder, split, out_dir / name, background)
+        for name, folder in zip(names, folders, strict=True)
+    }
     with atomic_write(out_dir / WORLDS) as temporary:
         temporary.write_text(worlds_markdown(worlds), encoding="utf-8")
     return worlds
 
 
-def _evaluate_both(
-    inputs: EvaluationInputs, splits: Sequence[str], out_dir: Path
+def _splits(data_dir: Path, split: str) -> tuple[str, ...]:
+    return splits_with_pairs(data_dir) if split == BOTH else (split,)
+
+
+def _evaluate_splits(
+    runs: Sequence[str | Path],
+    data_dir: Path,
+    split: str,
+    out_dir: Path,
+    background: str | Path | None,
 ) -> dict[str, Evaluation]:
+    """Evaluations of a dataset by split. split: as for `evaluate_worlds`."""
+    splits = _splits(data_dir, split)
+    inputs = prepare(runs, data_dir, splits, background)
+    if split != BOTH:
+        return {split: _evaluate_split(inputs, split, out_dir)}
     evaluations = {split: _evaluate_split(inputs, split, out_dir / split) for split in splits}
     write_findings(out_dir, evaluations, gap_between(evaluations))
     with atomic_write(out_dir / RESULTS) as temporary:

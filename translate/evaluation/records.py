@@ -78,7 +78,7 @@ Intervals = dict[FigureName, Interval | None]
 
 @dataclass(frozen=True)
 class ForceFigures:
-    """Figures over the pairs of one force bin; see module metrics.forces.
+    """Figures over the pairs of one force bin; see module metrics.array_errors.
 
     low_n, high_n: edges of the bin, N, equal for a single force; both 0 for presses without
     contact. mean_n: mean force, N. rmse_counts, with its interval over shapes; rmse_percent: in
@@ -163,13 +163,14 @@ class ModelRow:
     """One row of the results: a trained run, a trivial predictor, or a floor.
 
     by_shape, by_family: figures by names of shapes and families; by_shape is empty with more than
-    scoring.MAX_SHAPES shapes. interval: of the overall figures. by_force: in ascending order; empty
-    if no force is known. The rest is None for rows that are not runs. run: its folder as given.
-    weights_sha256: of its best.safetensors. same_data: whether it was trained on the dataset of the
-    evaluation. trained_layout, trained_data, trained_world, trained_pairs, trained_steps: the
-    layout of its training dataset, SHA-256 of info.json, world and number of pairs, and the number
-    of steps; None if unknown. uncertainty: of runs that predict it. by_motion: figures of "still"
-    and "moving" pairs, and shear: of runs that predict it; None for a dataset without motion.
+    evaluate.MAX_SHAPES shapes. interval: of the overall figures. by_force: in ascending order;
+    empty if no force is known. The rest is None for rows that are not runs. run: its folder as
+    given. weights_sha256: of its best.safetensors. same_data: whether it was trained on the dataset
+    of the evaluation. trained_layout, trained_data, trained_world, trained_pairs, trained_steps:
+    the layout of its training dataset, SHA-256 of info.json, world and number of pairs, and the
+    number of steps; None if unknown. uncertainty: of runs that predict it. by_motion: figures of
+    "still" and "moving" pairs, and shear: of runs that predict it; None for a dataset without
+    motion.
     """
 
     overall: Figures

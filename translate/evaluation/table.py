@@ -9,8 +9,12 @@ from typing import NamedTuple
 
 from t2twin.core.tables import NONE, Cell, Table, markdown, text
 from t2twin.translate.evaluation.findings import DIFFERENCES
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR, NOISE_FLOOR
-from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
+from t2twin.translate.evaluation.metrics.baselines import (
+    MEAN_ARRAY,
+    MEAN_ARRAY_OF_FORCE,
+    NEAREST_NEIGHBOR,
+    NOISE_FLOOR,
+)
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
 from t2twin.translate.evaluation.records import (
     Evaluation,
@@ -49,11 +53,11 @@ FURTHER = (
     Column("rmse_near_counts", "near it", "{:,.0f}"),
     Column("rmse_beyond_counts", "beyond", "{:,.0f}"),
 )
-FORMS = {column.figure: column.form for column in (*MAIN, *FURTHER)}
+FORMS: dict[FigureName, str] = {column.figure: column.form for column in (*MAIN, *FURTHER)}
 """Number formats by figure (records.Figures)."""
 
 PAPER = "Grella et al. 2023, on hardware"
-PAPER_FORMS = FORMS | {"ssim": "{:.2f}"}
+PAPER_FORMS: dict[FigureName, str] = {**FORMS, "ssim": "{:.2f}"}
 """Number formats of the paper's rows, with its decimals."""
 
 TRIVIAL = (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR)
@@ -132,7 +136,7 @@ def _cell(
     return _figure(row.overall, column, FORMS), _interval(interval, column.form)
 
 
-def _figure(row: Figures | PaperRow | None, column: Column, forms: Mapping[str, str]) -> str:
+def _figure(row: Figures | PaperRow | None, column: Column, forms: Mapping[FigureName, str]) -> str:
     value = getattr(row, column.figure, None)
     return NONE if value is None else forms[column.figure].format(value)
 

@@ -1,4 +1,4 @@
-"""Errors of predicted counts and of their tactile images, and their intervals over shapes.
+"""Errors of predicted counts and of their tactile images, in groups of pairs, with intervals.
 
 RMSE is the root of the mean squared error of the counts, over pairs and taxels. Its square, as a
 fraction of full scale, is the loss that Grella et al. 2023 call L3.
@@ -6,7 +6,11 @@ fraction of full scale, is the loss that Grella et al. 2023 call L3.
 Presses of one shape are similar, so the bootstrap resamples whole shapes. Percentile intervals
 (Efron and Tibshirani 1993) of few shapes are too narrow: with eight shapes they are a guide only.
 
-Shape letters: P pairs, N taxels, K groups of pairs, often shapes, B resamples.
+A few different forces have one bin each; many forces have bins of equal width in the logarithm.
+Presses without contact, of force 0, have a bin of their own. Imported pairs with unknown forces are
+in no bin. A touch moves if it follows the press that its path started with.
+
+Shape letters: P pairs, N taxels, K groups of pairs, often shapes, B resamples, b pairs of a bin.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,16 +22,26 @@ import numpy as np
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.translate.evaluation.metrics.baselines import GROUPS
+from t2twin.translate.data.pairs import Pairs
+from t2twin.translate.evaluation.metrics.baselines import GROUPS, mean_array
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
 from t2twin.translate.evaluation.metrics.ssim import image_scores
-from t2twin.translate.evaluation.records import FigureName, Figures, Interval, Intervals
+from t2twin.translate.evaluation.records import (
+    FigureName,
+    Figures,
+    ForceFigures,
+    Interval,
+    Intervals,
+    MeanOf,
+    MotionFigures,
+)
+from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
 CONTACT_LEVEL = 0.1
 """Fraction of its image's maximum above which a pixel is in contact (assumed)."""
 
 BATCH_SIZE = 64
 """Pairs whose tactile images are computed together; bounds memory to 50 MB."""
-
 
 QUANTITIES = (
     "squared_error",
@@ -54,14 +68,27 @@ CONFIDENCE = 0.95
 MAX_NUMBERS = 20_000_000
 """Maximum size of an array of weights; bounds memory to 160 MB with many shapes."""
 
+MAX_FORCES = 12
+"""Maximum number of forces with a bin each (assumed: the lines of a table)."""
+
+DECIMALS = 2
+"""Decimals to which forces are rounded, N (assumed)."""
+
+BINS_PER_DOUBLING = 2
+"""Bins per factor of two of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed)."""
+
+MIN_PRESSES = 50
+"""Minimum number of training presses for a mean array (assumed: its standard error is a seventh of
+the presses' standard deviation)."""
+
 
 @dataclass(frozen=True)
 class PairFigures:
     """Figures of each pair, (P,) each.
 
     squared_error: mean over the taxels, counts^2; squared_error_of: the same over groups of taxels,
-    by the names in floors.GROUPS, NaN for empty groups. ssim: of phi(predicted) and phi(true), over
-    the image. ssim_contact: over the true contact. contact_iou: intersection over union of the two
+    by the names in GROUPS, NaN for empty groups. ssim: of phi(predicted) and phi(true), over the
+    image. ssim_contact: over the true contact. contact_iou: intersection over union of the two
     contacts. centroid_error_mm: between the images' centroids. total_error: absolute difference of
     the summed counts. total: the true sum. Figures of the contact are NaN without contact.
     """
@@ -147,7 +174,7 @@ def compare(
     """Figures of each pair. predicted, true: (P, N), counts; full_scale: SSIM's data range.
 
     progress: title of a progress bar, or None. taxel_groups: (N,) bool by the names in
-    floors.GROUPS, for errors by group.
+    GROUPS, for errors by group.
     """
     predicted, true = predicted.astype(float), true.astype(float)
     squares = np.square(predicted - true)
@@ -274,3 +301,140 @@ def interval(values: np.ndarray) -> Interval | None:
 def intervals(resampled: GroupedFigures) -> Intervals:
     """The intervals of all figures of `replicates`."""
     return {name: interval(values) for name, values in resampled.items()}
+
+
+@dataclass(frozen=True)
+class ForceBin:
+    """Presses in one range of forces.
+
+    low_n, high_n: its edges, N, equal for a single force; 0 without contact. mean_n: mean force of
+    its pairs, N. members: (b,) indices of its pairs. mean_array: (N,), mean counts of the presses
+    in this bin, of the training pairs (mean_of "training") or, with fewer than MIN_PRESSES of them,
+    of the pairs themselves ("split").
+    """
+
+    low_n: float
+    high_n: float
+    mean_n: float
+    members: np.ndarray
+    mean_array: np.ndarray
+    mean_of: MeanOf
+
+    @property
+    def has_contact(self) -> bool:
+        return self.high_n > 0
+
+
+def force_bins(pairs: Pairs, train: Pairs) -> tuple[ForceBin, ...]:
+    """The bins of pairs in ascending order of force; empty if no force is known.
+
+    train: the training pairs, for the mean arrays.
+    """
+    single = _are_few(np.concatenate([pairs.force_n, train.force_n]))
+    own, trained = (_low_edges_n(each.force_n, single) for each in (pairs, train))
+    bins = []
+    for low in np.unique(own[~np.isnan(own)]):
+        members = np.flatnonzero(own == low)
+        others = np.flatnonzero(trained == low)
+        mean_of: MeanOf = "training" if others.size >= MIN_PRESSES else "split"
+        counts = train.counts[others] if mean_of == "training" else pairs.counts[members]
+        bins.append(
+            ForceBin(
+                low_n=float(low),
+                high_n=float(low if single else low * 2 ** (1 / BINS_PER_DOUBLING)),
+                mean_n=float(pairs.force_n[members].mean()),
+                members=members,
+                mean_array=counts.mean(axis=0, dtype=float).astype(np.float32),
+                mean_of=mean_of,
+            )
+        )
+    return tuple(bins)
+
+
+def mean_array_of_force(bins: tuple[ForceBin, ...], pairs: Pairs, train: Pairs) -> np.ndarray:
+    """(P, N) float32, counts: mean array of each pair's bin, or of training if it has no bin."""
+    predicted = np.tile(mean_array(train), (len(pairs), 1))
+    for one in bins:
+        predicted[one.members] = one.mean_array
+    return predicted
+
+
+def by_force(
+    predicted: np.ndarray,
+    figures: PairFigures,
+    pairs: Pairs,
+    bins: tuple[ForceBin, ...],
+    full_scale: float,
+) -> tuple[ForceFigures, ...]:
+    """Errors of one model in each bin.
+
+    predicted: (P, N) counts. figures: of each pair (array_errors.compare). full_scale: counts.
+    """
+    if not bins:
+        return ()
+    known = np.concatenate([one.members for one in bins])
+    place = np.repeat(np.arange(len(bins)), [one.members.size for one in bins])
+    samples = rmse_by_group(figures.squared_error[known], pairs.shapes[known], place, len(bins))
+    rows = []
+    for one, resampled in zip(bins, samples.T, strict=True):
+        # The summation of the overall error, so that a single bin has exactly that error.
+        summary = figures.summary(full_scale, np.isin(np.arange(len(pairs)), one.members))
+        squares = np.square(one.mean_array - pairs.counts[one.members].astype(float))
+        level = float(np.sqrt(squares.mean()))
+        totals = predicted[one.members].sum(axis=1, dtype=float)
+        rows.append(
+            ForceFigures(
+                low_n=one.low_n,
+                high_n=one.high_n,
+                mean_n=one.mean_n,
+                pairs=summary.pairs,
+                rmse_counts=summary.rmse_counts,
+                rmse_percent=summary.rmse_percent,
+                interval=interval(resampled),
+                of_mean_array=summary.rmse_counts / level if one.has_contact and level else None,
+                mean_of=one.mean_of if one.has_contact else None,
+                phantom_counts=None if one.has_contact else float(totals.mean()),
+            )
+        )
+    return tuple(rows)
+
+
+def _are_few(force_n: np.ndarray) -> bool:
+    touching = force_n[force_n > 0]
+    return np.unique(touching.round(DECIMALS)).size <= MAX_FORCES
+
+
+def _low_edges_n(force_n: np.ndarray, single: bool) -> np.ndarray:
+    """(P,) lower edge of each press's bin, N; NaN for unknown forces."""
+    if single:
+        return force_n.astype(float).round(DECIMALS)
+    low = np.where(np.isnan(force_n), np.nan, 0.0)
+    touching = force_n > 0
+    steps = np.floor(BINS_PER_DOUBLING * np.log2(force_n[touching]))
+    low[touching] = 2.0 ** (steps / BINS_PER_DOUBLING)
+    return low
+
+
+def by_motion(
+    figures: PairFigures, pairs: Pairs, full_scale: float, estimate: Estimate | None
+) -> dict[str, MotionFigures] | None:
+    """Figures of the pairs that are "still" and "moving", None for a dataset without motion.
+
+    figures: of each pair (array_errors.compare). full_scale: counts. estimate: of a run that
+    predicts uncertainty.
+    """
+    if pairs.is_moving is None:
+        return None
+    found = {}
+    for name, which in (("still", ~pairs.is_moving), ("moving", pairs.is_moving)):
+        if not which.any():
+            continue
+        summary, coverage = figures.summary(full_scale, which), None
+        if estimate is not None:
+            errors = np.abs(pairs.counts - estimate.counts.astype(float))[which]
+            within = errors <= half_width(REPORTED_LEVEL) * estimate.counts_std[which]
+            coverage = float(100.0 * within.mean())
+        found[name] = MotionFigures(
+            summary.pairs, summary.rmse_counts, summary.rmse_percent, coverage
+        )
+    return found

@@ -26,6 +26,9 @@ from t2twin.translate.evaluation.records import PaperRow
 MEAN_ARRAY, NEAREST_NEIGHBOR = "mean-array", "nearest-neighbour"
 """Names of their rows."""
 
+MEAN_ARRAY_OF_FORCE = "mean-array-of-force"
+"""Name of the row; only with several forces."""
+
 FEATURE_SIZE = 32
 """Side of the RGB images for the search of neighbors, pixels (assumed)."""
 

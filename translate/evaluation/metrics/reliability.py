@@ -1,9 +1,8 @@
-"""Metrics of predicted uncertainty, of moving touches and of the shear force.
+"""Metrics of predicted uncertainty and of the predicted shear force.
 
 Reliability: observed coverage of intervals by their nominal coverage. Sparsification (risk against
 coverage, El-Yaniv and Wiener 2010): RMSE over the most certain presses by their share. The
-uncertainty of a press is the root mean square of its taxels' standard deviations. A touch moves if
-it follows the press that its path started with.
+uncertainty of a press is the root mean square of its taxels' standard deviations.
 
 Shape letters: P pairs, N taxels.
 """
@@ -11,8 +10,7 @@ Shape letters: P pairs, N taxels.
 import numpy as np
 
 from t2twin.translate.data.pairs import Pairs
-from t2twin.translate.evaluation.metrics.array_errors import PairFigures
-from t2twin.translate.evaluation.records import MotionFigures, ShearMetrics, UncertaintyMetrics
+from t2twin.translate.evaluation.records import ShearMetrics, UncertaintyMetrics
 from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
@@ -61,31 +59,6 @@ def _force_metrics(estimate: Estimate, force_n: np.ndarray) -> dict[str, float |
         "force_median_error_percent": float(100.0 * np.median(errors / force_n[touching])),
         "force_coverage_percent": float(100.0 * within.mean()),
     }
-
-
-def by_motion(
-    figures: PairFigures, pairs: Pairs, full_scale: float, estimate: Estimate | None
-) -> dict[str, MotionFigures] | None:
-    """Figures of the pairs that are "still" and "moving", None for a dataset without motion.
-
-    figures: of each pair (array_errors.compare). full_scale: counts. estimate: of a run that
-    predicts uncertainty.
-    """
-    if pairs.is_moving is None:
-        return None
-    found = {}
-    for name, which in (("still", ~pairs.is_moving), ("moving", pairs.is_moving)):
-        if not which.any():
-            continue
-        summary, coverage = figures.summary(full_scale, which), None
-        if estimate is not None:
-            errors = np.abs(pairs.counts - estimate.counts.astype(float))[which]
-            within = errors <= half_width(REPORTED_LEVEL) * estimate.counts_std[which]
-            coverage = float(100.0 * within.mean())
-        found[name] = MotionFigures(
-            summary.pairs, summary.rmse_counts, summary.rmse_percent, coverage
-        )
-    return found
 
 
 def shear_metrics(estimate: Estimate, pairs: Pairs) -> ShearMetrics | None:
