@@ -13,6 +13,7 @@ scene_digit.xml, scene_cyskin.xml    each contact as a MuJoCo scene
 import json
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from math import hypot
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,6 @@ from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.digit.markers import Markers, surface_shift
 from t2twin.sim.digit.optics import Renderer
-from t2twin.sim.notices import Notice
 
 VERSIONS = ("t2twin", "mujoco", "numpy")
 """Packages whose versions press.json contains."""
@@ -45,6 +45,29 @@ MARKER_COLUMNS = ("marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm")
 
 MaybeNone = Any
 """None, which type checkers need not exclude: most touches are of both sensors (as in typeshed)."""
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One cause for which a touch differs from what a physics engine computes.
+
+    body: name of the touching body. reason: a clause that names the cause. force_n: the force on
+    the sensor that the contact lacks, along x, y and z of the sensor frame, N; 0 where only the
+    shape is approximate.
+    """
+
+    body: str
+    reason: str
+    force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def unread_n(self) -> float:
+        """Size of the force that the contact lacks, N."""
+        return hypot(*self.force_n)
+
+    def __str__(self) -> str:
+        lacking = f"{self.unread_n:.3g} N of {self.body} not read" if self.unread_n else self.body
+        return f"{lacking}: {self.reason}"
 
 
 @dataclass(frozen=True)

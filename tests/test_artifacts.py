@@ -15,13 +15,14 @@ from t2twin.sim.dataset.store import LOG, read_info, read_split, sha256_of
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.response import linear
 from t2twin.sim.digit.optics import DigitOptics
-from t2twin.sim.digit.randomization.artifacts import NO_ARTIFACTS, Artifacts, with_artifacts
+from t2twin.sim.digit.randomization.artifacts import Artifacts, with_artifacts
 from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
 from t2twin.sim.digit.surface import ball_surface
 from t2twin.sim.sensors import Digit
 from t2twin.sim.world.plan import plan
 from t2twin.sim.world.recipe import load_recipe
 
+NO_ARTIFACTS = Artifacts(streaks=(0, 0), glares=(0, 0), worn=0.0, drift_grey=(0.0, 0.0))
 BALL = ball_surface(0.5, -1.0, 1.1)
 
 TOOL = ("allen-key/long-arm",)

@@ -15,8 +15,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.report.run_report import write_report
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import taxels
-from t2twin.sim.cyskin.field import field_counts, field_layout
-from t2twin.sim.cyskin.field_reading import reading_matrix
+from t2twin.sim.cyskin.field import field_counts, field_layout, reading_matrix
 from t2twin.sim.cyskin.layout import Layout, load_layout
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sensors import CySkin

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import t2twin
-from t2twin.sim.notices import Notice
+from t2twin.sim.touch import Notice
 
 
 @pytest.fixture(scope="module")

@@ -130,12 +130,11 @@ class ReferenceRenderer:
             raise T2TwinError(f"led_points is {led_points}; it must be at least 1")
         self.camera = camera
         self._pyrender = pyrender = _import_pyrender()
-        self._lit = [led for led in leds if led.on]
         self._poses = [
             [_spot_pose(point, np.array(led.aim_mm)) for point in led.points_mm(led_points)]
-            for led in self._lit
+            for led in leds
         ]
-        self._passes = led_points if self._lit else 1
+        self._passes = led_points if leds else 1
         self._x_mm, self._y_mm = optical_grid(gel)
         grid = np.meshgrid(self._x_mm, self._y_mm)
         self._rest_mm = gel.rest_surface_mm(*grid) + camera.tilt_mm(*grid)
@@ -167,11 +166,11 @@ class ReferenceRenderer:
                     outerConeAngle=led.beam_rad[1],
                 )
             )
-            for led in self._lit
+            for led in leds
         ]
         self._mesh_node: Any = None
         flags = pyrender.RenderFlags
-        self._flags = flags.SHADOWS_SPOT if shadows and self._lit else flags.NONE
+        self._flags = flags.SHADOWS_SPOT if shadows and leds else flags.NONE
         try:
             self._renderer = pyrender.OffscreenRenderer(COLUMNS, ROWS)
         except Exception as error:  # the type depends on the missing library

@@ -40,9 +40,8 @@ from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
-from t2twin.sim.notices import Notice
 from t2twin.sim.sensors import CySkin, Digit
-from t2twin.sim.touch import Touch
+from t2twin.sim.touch import Notice, Touch
 
 SensorName = Literal["digit", "cyskin"]
 

@@ -28,7 +28,7 @@ import torch
 from torch import nn
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.field_reading import reading_matrix
+from t2twin.sim.cyskin.field import reading_matrix
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA

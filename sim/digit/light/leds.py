@@ -1,6 +1,6 @@
 """The DIGIT's three LEDs: places, sizes, colors."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,6 @@ class Led:
         the apex. Both are of the LED's image after refraction by the plate.
     size_mm: radius of the luminous disc.
     aim_mm: a point on the beam's axis. beam_rad: half angles between which the beam fades out.
-    on: whether it is lit.
     """
 
     color: tuple[float, float, float]
@@ -27,7 +26,6 @@ class Led:
     size_mm: float
     aim_mm: tuple[float, float, float]
     beam_rad: tuple[float, float]
-    on: bool = True
 
     def __post_init__(self) -> None:
         if self.radius_mm <= 0 or self.size_mm < 0:
@@ -81,12 +79,3 @@ resembles a real unit's."""
 AMBIENT = (0.024, 0.030, 0.032)
 """Linear RGB of undirected light, scattered inside the sensor (assumed from the shadows of a real
 unit)."""
-
-
-def permuted(leds: tuple[Led, ...], order: tuple[int, ...]) -> tuple[Led, ...]:
-    """The LEDs with permuted colors: place k gets the color of order[k]."""
-    if sorted(order) != list(range(len(leds))):
-        raise T2TwinError(f"order is {order}; it must name each of 0 to {len(leds) - 1} once")
-    return tuple(
-        replace(led, color=leds[source].color) for led, source in zip(leds, order, strict=True)
-    )
