@@ -10,6 +10,7 @@ import sys
 import zipfile
 from pathlib import Path
 
+import cadquery as cq
 import numpy as np
 import trimesh
 
@@ -18,10 +19,13 @@ from t2twin.primitives_cad import catalogue, height_map, solids, tools
 from t2twin.primitives_cad.catalogue import path_of
 from t2twin.primitives_cad.shape import HeightMap, Keypoint, Shape
 
+SAME_MM = 1.0e-7
+"""Distance below which points coincide, mm: the CAD kernel's tolerance."""
+
 
 def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
     """Write the files of catalogue shapes and of their tools."""
-    meshes = {tool: tools.mesh(tool) for tool in sorted({_tool(name) for name in names} - {""})}
+    meshes = {tool: tool_mesh(tool) for tool in sorted({_tool(name) for name in names} - {""})}
     for tool, mesh in meshes.items():
         _write(path_of(tool), _mesh_arrays(mesh.vertices, mesh.faces))
     for name in names:
@@ -44,12 +48,38 @@ def build(name: str, tool: trimesh.Trimesh | None = None) -> Shape:
     tool: the tool's mesh, for a tool's keypoint.
     """
     if name in catalogue.PRIMITIVES:
-        mesh = solids.tessellate_symmetric(solids.primitive(name))
+        mesh = tessellate_symmetric(solids.primitive(name))
     else:
         assert tool is not None
         mesh = tool.copy().apply_transform(keypoint_transform(name))
     mesh, heights = height_map.aligned(mesh)
     return Shape(name=name, mesh=mesh, surface=heights, **catalogue.properties(name))
+
+
+def tool_mesh(tool: str) -> trimesh.Trimesh:
+    """A watertight mesh of a tool's CAD solid, mm, in the tool's own frame."""
+    return solids.tessellate(tools.solid(tool), tools.CHORDAL_MM.get(tool, solids.CHORDAL_MM))
+
+
+def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = solids.CHORDAL_MM) -> trimesh.Trimesh:
+    """A watertight mesh, exactly mirror symmetric, of a solid symmetric in x and in y, mm.
+
+    The mesher's triangles are not symmetric, so one quarter is meshed and mirrored.
+    """
+    corner = cq.Workplane().box(
+        solids.BEYOND_MM, solids.BEYOND_MM, solids.BEYOND_MM, centered=(False, False, True)
+    )
+    points, triangles = solids.triangles_of(solid.intersect(corner.val()), chordal_mm)  # pyright: ignore[reportArgumentType]
+    points[np.abs(points) < SAME_MM] = 0.0
+    on_cut = (points[triangles][:, :, :2] == 0.0).all(axis=1).any(axis=1)
+    triangles = triangles[~on_cut]
+    all_points, all_triangles = [], []
+    for turn, mirror in enumerate(((1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1))):
+        all_points.append(points * mirror)
+        # Mirroring turns triangles inwards; reversing their vertices turns them back.
+        order = triangles if turn % 2 == 0 else triangles[:, ::-1]
+        all_triangles.append(order + turn * len(points))
+    return solids.watertight(np.concatenate(all_points), np.concatenate(all_triangles))
 
 
 def keypoint_transform(name: str) -> np.ndarray:

@@ -64,11 +64,8 @@ def split(name: str) -> str:
         return "test"
     if name not in PRIMITIVES:
         raise T2TwinError(_unknown(name))
-    return (
-        "val"
-        if primitive_parameters.version(name) == primitive_parameters.VALIDATION_VERSION
-        else "train"
-    )
+    is_validation = primitive_parameters.version(name) == primitive_parameters.VALIDATION_VERSION
+    return "val" if is_validation else "train"
 
 
 def load(

@@ -28,9 +28,6 @@ ANGULAR_RAD = 0.25
 BEYOND_MM = 1.0e3
 """A length beyond any primitive, mm."""
 
-SAME_MM = 1.0e-7
-"""Distance below which points coincide, mm: the CAD kernel's tolerance."""
-
 
 def primitive(name: str) -> cq.Shape:
     """The solid of a primitive on its own base plate, lengths in mm."""
@@ -98,25 +95,6 @@ def tessellate(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trime
     Raises T2TwinError where the solid's faces do not close.
     """
     return watertight(*triangles_of(solid, chordal_mm))
-
-
-def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trimesh:
-    """A watertight mesh, exactly mirror symmetric, of a solid symmetric in x and in y, mm.
-
-    The mesher's triangles are not symmetric, so one quarter is meshed and mirrored.
-    """
-    corner = cq.Workplane().box(BEYOND_MM, BEYOND_MM, BEYOND_MM, centered=(False, False, True))
-    points, triangles = triangles_of(solid.intersect(corner.val()), chordal_mm)  # pyright: ignore[reportArgumentType]
-    points[np.abs(points) < SAME_MM] = 0.0
-    on_cut = (points[triangles][:, :, :2] == 0.0).all(axis=1).any(axis=1)
-    triangles = triangles[~on_cut]
-    all_points, all_triangles = [], []
-    for turn, mirror in enumerate(((1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1))):
-        all_points.append(points * mirror)
-        # Mirroring turns triangles inwards; reversing their vertices turns them back.
-        order = triangles if turn % 2 == 0 else triangles[:, ::-1]
-        all_triangles.append(order + turn * len(points))
-    return watertight(np.concatenate(all_points), np.concatenate(all_triangles))
 
 
 def triangles_of(solid: cq.Shape, chordal_mm: float) -> tuple[np.ndarray, np.ndarray]:

@@ -169,7 +169,7 @@ def test_verify_finds_what_a_digest_cannot(made, tmp_path, capsys):
         ({"image": [None, *image[1:]]}, "cannot be decoded"),
         ({"index": [None, *index[1:]]}, "index has empty rows"),
         ({"taxels": [None, *counts[1:]]}, "taxels has empty rows"),
-        ({"taxels": [[40_001] * 20, *counts[1:]]}, "count of 40001, over the full scale"),
+        ({"taxels": [[40_001] * 20, *counts[1:]]}, "40001 in taxels, over the full scale"),
         ({"taxels": [counts[0][:19], *counts[1:]]}, "19 taxels"),
     ):
         folder = tmp_path / "changed"

@@ -10,10 +10,10 @@ import pytest
 from matplotlib import colormaps
 from session import copy_machine_code
 
-from maintenance.write_bundled import build
+from maintenance.write_bundled import build, tool_mesh
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import cached_array
-from t2twin.primitives_cad import catalogue, tools
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.sim.cyskin.tactile_image import _colors
 from t2twin.sim.splines import CubicSpline
@@ -89,7 +89,7 @@ def assert_as_made(name: str, tool=None) -> None:
 def test_bundled_shapes_are_those_of_the_cad(name):
     """Run `python -m maintenance.write_bundled` after a change of the CAD."""
     is_tool = name in catalogue.OBJECTS
-    assert_as_made(name, tools.mesh(name.partition("/")[0]) if is_tool else None)
+    assert_as_made(name, tool_mesh(name.partition("/")[0]) if is_tool else None)
 
 
 @pytest.mark.exhaustive
@@ -99,7 +99,7 @@ def test_all_bundled_shapes_are_those_of_the_cad(tool):
         for name in catalogue.PRIMITIVES:
             assert_as_made(name)
         return
-    mesh = tools.mesh(tool)
+    mesh = tool_mesh(tool)
     np.testing.assert_array_equal(catalogue.read_mesh(tool)[0], mesh.vertices)
     for keypoint in catalogue.KEYPOINTS[tool]:
         assert_as_made(f"{tool}/{keypoint}", mesh)

@@ -101,7 +101,11 @@ def test_rows_do_not_depend_on_the_workers(made: Path, tmp_path: Path, shape_cac
     [
         (PATH, lambda values: [value + 1 for value in values], "its path is not the planned one"),
         ("x_mm", lambda values: [value + 1 for value in values], "its x_mm is not the planned one"),
-        (TRACTIONS[1], lambda values: [value[1:] for value in values], "places in cover_shear_x"),
+        (
+            TRACTIONS[1],
+            lambda values: [value[1:] for value in values],
+            "cover_shear_x_kpa instead of 216",
+        ),
         (TRACTIONS[2], lambda values: [[np.nan] * 216 for _ in values], "not finite"),
     ],
 )

@@ -5,9 +5,9 @@ from math import pi
 import numpy as np
 import pytest
 
+from maintenance.write_bundled import tessellate_symmetric
 from t2twin.primitives_cad import catalogue, primitive_parameters, solids
 from t2twin.primitives_cad.primitive_parameters import FEATURE_HEIGHT_MM, PLATE_SIDE_MM
-from t2twin.primitives_cad.solids import tessellate_symmetric
 
 PLATE_MM3 = PLATE_SIDE_MM**2 * primitive_parameters.PLATE_THICKNESS_MM
 CHORDAL_MM = 0.01

@@ -74,9 +74,9 @@ def test_a_damaged_shard_is_one_sentence(data, tmp_path):
 
     for spoilt, reason in (
         (counts(lambda rows: rows[1].pop()), "rows of 19 taxels instead of 20"),
-        (counts(lambda rows: rows[1].__setitem__(3, None)), "taxels without a count"),
+        (counts(lambda rows: rows[1].__setitem__(3, None)), "taxels has values that are missing"),
         (counts(lambda rows: rows.__setitem__(1, None)), "taxels has empty rows"),
-        (counts(lambda rows: rows[1].__setitem__(3, 40_001)), "count of 40001, over the full"),
+        (counts(lambda rows: rows[1].__setitem__(3, 40_001)), "40001 in taxels, over the full"),
         (table.slice(1), f"{table.num_rows - 1} rows instead of {table.num_rows}"),
         (table.drop_columns("force_n"), "lacks the column force_n"),
         (table.set_column(1, "force_n", table["force_n"].cast("float32")), "force_n holds float"),

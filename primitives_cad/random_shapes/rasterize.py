@@ -15,7 +15,7 @@ PROFILES = ("flat", "rounded", "rod", "wedge")
 TEETH = ("none", "pointed", "square")
 _BAR, _HALF_PLANE, _DISC, _RING, _POLYGON = range(5)
 _FLAT, _ROUNDED, _ROD, _WEDGE = range(4)
-_POINTED, _SQUARE = 1, 2
+_POINTED = 1
 
 MAX_SIDES = 8
 VALUES = 16

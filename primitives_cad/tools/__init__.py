@@ -12,8 +12,6 @@ from t2twin.primitives_cad.shape import Keypoint
 
 if TYPE_CHECKING:
     import cadquery as cq
-    import trimesh
-
 
 CHORDAL_MM = {"pliers": 0.0025}
 """Chordal errors requested for particular tools, mm: the mesher's error along the pliers' rounded
@@ -23,13 +21,6 @@ handles is eight times the requested one (measured); this reduces it to 0.004.""
 def solid(tool: str) -> "cq.Shape":
     """The CadQuery solid of a tool, in the tool's own frame."""
     return _module(tool).solid()
-
-
-def mesh(tool: str) -> "trimesh.Trimesh":
-    """A watertight mesh of a tool, mm, in the tool's own frame."""
-    from t2twin.primitives_cad import solids
-
-    return solids.tessellate(solid(tool), CHORDAL_MM.get(tool, solids.CHORDAL_MM))
 
 
 def keypoints(tool: str) -> tuple[Keypoint, ...]:

@@ -214,35 +214,25 @@ def check_table(
             raise ValueError(f"its column {name} has values that are not finite")
     if table.num_rows != shard.pairs:
         raise ValueError(f"it has {table.num_rows} rows instead of {shard.pairs}")
-    for name, places in (("taxels", info.layout_x_mm), (FIELD, info.field_x_mm or ())):
+    places, most = len(info.field_x_mm or ()), info.full_scale_counts
+    lists = {"taxels": (len(info.layout_x_mm), most), FIELD: (places, most)}
+    for name, (size, largest) in (lists | dict.fromkeys(TRACTIONS, (places, np.inf))).items():
         if name in columns:
-            _check_counts(table[name], name, len(places), info.full_scale_counts)
-    for name in TRACTIONS:
-        if name in columns:
-            _check_tractions(table[name], name, len(info.field_x_mm or ()))
+            _check_lists(table[name].combine_chunks(), name, size, largest)
 
 
-def _check_counts(column: pa.ChunkedArray, name: str, places: int, full_scale: int) -> None:
-    rows = column.combine_chunks()
-    lengths = set(rows.value_lengths().to_pylist())
-    if lengths - {places}:
-        label = name if name == "taxels" else f"places of its {name}"
-        raise ValueError(f"it has rows of {min(lengths - {places})} {label} instead of {places}")
-    counts = rows.flatten()
-    if counts.null_count:
-        raise ValueError(f"it has {name} without a count")
-    largest = counts.to_numpy().max(initial=0)
-    if largest > full_scale:
-        raise ValueError(f"it has a count of {largest}, over the full scale of {full_scale}")
-
-
-def _check_tractions(column: pa.ChunkedArray, name: str, places: int) -> None:
-    rows = column.combine_chunks()
+def _check_lists(rows: pa.ListArray, name: str, size: int, largest: float) -> None:
+    """Raises ValueError for lists of another size, and for values that are missing, not finite or
+    too large."""
+    lengths = set(rows.value_lengths().fill_null(0).to_pylist()) - {size}
+    if lengths:
+        raise ValueError(f"it has rows of {min(lengths)} {name} instead of {size}")
     values = rows.flatten()
-    if set(rows.value_lengths().to_pylist()) - {places}:
-        raise ValueError(f"it has rows without {places} places in {name}")
     if values.null_count or not np.isfinite(values.to_numpy()).all():
-        raise ValueError(f"its {name} has values that are not finite")
+        raise ValueError(f"its {name} has values that are missing or not finite")
+    found = values.to_numpy().max(initial=0)
+    if found > largest:
+        raise ValueError(f"it has {found} in {name}, over the full scale of {largest}")
 
 
 def taxels(table: pa.Table) -> np.ndarray:
