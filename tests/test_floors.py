@@ -255,7 +255,7 @@ def test_twins_within_the_noise_are_counted() -> None:
 
 def test_lookalikes_of_a_dataset(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
-    alike = estimate_irreducible_error(data_dir, "val", {})
+    alike = estimate_irreducible_error(data_dir, "val")
     assert alike is not None and alike.split is not None and alike.training is not None
     noise = noise_distance_grey(data_dir, "val")
     assert noise is not None and alike.noise_grey == noise

@@ -1,5 +1,7 @@
 """Estimate of the irreducible error from presses with similar images and different counts.
 
+    python -m benchmarks.networks.irreducible_error data/small [--split test]
+
 If two presses have indistinguishable images, a translator predicts the same counts for both. Their
 counts are two samples of the distribution given the image, so that their mean squared difference is
 twice its variance. sqrt(mean squared difference / 2) is then the RMSE of the best predictor, the
@@ -15,11 +17,14 @@ another ambiguity: a shape of another kind with a similar image.
 Shape letters: P presses, k neighbors, N taxels, K shapes.
 """
 
+import argparse
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from PIL import Image
 
@@ -27,13 +32,14 @@ from t2twin.core.images import decode_png
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import to_pixels
-from t2twin.translate.data.pairs import Pairs, load_pairs
+from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation.metrics.array_errors import interval, resample_weights
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     NEIGHBORS,
     Neighbors,
     neighbors,
+    view_on,
 )
 from t2twin.translate.evaluation.records import Interval
 
@@ -97,14 +103,12 @@ class IrreducibleError:
     training: IrreducibleErrorFloor | None
 
 
-def estimate_irreducible_error(
-    data_dir: Path, split: str, taxel_groups: Mapping[str, np.ndarray]
-) -> IrreducibleError | None:
+def estimate_irreducible_error(data_dir: Path, split: str) -> IrreducibleError | None:
     """The irreducible error of a split, estimated from neighbors in the split and in training.
 
-    taxel_groups: (N,) bool by name, for estimates by group. With more than MAX_PRESSES presses, a
-    selection is compared with all others. Presses without contact, which are all equal, are
-    excluded. Returns None if the image noise of the dataset is unknown.
+    With more than MAX_PRESSES presses, a selection is compared with all others. Presses without
+    contact, which are all equal, are excluded. Returns None if the image noise of the dataset is
+    unknown.
     """
     noise = noise_distance_grey(data_dir, split)
     if noise is None:
@@ -119,6 +123,8 @@ def estimate_irreducible_error(
     shapes = (pairs.shapes, queries.shapes)
     of_split = neighbors(pairs.images, queries.images, NEIGHBORS, shapes, "irreducible error")
     of_train = neighbors(train.images, queries.images, NEIGHBORS)
+    info = load_info(data_dir)
+    taxel_groups = view_on(info.x_mm, info.y_mm).groups
     return IrreducibleError(
         noise_grey=noise,
         close_grey=CLOSE * noise,
@@ -247,3 +253,16 @@ def _interval(presses: np.ndarray, values: np.ndarray) -> Interval | None:
     weights = resample_weights(presses.size)
     means = (weights @ (presses * values)) / (weights @ presses)
     return interval(np.sqrt(np.maximum(means, 0.0)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.networks.irreducible_error")
+    parser.add_argument("data", type=Path, help="the dataset")
+    parser.add_argument("--split", choices=("val", "test"), default="val")
+    options = parser.parse_args()
+    found = estimate_irreducible_error(options.data, options.split)
+    print(json.dumps(msgspec.to_builtins(found), indent=1))
+
+
+if __name__ == "__main__":
+    main()

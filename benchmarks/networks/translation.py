@@ -72,7 +72,9 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def figures(report: ReportData) -> dict[str, Any]:
-    """Epochs and minutes of each run, and the figures of every row by split."""
+    """Epochs and minutes of each run, the figures of every row by split, the irreducible error."""
+    from benchmarks.networks.irreducible_error import estimate_irreducible_error
+
     evaluations = {
         split: msgspec.to_builtins(evaluation) for split, evaluation in report.evaluations.items()
     }
@@ -92,17 +94,11 @@ def figures(report: ReportData) -> dict[str, Any]:
             }
             for split, evaluation in evaluations.items()
         },
-        "lookalikes": {split: lookalikes(report, split) for split in evaluations},
+        "lookalikes": {
+            split: msgspec.to_builtins(estimate_irreducible_error(report.data, split))
+            for split in evaluations
+        },
     }
-
-
-def lookalikes(report: ReportData, split: str) -> dict[str, Any]:
-    """The irreducible error of a split, also by group of taxels."""
-    from benchmarks.networks.irreducible_error import estimate_irreducible_error
-    from t2twin.translate.evaluation.metrics.baselines import view_on
-
-    groups = view_on(report.layout.x_mm, report.layout.y_mm).groups
-    return msgspec.to_builtins(estimate_irreducible_error(report.data, split, groups))
 
 
 def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
