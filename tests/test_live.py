@@ -205,7 +205,7 @@ def test_skipped_frames_are_reported_now_and_then(no_waiting, tmp_path):
     reports = []
     source = FolderSource(tmp_path, 0, reports.append)
     for _ in range(40):
-        source._skip("a.png", (0, 0, 0), "a.png is damaged")
+        source._skip("a.png", (0, 0), "a.png is damaged")
         no_waiting.append(0.25)  # ten seconds in all
     assert len(reports) == 2 and "21 frames skipped" in reports[1]
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.live.outputs import Output
-from t2twin.live.sources import LatestFrame, Report, Source
+from t2twin.live.sources import Frame, LatestFrame, Report, Source
 from t2twin.translate.inference.batch import ood_entry
 from t2twin.translate.inference.predictor import (
     NO_BACKGROUND,
@@ -88,13 +88,7 @@ def follow(
             values = translate(frame.image)
             now_s = time.perf_counter()
             latency_ms = 1e3 * (now_s - frame.arrived_s)
-            line = {
-                "frame": frame.number,
-                **({} if frame.name is None else {"file": frame.name}),
-                "time_s": round(time.time() - latency_ms / 1e3, 6),
-                "latency_ms": round(latency_ms, 3),
-                **values,
-            }
+            line = _place(frame, latency_ms) | values
             write(json.dumps(line))
             for output in outputs:
                 output(frame, line)
@@ -102,11 +96,7 @@ def follow(
             throughput.latencies_ms.append(latency_ms)
             if not values["in_distribution"] and not warned:
                 warned = True
-                report(
-                    f"a frame is unlike the training images of {run.run_dir} "
-                    f"({values['ood_class']}); predictions are only valid for upright frames of "
-                    "the same sensor in the same light, with its own background frame"
-                )
+                report(_unlike(run, values["ood_class"]))
             if now_s - reported_s >= REPORT_EVERY_S:
                 reported_s = now_s
                 report(str(throughput))
@@ -147,6 +137,24 @@ def _predict(run: CountsPredictor, pixels: np.ndarray) -> dict[str, Any]:
         "counts_std": _whole(estimate.counts_std),
         **{name: round(float(value), 3) for name, value in forces.items() if value is not None},
     }
+
+
+def _place(frame: Frame, latency_ms: float) -> dict[str, Any]:
+    """The values of a line that state which frame it is, and its times."""
+    return {
+        "frame": frame.number,
+        **({} if frame.name is None else {"file": frame.name}),
+        "time_s": round(time.time() - latency_ms / 1e3, 6),
+        "latency_ms": round(latency_ms, 3),
+    }
+
+
+def _unlike(run: CountsPredictor, ood_class: str) -> str:
+    return (
+        f"a frame is unlike the training images of {run.run_dir} ({ood_class}); "
+        "predictions are only valid for upright frames of the same sensor in the same light, with "
+        "its own background frame"
+    )
 
 
 def _whole(values: np.ndarray) -> list[int]:
