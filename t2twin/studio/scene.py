@@ -70,8 +70,11 @@ MIN_SLOPE = 0.05
 
 
 OnDrag = Callable[[np.ndarray, str | None, bool], None]
-"""Receives a step of a drag of the shape: its displacement since the start, (3,) mm, in a plane of
-constant height unless a key is pressed; the key, None, "shift" or "cmd/ctrl"; whether it begins."""
+"""Receives a step of a drag of the shape: displacement since the start, key, whether it begins.
+
+The displacement, (3,) mm, has a constant height unless a key is pressed. Keys are None, "shift" or
+"cmd/ctrl".
+"""
 
 
 class Scene:
