@@ -90,7 +90,7 @@ def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> No
     rows = {name: cells for name, *cells in read.rows["results"][:12] if name}
     for name, title in (("resnet18", "ResNet18"), ("nearest-neighbour", "nearest neighbor")):
         overall = evaluation.models[name].overall
-        assert rows[title][:2] == [f"{overall.rmse_counts:,.0f}", f"{overall.rmse_percent:.2f} %"]
+        assert rows[title][:2] == [f"{overall.rmse_counts:,.0f}", f"{overall.rmse_percent:.2f}"]
     assert json.loads((page.parent / FINDINGS).read_text())["gap"] == {}
 
 

@@ -47,8 +47,8 @@ def text(table: Table) -> str:
     widths = [max(map(len, column)) for column in zip(table.heads, *rows, strict=True)]
 
     def line(row: Sequence[str]) -> str:
-        first, *others = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        return "  ".join((first, *(cell.strip().rjust(len(cell)) for cell in others)))
+        first, *others = zip(row, widths, strict=True)
+        return "  ".join((first[0].ljust(first[1]), *(cell.rjust(n) for cell, n in others)))
 
     lines = [table.title, line(table.heads)]
     for title, group in table.lines.items():

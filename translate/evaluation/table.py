@@ -46,12 +46,12 @@ MAIN = (
 )
 FURTHER = (
     Column("ssim_contact", "SSIM in contact", "{:.3f}"),
-    Column("contact_iou", "contact IoU", "{:.3f}"),
-    Column("centroid_error_mm", "centroid, mm", "{:.2f}"),
-    Column("total_error_percent", "total, %", "{:.1f}"),
-    Column("rmse_under_counts", "under view", "{:,.0f}"),
-    Column("rmse_near_counts", "near it", "{:,.0f}"),
-    Column("rmse_beyond_counts", "beyond", "{:,.0f}"),
+    Column("contact_iou", "Contact IoU", "{:.3f}"),
+    Column("centroid_error_mm", "Centroid, mm", "{:.2f}"),
+    Column("total_error_percent", "Total, %", "{:.1f}"),
+    Column("rmse_under_counts", "Under view", "{:,.0f}"),
+    Column("rmse_near_counts", "Near it", "{:,.0f}"),
+    Column("rmse_beyond_counts", "Beyond", "{:,.0f}"),
 )
 FORMS: dict[FigureName, str] = {column.figure: column.form for column in (*MAIN, *FURTHER)}
 """Number formats by figure (records.Figures)."""
@@ -301,7 +301,7 @@ def findings_table(
     groups: dict[str, list[list[str]]] = {}
     for title, one in (*found, *((one.model or "", one) for one in gap.values())):
         groups.setdefault(one.question, []).append([name(title), *_finding(one, name)])
-    heads = ["", "answer", "difference", "interval", "figures"]
+    heads = ["", "Answer", "Difference", "Interval", "Figures"]
     return [Table(heads, groups)] if groups else []
 
 
