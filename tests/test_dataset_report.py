@@ -23,7 +23,7 @@ from t2twin.report.near_duplicates import (
 from t2twin.report.page import PAGE, render_section
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import read_info, write_info, write_shard
-from t2twin.translate.evaluation.metrics.baselines import second_reading
+from t2twin.translate.evaluation.baselines import second_reading
 
 
 @pytest.fixture(scope="module")

@@ -20,12 +20,12 @@ from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
-from t2twin.translate.evaluation.metrics.baselines import (
+from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     mean_array,
     neighbors,
 )
+from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
 from t2twin.translate.evaluation.predictions import (
     OF_CALIBRATION,
     PREDICTIONS,

@@ -23,9 +23,9 @@ from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.evaluation.predictions import read_predictions
 from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.evaluation.reliability import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.inference.batch import translate_files
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.predictor import FieldPredictor, require

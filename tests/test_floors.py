@@ -25,10 +25,9 @@ from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.evaluation.findings import findings, gap, paired
-from t2twin.translate.evaluation.metrics import array_errors
-from t2twin.translate.evaluation.metrics.array_errors import GroupedFigures, PairFigures
-from t2twin.translate.evaluation.metrics.baselines import (
+from t2twin.translate.evaluation import array_errors
+from t2twin.translate.evaluation.array_errors import GroupedFigures, PairFigures
+from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     NEAREST_NEIGHBOR,
     NOISE_FLOOR,
@@ -36,6 +35,7 @@ from t2twin.translate.evaluation.metrics.baselines import (
     neighbors,
     second_reading,
 )
+from t2twin.translate.evaluation.findings import findings, gap, paired
 from t2twin.translate.evaluation.predictions import EvaluationInputs, predict_baselines
 from t2twin.translate.evaluation.records import ModelRow
 

@@ -8,9 +8,8 @@ import pytest
 from spots import write_spots
 
 from t2twin.translate.data.pairs import ImageFile, Pairs
-from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.metrics import array_errors
-from t2twin.translate.evaluation.metrics.array_errors import (
+from t2twin.translate.evaluation import array_errors
+from t2twin.translate.evaluation.array_errors import (
     MAX_FORCES,
     MIN_PRESSES,
     PairFigures,
@@ -21,7 +20,8 @@ from t2twin.translate.evaluation.metrics.array_errors import (
     resample_weights,
     rmse_by_group,
 )
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY_OF_FORCE
+from t2twin.translate.evaluation.baselines import MEAN_ARRAY_OF_FORCE
+from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import METRICS, read_evaluation
 
 FULL_SCALE = 40000.0

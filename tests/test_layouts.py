@@ -11,12 +11,12 @@ from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.metrics.baselines import (
+from t2twin.translate.evaluation.baselines import (
     LAYOUT_FLOOR,
     representable,
     view_on,
 )
+from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.models.touch2touch import Touch2Touch

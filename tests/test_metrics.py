@@ -6,8 +6,8 @@ from skimage.metrics import structural_similarity
 
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.translate.evaluation.metrics.array_errors import compare
-from t2twin.translate.evaluation.metrics.ssim import image_scores
+from t2twin.translate.evaluation.array_errors import compare
+from t2twin.translate.evaluation.ssim import image_scores
 
 FULL_SCALE = 40000.0
 

@@ -10,7 +10,7 @@ from spots import write_spots
 
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import Examples, load_info
-from t2twin.translate.evaluation.metrics import array_errors
+from t2twin.translate.evaluation import array_errors
 from t2twin.translate.models.presets import PRESETS, Preset
 from t2twin.translate.models.touch2touch import CONTACT_LEVEL, Touch2Touch, soft_iou_loss
 from t2twin.translate.runs.checkpoint import build

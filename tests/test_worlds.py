@@ -11,8 +11,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_info
+from t2twin.translate.evaluation.baselines import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.evaluate import WORLDS, evaluate_worlds
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.evaluation.table import worlds_markdown
 from t2twin.translate.runs.config import CONFIG, load_config

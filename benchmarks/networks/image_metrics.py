@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 from skimage.metrics import structural_similarity
 
 from t2twin.translate.data.images import WHITE_GREY
-from t2twin.translate.evaluation.metrics.array_errors import interval, resample_weights
+from t2twin.translate.evaluation.array_errors import interval, resample_weights
 
 CONTACT_GREY = 8.0
 """Difference of the real image from the background frame above which a pixel is in contact, grey

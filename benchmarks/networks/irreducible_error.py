@@ -33,8 +33,8 @@ from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.evaluation.metrics.array_errors import interval, resample_weights
-from t2twin.translate.evaluation.metrics.baselines import (
+from t2twin.translate.evaluation.array_errors import interval, resample_weights
+from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     NEIGHBORS,
     Neighbors,

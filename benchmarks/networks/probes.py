@@ -81,7 +81,7 @@ def rows(probes: Probes, runs: Sequence[Path], data: Path) -> dict[str, dict[str
     """The RMSE in percent of full scale, by row and solid; the runs by their models' names."""
     from t2twin.translate.data.images import to_pixels
     from t2twin.translate.data.pairs import load_info, load_pairs
-    from t2twin.translate.evaluation.metrics.baselines import (
+    from t2twin.translate.evaluation.baselines import (
         FEATURE_SIZE,
         MEAN_ARRAY,
         NEAREST_NEIGHBOR,

@@ -81,7 +81,7 @@ def train_and_evaluate(folder: Path, cache: Path | None = None) -> Figures:
 def against(measured: Figures, baseline: dict[str, Any]) -> dict[str, Any]:
     """What the limits are for: errors in parts of the baseline's, the translators' in parts of the
     mean array's, and how far their contact IoU is below the baseline's."""
-    from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY
+    from t2twin.translate.evaluation.baselines import MEAN_ARRAY
 
     errors, ious = measured["rmse_percent"], measured["contact_iou"]
     return {

@@ -78,7 +78,7 @@ def _split(
     plain: Sequence[CountsPredictor], shaped: Sequence[CountsPredictor], pairs: Pairs
 ) -> dict[str, Any]:
     """Both kinds' figures of each run and their means, and what the loss brings."""
-    from t2twin.translate.evaluation.metrics.array_errors import interval
+    from t2twin.translate.evaluation.array_errors import interval
 
     content, resampled = {}, {}
     for kind, runs in (("plain", plain), ("shaped", shaped)):
@@ -105,7 +105,7 @@ def _split(
 
 def _figures(run: CountsPredictor, pairs: Pairs) -> tuple[dict[str, float], Any]:
     """A run's figures, and the same in the resamples of the shapes."""
-    from t2twin.translate.evaluation.metrics.array_errors import compare, replicates
+    from t2twin.translate.evaluation.array_errors import compare, replicates
 
     data = run.config.data
     predicted = run.predict_pixels(pairs.images, progress=run.run_dir.name)

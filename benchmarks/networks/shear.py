@@ -105,7 +105,7 @@ def tools() -> Recipe:
 
 def _shear(estimate: Estimate, pairs: Pairs, which: np.ndarray) -> dict[str, Any]:
     """Figures of the shear force over the moving pairs `which`, (P,) bool."""
-    from t2twin.translate.evaluation.metrics.reliability import shear_metrics
+    from t2twin.translate.evaluation.reliability import shear_metrics
 
     arrays = {f.name: getattr(estimate, f.name) for f in fields(estimate)}
     part = {n: a[which] for n, a in arrays.items() if isinstance(a, np.ndarray)}
@@ -117,7 +117,7 @@ def _shear(estimate: Estimate, pairs: Pairs, which: np.ndarray) -> dict[str, Any
 def _counts(estimate: Estimate, pairs: Pairs, run: FieldPredictor) -> dict[str, Any]:
     """Errors of the counts of still and of moving pairs."""
     from t2twin.sim.cyskin.phi import Phi
-    from t2twin.translate.evaluation.metrics.array_errors import by_motion, compare
+    from t2twin.translate.evaluation.array_errors import by_motion, compare
 
     data = run.config.data
     full_scale = data.full_scale_counts

@@ -104,7 +104,7 @@ def figures(report: ReportData) -> dict[str, Any]:
 def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
     """Ratios of each run's RMSE to that of the mean array, of the nearest neighbor, of the better
     of the two, and to the irreducible-error estimate; by split and run."""
-    from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+    from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 
     parts: dict[str, dict[str, dict[str, float | None]]] = {}
     for split in SHOWN:

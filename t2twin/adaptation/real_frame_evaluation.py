@@ -25,7 +25,7 @@ from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import SensorPair
-from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
+from t2twin.translate.evaluation.reliability import REPORTED_LEVEL
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
 from t2twin.translate.runs.card import CARD, LIMITS

@@ -10,7 +10,7 @@ import numpy as np
 from t2twin.core.files import atomic_write, check_replaceable, locked
 from t2twin.core.progress import Progress
 from t2twin.core.templates import environment, render
-from t2twin.translate.evaluation.metrics.baselines import (
+from t2twin.translate.evaluation.baselines import (
     LAYOUT_FLOOR,
     MEAN_ARRAY,
     MEAN_ARRAY_OF_FORCE,

@@ -21,14 +21,14 @@ from t2twin.report.page import (
     name_of,
     shape_name,
 )
-from t2twin.translate.evaluation.metrics.array_errors import MIN_PRESSES
-from t2twin.translate.evaluation.metrics.baselines import (
+from t2twin.translate.evaluation.array_errors import MIN_PRESSES
+from t2twin.translate.evaluation.baselines import (
     MEAN_ARRAY,
     MEAN_ARRAY_OF_FORCE,
     NEAREST_NEIGHBOR,
 )
-from t2twin.translate.evaluation.metrics.reliability import REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, ForceFigures
+from t2twin.translate.evaluation.reliability import REPORTED_SHARE
 from t2twin.translate.evaluation.table import uncertainty_text
 from t2twin.translate.runs.log import best_epoch
 

@@ -18,7 +18,7 @@ from t2twin.report.pairs import example
 from t2twin.sim.cyskin.taxels import DIELECTRIC_MODULUS_MPA
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.digit.calibration import DEFAULT_PATH
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import Evaluation
 from t2twin.translate.evaluation.table import (
     FURTHER,

@@ -18,15 +18,14 @@ from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_pairs, usable_cache
-from t2twin.translate.evaluation.findings import findings, gap_between, paired
-from t2twin.translate.evaluation.metrics import array_errors
-from t2twin.translate.evaluation.metrics.array_errors import (
+from t2twin.translate.evaluation import array_errors
+from t2twin.translate.evaluation.array_errors import (
     ForceBin,
     by_force,
     by_motion,
     force_bins,
 )
-from t2twin.translate.evaluation.metrics.baselines import (
+from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     NEAREST_NEIGHBOR,
     NEIGHBORS,
@@ -35,10 +34,7 @@ from t2twin.translate.evaluation.metrics.baselines import (
     neighbors,
     view_on,
 )
-from t2twin.translate.evaluation.metrics.reliability import (
-    shear_metrics,
-    uncertainty_metrics,
-)
+from t2twin.translate.evaluation.findings import findings, gap_between, paired
 from t2twin.translate.evaluation.predictions import (
     EvaluationInputs,
     Predictions,
@@ -58,6 +54,10 @@ from t2twin.translate.evaluation.records import (
     ViewSummary,
     write_evaluation,
     write_findings,
+)
+from t2twin.translate.evaluation.reliability import (
+    shear_metrics,
+    uncertainty_metrics,
 )
 from t2twin.translate.evaluation.table import results_markdown, worlds_markdown
 from t2twin.translate.inference.predictor import CountsPredictor, TrainedTranslator

@@ -10,13 +10,13 @@ from typing import get_args
 
 import numpy as np
 
-from t2twin.translate.evaluation.metrics.array_errors import (
+from t2twin.translate.evaluation.array_errors import (
     SEED,
     GroupedFigures,
     interval,
     resample_weights,
 )
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY
+from t2twin.translate.evaluation.baselines import MEAN_ARRAY
 from t2twin.translate.evaluation.records import (
     Answer,
     Difference,

@@ -34,8 +34,8 @@ from t2twin.translate.data.pairs import (
     load_info,
     load_pairs,
 )
-from t2twin.translate.evaluation.metrics.array_errors import ForceBin, mean_array_of_force
-from t2twin.translate.evaluation.metrics.baselines import (
+from t2twin.translate.evaluation.array_errors import ForceBin, mean_array_of_force
+from t2twin.translate.evaluation.baselines import (
     LAYOUT_FLOOR,
     MEAN_ARRAY,
     MEAN_ARRAY_OF_FORCE,

@@ -78,7 +78,7 @@ Intervals = dict[FigureName, Interval | None]
 
 @dataclass(frozen=True)
 class ForceFigures:
-    """Figures over the pairs of one force bin; see module metrics.array_errors.
+    """Figures over the pairs of one force bin; see module array_errors.
 
     low_n, high_n: edges of the bin, N, equal for a single force; both 0 for presses without
     contact. mean_n: mean force, N. rmse_counts, with its interval over shapes; rmse_percent: in
@@ -102,7 +102,7 @@ class ForceFigures:
 
 @dataclass(frozen=True)
 class UncertaintyMetrics:
-    """Calibration and sharpness of a run's predicted uncertainty; see module metrics.reliability.
+    """Calibration and sharpness of a run's predicted uncertainty; see module reliability.
 
     levels: nominal coverages of intervals; coverage: the observed ones. retained: shares of the
     presses, the most certain ones; retained_rmse_counts: RMSE over them. predicted_rmse_counts:

@@ -8,14 +8,13 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from t2twin.core.tables import NONE, Cell, Table, markdown, text
-from t2twin.translate.evaluation.findings import DIFFERENCES
-from t2twin.translate.evaluation.metrics.baselines import (
+from t2twin.translate.evaluation.baselines import (
     MEAN_ARRAY,
     MEAN_ARRAY_OF_FORCE,
     NEAREST_NEIGHBOR,
     NOISE_FLOOR,
 )
-from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
+from t2twin.translate.evaluation.findings import DIFFERENCES
 from t2twin.translate.evaluation.records import (
     Evaluation,
     FigureName,
@@ -26,6 +25,7 @@ from t2twin.translate.evaluation.records import (
     ModelRow,
     PaperRow,
 )
+from t2twin.translate.evaluation.reliability import REPORTED_LEVEL, REPORTED_SHARE
 
 Evaluations = Mapping[str, Evaluation]
 """Evaluations of one dataset by split."""

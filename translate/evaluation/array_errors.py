@@ -23,9 +23,7 @@ from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.translate.data.pairs import Pairs
-from t2twin.translate.evaluation.metrics.baselines import GROUPS, mean_array
-from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
-from t2twin.translate.evaluation.metrics.ssim import image_scores
+from t2twin.translate.evaluation.baselines import GROUPS, mean_array
 from t2twin.translate.evaluation.records import (
     FigureName,
     Figures,
@@ -35,6 +33,8 @@ from t2twin.translate.evaluation.records import (
     MeanOf,
     MotionFigures,
 )
+from t2twin.translate.evaluation.reliability import REPORTED_LEVEL
+from t2twin.translate.evaluation.ssim import image_scores
 from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
 CONTACT_LEVEL = 0.1

@@ -1,1 +1,0 @@
-"""Metrics of predictions, baselines and error floors."""
