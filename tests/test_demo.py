@@ -27,7 +27,7 @@ def steps(monkeypatch):
         return lambda *arguments, **options: calls.append((name, arguments, options))
 
     for name, module in (
-        ("primitives", cli.shapes), ("simdata", cli.dataset), ("train", cli.train),
+        ("primitives", cli.press), ("simdata", cli.dataset), ("train", cli.train),
         ("evaluate", cli.evaluate), ("report", cli.evaluate),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, record(name))

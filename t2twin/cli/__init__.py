@@ -9,16 +9,12 @@ from contextlib import suppress
 import tyro
 
 from t2twin.cli import (
-    adapt,
     calibrate,
     dataset,
     demo,
     doctor,
     evaluate,
-    export,
-    live,
     press,
-    shapes,
     studio,
     train,
     translate,
@@ -29,10 +25,10 @@ from t2twin.core.files import NO_SPACE
 from t2twin.core.signals import Stopped, report_stop
 
 COMMANDS = {
-    "shapes": shapes.shapes,
-    "primitives": shapes.primitives,
+    "shapes": press.shapes,
+    "primitives": press.primitives,
     "calibrate": calibrate.calibrate,
-    "adapt": adapt.adapt,
+    "adapt": calibrate.adapt,
     "press": press.press,
     "slide": press.slide,
     "simdata": dataset.simdata,
@@ -42,8 +38,8 @@ COMMANDS = {
     "calibrate-uncertainty": train.calibrate_uncertainty,
     "evaluate": evaluate.evaluate,
     "translate": translate.translate,
-    "live": live.live,
-    "export": export.export,
+    "live": translate.live,
+    "export": translate.export,
     "report": evaluate.report,
     "studio": studio.studio,
     "demo": demo.demo,

@@ -39,7 +39,7 @@ def demo(
     """
     from t2twin.cli.dataset import SimdataOptions, simdata
     from t2twin.cli.evaluate import evaluate, report
-    from t2twin.cli.shapes import primitives
+    from t2twin.cli.press import primitives
     from t2twin.cli.train import train
     from t2twin.core import arguments
     from t2twin.core.machine import cores

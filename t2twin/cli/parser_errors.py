@@ -19,7 +19,7 @@ EXPECTED = {"FLOAT": "a number", "INT": "a whole number", "STR": "a name"}
 """Expected values by the metavar of an option; other metavars are self-explanatory."""
 
 TAKES_RUN = ("export", "live", "translate")
-"""Commands whose earlier version had the run as first argument."""
+"""Commands that take the run as an option."""
 
 SHELLS = ("bash", "zsh", "tcsh", "fish")
 """Shells with completions of tyro."""

@@ -1,9 +1,10 @@
-"""t2twin translate"""
+"""t2twin translate, t2twin live, t2twin export"""
 
 import sys
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -14,18 +15,52 @@ MAX_PRINTED = 5
 """Images whose counts are printed; the output files contain all."""
 
 
+@dataclass(frozen=True)
+class RunOptions:
+    """The run of a command.
+
+    Args:
+        run: Folder of a trained run, or name of a pretrained run. Default: the pretrained field. A
+            folder called field is ./field.
+        layout: Taxel layout (name, or JSON or CSV file) that a touch2touch or field run is read at.
+            Default: the run's own.
+    """
+
+    run: Annotated[str | None, tyro.conf.arg(metavar="RUN")] = None
+    layout: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
+
+    @property
+    def name(self) -> str:
+        """Folder or name of the run."""
+        from t2twin.translate.runs.config import DEFAULT_RUN
+
+        return DEFAULT_RUN if self.run is None else self.run
+
+
+@dataclass(frozen=True)
+class PredictionOptions(RunOptions):
+    """The run of a command that predicts, and its input.
+
+    Args:
+        bf16: Compute in bfloat16 if the processor supports it: faster, counts differ by up to some
+            hundreds.
+        background: Background frame of the same DIGIT, in the orientation of the images, for a
+            field run. Default: the mean background frame of its training.
+    """
+
+    bf16: bool = False
+    background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None
+
+
 def translate(
     images: tyro.conf.Positional[
         Annotated[
             tuple[Path, ...], tyro.conf.arg(metavar="IMAGE", help_behavior_hint="(one or more)")
         ]
     ],
-    run: Annotated[str | None, tyro.conf.arg(metavar="RUN")] = None,
+    options: Annotated[PredictionOptions, tyro.conf.arg(name="")],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/translate"),
-    layout: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
     png: Annotated[bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")] = True,
-    bf16: bool = False,
-    background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
 ) -> None:
     """Translate DIGIT images to CySkin counts; writes counts.csv, counts.json and PNG files.
 
@@ -34,32 +69,24 @@ def translate(
 
     Args:
         images: PNG or JPEG files of any size, grey or color, upright, or folders of such files.
-        run: Folder of a trained run, or name of a pretrained run. Default: the pretrained field. A
-            folder called field is ./field.
         out: Output folder.
-        layout: Taxel layout (name, or JSON or CSV file) that a touch2touch or field run is read at.
-            Default: the run's own.
         png: Write no PNG files of the tactile images, which is faster.
-        bf16: Compute in bfloat16 if the processor supports it: faster, counts differ by up to some
-            hundreds.
-        background: Image of the same DIGIT without contact, for a field run. Default: the mean
-            background frame of its training.
     """
     from t2twin.translate.inference.batch import find_images, translate_files
     from t2twin.translate.inference.predictor import NO_BACKGROUND
     from t2twin.translate.models.distributed import use_all_cores
-    from t2twin.translate.runs.config import DEFAULT_RUN
 
-    run = DEFAULT_RUN if run is None else run
     _check_no_run(images)
     use_all_cores()
     files = find_images(images)
-    result = translate_files(run, files, out, layout, png, bf16, background)
+    result = translate_files(
+        options.name, files, out, options.layout, png, options.bf16, options.background
+    )
     _print(result, files)
     print(f"written to {out}")
-    if result.estimate is not None and background is None:
+    if result.estimate is not None and options.background is None:
         print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
-    _warn(result, files, run)
+    _warn(result, files, options.name)
 
 
 def _print(result: "TranslationResult", files: list[Path]) -> None:
@@ -94,10 +121,92 @@ def _warn(result: "TranslationResult", files: list[Path], run: str) -> None:
 
 
 def _check_no_run(images: tuple[Path, ...]) -> None:
-    """Raises T2TwinError for a run among the images; in version 0.1 it was the first argument."""
+    """Raises T2TwinError for a run among the images, as its folder may contain images."""
     from t2twin.core.errors import T2TwinError
     from t2twin.translate.runs.config import CONFIG, pretrained_runs
 
     for path in images:
         if (path / CONFIG).is_file() or (str(path) in pretrained_runs() and not path.exists()):
             raise T2TwinError(f"{path} is a run, not an image; give it as --run {path}")
+
+
+def live(
+    source: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="SOURCE")]],
+    options: Annotated[PredictionOptions, tyro.conf.arg(name="")],
+    turn_deg: Literal[0, 90, 180, 270] = 0,
+    frames: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    zmq: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
+    rerun: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None,
+) -> None:
+    """Translate frames as they arrive; print a line of JSON with the counts for each.
+
+    Frames that arrive during a translation are dropped, except the latest. Rate and latency are
+    printed on standard error.
+
+    Args:
+        source: Camera number, video file, or folder in which PNG or JPEG files appear.
+        turn_deg: Clockwise rotation that makes frames upright (rows along the length of the DIGIT):
+            270 for a DIGIT opened as a camera.
+        frames: Number of frames after which the command ends; unlimited unless given.
+        zmq: Address at which a ZeroMQ PUB socket publishes each line, such as tcp://127.0.0.1:5555.
+        rerun: Recording of the frames and predictions for the viewer of Rerun.
+    """
+    from contextlib import ExitStack, closing
+
+    from t2twin.core.errors import T2TwinError
+    from t2twin.live.follow import follow
+    from t2twin.live.outputs import open_outputs
+    from t2twin.live.sources import open_background, open_source
+    from t2twin.translate.inference.load import load
+    from t2twin.translate.inference.predictor import CountsPredictor, require
+    from t2twin.translate.models.distributed import use_all_cores
+
+    if frames is not None and frames < 1:
+        raise T2TwinError(f"--frames is {frames}; expected 1 or more")
+    use_all_cores()
+    loaded = load(options.name, options.layout, options.bf16)
+    with ExitStack() as stack:
+        outputs = [stack.enter_context(closing(each)) for each in open_outputs(zmq, rerun)]
+        follow(
+            require(loaded, CountsPredictor, "live"),
+            open_source(source, turn_deg, _report),
+            lambda line: print(line, flush=True),
+            _report,
+            frames,
+            None if options.background is None else open_background(options.background, turn_deg),
+            outputs,
+        )
+
+
+def _report(message: str) -> None:
+    print(f"t2twin: {message}", file=sys.stderr, flush=True)
+
+
+def export(
+    options: Annotated[RunOptions, tyro.conf.arg(name="")],
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    force: bool = False,
+) -> None:
+    """Export a trained run as an ONNX file, from pixels to counts and tactile images.
+
+    Args:
+        out: Output file. Default: MODEL.onnx in RUN, for a pretrained run in the working directory.
+        force: Replace an existing file.
+    """
+    from t2twin.core.files import check_new_file
+    from t2twin.translate.inference.load import load_run
+    from t2twin.translate.inference.onnx_export import export_onnx
+    from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.runs.config import HOME
+
+    if out is not None:
+        check_new_file(out, force)
+    use_all_cores()
+    loaded = load_run(options.name, options.layout)
+    if out is None:
+        folder = Path() if loaded.run_dir.parent == HOME else loaded.run_dir
+        out = folder / f"{loaded.config.model}.onnx"
+        check_new_file(out, force)
+    difference = export_onnx(loaded, out)
+    print(f"counts differ by at most {difference:.3f} from PyTorch's on random images")
+    print(f"written to {out}")
