@@ -1,14 +1,12 @@
 """Cases: a command or call, the files it finds, and the end that is expected; shared damages."""
 
-import json
 import os
 import shlex
 import shutil
 import socket
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -70,6 +68,8 @@ Content = bytes | str | Copy | Callable[[Path], object] | None
 """A file's content, a copy of a folder, a function that writes or changes the path, or None to
 delete it."""
 
+Files = dict[str, Content]
+
 
 def laid(files: Mapping[str, Content]) -> Make:
     """Writes files, in order, below a case's folder."""
@@ -90,6 +90,17 @@ def laid(files: Mapping[str, Content]) -> Make:
                 put(path, content)
 
     return make
+
+
+def damaged(
+    name: str, commands: Sequence[str], files: Files, target: str,
+    contents: Iterable[tuple[str, Content]], says: str = "", fine: bool = False,
+) -> Iterator[Case]:  # fmt: skip
+    """A case for each content of the file target, by name, with each of the commands in turn.
+    files: the others, and what a function as content changes."""
+    for number, (what, content) in enumerate(contents):
+        make = laid({**files, f"./{target}": content})
+        yield Case(f"{name}: {what}", commands[number % len(commands)], make, says, fine)
 
 
 def put(path: Path, content: bytes | str) -> None:
@@ -123,17 +134,13 @@ def bind_socket(path: Path) -> None:
 
 NOISE = np.random.default_rng(0).bytes(5000)
 
-CONTENTS: dict[str, Callable[[Path], object]] = {
+DAMAGES: dict[str, Callable[[Path], object]] = {
     "empty": edit(lambda content: b""),
     "text": edit(lambda content: b"hello"),
     "bytes that are not text": edit(lambda content: b"\xff\xfe\x00\x01,\x02"),
     "noise": edit(lambda content: NOISE),
     "zeros": edit(lambda content: bytes(len(content))),
     "half": edit(lambda content: content[: len(content) // 2]),
-}
-"""Damaged contents of a file, by name."""
-
-PLACES: dict[str, Callable[[Path], object]] = {
     "a pipe": instead(os.mkfifo),
     "a folder": instead(Path.mkdir),
     "a socket": instead(bind_socket),
@@ -141,9 +148,7 @@ PLACES: dict[str, Callable[[Path], object]] = {
     "a link to nothing": link("gone"),
     "a link to itself": instead(lambda path: path.symlink_to(path.name)),
 }
-"""What may be in the place of a file, by name."""
-
-DAMAGES = CONTENTS | PLACES
+"""Damaged contents of a file, and what may be in its place, by name."""
 
 
 class Unpickled:
@@ -151,42 +156,3 @@ class Unpickled:
 
     def __reduce__(self) -> tuple:
         return Path.touch, (Path("pickled"),)
-
-
-WRONG: dict[str, tuple[Any, ...]] = {
-    "int": (..., None, "many", [], 1.5, True, float("nan")),
-    "float": (None, "many", [], {}, True, float("nan"), float("inf")),
-    "bool": (..., None, "yes", 1, []),
-    "str": (..., None, 3, [], {}),
-    "list": (..., None, "many", 3, ["many"], [None]),
-    "dict": (..., None, "many", 3, []),
-}
-"""Values that a JSON field of a kind may not have; ... deletes the field."""
-
-
-def json_edit(field: str, value: Any) -> Callable[[Path], object]:
-    """Changes one field of a JSON file; field: keys and indices joined by >."""
-
-    def change(content: bytes) -> bytes:
-        whole = place = json.loads(content)
-        *keys, last = [int(key) if key.isdigit() else key for key in field.split(">")]
-        for key in keys:
-            place = place[key]
-        if value is ...:
-            del place[last]
-        else:
-            place[last] = value
-        return json.dumps(whole).encode()
-
-    return edit(change)
-
-
-def wrong_fields(
-    kinds: Mapping[str, str], optional: str, values: Iterable[tuple[str, Any]]
-) -> Iterator[tuple[str, Callable[[Path], object]]]:
-    """Wrong values of JSON fields, by the fields of each kind, and more values. optional: fields
-    that may be absent."""
-    pairs = [(f, v) for kind, fields in kinds.items() for f in fields.split() for v in WRONG[kind]]
-    for field, value in (*pairs, *values):
-        if value is not ... or field not in optional.split():
-            yield f"{field} {str(value)[:30]}", json_edit(field, value)

@@ -12,14 +12,10 @@ from cases import REFUSED, Base, Case
 
 from t2twin.core.errors import T2TwinError
 
-KINDS = {
-    "command_lines": 20, "pictures": 4, "files": 16, "frames": 10, "pairs": 5, "stored": 18,
-    "solids": 5, "caches": 1, "places": 9, "recipes": 5, "python_api": 26, "live_sources": 5,
-}  # fmt: skip
+KINDS = {"command_lines": 14, "pictures": 3, "readers": 26, "solids": 3, "places": 6,
+         "python_api": 10, "live_sources": 5}  # fmt: skip
 """Modules with a function `cases`, imported by their tests, and the number of these tests: about
 20 cases each, so that the workers end at about the same time."""
-
-MIN_CASES = 1600
 
 MAX_MEMORY_GIB = 1.0
 """Memory in which `t2twin translate` must refuse eight images of 1.4 GB (assumed)."""
@@ -40,16 +36,14 @@ def parts() -> Iterator:
 
 
 @pytest.fixture(scope="session")
-def base(small_dataset, trained, products) -> Iterator[Base]:
+def base(small_dataset, trained, products) -> Base:
     from t2twin.translate.evaluation.evaluate import evaluate_both
 
     runs = touch2touch, resnet18 = [
         trained(model, small_dataset, 1) for model in ("touch2touch", "resnet18")
     ]
-    evaluation = products.make(
-        "evaluation", lambda folder: evaluate_both(runs, small_dataset, folder)
-    )
-    yield Base(small_dataset, touch2touch, resnet18, evaluation)
+    evaluation = products.make("evaluation", lambda to: evaluate_both(runs, small_dataset, to))
+    return Base(small_dataset, touch2touch, resnet18, evaluation)
 
 
 @pytest.mark.parametrize("kind, part", list(parts()))
@@ -59,12 +53,6 @@ def test_bad_inputs_are_refused_and_odd_ones_accepted(kind, part, base, tmp_path
     for number, case in enumerate(cases_of(kind)[part]):
         faults += attempt(case, base, tmp_path / str(number), capfd)
     assert not faults, "\n".join(faults)
-
-
-def test_the_corpus_is_large():
-    cases = [case for kind in KINDS for case in cases_of(kind)]
-    assert len(cases) >= MIN_CASES
-    assert sum(case.fine for case in cases) >= MIN_CASES // 10
 
 
 def _warn(box, base):
@@ -80,6 +68,7 @@ def _warn(box, base):
         (Case("another sentence", "press nothing", says="teapot"), "lacks 'teapot'"),
         (Case("two lines", call=_warn), "not one sentence but 2 lines"),
         (Case("leaves a folder", "press circle-1 --out out"), "left out"),
+        (Case("a traceback", call=lambda box, base: {}["x"]), "KeyError"),
         pytest.param(
             Case("a connection", "simdata --scale smoke --scheduler tcp://localhost:1 --out out"),
             "connected to", marks=pytest.mark.exhaustive,  # Dask tries for 20 s
@@ -89,15 +78,6 @@ def _warn(box, base):
 def test_a_fault_is_found(case, fault, base, tmp_path, capfd):
     record_connections()
     assert any(fault in each for each in attempt(case, base, tmp_path / "box", capfd))
-
-
-def test_a_traceback_is_found(base, tmp_path, monkeypatch, capfd):
-    def broken(*arguments, **options):
-        raise KeyError("x")
-
-    monkeypatch.setattr("t2twin.primitives_cad.catalogue.load", broken)
-    faults = attempt(Case("broken", "press circle-1"), base, tmp_path / "box", capfd)
-    assert any("KeyError" in each for each in faults)
 
 
 @pytest.mark.exhaustive

@@ -62,9 +62,8 @@ COMMANDS = {
 @cache
 def inputs() -> dict[str, Content]:
     """Pairs, frames, and the recipe of a world of a few pairs."""
-    from pairs import PAIRS
     from pictures import PNG, encoded, frame
-    from recipes import RECIPE
+    from readers import PAIRS, RECIPE
 
     world = RECIPE.replace("count = 1", "count = 6").replace("presses = 1", "presses = 4")
     frames = {f"frames/{n}.png": encoded(frame(n)) for n in range(40)}

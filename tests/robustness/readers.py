@@ -1,0 +1,372 @@
+"""Readers of files: each kind of file with each damage, and wrong values by its format."""
+
+import io
+import json
+import pickle
+import zipfile
+from collections.abc import Callable, Iterator
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from cases import DAMAGES, NOISE, Case, Copy, Files, Unpickled, damaged, edit, laid, put
+from pictures import JPEG, PNG, TRANSLATE, bomb, encoded, frame, grey16
+from PIL import Image
+from safetensors.numpy import load_file, save
+from solids import SOLIDS
+
+from t2twin.sim.digit.calibration import DEFAULT_PATH
+
+# Valid files
+
+RUN: Files = {"run": Copy("resnet18"), "x.png": PNG}
+DATA: Files = {"data": Copy("data")}
+SHARD, WEIGHTS = "data/train/circle-1.parquet", "run/best.safetensors"
+UNTOUCHED = encoded(Image.new("RGB", (240, 320), (90, 90, 90)))
+FRAMES: Files = {
+    "background.png": UNTOUCHED,
+    **{f"presses/press_{number}.png": encoded(frame(number)) for number in range(8)},
+}
+"""Frames of the right size, to which no calibration can be fitted."""
+
+FORCES = "file,force_n\npress_0.png,1.5\n"
+TAXELS, COUNT = 20, 10
+IMAGES = [encoded(frame(number, (24, 32))) for number in range(COUNT)]
+HEAD = "image," + ",".join(f"taxel_{n}" for n in range(TAXELS))
+ROWS = [",".join([f"{n}.png", *(str(100 * n + k) for k in range(TAXELS))]) for n in range(COUNT)]
+TABLE = "\n".join([HEAD, *ROWS, ""])
+IMAGE_FILES: Files = {f"{number}.png": image for number, image in enumerate(IMAGES)}
+PAIRS: Files = {**IMAGE_FILES, "pairs.csv": TABLE}
+"""A valid table of pairs with its images."""
+
+LAYOUT = "x_mm,y_mm\n-6.0,-10.0\n0.0,-8.0\n6.0,-10.0\n-6.0,8.0\n0.5,9.0\n6.0,10.5\n"
+RECIPE = """format = 1
+name = "mine"
+[[parts]]
+shapes = "random"
+count = 1
+presses = 1
+place = { normal_mm = 1.0 }
+"""
+WHOLE_RECIPE = f"""seed = 1
+imperfections = "white"
+{RECIPE}force_n = {{ low = 1.0, high = 5.0 }}
+untouched_share = 0.1
+val_share = 0.2
+[light]
+kind = "drawn"
+each = "shape"
+optics = "baked"
+[light.draw]
+led_size_mm = [1.0, 2.0]
+"""
+
+# Commands
+
+PRESS = "press circle-1 --sensor digit --out out --calibration c.npz"
+GIVEN = "--background background.png --presses presses --ball-diameter-mm 4.7 --out out"
+CALIBRATE, ADAPT = f"calibrate {GIVEN}", f"adapt {GIVEN}"
+ALONE = "calibrate --background background.png --out out"
+CSV, PARQUET = "import-pairs pairs.csv --out out", "import-pairs pairs.parquet --out out"
+MADE = "simdata --out out --workers 1 --world w.toml"
+READERS = (
+    "train resnet18 --data data --preset smoke --epochs 1 --out out", "simdata --verify data",
+    "evaluate {touch2touch} --data data --split both --out out", "report --data data --out out",
+    "convert data --to lerobot --out out", "report --data data --runs {resnet18} --out out",
+)  # fmt: skip
+"""Commands that read a dataset, in turn."""
+
+USERS = (
+    "translate --run run x.png --out out", "evaluate run --data {data} --split val --out out",
+    "export --run run --out x.onnx", "report --data {data} --runs run --out out",
+)  # fmt: skip
+"""Commands that read a run, in turn."""
+
+AGAIN = "train resnet18 --data {data} --preset smoke --epochs 1 --out run"
+LAYOUTS = (
+    "press circle-1 --sensor cyskin --out out --layout ",
+    "simdata --scale smoke --out out --layout ",
+    "export --run {touch2touch} --out x.onnx --layout ",
+    "import-pairs pairs.csv --out out --layout ",
+)
+LIVE: Files = {"d/x.png": PNG, "b.png": PNG}
+KINDS: dict[str, tuple[Files, str, tuple[str, ...]]] = {
+    "image": ({"x.png": PNG}, "x.png", (f"{TRANSLATE} x.png",)),
+    "background": (FRAMES, "background.png", (CALIBRATE, ADAPT)),
+    "press": (FRAMES, "presses/press_3.png", (CALIBRATE, ADAPT)),
+    "forces": (FRAMES | {"presses/forces.csv": FORCES}, "presses/forces.csv", (CALIBRATE, ADAPT)),
+    "calibration": ({"c.npz": DEFAULT_PATH.read_bytes()}, "c.npz", (PRESS,)),
+    "pairs.csv": (PAIRS, "pairs.csv", (CSV,)),
+    "pairs.parquet": ({"pairs.parquet": b"PAR1"}, "pairs.parquet", (PARQUET,)),
+    "image of a pair": (PAIRS, "2.png", (CSV,)),
+    "layout.json": (PAIRS | {"l.json": "{}"}, "l.json",
+                    tuple(f"{each}l.json" for each in LAYOUTS)),
+    "layout.csv": (PAIRS | {"l.csv": LAYOUT}, "l.csv", tuple(f"{each}l.csv" for each in LAYOUTS)),
+    "info.json": (DATA, "data/info.json", READERS), "shard": (DATA, SHARD, READERS[:2]),
+    "config.json": (RUN, "run/config.json", USERS), "weights": (RUN, WEIGHTS, USERS[::2]),
+    "state": (RUN, "run/last.safetensors", (AGAIN,)), "log": (RUN, "run/log.jsonl", USERS[3:]),
+    "recipe": ({"w.toml": RECIPE}, "w.toml", (MADE,)),
+    "background of live": (LIVE, "b.png", ("live d --frames 1 --background b.png",)),
+    "background of translate": (LIVE, "b.png", ("translate d/x.png --out out --background b.png",)),
+    "video": ({"v.avi": b"RIFF\0\0\0\0AVI LIST"}, "v.avi", ("live --run {resnet18} v.avi",)),
+} | {
+    f"solid of {suffix}": ({f"x.{suffix}": content}, f"x.{suffix}", (
+        f"press x.{suffix} --sensor digit --out out",))
+    for suffix, content in SOLIDS.items()
+}  # fmt: skip
+"""By the kind of file: valid files, the damaged one of them, and commands that read it in turn."""
+
+VALID = {("forces", "half"), ("video", "a folder")}
+"""Kinds and damages that give valid input, or input that is not read."""
+
+
+# Wrong values by format
+
+
+def wrong_tables(good: str) -> Iterator[tuple[str, str]]:
+    """CSV tables with one thing wrong. Their last column has numbers."""
+    head, first, *rest = good.strip().split("\n")
+    column, start = head.rpartition(",")[2], first.rpartition(",")[0]
+    for value in ("many", "nan", "inf", "1e400", "true", "1 N", "NA", "1,2", "\0"):
+        yield f"{column} is {value!r}", "\n".join([head, f"{start},{value}", *rest])
+    yield "no column", good.replace(column, "other")
+    yield "another unit", good.replace(column, f"{column[:-1]}q")
+    yield "a column twice", good.replace(head, f"{head},{column}").replace(first, f"{first},1")
+    yield "a row twice", "\n".join([head, first, first, *rest])
+    yield "an open quotation mark", good.replace(first, f'"{first}')
+    yield "a short row", good + start + "\n"
+
+
+def odd_tables(good: str) -> Iterator[tuple[str, str]]:
+    """The same CSV table as other programs write it."""
+    yield from {
+        "mark": "\ufeff" + good, "semicolons": good.replace(",", ";"),
+        "tabs": good.replace(",", "\t"), "CRLF": good.replace("\n", "\r\n"),
+        "empty lines": good.replace("\n", "\n\n"),
+        "no end": good.rstrip(), "spaces": good.replace(",", " , "),
+        "quotes": '"' + good.replace(",", '" , "').replace("\n", '"\n"')[:-1],
+        "turned": "\n".join(",".join(line.split(",")[::-1]) for line in good.splitlines()),
+    }.items()  # fmt: skip
+
+
+def wrong_recipes() -> Iterator[tuple[str, str]]:
+    """TOML with one value of another type, one name misspelled, or broken."""
+    for line in WHOLE_RECIPE.splitlines():
+        name, equals, _ = line.partition(" = ")
+        for value in ("-1", "[]", "nan", "true", "{}") if equals else ():
+            yield f"{name} = {value}", WHOLE_RECIPE.replace(line, f"{name} = {value}")
+        if equals:
+            yield f"{name}s", WHOLE_RECIPE.replace(line, line.replace(name, f"{name}s", 1))
+    for text in ('{"format": 1}', RECIPE[:20], RECIPE + "[[parts]]", "parts = " + "[" * 5000):
+        yield text[-20:], text
+
+
+def wrong_arrays() -> Iterator[tuple[str, bytes]]:
+    """Calibration files (.npz) with one array wrong, or damaged."""
+    with np.load(DEFAULT_PATH) as kept:
+        good: dict[str, Any] = dict(kept)
+
+    def packed(**arrays: Any) -> bytes:
+        file = io.BytesIO()
+        np.savez(file, **{k: v for k, v in (good | arrays).items() if v is not None})
+        return file.getvalue()
+
+    for key, array in good.items():
+        for name, other in {
+            "missing": None, "text": np.array("abc"), "complex": array * (1 + 1j),
+            "objects": np.array([Unpickled()], dtype=object), "infinite": array + np.inf,
+            "of another shape": np.stack([array, array]), "large": array + 1e30,
+        }.items():  # fmt: skip
+            yield f"{key} {name}", packed(**{key: other})
+    for young in (np.nan, 0.0, 1e9, [0.4, 0.5], "soft"):
+        yield f"young_mpa {young}", packed(young_mpa=np.array(young))
+    file, array = io.BytesIO(), io.BytesIO()
+    np.save(array, np.zeros(25_000_000))
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        archive.writestr("response.npy", array.getvalue())
+    yield "a bomb", file.getvalue()
+    whole = packed()
+    yield "a flipped byte", whole[:5000] + bytes([whole[5000] ^ 255]) + whole[5001:]
+
+
+COLUMNS: dict[str, tuple[Any, ...]] = {
+    "image": (None, 1, {"bytes": b"", "path": "x"}, {"bytes": bomb(), "path": "x"}),
+    "taxels": (None, [], [1] * 19, [-1] * 20, ["a"] * 20, [float("nan")] * 20, [True] * 20),
+    "force_n": ("x", -3.0, float("inf"), [1.0]), "x_mm": ("a", float("nan")), "shape": ([1],),
+}  # fmt: skip
+"""Wrong values of the columns of pairs, in a Parquet file or a shard."""
+
+
+def wrong_columns(good: dict[str, list]) -> Iterator[tuple[str, bytes]]:
+    """Parquet files with one column wrong, in all rows or in the first, or damaged."""
+
+    def packed(columns: dict[str, list]) -> bytes:
+        file = io.BytesIO()
+        pq.write_table(pa.table(columns), file)
+        return file.getvalue()
+
+    rows = len(good["image"])
+    for name, values in COLUMNS.items():
+        for value in values:
+            yield f"{name} {str(value)[:30]}", packed(good | {name: [value] * rows})
+    for name in ("image", "taxels"):
+        yield f"no {name}", packed({key: value for key, value in good.items() if key != name})
+        yield f"first {name}", packed(good | {name: [None, *good[name][1:]]})
+    yield "no rows", packed({name: values[:0] for name, values in good.items()})
+    whole = packed(good)
+    yield "cut by ten bytes", whole[:-10]
+    yield "noise within", whole[:3000] + NOISE[:2000] + whole[5000:]
+
+
+def _shard(number: int) -> Callable[[Path], object]:
+    """Makes a shard wrong, and its SHA-256 in info.json right."""
+
+    def write(path: Path) -> None:
+        columns = pq.read_table(path).to_pydict()
+        put(path, [*wrong_columns(columns)][number][1])
+        info = path.parents[1] / "info.json"
+        content = json.loads(info.read_text())
+        shard = content["shards"]["train/circle-1.parquet"]
+        shard["sha256"] = sha256(path.read_bytes()).hexdigest()
+        put(info, json.dumps(content))
+
+    return write
+
+
+def wrong_weights() -> Iterator[tuple[str, Callable[[Path], object]]]:
+    """Changes of a file of weights: of its tensors, then of its bytes."""
+
+    def tensors(change: Callable[[dict[str, np.ndarray]], object], path: Path) -> None:
+        content = load_file(path)
+        change(content)
+        put(path, save(content))
+
+    def first(value: Callable[[np.ndarray], np.ndarray], content: dict[str, np.ndarray]) -> None:
+        key = min(key for key, tensor in content.items() if tensor.ndim == 4)
+        content[key] = value(content[key])
+
+    for name, change in {
+        "NaN": partial(first, lambda tensor: tensor * np.float32(np.nan)),
+        "another shape": partial(first, lambda tensor: tensor[:, :, :1]),
+        "one missing": lambda content: content.pop(min(content)), "none": dict.clear,
+        "one more": lambda content: content.update(more=np.zeros(3, np.float32)),
+    }.items():  # fmt: skip
+        yield name, partial(tensors, change)
+    for name, damage in {
+        "a pickle": lambda content: pickle.dumps(Unpickled()),
+        "longer": lambda content: content + b"x",
+        "a long header": lambda content: (2**60).to_bytes(8, "little") + content[8:],
+        "a wrong header": lambda content: content[:8] + b"x" * 20 + content[28:],
+    }.items():  # fmt: skip
+        yield name, edit(damage)
+
+
+BAD_LAYOUTS = (
+    "null", '{"taxels": 20}', '{"taxels": [1, 2, 3]}', "[" * 100_000,
+    *('{"taxels": [' + ", ".join(f'{{"x_mm": {x}, "y_mm": {n}}}' for n in range(3)) + "]}"
+      for x in ("null", '"three"', "[1]", "true", "NaN", "1e400", "1e300")),
+)  # fmt: skip
+
+
+def cases() -> Iterator[Case]:
+    for kind, (files, target, commands) in KINDS.items():
+        contents = [(name, d) for name, d in DAMAGES.items() if (kind, name) not in VALID]
+        yield from damaged(kind, commands, files, target, contents)
+    layout_csv, layout_json = ([each + name for each in LAYOUTS] for name in ("l.csv", "l.json"))
+    columns = {"image": [{"bytes": each, "path": None} for each in IMAGES],
+               "taxels": [[100 * n + k for k in range(TAXELS)] for n in range(COUNT)]}  # fmt: skip
+    shards = [(name, _shard(n)) for n, (name, _) in enumerate(wrong_columns(columns))]
+    for name, commands, files, target, contents, says in (
+        ("forces", (CALIBRATE, ADAPT), FRAMES, "presses/forces.csv", wrong_tables(FORCES), ""),
+        ("layout", layout_csv, PAIRS, "l.csv", wrong_tables(LAYOUT), ""),
+        ("layout", layout_json[:2], {}, "l.json", ((t[:60], t) for t in BAD_LAYOUTS), ""),
+        ("pairs", (CSV,), IMAGE_FILES, "pairs.csv", wrong_tables(TABLE), ""),
+        ("parquet", (PARQUET,), {}, "pairs.parquet", wrong_columns(columns), ""),
+        ("recipe", (MADE,), {}, "w.toml", wrong_recipes(), ""),
+        ("calibration", (PRESS,), {}, "c.npz", wrong_arrays(), "c.npz"),
+        ("shard", READERS, DATA, SHARD, shards, ""),
+        ("weights", USERS, RUN, WEIGHTS, wrong_weights(), ""),
+    ):  # fmt: skip
+        yield from damaged(name, commands, files, target, contents, says)
+    yield from damaged("layout", layout_csv[:1], {}, "l.csv", odd_tables(LAYOUT), fine=True)
+    yield from damaged("pairs", (CSV,), IMAGE_FILES, "pairs.csv", odd_tables(TABLE), fine=True)
+    yield from _of_frames()
+    yield from _of_runs()
+    yield from _of_caches()
+
+
+def _of_frames() -> Iterator[Case]:
+    """Frames of `calibrate` and `adapt`, and the background of `live`."""
+    other = "presses/press_9.png"
+    wrong: tuple[tuple[str, Files, str], ...] = (
+        ("no background", {"presses/1.png": PNG}, "background.png"),
+        ("a wide background", FRAMES | {"background.png": encoded(frame(size=(320, 240)))}, "wide"),
+        ("notes only", {"background.png": UNTOUCHED, "presses/notes.txt": b"x"}, "presses"),
+        ("one press", {"background.png": UNTOUCHED, "presses/1.png": PNG}, "press"),
+        ("a press of another size", FRAMES | {other: encoded(frame(size=(240, 240)))}, "press_9"),
+        ("a bomb", FRAMES | {other: bomb()}, "press_9"),
+        ("16 bits", FRAMES | {other: grey16()}, "8 bits"),
+        ("without its end", FRAMES | {other: PNG[:-12]}, "press_9"),
+        ("one press eight times", FRAMES | {f"presses/press_{n}.png": PNG for n in range(8)}, ""),
+        ("presses are a file", {"background.png": UNTOUCHED, "presses": JPEG}, "presses"),
+    )  # fmt: skip
+    for number, (name, files, says) in enumerate(wrong):
+        yield Case(f"frames: {name}", (CALIBRATE, ADAPT)[number % 2], laid(files), says)
+    begun = FRAMES | {"out/presses.json": "{}", "out/calibration.npz": b""}
+    yield Case("adapt: a damaged earlier start", ADAPT, laid(begun), "presses.json")
+    yield Case("the background alone", ALONE, laid({"background.png": UNTOUCHED}), fine=True)
+    small = LIVE | {"b.png": encoded(frame(size=(30, 40)).convert("L"))}
+    live = "live d --frames 1 --background b.png"
+    yield Case("a small background", live, laid(small), fine=True)
+
+
+def _of_runs() -> Iterator[Case]:
+    """Runs and datasets that are whole, but not what the command needs."""
+    swapped: Files = DATA | {SHARD: lambda path: put(path, path.with_stem("square-1").read_bytes())}
+    for command in READERS[:5]:
+        yield Case(f"a swapped shard: {command[:8]}", command, laid(swapped), "circle-1.parquet")
+
+    def with_field(**changed: object) -> Callable[[Path], object]:
+        return edit(lambda text: json.dumps(json.loads(text) | changed).encode())
+
+    turned = with_field(direction="cyskin-to-digit")
+    files: Files = {"x.png": PNG, "run": Copy("touch2touch"), "run/config.json": turned}
+    for user in (*USERS, "live --run run {data}", "studio --run run"):
+        yield Case(f"{user[:9]} with a reverse run", user, laid(files), "predicts DIGIT images")
+    files = RUN | {"run/config.json": with_field(seed=1)}
+    yield Case("another seed", AGAIN, laid(files), "another")
+    yield Case("no run", AGAIN.replace("--out run", "--out data"), laid(DATA), "contains no run")
+    for user in (USERS[0], AGAIN):
+        yield Case(f"valid: {user}", user, laid(RUN), fine=True)
+
+
+ARRAYS = (
+    b"", b"hello", b"\x93NUMPY\x01\x00v\x00", np.lib.format.magic(1, 0) + b"\x10\x00" + b"{" * 16,
+    b"\x93NUMPY\x01\x00\x36\x00{'descr': '|O', 'fortran_order': False, 'shape': (6,)}  ",
+)  # fmt: skip
+"""Wrong contents of a cache of decoded images."""
+
+
+def _of_caches() -> Iterator[Case]:
+    """Damaged caches and results are made again; tests/test_checksum.py has more."""
+
+    def decoded(write: Callable[[Path], object], info: Path) -> None:
+        info.with_name("cache").mkdir()
+        digest = sha256(info.read_bytes()).hexdigest()
+        write(info.with_name("cache") / f"val-64-rgb-{digest[:12]}.npy")
+
+    evaluate = "evaluate {resnet18} --data data --split val --out out"
+    for number, content in enumerate(ARRAYS):
+        lay = partial(decoded, lambda path, content=content: path.write_bytes(content))
+        yield Case(f"decoded {number}", evaluate, laid(DATA | {"data/info.json": lay}), fine=True)
+    report = "report --data {data} --runs {resnet18} --evaluation evaluation --out out"
+    broken: Files = {"evaluation": Copy("evaluation"), "evaluation/val/metrics.json": "",
+                     "evaluation/test/predictions.npz": b"PK"}  # fmt: skip
+    yield Case("evaluation", report, laid(broken), fine=True)
+    for content in ("[]", '{"images": [{"tactile_image": "../mine.png"}]}', "[" * 100_000):
+        files: Files = RUN | {"out/counts.json": content, "mine.png": PNG}
+        yield Case(f"counts of an earlier call: {content[:30]}", USERS[0], laid(files), fine=True)
