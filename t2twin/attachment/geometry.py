@@ -8,11 +8,11 @@ the sensor's y, and its height is minus the sensor's z.
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
-import weakref
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -37,6 +37,9 @@ if TYPE_CHECKING:
     import mujoco
 
 Geometry = Literal["collision", "visual"]
+
+Asset = tuple[int, int, bool]
+"""A geom's type, its asset, and whether of the asset's convex hull."""
 
 MARGIN_MM = 1.0
 """Width of a map beyond the pad's outline, mm (assumed: more than a surface moves by shear)."""
@@ -219,11 +222,10 @@ class Triangles(NamedTuple):
         return blocks, upper[blocks]
 
 
-_known: dict[
-    int, tuple[weakref.ref, dict[tuple[int, int, bool], tuple[np.ndarray, Triangles]]]
-] = {}
-"""Triangles of living models by the model's identity, the type, the asset, and whether of its
-convex hull, and a height field's data."""
+_known: "WeakKeyDictionary[mujoco.MjModel, dict[Asset, tuple[np.ndarray, Triangles]]]" = (
+    WeakKeyDictionary()
+)
+"""Triangles of living models, with a height field's data."""
 
 
 def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Triangles:
@@ -241,10 +243,7 @@ def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Tria
             f"a geom of MuJoCo's type {kind} has no surface; expected a plane, sphere, capsule, "
             "ellipsoid, cylinder or box, or a mesh, sdf or hfield with its asset"
         )
-    place = id(model)
-    if place not in _known or _known[place][0]() is not model:
-        _known[place] = weakref.ref(model, lambda _: _known.pop(place, None)), {}
-    found = _known[place][1]
+    found = _known.setdefault(model, {})
     data = _hfield_data(model, asset) if kind == HFIELD else np.empty(0)
     key = kind, asset, hull and kind == MESH and model.mesh_graphadr[asset] >= 0
     if key not in found or not np.array_equal(found[key][0], data):

@@ -114,7 +114,7 @@ def attach(
         rate_hz=rate_hz,
         seed=seed,
     )
-    pose = _vector(pos, "pos", 3), _unit(quat)
+    pose = arguments.vector(pos, "pos", 3), _unit(quat)
     place, prefix = _place(spec, site, body), f"{mounted.name}/"
     depth_m = _backing_m(spec, place.name, site is not None, *pose, mounted.elastomer)
     own = _own_spec(sensor, mounted.elastomer, friction, depth_m, *pose)
@@ -232,15 +232,8 @@ def _free_name(spec: "mujoco.MjSpec", name: str | None, sensor: str) -> str:
     return name
 
 
-def _vector(values: object, name: str, size: int) -> np.ndarray:
-    found = arguments.array(values, name)
-    if found.shape != (size,) or not np.isfinite(found).all():
-        raise T2TwinError(f"{name} is {arguments.describe(found)}; expected {size} finite numbers")
-    return found.astype(float)
-
-
 def _unit(quat: object) -> np.ndarray:
-    found = _vector(quat, "quat", 4)
+    found = arguments.vector(quat, "quat", 4)
     length = np.linalg.norm(found)
     if length == 0:
         raise T2TwinError("quat is 0 0 0 0; expected a quaternion that is not zero")

@@ -53,6 +53,11 @@ NOTHING = Shape(
 )
 """The shape of a touch without contact."""
 
+NO_TOUCH = Touch(
+    NOTHING, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0), None, None, None, None, None
+)
+"""A touch without contact and without readings."""
+
 MAX_RATE_HZ = 1e6
 """Largest rate of readings, Hz (assumed: beyond any simulation's steps)."""
 
@@ -325,32 +330,14 @@ class AttachedSensor:
     def _touch(self, contact: Contact | None, frame: Pose, state: State, time_s: float) -> Touch:
         """The touch of a contact at a time; its noise depends on the number of earlier readings."""
         rng = None if self.seed is None else np.random.default_rng((self.seed, state.reads))
-        device, command = self.device, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0)
-        shape = NOTHING if contact is None else contact.shape
-        common = {"shape": shape, "command": contact.command if contact else command}
+        device, found = self.device, replace(NO_TOUCH, sensor_to_world=frame.matrix)
+        if contact is not None:
+            found = replace(found, shape=contact.shape, command=contact.command)
         if isinstance(device, Digit):
-            return Touch(
-                **common,
-                image=device.image(contact, rng),
-                counts=None,
-                digit=contact,
-                cyskin=None,
-                layout=None,
-                calibration=device.calibration,
-                markers=device.markers,
-                sensor_to_world=frame.matrix,
-            )
+            own = {"calibration": device.calibration, "markers": device.markers}
+            return replace(found, image=device.image(contact, rng), digit=contact, **own)
         counts, memory = device.read(contact, rng, state.touch, time_s - state.touch_s)
-        return Touch(
-            **common,
-            image=None,
-            counts=counts,
-            digit=None,
-            cyskin=contact,
-            layout=device.layout,
-            sensor_to_world=frame.matrix,
-            memory=memory,
-        )
+        return replace(found, counts=counts, cyskin=contact, layout=device.layout, memory=memory)
 
 
 def _body_name(model: "mujoco.MjModel", body: int) -> str:
