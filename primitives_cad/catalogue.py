@@ -165,11 +165,8 @@ def _unknown(name: str) -> str:
         return f"{name!r} is a tool and is pressed at a keypoint: {choices}; {also}"
     # Names of families and tools are not shapes; their members are listed instead.
     groups = {
-        **{
-            kind: tuple(n for n in PRIMITIVES if primitive_parameters.family(n) == kind)
-            for kind in primitive_parameters.FAMILIES
-        },
-        **{tool: tuple(n for n in OBJECTS if n.startswith(tool + "/")) for tool in TOOLS},
+        group: [n for n in NAMES if group in (primitive_parameters.family(n), n.partition("/")[0])]
+        for group in (*primitive_parameters.FAMILIES, *TOOLS)
     }
     near = difflib.get_close_matches(name.lower(), (*NAMES, *groups), n=4, cutoff=0.5)
     named = dict.fromkeys(full for guess in near for full in groups.get(guess, (guess,)))

@@ -63,15 +63,6 @@ class Hints:
 COMMAND_HINTS = Hints()
 
 
-def check_scale(scale: float | None) -> None:
-    """Raises T2TwinError for a scale that is not a positive, finite number."""
-    if scale is None:
-        return
-    scale = arguments.real(scale, "scale")
-    if not (math.isfinite(scale) and scale > 0.0):
-        raise T2TwinError(f"a scale of {scale:g} cannot be used; positive numbers are allowed")
-
-
 def read_bytes(path: Path) -> bytes:
     """A file's content. Raises T2TwinError where it is missing, unreadable, empty or too large."""
     otherwise = f"give a catalogue name or a file of {', '.join(SUFFIXES)}"
@@ -92,7 +83,10 @@ def read_solid(
     Raises T2TwinError for a missing, unreadable or empty file, one without a surface seen from
     above, and an unlikely size.
     """
-    check_scale(scale)
+    if scale is not None:
+        scale = arguments.real(scale, "scale")
+        if not (math.isfinite(scale) and scale > 0.0):
+            raise T2TwinError(f"a scale of {scale:g} cannot be used; positive numbers are allowed")
     suffix = path.suffix.lower()
     if suffix not in READERS:
         raise T2TwinError(f"{path} is not a solid's file; one of {', '.join(SUFFIXES)} is needed")
