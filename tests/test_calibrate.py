@@ -14,6 +14,7 @@ from benchmarks.optics.calibration import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate, cut_and_paste, score
+from t2twin.sim.digit.calibrate.fit import BallFit
 from t2twin.sim.digit.calibrate.frames import (
     clean_background,
     contact_patch,
@@ -280,6 +281,20 @@ def save_parts(parts: dict[str, Any], path):
 
 def test_a_ball_that_is_too_small_for_its_contacts_is_refused(copy, capsys):
     assert "the ball of 2.5 mm is too small" in refused(copy, capsys, ball=2.5)
+
+
+def test_frames_of_another_gel_camera_are_refused_before_the_long_fit(copy, capsys, monkeypatch):
+    """Its stripes of light around a contact cannot be those of a DIGIT's three LEDs."""
+    background = np.asarray(Image.open(copy / "background.png")).astype(int)
+    rows, columns = np.indices((ROWS, COLUMNS))
+    for path, (x_mm, y_mm, _) in zip(sorted(copy.glob("press_*")), POSES, strict=True):
+        row, column = 159.5 + y_mm / ONE_PIXEL_MM, 119.5 + x_mm / ONE_PIXEL_MM
+        pressed = np.hypot(rows - row, columns - column) < 40
+        stripes = np.where((rows - round(row)) // 12 % 2, 40, -40) * pressed
+        save(np.clip(background + stripes[..., None], 0, 255).astype(np.uint8), path)
+    monkeypatch.setattr(BallFit, "_refined", lambda *_: pytest.fail("the long fit has begun"))
+    said = refused(copy, capsys)
+    assert "% of the presses' change of the background unexplained" in said
 
 
 def test_what_is_no_calibration_is_refused(tmp_path):

@@ -29,7 +29,7 @@ def test_what_is_nearer_to_the_camera_is_larger():
 
 
 def test_rays_meet_the_dome_where_it_projects_back():
-    x, y, z = DIGIT_CAMERA.gel_points()
+    x, y, z = DIGIT_CAMERA.gel_points(np.arange(COLUMNS), np.arange(ROWS))
     np.testing.assert_allclose(z, DIGIT_GEL.rest_surface_mm(x, y), atol=0.01)
     rows, columns = DIGIT_CAMERA.project(x, y, z)
     np.testing.assert_allclose(rows, np.arange(ROWS)[:, None] * np.ones(COLUMNS), atol=1e-9)

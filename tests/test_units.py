@@ -16,7 +16,7 @@ from t2twin.core.records import convert
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.digit import pyrender_renderer
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera, optical_grid
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
 from t2twin.sim.digit.light.ray_casting import Rays
 from t2twin.sim.digit.optics import FRAMES, DigitOptics
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
@@ -175,7 +175,7 @@ def test_a_shift_moves_the_picture_by_as_many_pixels(shipped):
 
 def test_a_shifted_and_tilted_camera_projects_its_rays_back():
     camera = Camera(18.0, 21.0, 7.0, -4.0, 2.0, -1.0)
-    x, y, z = camera.gel_points()
+    x, y, z = camera.gel_points(np.arange(COLUMNS), np.arange(ROWS))
     rows, columns = camera.project(x, y, z)
     np.testing.assert_allclose(rows, np.arange(320)[:, None] * np.ones(240), atol=1e-9)
     np.testing.assert_allclose(columns, np.ones((320, 1)) * np.arange(240), atol=1e-9)

@@ -27,7 +27,7 @@ from t2twin.sim.digit.calibrate.calibrate import (
 )
 from t2twin.sim.digit.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
 from t2twin.sim.digit.calibrate.measurements import fit_presses
-from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.calibration",
@@ -123,7 +123,7 @@ def outside_of(pose: np.ndarray) -> np.ndarray:
     """(ROWS, COLUMNS) bool: pixels up to RIM_MM from a ball's contact, but not in it."""
     radius_mm, (x_mm, y_mm, depth_mm) = BALL_DIAMETER_MM / 2, pose
     contact_mm = np.sqrt(radius_mm**2 - (radius_mm - depth_mm) ** 2)
-    x, y, _ = DIGIT_CAMERA.gel_points()
+    x, y, _ = DIGIT_CAMERA.gel_points(np.arange(COLUMNS), np.arange(ROWS))
     off_mm = np.hypot(x - x_mm, y - y_mm) - contact_mm
     return (off_mm > 0) & (off_mm < RIM_MM)
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.ridge import (
     FIRST_TERMS,
     LEDS,
@@ -41,6 +42,9 @@ MAX_STEPS = 8
 """Largest number of steps of the joint fit."""
 MIN_GAIN = 2e-3
 """The fit ends when a step lowers the error by less than this fraction (assumed)."""
+MAX_UNEXPLAINED = 0.25
+"""Largest part of the change of the light, in mean square, that the first light and poses may leave
+(assumed: 0.01 to 0.07 on a real unit and sampled ones, 0.4 for a GelSight Mini's)."""
 POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3
 """Step of the difference quotients of a pose, and its longest step in the fit, mm."""
 PRIOR = 2e-5
@@ -167,11 +171,16 @@ class BallFit:
         self._start_poses = np.stack([x_mm, y_mm, 0.45 * np.asarray(radii_mm)], axis=1)
 
     def fit(self, start: State | None = None) -> State:
-        """Fit all parameters. start: state of another fit, for the initial LEDs and the terms."""
+        """Fit all parameters. start: state of another fit, for the initial LEDs and the terms.
+
+        Raises T2TwinError for frames that are no presses of such balls into a DIGIT.
+        """
         if start is None:
             state = self._solved(START, self._start_poses, FIRST_TERMS)
             poses = [self.pose(state, index, pose) for index, pose in enumerate(state.poses)]
-            state = self._refined(self._solved(state.geometry, np.array(poses), state.terms))
+            state = self._solved(state.geometry, np.array(poses), state.terms)
+            self._check_explains(state)
+            state = self._refined(state)
             terms = self._selected(state)
         else:
             poses = [self.pose(start, index) for index in range(len(self._changes))]
@@ -181,6 +190,17 @@ class BallFit:
         if not terms.lobe:
             return state
         return self._refined(self._solved(state.geometry, state.poses, terms))
+
+    def _check_explains(self, state: State) -> None:
+        """Raises T2TwinError for a first state that leaves most of the presses unexplained."""
+        changes = [np.mean(self._target(index) ** 2) for index in range(len(state.poses))]
+        left = state.error / float(np.mean(changes))
+        if left > MAX_UNEXPLAINED:
+            raise T2TwinError(
+                f"the light of a DIGIT's LEDs leaves {100 * left:.0f} % of the presses' change of "
+                f"the background unexplained, more than {100 * MAX_UNEXPLAINED:.0f} %; use frames "
+                "of one ball of the given diameter, pressed into the DIGIT of the background"
+            )
 
     def _selected(self, state: State) -> Terms:
         return select_terms(self._sums(state.geometry, state.poses, MAX_TERMS))

@@ -213,14 +213,9 @@ def measure_noise(clean: np.ndarray, frames: np.ndarray, background: np.ndarray)
 def _autocovariance(noise: np.ndarray, mask: np.ndarray, lag: int) -> np.ndarray:
     """(RGB) mean product of the noise of masked pixels at a lag along an axis."""
     products = []
-    for axis in (0, 1):
-        first, second = (
-            np.take(np.arange(mask.shape[axis]), part)
-            for part in (range(mask.shape[axis] - lag), range(lag, mask.shape[axis]))
-        )
-        both = np.take(mask, first, axis) & np.take(mask, second, axis)
-        product = np.take(noise, first, axis) * np.take(noise, second, axis)
-        products.append(product[both].mean(axis=0))
+    for first, second in ((np.s_[:-lag], np.s_[lag:]), (np.s_[:, :-lag], np.s_[:, lag:])):
+        both = mask[first] & mask[second]
+        products.append((noise[first] * noise[second])[both].mean(axis=0))
     return np.mean(products, axis=0)
 
 

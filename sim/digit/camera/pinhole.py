@@ -87,13 +87,6 @@ class Camera:
         row, column = self.middle
         return row + per_mm * y_mm, column + per_mm * x_mm
 
-    def rays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Slopes of the pixels' rays, dx/dz (COLUMNS,) and dy/dz (ROWS,)."""
-        return (
-            (np.arange(COLUMNS) - self.middle[1]) / self.focal_px,
-            (np.arange(ROWS) - self.middle[0]) / self.focal_px,
-        )
-
     def seen_half_extent_mm(self) -> tuple[float, float]:
         """(half width, half height), mm, of the image at the height of the apex, without shift."""
         return COLUMNS / 2 / self.scale_px_per_mm, ROWS / 2 / self.scale_px_per_mm
@@ -115,13 +108,20 @@ class Camera:
             np.abs(y_mm + down) < half_height + margin_mm,
         )
 
-    def gel_points(self, gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where each pixel's ray meets the gel at rest: x, y, z in mm, each (ROWS, COLUMNS)."""
-        across, down = np.meshgrid(*self.rays())
-        z = np.zeros((ROWS, COLUMNS))
+    def gel_points(
+        self, columns: np.ndarray, rows: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where rays meet the DIGIT's gel at rest: x, y, z in mm, (rows, columns) each.
+
+        columns, rows: pixel coordinates, which may be fractional and outside the image.
+        """
+        across, down = np.meshgrid(
+            (columns - self.middle[1]) / self.focal_px, (rows - self.middle[0]) / self.focal_px
+        )
+        z = np.zeros_like(across)
         for _ in range(PARALLAX_STEPS):
             x, y = across * (self.distance_mm + z), down * (self.distance_mm + z)
-            z = gel.rest_surface_mm(x, y) + self.tilt_mm(x, y)
+            z = DIGIT_GEL.rest_surface_mm(x, y) + self.tilt_mm(x, y)
         return across * (self.distance_mm + z), down * (self.distance_mm + z), z
 
 

@@ -96,7 +96,10 @@ class Rays:
         z = self.rest_mm - coated_mm
         _, casting = _regions(coated_mm)
         sight, shadowed = self._sight(casting, z, leds)
-        cosine, weight = self._incidence(z, sight, shadowed, leds, samples or self.everywhere)
+        cosine, weight = self._follow(
+            z, sight, shadowed, leds, samples or self.everywhere, DEFORMED_STEPS,
+            self._rest_depth_mm.copy(),
+        )  # fmt: skip
         return np.moveaxis(cosine, 0, -1), np.moveaxis(weight, 0, -1)
 
     def normals(self, coated_mm: np.ndarray, samples: Region | None = None) -> np.ndarray:
@@ -114,11 +117,8 @@ class Rays:
     def _intersect(self, z: np.ndarray, samples: Region, steps: int, depth: np.ndarray) -> None:
         """Fill a region of depth (S), the heights where the rays meet a surface."""
         nothing = Leds(np.zeros((0, 3)), np.zeros(0))
-        none = np.zeros((0, *depth.shape), dtype=np.float32)
-        self._follow(
-            z, self._full_sight(0), np.zeros((0, 4), dtype=np.int64), nothing, samples, steps,
-            depth, none, none,
-        )  # fmt: skip
+        shadowed = np.zeros((0, 4), dtype=np.int64)
+        self._follow(z, self._full_sight(0), shadowed, nothing, samples, steps, depth)
 
     def incidence_where_changed(
         self, coated_mm: np.ndarray, leds: Leds
@@ -139,22 +139,9 @@ class Rays:
         pixels = self._pixels(region, float(z.min()))
         samples = (pixels[0] // 2, (pixels[1] + 1) // 2 + 2, pixels[2] // 2,
                    (pixels[3] + 1) // 2 + 2)  # fmt: skip
-        return *self._incidence(z, sight, shadowed, leds, samples), samples, pixels
-
-    def _incidence(
-        self,
-        z: np.ndarray,
-        sight: np.ndarray,
-        shadowed: np.ndarray,
-        leds: Leds,
-        samples: Region,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        count = len(leds.places_mm)
-        cosine = np.empty((count, *self._rest_depth_mm.shape), dtype=np.float32)
-        weight = np.empty_like(cosine)
         depth = self._rest_depth_mm.copy()
-        self._follow(z, sight, shadowed, leds, samples, DEFORMED_STEPS, depth, cosine, weight)
-        return cosine, weight
+        lit = self._follow(z, sight, shadowed, leds, samples, DEFORMED_STEPS, depth)
+        return *lit, samples, pixels
 
     def _follow(
         self,
@@ -165,17 +152,20 @@ class Rays:
         samples: Region,
         steps: int,
         depth: np.ndarray,
-        cosine: np.ndarray,
-        weight: np.ndarray,
-    ) -> None:
-        """Fill a region of depth (S), cosine and weight (LEDs, S): see illumination.incidence."""
-        single = np.float32
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Fill a region of depth (S); its cosine and weight (LEDs, S): see illumination.incidence.
+
+        depth: initially the heights at rest.
+        """
+        cosine = np.empty((len(leds.places_mm), *depth.shape), dtype=np.float32)
+        weight, single = np.empty_like(cosine), np.float32
         illumination.incidence(
             z, sight, SHADOW_STRIDE, shadowed + SHADOW_STRIDE * GROWN,
             leds.places_mm.astype(np.float32), single(REACH_MM), self._across, self._down,
             single(self.camera.distance_mm), single(self.x_mm[0]), single(self.y_mm[0]),
             single(self.pitch_mm), samples, steps, depth, cosine, weight,
         )  # fmt: skip
+        return cosine, weight
 
     def _full_sight(self, leds: int) -> np.ndarray:
         """(LEDs, C) ones: all cells of the shadow grid see all of each LED."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.digit.calibration import PLACE_TERMS, place_terms
-from t2twin.sim.digit.camera.pinhole import PARALLAX_STEPS, Camera
+from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.leds import DIGIT_LEDS, REACH_MM, Led
 from t2twin.sim.digit.randomization.ranges import UnitRanges, log_uniform, uniform
@@ -127,14 +127,7 @@ def light_at_rest(
 
     columns, rows: pixel coordinates, which may be fractional and outside the image.
     """
-    across, down = np.meshgrid(
-        (columns - camera.middle[1]) / camera.focal_px, (rows - camera.middle[0]) / camera.focal_px
-    )
-    x, y = across * camera.distance_mm, down * camera.distance_mm
-    z = np.zeros_like(across)
-    for _ in range(PARALLAX_STEPS):
-        z = _surface_mm(camera, x, y)
-        x, y = across * (camera.distance_mm + z), down * (camera.distance_mm + z)
+    x, y, z = camera.gel_points(columns, rows)
     slope_x = (_surface_mm(camera, x + SLOPE_STEP_MM, y) - z) / SLOPE_STEP_MM
     slope_y = (_surface_mm(camera, x, y + SLOPE_STEP_MM) - z) / SLOPE_STEP_MM
     terms = place_terms(x, y, DEGREE)
