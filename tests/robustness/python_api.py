@@ -1,5 +1,5 @@
 """Public functions, called with an object of an unknown class in the place of each argument; the
-checks of values are in tests/test_checks.py. Images, which have a check of their own."""
+checks of values are in tests/test_arguments.py. Images, which have a check of their own."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -352,7 +352,7 @@ ARRAYS = (
 
 
 def _of_caches() -> Iterator[Case]:
-    """Damaged caches and results are made again; tests/test_checksum.py has more."""
+    """Damaged caches and results are made again; tests/test_cached_files.py has more."""
 
     def decoded(write: Callable[[Path], object], info: Path) -> None:
         info.with_name("cache").mkdir()
