@@ -23,7 +23,7 @@ from t2twin.core.cache_dir import cache_dir, is_writable
 from t2twin.core.cached_files import short_digest
 
 PACKAGE_LEVEL = 3
-"""Dots in t2twin.sim.digit.optics; modules with more belong to a package at this level."""
+"""Dots in the name of a module; modules with more belong to a package at this level."""
 
 _lock = RLock()
 _config: Any = config
@@ -132,7 +132,7 @@ class _MachineCode(FunctionCache):
 
 def _machine_code(function: Callable) -> FunctionCache | NullCache:
     """The cache of a function."""
-    # Loops of one package, such as t2twin.sim.digit with its subpackages, inline each other.
+    # Loops of one package, with its subpackages, inline each other.
     level = max(0, function.__module__.count(".") - PACKAGE_LEVEL)
     with _lock:
         given = _config.CACHE_DIR
