@@ -1,7 +1,7 @@
 """The pairs of one dataset split: images in a cache of decoded files, counts in memory.
 
-The cache is the folder `cache` of the dataset, with one uint8 .npy file per split, size and color,
-and one of background frames, DIGIT frames without contact, with the index of each pair's frame. A
+The cache is the folder `cache` of the dataset, with one uint8 .npy file per split, size and color.
+One more has background frames, DIGIT frames without contact, and the index of each pair's frame. A
 world with a fixed light has one frame. File names contain the first digits of the SHA-256 of
 info.json, so that another dataset in the same folder has other files.
 

@@ -8,8 +8,8 @@ The reverse has input and target exchanged: from the tactile image to the grey D
 black and 1 at white.
 
 A preset may add a soft IoU loss. The contact IoU of an evaluation counts pixels above a tenth of
-the maximum of their image, whatever their value, and L1 gives little weight to the outline of a
-contact, where counts are small. The contact IoU is a step function of each pixel; here the
+the maximum of their image, whatever their value. L1 gives little weight to the outline of a
+contact, where counts are small. The contact IoU is a step function of each pixel. Here the
 membership of a pixel in the contact rises smoothly from 0 at zero, over one half at that level, to
 almost 1 at the maximum. IoU as a loss: Rahman and Wang 2016, who use products of memberships. Here
 intersection and union are minimum and maximum (Zadeh 1965), so that the IoU of an image with itself

@@ -1,8 +1,8 @@
 """Fits the baked model to frames of ball presses at unknown positions and depths.
 
 The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry that all presses
-share (GEOMETRY: the LEDs, and the gel's profile around a ball), and the response of each LED in
-each color, which is linear. All are fitted jointly to the grey levels around the contacts by the
+share, and the response of each LED in each color, which is linear. GEOMETRY is that of the LEDs,
+and the gel's profile around a ball. All are fitted jointly to the grey levels around the contacts by the
 method of Levenberg and Marquardt (Marquardt 1963); the response is solved for after each step.
 Between two such fits ridge.select_terms selects the response's terms.
 
@@ -44,7 +44,7 @@ MIN_GAIN = 2e-3
 """The fit ends when a step lowers the error by less than this fraction (assumed)."""
 MAX_UNEXPLAINED = 0.25
 """Largest part of the change of the light, in mean square, that the first light and poses may leave
-(assumed: 0.01 to 0.07 on a real unit and sampled ones, 0.4 for a GelSight Mini's)."""
+(assumed). It is 0.01 to 0.07 on a real unit and sampled ones, and 0.4 on a GelSight Mini."""
 POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3
 """Step of the difference quotients of a pose, and its longest step in the fit, mm."""
 PRIOR = 2e-5
