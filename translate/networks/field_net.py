@@ -14,7 +14,7 @@ displacement relative to the background frame in windows of the image (Lucas and
 force is the sum of these displacements, with weights that a network predicts.
 
 Shape letters: B batch, S image side, H side after a reduction, W windows along each side, F places,
-D columns of E places, G numbers of the vector.
+D columns of E places, G numbers of the vector. F = D * E.
 """
 
 from typing import NamedTuple
