@@ -10,17 +10,19 @@ from spots import write_spots
 from t2twin.translate.data.pairs import ImageFile, Pairs
 from t2twin.translate.evaluation import array_errors
 from t2twin.translate.evaluation.array_errors import (
-    MAX_FORCES,
-    MIN_PRESSES,
     PairFigures,
     by_force,
-    force_bins,
-    mean_array_of_force,
     replicates,
     resample_weights,
     rmse_by_group,
 )
-from t2twin.translate.evaluation.baselines import MEAN_ARRAY_OF_FORCE
+from t2twin.translate.evaluation.baselines import (
+    MAX_FORCES,
+    MEAN_ARRAY_OF_FORCE,
+    MIN_PRESSES,
+    force_bins,
+    mean_array_of_force,
+)
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import METRICS, read_evaluation
 

@@ -33,10 +33,11 @@ from t2twin.translate.evaluation.baselines import (
     NOISE_FLOOR,
     Neighbors,
     neighbors,
+    predict_baselines,
     second_reading,
 )
 from t2twin.translate.evaluation.findings import findings, gap, paired
-from t2twin.translate.evaluation.predictions import EvaluationInputs, predict_baselines
+from t2twin.translate.evaluation.predictions import EvaluationInputs
 from t2twin.translate.evaluation.records import ModelRow
 
 FULL_SCALE = 40000.0

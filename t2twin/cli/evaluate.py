@@ -37,7 +37,6 @@ def evaluate(
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.translate.evaluation import evaluate as evaluation
-    from t2twin.translate.evaluation.findings import gap_between
     from t2twin.translate.evaluation.table import results_text, worlds_markdown
     from t2twin.translate.models.distributed import use_all_cores
 
@@ -59,7 +58,7 @@ def evaluate(
     for name, evaluations in worlds.items():
         if name:
             print(f"{name}\n")
-        print(results_text(evaluations, gap_between(evaluations)))
+        print(results_text(evaluations))
     if len(data) > 1:
         print(worlds_markdown(worlds))
     print(f"written to {folder}")

@@ -21,10 +21,10 @@ from t2twin.report.page import (
     name_of,
     shape_name,
 )
-from t2twin.translate.evaluation.array_errors import MIN_PRESSES
 from t2twin.translate.evaluation.baselines import (
     MEAN_ARRAY,
     MEAN_ARRAY_OF_FORCE,
+    MIN_PRESSES,
     NEAREST_NEIGHBOR,
 )
 from t2twin.translate.evaluation.records import Evaluation, ForceFigures

@@ -1,12 +1,16 @@
-"""Trivial predictors, error floors, groups of taxels, and the results of the paper.
+"""Trivial predictors, error floors, bins of force, groups of taxels, and the paper's results.
 
 The trivial predictors are the mean array and the nearest neighbor. The noise floor is the
 difference of two readings of one press. The layout floor is the error of a layout's counts after
 interpolation from the taxels of another layout. Taxels are divided by their position: under the
 DIGIT's view, within one pitch of it, and beyond.
 
-Shape letters: P pairs or queries, M stored pairs or taxels of the layout of training, S image side,
-F values of an image, N taxels.
+A few different forces have one bin each; many forces have bins of equal width in the logarithm.
+Presses without contact, of force 0, have a bin of their own. Imported pairs with unknown forces are
+in no bin.
+
+Shape letters: P pairs or queries, M stored pairs or training taxels, S image side,
+F values of an image, N taxels, b pairs of a bin.
 """
 
 from dataclasses import dataclass
@@ -21,7 +25,9 @@ from t2twin.sim.cyskin.reading import expected_reading, read
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera
 from t2twin.translate.data.pairs import DataInfo, ImageFile, Pairs
-from t2twin.translate.evaluation.records import PaperRow
+from t2twin.translate.evaluation.predictions import EvaluationInputs
+from t2twin.translate.evaluation.records import MeanOf, PaperRow
+from t2twin.translate.inference.predictor import FieldPredictor
 
 MEAN_ARRAY, NEAREST_NEIGHBOR = "mean-array", "nearest-neighbour"
 """Names of their rows."""
@@ -66,6 +72,41 @@ OUTSIDE_PARTS = 0.01
 
 SEED = 1
 """Seed of the second readings; the noise of datasets has other seeds."""
+
+MAX_FORCES = 12
+"""Maximum number of forces with a bin each (assumed: the lines of a table)."""
+
+DECIMALS = 2
+"""Decimals to which forces are rounded, N (assumed)."""
+
+BINS_PER_DOUBLING = 2
+"""Bins per factor of two of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed)."""
+
+MIN_PRESSES = 50
+"""Minimum number of training presses for a mean array (assumed: its standard error is a seventh of
+the presses' standard deviation)."""
+
+
+@dataclass(frozen=True)
+class ForceBin:
+    """Presses in one range of forces.
+
+    low_n, high_n: its edges, N, equal for a single force; 0 without contact. mean_n: mean force of
+    its pairs, N. members: (b,) indices of its pairs. mean_array: (N,), mean counts of the presses
+    in this bin, of the training pairs (mean_of "training") or, with fewer than MIN_PRESSES of them,
+    of the pairs themselves ("split").
+    """
+
+    low_n: float
+    high_n: float
+    mean_n: float
+    members: np.ndarray
+    mean_array: np.ndarray
+    mean_of: MeanOf
+
+    @property
+    def has_contact(self) -> bool:
+        return self.high_n > 0
 
 
 @dataclass(frozen=True)
@@ -211,3 +252,77 @@ def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> n
         one, two = (read(touched, layout, skin.imperfections, rng).astype(float) for _ in range(2))
         repeated[row] = stored + (two - one)
     return repeated
+
+
+def force_bins(pairs: Pairs, train: Pairs) -> tuple[ForceBin, ...]:
+    """The bins of pairs in ascending order of force; empty if no force is known.
+
+    train: the training pairs, for the mean arrays.
+    """
+    single = _are_few(np.concatenate([pairs.force_n, train.force_n]))
+    own, trained = (_low_edges_n(each.force_n, single) for each in (pairs, train))
+    bins = []
+    for low in np.unique(own[~np.isnan(own)]):
+        members = np.flatnonzero(own == low)
+        others = np.flatnonzero(trained == low)
+        mean_of: MeanOf = "training" if others.size >= MIN_PRESSES else "split"
+        counts = train.counts[others] if mean_of == "training" else pairs.counts[members]
+        bins.append(
+            ForceBin(
+                low_n=float(low),
+                high_n=float(low if single else low * 2 ** (1 / BINS_PER_DOUBLING)),
+                mean_n=float(pairs.force_n[members].mean()),
+                members=members,
+                mean_array=counts.mean(axis=0, dtype=float).astype(np.float32),
+                mean_of=mean_of,
+            )
+        )
+    return tuple(bins)
+
+
+def mean_array_of_force(bins: tuple[ForceBin, ...], pairs: Pairs, train: Pairs) -> np.ndarray:
+    """(P, N) float32, counts: mean array of each pair's bin, or of training if it has no bin."""
+    predicted = np.tile(mean_array(train), (len(pairs), 1))
+    for one in bins:
+        predicted[one.members] = one.mean_array
+    return predicted
+
+
+def _are_few(force_n: np.ndarray) -> bool:
+    touching = force_n[force_n > 0]
+    return np.unique(touching.round(DECIMALS)).size <= MAX_FORCES
+
+
+def _low_edges_n(force_n: np.ndarray, single: bool) -> np.ndarray:
+    """(P,) lower edge of each press's bin, N; NaN for unknown forces."""
+    if single:
+        return force_n.astype(float).round(DECIMALS)
+    low = np.where(np.isnan(force_n), np.nan, 0.0)
+    touching = force_n > 0
+    steps = np.floor(BINS_PER_DOUBLING * np.log2(force_n[touching]))
+    low[touching] = 2.0 ** (steps / BINS_PER_DOUBLING)
+    return low
+
+
+def predict_baselines(
+    inputs: EvaluationInputs,
+    pairs: Pairs,
+    train: Pairs,
+    near: Neighbors,
+    bins: tuple[ForceBin, ...],
+) -> dict[str, np.ndarray]:
+    """(P, N) counts of the trivial predictors and of the floors that are known, by row."""
+    rows = {MEAN_ARRAY: np.tile(mean_array(train), (len(pairs), 1))}
+    if len(bins) > 1:
+        rows[MEAN_ARRAY_OF_FORCE] = mean_array_of_force(bins, pairs, train)
+    rows[NEAREST_NEIGHBOR] = train.counts[near.index[:, 0]]
+    repeated = second_reading(pairs.counts, inputs.dataset)
+    if repeated is not None:
+        rows[NOISE_FLOOR] = repeated
+    x_mm, y_mm = inputs.info.x_mm, inputs.info.y_mm
+    for run in inputs.trained.values():  # the first of another layout
+        if not isinstance(run, FieldPredictor) and not run.config.data.same_layout(x_mm, y_mm):
+            projection = representable(run.config.data, x_mm, y_mm)
+            rows[LAYOUT_FLOOR] = (pairs.counts @ projection.T).astype(np.float32)
+            break
+    return rows

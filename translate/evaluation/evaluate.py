@@ -19,26 +19,23 @@ from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_pairs, usable_cache
 from t2twin.translate.evaluation import array_errors
-from t2twin.translate.evaluation.array_errors import (
-    ForceBin,
-    by_force,
-    by_motion,
-    force_bins,
-)
+from t2twin.translate.evaluation.array_errors import by_force, by_motion
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     NEAREST_NEIGHBOR,
     NEIGHBORS,
     PAPER,
     FieldOfView,
+    ForceBin,
+    force_bins,
     neighbors,
+    predict_baselines,
     view_on,
 )
 from t2twin.translate.evaluation.findings import findings, gap_between, paired
 from t2twin.translate.evaluation.predictions import (
     EvaluationInputs,
     Predictions,
-    predict_baselines,
     predict_runs,
     prepare,
     splits_with_pairs,
@@ -87,7 +84,7 @@ def evaluate(
     "train"). Returns the content of metrics.json (module records). The rows are, in order:
 
     - mean-array and nearest-neighbour (module baselines), between them mean-array-of-force for
-      presses of several forces (module array_errors);
+      presses of several forces (module baselines);
     - noise-floor, if the noise of the dataset is known, and layout-floor, for runs of another
       layout (module baselines);
     - the runs, by their models' names, with the folder's name for runs of the same model.

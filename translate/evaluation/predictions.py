@@ -1,4 +1,4 @@
-"""The inputs of an evaluation, the predicted counts of all rows, and their file, predictions.npz.
+"""The inputs of an evaluation, the counts that runs predict, and the file predictions.npz.
 
 The inputs are runs, a dataset and background frames, which are checked before the evaluation
 starts. The file has the array "truth", one (P, N) array per model under the model's name, and the
@@ -29,22 +29,9 @@ from t2twin.translate.data.images import open_image, to_pixels
 from t2twin.translate.data.pairs import (
     DataInfo,
     InputImages,
-    Pairs,
     has_backgrounds,
     load_info,
     load_pairs,
-)
-from t2twin.translate.evaluation.array_errors import ForceBin, mean_array_of_force
-from t2twin.translate.evaluation.baselines import (
-    LAYOUT_FLOOR,
-    MEAN_ARRAY,
-    MEAN_ARRAY_OF_FORCE,
-    NEAREST_NEIGHBOR,
-    NOISE_FLOOR,
-    Neighbors,
-    mean_array,
-    representable,
-    second_reading,
 )
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
@@ -220,30 +207,6 @@ class Predictions:
     def rmse_counts(self, model: str) -> np.ndarray:
         """RMSE of each pair, over its taxels: (P,), counts."""
         return np.sqrt(np.square(self.by_model[model] - self.truth).mean(axis=1, dtype=float))
-
-
-def predict_baselines(
-    inputs: EvaluationInputs,
-    pairs: Pairs,
-    train: Pairs,
-    near: Neighbors,
-    bins: tuple[ForceBin, ...],
-) -> dict[str, np.ndarray]:
-    """(P, N) counts of the trivial predictors and of the floors that are known, by row."""
-    rows = {MEAN_ARRAY: np.tile(mean_array(train), (len(pairs), 1))}
-    if len(bins) > 1:
-        rows[MEAN_ARRAY_OF_FORCE] = mean_array_of_force(bins, pairs, train)
-    rows[NEAREST_NEIGHBOR] = train.counts[near.index[:, 0]]
-    repeated = second_reading(pairs.counts, inputs.dataset)
-    if repeated is not None:
-        rows[NOISE_FLOOR] = repeated
-    x_mm, y_mm = inputs.info.x_mm, inputs.info.y_mm
-    for run in inputs.trained.values():  # the first of another layout
-        if not isinstance(run, FieldPredictor) and not run.config.data.same_layout(x_mm, y_mm):
-            projection = representable(run.config.data, x_mm, y_mm)
-            rows[LAYOUT_FLOOR] = (pairs.counts @ projection.T).astype(np.float32)
-            break
-    return rows
 
 
 def predict_runs(

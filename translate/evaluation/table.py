@@ -14,7 +14,7 @@ from t2twin.translate.evaluation.baselines import (
     NEAREST_NEIGHBOR,
     NOISE_FLOOR,
 )
-from t2twin.translate.evaluation.findings import DIFFERENCES
+from t2twin.translate.evaluation.findings import DIFFERENCES, gap_between
 from t2twin.translate.evaluation.records import (
     Evaluation,
     FigureName,
@@ -63,13 +63,14 @@ PAPER_FORMS: dict[FigureName, str] = {**FORMS, "ssim": "{:.2f}"}
 TRIVIAL = (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR)
 
 
-def results_text(evaluations: Evaluations, gap: Mapping[str, Finding]) -> str:
-    """All tables of a dataset for the terminal. gap: findings about the difference of splits."""
+def results_text(evaluations: Evaluations) -> str:
+    """All tables of a dataset for the terminal."""
     tables = []
     for split, one in evaluations.items():
         tables.append(figures_table({split: one}, (*MAIN, *FURTHER)))
         tables += force_tables({split: one})
-    return "\n\n".join(map(text, (*tables, *findings_table(evaluations, gap)))) + "\n"
+    tables += findings_table(evaluations, gap_between(evaluations))
+    return "\n\n".join(map(text, tables)) + "\n"
 
 
 def results_markdown(evaluations: Evaluations) -> str:
