@@ -1,7 +1,6 @@
 import json
 from dataclasses import replace
 
-import msgspec
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
@@ -12,7 +11,6 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import Layout, load_layout
 from t2twin.sim.sensors import CySkin
-from t2twin.sim.world.recipe import Recipe, load_recipe
 
 
 @pytest.fixture(scope="module")
@@ -55,16 +53,6 @@ def test_counts_rise_with_force_and_flatten_at_saturation(sensor):
     below = read < taxels.FULL_SCALE_COUNTS
     assert (np.diff(read[below]) > 0).all()
     assert (read <= taxels.FULL_SCALE_COUNTS).all()
-
-
-def test_the_preset_baseline_is_read_by_its_earlier_name(tmp_path):
-    file = tmp_path / "own.toml"
-    part = '[[parts]]\nshapes = "primitives"\n'
-    file.write_text(f'name = "own"\nimperfections = "untouched"\n{part}')
-    recipe = load_recipe(file)
-    assert recipe.imperfections == "baseline"
-    stored = msgspec.json.encode(recipe).replace(b"baseline", b"untouched")
-    assert msgspec.json.decode(stored, type=Recipe) == recipe
 
 
 def test_untouched_readings_scatter_as_the_real_ones_do():
