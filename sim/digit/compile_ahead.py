@@ -15,6 +15,8 @@ from t2twin.core.machine import cores
 
 PACKAGE = "t2twin.sim.digit"
 
+_helper: subprocess.Popen | None = None
+
 
 def compile_optics_ahead() -> bool:
     """Start the second process if nothing is cached yet and a second core exists.
@@ -22,25 +24,31 @@ def compile_optics_ahead() -> bool:
     Returns whether the process was started. It ends when its standard input closes, that is with
     the process that started it.
     """
+    global _helper
     given, folder = os.environ.get("NUMBA_CACHE_DIR"), cache_dir()
-    if folder is None or cores() < 2:
+    if _helper is not None or folder is None or cores() < 2:
         return False
     cached = Path(given) if given else folder / "numba"  # as in t2twin.core.jit
     if any(cached.glob("digit-*/*/*/*.nbi")):
         return False
-    helper = subprocess.Popen(
+    _helper = subprocess.Popen(
         [sys.executable, "-m", f"{PACKAGE}.compile_ahead"],
         stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     from t2twin.core.jit import wait_before_compiling
 
-    def wait() -> None:
-        helper.wait()
-        assert helper.stdin is not None
-        helper.stdin.close()
-
-    wait_before_compiling(PACKAGE, wait)
+    wait_before_compiling(PACKAGE, _wait)
     return True
+
+
+def _wait() -> None:
+    """Wait for the second process to end."""
+    global _helper
+    if _helper is not None:
+        _helper.wait()
+        assert _helper.stdin is not None
+        _helper.stdin.close()
+        _helper = None
 
 
 def main() -> None:
