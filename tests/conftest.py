@@ -24,7 +24,7 @@ REPORT_SHAPES = (
 
 def pytest_configure(config):
     if SESSION not in os.environ:
-        folder = start(config.cache.mkdir("numba"))
+        folder = start(config.cache.mkdir("numba"), config.cache.mkdir("mujoco"))
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
         config.add_cleanup(lambda: os.environ.pop(SESSION))
 

@@ -39,11 +39,12 @@ DECODED = "cache"
 """Folder of a dataset that every reader may write to: its decoded images."""
 
 
-def start(numba: Path) -> Path:
+def start(numba: Path, mujoco: Path) -> Path:
     """Makes the folder of the session and sets the environment of all of its processes.
 
-    numba: where compiled code is kept from one session to the next. It depends on the sources
-    alone (t2twin/core/jit.py), and compiling takes half a minute.
+    numba, mujoco: where compiled code and models are kept from one session to the next. They depend
+    on the sources alone (t2twin/core/jit.py, sim/contact/mujoco_pins.py), and compiling takes a
+    minute.
     """
     folder = Path(tempfile.mkdtemp(prefix="t2twin-tests-"))
     os.environ[SESSION] = str(folder)
@@ -51,6 +52,7 @@ def start(numba: Path) -> Path:
         (folder / place).mkdir(parents=True, exist_ok=True)
         os.environ[name] = str(folder / place)
     (folder / "empty").mkdir()
+    (folder / FOLDERS[VARIABLE] / "mujoco").symlink_to(mujoco)
     os.environ["NUMBA_CACHE_DIR"] = str(numba)
     for name in THREADS:
         os.environ[name] = "1"
