@@ -2,8 +2,9 @@
 
 The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry that all presses
 share, and the response of each LED in each color, which is linear. GEOMETRY is that of the LEDs,
-and the gel's profile around a ball. All are fitted jointly to the grey levels around the contacts by the
-method of Levenberg and Marquardt (Marquardt 1963); the response is solved for after each step.
+and the gel's profile around a ball. All are fitted jointly to the grey levels around the contacts
+by the method of Levenberg and Marquardt (Marquardt 1963); the response is solved for after each
+step.
 Between two such fits ridge.select_terms selects the response's terms.
 
 A lobe can replace a tenth of the depths (measured on a real unit), so these are fitted without it.
