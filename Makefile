@@ -1,7 +1,7 @@
 # Everything from a fresh clone: `make demo` shows it, `make test` checks it.
 
 SCALE ?= paper
-WORLD ?=
+RECIPE ?=
 PRESET ?= cpu
 PYTHON ?= python3
 WORKERS ?=
@@ -15,8 +15,8 @@ SHIPPED ?=
 export PYTHONDONTWRITEBYTECODE :=
 
 BIN := .venv/bin
-# A world's dataset and runs go by the name of its recipe.
-NAME = $(or $(basename $(notdir $(WORLD))),$(SCALE))
+# A dataset and its runs go by the name of their recipe.
+NAME = $(or $(basename $(notdir $(RECIPE))),$(SCALE))
 DATA = data/$(NAME)
 RUNS = runs/$(NAME)
 WORKERS_FLAG := $(if $(WORKERS),--workers $(WORKERS))
@@ -37,7 +37,7 @@ help:
 	@echo "make test-all    the same with the exhaustive tests (all bad inputs, all shapes)"
 	@echo "make setup       virtual environment and pinned packages"
 	@echo "make primitives  STEP, STL, mosaic plate and contact sheet of all shapes"
-	@echo "make simdata     the paired dataset         SCALE=smoke|light|small|paper (paper), or WORLD=open|FILE.toml"
+	@echo "make simdata     the paired dataset         SCALE=smoke|light|small|paper (paper), or RECIPE=open|FILE.toml"
 	@echo "make train-all   both translators           SCALE=, PRESET=cpu|paper|smoke, MINUTES="
 	@echo "make evaluate    the results table          SCALE=, SHIPPED=field"
 	@echo "make report      the report                 SCALE=, SHIPPED=field"
@@ -98,7 +98,7 @@ primitives: setup
 	$(BIN)/t2twin primitives --out data/primitives
 
 simdata: setup
-	$(BIN)/t2twin simdata $(if $(WORLD),--world $(WORLD),--scale $(SCALE)) --out $(DATA) $(WORKERS_FLAG)
+	$(BIN)/t2twin simdata $(if $(RECIPE),--recipe $(RECIPE),--scale $(SCALE)) --out $(DATA) $(WORKERS_FLAG)
 
 train-all: setup
 	$(BIN)/t2twin train touch2touch --data $(DATA) --preset $(PRESET) --out $(RUNS)/touch2touch $(MINUTES_FLAG)

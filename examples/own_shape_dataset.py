@@ -15,8 +15,8 @@ import t2twin
 RECIPE = """
 format = 1
 name = "mine"
-field = true             # needed to train a field network
-untouched_frames = true  # background frame of each sensor
+dense_counts = true             # needed to train a field network
+background_frames = true  # background frame of each sensor
 
 [[parts]]
 shapes = "{shapes}"
@@ -51,5 +51,5 @@ if __name__ == "__main__":
         write_block(shapes)
     recipe = arguments.out.parent / f"{arguments.out.name}.toml"
     recipe.write_text(RECIPE.format(shapes=shapes.as_posix(), presses=arguments.presses))
-    t2twin.make_dataset(arguments.out, world=recipe)
+    t2twin.make_dataset(arguments.out, recipe=recipe)
     print(f"faults: {t2twin.verify_dataset(arguments.out)}")

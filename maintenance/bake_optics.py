@@ -1,4 +1,4 @@
-"""Makes the default calibration: fits the baked model's response to pyrender's images.
+"""Makes the default optics: fits the baked model's response to pyrender's images.
 
     python -m maintenance.bake_optics
 
@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.sim.digit.calibration import (
-    DEFAULT_PATH,
-    PLACE_TERMS,
-    Calibration,
-    led_columns,
-    place_terms,
-)
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS, Led
 from t2twin.sim.digit.light.ray_casting import Leds, Rays
+from t2twin.sim.digit.optics import (
+    DEFAULT_PATH,
+    PLACE_TERMS,
+    Optics,
+    led_columns,
+    place_terms,
+)
 from t2twin.sim.digit.pyrender_renderer import GAMMA, ReferenceRenderer
 from t2twin.sim.digit.surface import ball_surface
 
@@ -83,8 +83,8 @@ def _flat(distance_mm: np.ndarray, depth_mm: float) -> np.ndarray:
     return depth_mm * np.exp(-distance_mm / SKIRT_MM)
 
 
-def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibration:
-    """Fit, write to out, and return the calibration. Raises T2TwinError if there is no OpenGL."""
+def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Optics:
+    """Fit, write to out, and return the optics. Raises T2TwinError if there is no OpenGL."""
     with ReferenceRenderer(leds, AMBIENT, led_points=BACKGROUND_POINTS) as renderer:
         x, y = optical_grid()
         background = renderer.render(np.zeros((y.size, x.size)))
@@ -95,7 +95,7 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
     surfaces = probe_deflections()
     with ReferenceRenderer(pure, (0.0, 0.0, 0.0), False, FIT_POINTS) as renderer:
         renders = [renderer.render_linear(surface) for surface in surfaces]
-    blank = Calibration(
+    blank = Optics(
         background=background,
         leds_mm=np.array([led.position_mm for led in leds]),
         sizes_mm=np.array([led.size_mm for led in leds]),
@@ -106,21 +106,21 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
     )
     table = fit_response(blank, surfaces, renders)
     colors = np.array([led.color for led in leds])
-    calibration = replace(blank, response=np.einsum("kij,kc->kcij", table, colors))
-    calibration.save(out)
-    return calibration
+    optics = replace(blank, response=np.einsum("kij,kc->kcij", table, colors))
+    optics.save(out)
+    return optics
 
 
 def fit_response(
-    calibration: Calibration, surfaces: Sequence[np.ndarray], renders: Sequence[np.ndarray]
+    optics: Optics, surfaces: Sequence[np.ndarray], renders: Sequence[np.ndarray]
 ) -> np.ndarray:
     """Least-squares response from images of known deflections without shadows.
 
     renders: (ROWS, COLUMNS, 3) each, linear light, one channel per LED. Errors are weighted by the
     slope of the grey-level curve. Returns (3 LEDs, PLACE_TERMS, COSINE_TERMS).
     """
-    rays = Rays(calibration.camera, shadows=False)
-    leds = Leds(calibration.leds_mm, calibration.sizes_mm)
+    rays = Rays(optics.camera, shadows=False)
+    leds = Leds(optics.leds_mm, optics.sizes_mm)
     places = place_terms(*rays.places_mm)
     terms = PLACE_TERMS * COSINE_TERMS
     squares, products = np.zeros((3, terms, terms)), np.zeros((3, terms))

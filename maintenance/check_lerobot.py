@@ -109,7 +109,7 @@ def check(data: Path, converted: Path) -> str:
 
 def _check_frame(item: dict[str, Any], row: dict[str, Any], place: str) -> None:
     """Images and counts must be equal, other values equal in float32."""
-    for name, column in (("digit", "image"), ("digit_background", "untouched")):
+    for name, column in (("digit", "image"), ("digit_background", "background")):
         if column in row:
             pixels = np.asarray(Image.open(io.BytesIO(row[column]["bytes"])).convert("RGB"))
             values = item[f"observation.images.{name}"].permute(1, 2, 0).numpy()

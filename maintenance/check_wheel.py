@@ -33,8 +33,8 @@ COMMANDS = (("doctor",), ("press", "square-2", "--sensor", "cyskin"))
 
 REQUIRED = (
     "t2twin/translate/weights/field/best.safetensors",
-    "t2twin/sim/world/recipes/open.toml",
-    "t2twin/sim/digit/default_calibration.npz",
+    "t2twin/sim/sampling/recipes/open.toml",
+    "t2twin/sim/digit/default_optics.npz",
     "t2twin/primitives_cad/bundled/square-2.npz",
     "t2twin/report/templates/page.html",
 )

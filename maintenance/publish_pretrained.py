@@ -97,7 +97,7 @@ def _rows(folder: Path, sha256: str) -> Iterator[tuple[str, ModelRow]]:
         raise T2TwinError(f"{folder} contains no evaluation; give folders of `t2twin evaluate`")
     for split in splits:
         evaluation = read_evaluation(folder / split)
-        title = f"{evaluation.world or folder.name}, {SPLITS[split]}"
+        title = f"{evaluation.recipe or folder.name}, {SPLITS[split]}"
         yield title, _row_of(evaluation, sha256, folder)
 
 

@@ -1,5 +1,5 @@
 """Writes STEP and STL files of all primitives, tools and the print plate, with a manifest, and the
-ball for the calibration of a DIGIT."""
+ball for the optics of a DIGIT."""
 
 from dataclasses import asdict
 from pathlib import Path

@@ -24,12 +24,12 @@ from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION, advance
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
-from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera.pinhole import optical_grid
+from t2twin.sim.digit.image_renderer import FRAMES, NOISE_GREY, ImageRenderer, Renderer
 from t2twin.sim.digit.light.leds import DIGIT_LEDS
 from t2twin.sim.digit.markers import Markers, surface_shift
-from t2twin.sim.digit.optics import FRAMES, NOISE_GREY, DigitOptics, Renderer
-from t2twin.sim.digit.pyrender_renderer import RenderedOptics
+from t2twin.sim.digit.optics import DEFAULT_PATH, Optics
+from t2twin.sim.digit.pyrender_renderer import PyrenderRenderer
 from t2twin.sim.digit.randomization.unit import Unit
 from t2twin.sim.digit.surface import surface_on
 from t2twin.sim.touch import Touch
@@ -48,53 +48,53 @@ def _untimed(stage: str) -> AbstractContextManager[None]:
 class Digit:
     """A DIGIT: its gel, its light, its camera noise, its markers.
 
-    calibration: file of the light, None for the default calibration. renderer: what makes the
+    optics_file: file of the light, None for the default optics. renderer: what makes the
     images. unit: a sampled unit, whose light replaces the file's. markers: printed on the gel; None
-    for none. elastomer: the gel that is pressed. It has the calibration's Young's modulus, if the
-    calibration has one and `gel` has the default modulus and law.
+    for none. elastomer: the gel that is pressed. It has the optics file's Young's modulus, if the
+    file has one and `gel` has the default modulus and law.
 
-    Raises T2TwinError for a file that is not a calibration, and for renderer "pyrender" with a
-    calibration file, which has no LEDs to render.
+    Raises T2TwinError for a file that is not an optics file, and for renderer "pyrender" with a
+    optics file, which has no LEDs to render.
     """
 
     gel: Elastomer = DIGIT_GEL
     pitch_mm: float = DIGIT_PITCH_MM
-    calibration: str | None = None
+    optics_file: str | None = None
     noise_grey: float = NOISE_GREY / np.sqrt(FRAMES)
     renderer: Renderer = "baked"
     unit: Unit | None = field(default=None, repr=False)
     markers: Markers | None = None
-    light: Calibration = field(init=False, repr=False, compare=False)
-    optics: DigitOptics = field(init=False, repr=False, compare=False)
+    optics: Optics = field(init=False, repr=False, compare=False)
+    image_renderer: ImageRenderer = field(init=False, repr=False, compare=False)
     elastomer: Elastomer = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         arguments.instance(self.gel, "gel", Elastomer)
-        arguments.choice(self.renderer, "optics", get_args(Renderer))
+        arguments.choice(self.renderer, "renderer", get_args(Renderer))
         if self.markers is not None:
             arguments.instance(self.markers, "markers", Markers)
-        light = self.unit.calibration if self.unit else Calibration.load(self._file)
-        object.__setattr__(self, "light", light)
-        object.__setattr__(self, "optics", self._optics(light))
-        object.__setattr__(self, "elastomer", self._elastomer(light))
+        optics = self.unit.optics if self.unit else Optics.load(self._file)
+        object.__setattr__(self, "optics", optics)
+        object.__setattr__(self, "image_renderer", self._image_renderer(optics))
+        object.__setattr__(self, "elastomer", self._elastomer(optics))
 
-    def _optics(self, light: Calibration) -> DigitOptics:
+    def _image_renderer(self, optics: Optics) -> ImageRenderer:
         if self.renderer == "baked":
-            return DigitOptics(light, gel=self.gel, markers=self.markers)
-        of_file = DIGIT_LEDS if self.calibration is None else None
+            return ImageRenderer(optics, gel=self.gel, markers=self.markers)
+        of_file = DIGIT_LEDS if self.optics_file is None else None
         leds = of_file if self.unit is None else self.unit.leds
         if leds is None:
             raise T2TwinError(
-                "pyrender cannot render a calibration file, which has no description of single "
-                "LEDs; it renders the default calibration and units sampled without a calibration"
+                "pyrender cannot render an optics file, which has no description of single "
+                "LEDs; it renders the default optics and units sampled without an optics file"
             )
-        return RenderedOptics(light, leds, self.gel, self.markers)
+        return PyrenderRenderer(optics, leds, self.gel, self.markers)
 
-    def _elastomer(self, light: Calibration) -> Elastomer:
+    def _elastomer(self, optics: Optics) -> Elastomer:
         default = (DIGIT_GEL.young_mpa, DIGIT_GEL.law)
-        if light.young_mpa is None or (self.gel.young_mpa, self.gel.law) != default:
+        if optics.young_mpa is None or (self.gel.young_mpa, self.gel.law) != default:
             return self.gel
-        return replace(self.gel, young_mpa=light.young_mpa)
+        return replace(self.gel, young_mpa=optics.young_mpa)
 
     def with_unit(self, unit: Unit) -> "Digit":
         """The same gel, pitch and renderer with the light and noise of a sampled unit.
@@ -106,10 +106,10 @@ class Digit:
 
     @property
     def _file(self) -> Path:
-        return DEFAULT_PATH if self.calibration is None else Path(self.calibration)
+        return DEFAULT_PATH if self.optics_file is None else Path(self.optics_file)
 
     @property
-    def calibration_sha256(self) -> str:
+    def optics_sha256(self) -> str:
         return hashlib.sha256(self._file.read_bytes()).hexdigest()
 
     def press(self, shape: Shape, command: PressCommand) -> Contact:
@@ -122,16 +122,16 @@ class Digit:
         rng: of the camera noise; None for none.
         """
         if contact is None:
-            return self.optics.render(self._flat, rng, self.noise_grey)
+            return self.image_renderer.render(self._flat, rng, self.noise_grey)
         surface = surface_on(contact, *optical_grid())
         shift = None if self.markers is None else surface_shift(contact)
-        return self.optics.render(surface, rng, self.noise_grey, shift)
+        return self.image_renderer.render(surface, rng, self.noise_grey, shift)
 
     def background_frame(self, rng: np.random.Generator | None = None) -> np.ndarray:
         """(320, 240, 3) uint8: the image without contact, of a sampled unit before its light
         drifted. rng: as for image."""
         earlier = None if self.unit is None else self.unit.earlier_background
-        return self.optics.render(self._flat, rng, self.noise_grey, background=earlier)
+        return self.image_renderer.render(self._flat, rng, self.noise_grey, background=earlier)
 
     @property
     def _flat(self) -> np.ndarray:
@@ -250,8 +250,8 @@ class SensorPair:
             digit=on_digit,
             cyskin=on_cyskin,
             layout=None if sensor == "digit" else cyskin.layout,
-            calibration=digit.calibration,
-            optics=digit.renderer,
+            optics=digit.optics_file,
+            renderer=digit.renderer,
             markers=None if sensor == "cyskin" else digit.markers,
             memory=memory,
         )

@@ -29,13 +29,13 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.cyskin.field import field_counts, field_layout, field_tractions
+from t2twin.sim.cyskin.dense import dense_counts, dense_layout, dense_tractions
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.digit.image_renderer import Renderer
 from t2twin.sim.digit.markers import Markers, surface_shift
-from t2twin.sim.digit.optics import Renderer
 
 VERSIONS = ("t2twin", "mujoco", "numpy")
 """Packages whose versions press.json contains."""
@@ -76,8 +76,8 @@ class Touch:
 
     command: the shape's position, rotation and force. image: (320, 240, 3) uint8, the DIGIT's, RGB.
     counts: (n,) uint16, one for each taxel of the layout. digit, cyskin: the contacts, with
-    depth_mm, force_n, surface_mm, pressure_kpa and more. layout: the CySkin's taxels. calibration:
-    file of the DIGIT's light, None for the default calibration. optics: what rendered the image.
+    depth_mm, force_n, surface_mm, pressure_kpa and more. layout: the CySkin's taxels. optics:
+    file of the DIGIT's light, None for the default optics. renderer: what rendered the image.
     markers: those on the DIGIT's gel, None for none.
     sensor_to_world: (4, 4) transform, m, of a sensor in a MuJoCo model; None without a model.
     memory: (m, n) state of the CySkin's memory after the counts, counts; None without a memory.
@@ -94,8 +94,8 @@ class Touch:
     digit: Contact | MaybeNone
     cyskin: Contact | MaybeNone
     layout: Layout | MaybeNone
-    calibration: str | None = None
-    optics: Renderer = "baked"
+    optics: str | None = None
+    renderer: Renderer = "baked"
     markers: Markers | None = None
     sensor_to_world: np.ndarray | None = None
     memory: np.ndarray | MaybeNone = None
@@ -140,19 +140,19 @@ class Touch:
         return Phi(self.layout.x_mm, self.layout.y_mm)(self.counts.astype(np.float32))
 
     @cached_property
-    def field(self) -> np.ndarray:
-        """(n,) uint16: noiseless counts at the field's places (t2twin.sim.cyskin.field)."""
+    def dense_counts(self) -> np.ndarray:
+        """(n,) uint16: noiseless counts at the dense counts's places (t2twin.sim.cyskin.dense)."""
         if self.cyskin is None:
-            return np.zeros(field_layout().size, np.uint16)
-        return field_counts(self.cyskin)
+            return np.zeros(dense_layout().size, np.uint16)
+        return dense_counts(self.cyskin)
 
     @cached_property
     def tractions(self) -> np.ndarray:
-        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the field's places
-        (t2twin.sim.cyskin.field)."""
+        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the dense counts's
+        places (t2twin.sim.cyskin.dense)."""
         if self.cyskin is None:
-            return np.zeros((3, field_layout().size), np.float32)
-        return field_tractions(self.cyskin)
+            return np.zeros((3, dense_layout().size), np.float32)
+        return dense_tractions(self.cyskin)
 
     def save(self, folder: str | Path) -> None:
         """Write all files of the folder, or none.
@@ -219,7 +219,7 @@ def _write_cyskin(folder: Path, layout: Layout, counts: np.ndarray, image: np.nd
 
 def _press_json(touch: Touch) -> dict[str, Any]:
     setup: dict[str, dict[str, Any]] = {
-        "digit": {"calibration": touch.calibration or "default", "optics": touch.optics},
+        "digit": {"optics": touch.optics or "default", "renderer": touch.renderer},
         "cyskin": {} if touch.layout is None else {"layout": touch.layout.name},
     }
     if touch.markers is not None:

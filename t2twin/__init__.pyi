@@ -18,11 +18,11 @@ from .sim.dataset.verify import verify_dataset as verify_dataset
 from .sim.digit.calibrate.calibrate import calibrate as calibrate
 from .sim.digit.calibrate.calibrate import guess_light as guess_light
 from .sim.digit.markers import Markers as Markers
+from .sim.sampling.recipe import Recipe as Recipe
+from .sim.sampling.recipe import load_recipe as load_recipe
 from .sim.touch import Touch as Touch
-from .sim.world.recipe import Recipe as Recipe
-from .sim.world.recipe import load_recipe as load_recipe
 from .translate.evaluation.evaluate import evaluate as evaluate
-from .translate.evaluation.evaluate import evaluate_worlds as evaluate_worlds
+from .translate.evaluation.evaluate import evaluate_datasets as evaluate_datasets
 from .translate.inference.batch import translate_images as translate_images
 from .translate.inference.load import load as load
 from .translate.inference.onnx_export import export_onnx as export_onnx

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from t2twin.report.figures import COUNTS_MAP
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.phi import PX_PER_MM
-from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
+from t2twin.sim.digit.optics import DEFAULT_PATH, Optics
 from t2twin.sim.touch import Touch
 
 NAMES = {"digit": "DIGIT's gel", "cyskin": "CySkin's cover"}
@@ -136,7 +136,7 @@ def _draw_images(panels: Sequence[Axes], shown: Sequence[Touch]) -> None:
         if touch.markers is None:
             continue
         panels[0].set_title("DIGIT's image\narrows: marker displacement", loc="left")
-        camera = Calibration.load(touch.calibration or DEFAULT_PATH).camera
+        camera = Optics.load(touch.optics or DEFAULT_PATH).camera
         rest, moved = touch.markers.seen_px(camera, touch.digit)
         by = moved - rest
         kept = np.hypot(*by.T) >= MIN_ARROW_PX

@@ -18,8 +18,9 @@ from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
+from t2twin.sim.digit.image_renderer import Renderer
 from t2twin.sim.digit.markers import Markers, as_markers
-from t2twin.sim.digit.optics import Renderer
+from t2twin.sim.sampling.protocol import FORCE_N
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.sim.slide import (
     check_friction,
@@ -29,37 +30,36 @@ from t2twin.sim.slide import (
     touches_along,
 )
 from t2twin.sim.touch import Touch
-from t2twin.sim.world.protocol import FORCE_N
 
 
 class Twin:
     """Both simulated sensors.
 
-    calibration: the DIGIT's light and, if it was fitted, its gel's modulus: a file written by
-    `t2twin calibrate`. None is the default calibration.
+    optics: the DIGIT's light and, if it was fitted, its gel's modulus: a file written by
+    `t2twin calibrate`. None is the default optics.
     layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
     imperfections: the CySkin's errors in a press with a seed: "none", "white", "baseline", "all" or
-    "recorded". gel, cover: the sensors' elastomers. optics: what renders the DIGIT's images:
-    "baked" in milliseconds, or "pyrender" in seconds and for the default calibration only. markers:
+    "recorded". gel, cover: the sensors' elastomers. renderer: what renders the DIGIT's images:
+    "baked" in milliseconds, or "pyrender" in seconds and for the default optics only. markers:
     printed on the gel, `t2twin.Markers`; True for the default ones.
     Several threads may use one twin at the same time.
-    Raises T2TwinError for an invalid calibration, layout, imperfections or markers.
+    Raises T2TwinError for an invalid optics, layout, imperfections or markers.
     """
 
     def __init__(
         self,
-        calibration: str | Path | None = None,
+        optics: str | Path | None = None,
         layout: str | Path = DEFAULT_LAYOUT,
         imperfections: str = "white",
         gel: Elastomer = DIGIT_GEL,
         cover: Elastomer = CYSKIN_COVER,
-        optics: Renderer = "baked",
+        renderer: Renderer = "baked",
         markers: Markers | bool | None = None,
     ) -> None:
-        light = None if calibration is None else str(arguments.path(calibration, "calibration"))
+        light = None if optics is None else str(arguments.path(optics, "optics"))
         taxels = str(arguments.path(layout, "layout"))
         self.sensors = SensorPair(
-            Digit(gel=gel, calibration=light, renderer=optics, markers=as_markers(markers)),
+            Digit(gel=gel, optics_file=light, renderer=renderer, markers=as_markers(markers)),
             CySkin(cover=cover, layout_source=taxels, imperfections=imperfections),
         )
 
@@ -71,7 +71,7 @@ class Twin:
     @property
     def background(self) -> np.ndarray:
         """(320, 240, 3) uint8: the DIGIT's background frame, with markers, without noise."""
-        return self.sensors.digit.optics.background
+        return self.sensors.digit.image_renderer.background
 
     def press(
         self,

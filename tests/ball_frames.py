@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
 from t2twin.sim.digit.surface import ball_surface
 
 BALL_MM = 4.7
@@ -26,11 +26,11 @@ def save(picture, path):
 def write_frames(folder: Path) -> None:
     """background.png and press_*.png, with a frame's noise."""
     folder.mkdir(parents=True, exist_ok=True)
-    optics, rng = DigitOptics.load(), np.random.default_rng(3)
+    renderer, rng = ImageRenderer.load(), np.random.default_rng(3)
     save(
-        optics.render(ball_surface(0, 0, 1.0) * 0, rng, NOISE_GREY),
+        renderer.render(ball_surface(0, 0, 1.0) * 0, rng, NOISE_GREY),
         folder / "background.png",
     )
     for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):
         surface = ball_surface(x_mm, y_mm, depth_mm, BALL_MM / 2)
-        save(optics.render(surface, rng, NOISE_GREY), folder / f"press_{index:02d}.png")
+        save(renderer.render(surface, rng, NOISE_GREY), folder / f"press_{index:02d}.png")

@@ -31,7 +31,8 @@ def pytest_configure(config):
 
 FIRST = (
     "test_regression.py", "test_adapt.py", "test_documents.py", "test_bad_inputs.py",
-    "test_calibrate_uncertainty.py", "test_field.py", "test_world_data.py", "test_calibrate.py",
+    "test_calibrate_uncertainty.py", "test_field.py", "test_recipe_datasets.py",
+    "test_calibrate.py",
     "test_odd_meshes.py", "test_studio_page.py", "test_report.py", "test_training.py",
 )  # fmt: skip
 """Test files that take longest, in this order: while a worker runs one, the others run the rest."""
@@ -202,12 +203,12 @@ def small_dataset(products):
 
 
 @pytest.fixture(scope="session")
-def moving_world(products, tmp_path_factory):
+def moving_dataset(products, tmp_path_factory):
     """A simulated dataset with motion, 15 pairs; not to be written to."""
     from t2twin.sim.dataset.generate import make_dataset
 
     recipe = write_recipe(tmp_path_factory.mktemp("recipe"))
-    return products.make("moving", lambda to: make_dataset(to, world=recipe, workers=1))
+    return products.make("moving", lambda to: make_dataset(to, recipe=recipe, workers=1))
 
 
 @pytest.fixture(scope="session")

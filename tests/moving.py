@@ -1,8 +1,8 @@
-"""A small world with motion."""
+"""A small recipe with motion."""
 
 from pathlib import Path
 
-WORLD = """
+RECIPE = """
 format = 1
 name = "tiny"
 seed = 4
@@ -34,5 +34,5 @@ markers = 0.5
 def write_recipe(folder: Path) -> Path:
     """Writes the recipe to a folder."""
     path = folder / "moving.toml"
-    path.write_text(WORLD)
+    path.write_text(RECIPE)
     return path

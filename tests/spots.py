@@ -19,8 +19,8 @@ from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.columns import SCHEMA
 from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
-from t2twin.sim.world.plan import shard_path
-from t2twin.sim.world.recipe import PAPER, load_recipe
+from t2twin.sim.sampling.plan import shard_path
+from t2twin.sim.sampling.recipe import PAPER, load_recipe
 from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import Trainer
 
@@ -77,7 +77,7 @@ def write_spots(
             image_shape=(ROWS, COLUMNS, 3),
             scale=scale,
             seed=None if scale is None else seed,
-            world=None if scale is None else load_recipe(PAPER),
+            recipe=None if scale is None else load_recipe(PAPER),
         ),
     )
     return folder

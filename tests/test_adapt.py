@@ -127,7 +127,7 @@ def briefly(model, data_dir, preset, out_dir, minutes, init_from):
 
 @pytest.fixture(scope="module")
 def adapted_run(unit, calibrated, tmp_path_factory):
-    """An adaptation on few shapes, with the calibration that other tests use too."""
+    """An adaptation on few shapes, with the optics that other tests use too."""
     out = tmp_path_factory.mktemp("adapted") / "out"
 
     def calibrate(background, presses, ball_diameter_mm, held_out, camera, report, tolerance):
@@ -177,10 +177,10 @@ def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run)
     assert fitted is not None
     np.testing.assert_allclose(fitted.poses[:, :2], POSES[-HELD_OUT:, :2], atol=0.15)
     info = read_info(out / "data")
-    assert info.world is not None and info.world.light.frames == 1
+    assert info.recipe is not None and info.recipe.light.frames == 1
     assert info.parameters is not None
     assert info.parameters.digit.noise_grey == pytest.approx(2.8)
-    for name in ("calibration.npz", "ball.step", "world.toml", "index.html", RECORD, "field"):
+    for name in ("optics.npz", "ball.step", "recipe.toml", "index.html", RECORD, "field"):
         assert (out / name).exists(), name
     uncertainty = fitted.uncertainty
     assert len(uncertainty.presses) == len(POSES) and adapted.uncertainty == uncertainty

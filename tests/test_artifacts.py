@@ -12,22 +12,22 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import LOG, read_info, read_split, sha256_of
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.response import linear
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.image_renderer import ImageRenderer
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.randomization.artifacts import Artifacts, with_artifacts
 from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
 from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.sampling.plan import plan
+from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors import Digit
-from t2twin.sim.world.plan import plan
-from t2twin.sim.world.recipe import load_recipe
 
 NO_ARTIFACTS = Artifacts(streaks=(0, 0), glares=(0, 0), worn=0.0, drift_grey=(0.0, 0.0))
 BALL = ball_surface(0.5, -1.0, 1.1)
 
 TOOL = ("allen-key/long-arm",)
 
-WORLD = """
+RECIPE = """
 format = 1
 name = "used"
 [[parts]]
@@ -35,13 +35,13 @@ shapes = "tools"
 split = "test"
 presses = 3
 place = { normal_mm = 1.0 }
-untouched_share = 0.9
+background_share = 0.9
 [[parts]]
 shapes = "tools"
 split = "test"
 presses = 3
 place = { normal_mm = 1.0 }
-untouched_share = 0.9
+background_share = 0.9
 [light]
 kind = "drawn"
 each = "press"
@@ -51,7 +51,7 @@ each = "press"
 def gray_unit(level: int = 120, gamma: float = 2.0) -> Unit:
     """A unit with an even background frame."""
     background = np.full((320, 240, 3), level, dtype=np.uint8)
-    return Unit(replace(Calibration.load(), background=background, gamma=gamma), 2.8)
+    return Unit(replace(Optics.load(), background=background, gamma=gamma), 2.8)
 
 
 def used(seed: int, unit: Unit, artifacts: Artifacts) -> Unit:
@@ -66,11 +66,11 @@ def earlier(unit: Unit) -> np.ndarray:
 def test_artifacts_of_zero_strength_keep_all_frames() -> None:
     unit = sample_unit(np.random.default_rng(0), UnitRanges())
     same = used(1, unit, NO_ARTIFACTS)
-    for frame in (same.calibration.background, earlier(same)):
-        np.testing.assert_array_equal(frame, unit.calibration.background)
+    for frame in (same.optics.background, earlier(same)):
+        np.testing.assert_array_equal(frame, unit.optics.background)
     plain, again = Digit().with_unit(unit), Digit().with_unit(same)
     for image in (lambda digit, rng: digit.background_frame(rng),
-                  lambda digit, rng: digit.optics.render(BALL, rng)):  # fmt: skip
+                  lambda digit, rng: digit.image_renderer.render(BALL, rng)):  # fmt: skip
         frames = [image(digit, np.random.default_rng(2)) for digit in (plain, again)]
         np.testing.assert_array_equal(*frames)
 
@@ -80,7 +80,7 @@ def test_drift_has_the_stated_rms_in_each_color(even: float) -> None:
     only = structs.replace(NO_ARTIFACTS, drift_grey=(4.0, 4.0), drift_even_part=(even, even))
     for seed in range(5):
         unit = used(seed, gray_unit(), only)
-        np.testing.assert_array_equal(unit.calibration.background, 120)
+        np.testing.assert_array_equal(unit.optics.background, 120)
         drift = earlier(unit).astype(float) - 120.0
         rms = np.sqrt((drift**2).mean(axis=(0, 1)) - (1 / 12 if even == 0.0 else 0.0))
         np.testing.assert_allclose(rms, 4.0, rtol=0.01)
@@ -99,23 +99,23 @@ def test_drift_is_between_the_background_frame_and_an_untouched_press() -> None:
 def test_worn_gel_multiplies_the_light() -> None:
     worn = structs.replace(NO_ARTIFACTS, worn=1.0, wear_part=(0.1, 0.1), speckle_part=(0.0, 0.0))
     unit = used(3, gray_unit(), worn)
-    albedo = unit.calibration.albedo
+    albedo = unit.optics.albedo
     assert albedo is not None and 0.03 < albedo.std() < 0.2
     before = linear(np.full((320, 240), 120), 2.0) * albedo
-    shown = linear(unit.calibration.background, 2.0)
+    shown = linear(unit.optics.background, 2.0)
     np.testing.assert_allclose(shown, before[..., None].repeat(3, axis=2), atol=0.006)
-    new, old = (DigitOptics(each.calibration).render(BALL) for each in (gray_unit(), unit))
+    new, old = (ImageRenderer(each.optics).render(BALL) for each in (gray_unit(), unit))
     inside = (new > 30) & (new < 200)
     wanted = 255 * np.sqrt(np.clip(linear(new, 2.0) * albedo[..., None], 0.0, 1.0))
     assert np.abs(old - wanted)[inside].max() < 3
     assert np.abs(old - wanted)[inside].mean() < 1
 
 
-def test_a_worn_calibration_is_in_its_file(tmp_path) -> None:
+def test_a_worn_optics_file_is_in_its_file(tmp_path) -> None:
     unit = used(3, gray_unit(), structs.replace(NO_ARTIFACTS, worn=1.0))
-    unit.calibration.save(tmp_path / "worn.npz")
-    again = Calibration.load(tmp_path / "worn.npz")
-    np.testing.assert_array_equal(again.albedo, unit.calibration.albedo)
+    unit.optics.save(tmp_path / "worn.npz")
+    again = Optics.load(tmp_path / "worn.npz")
+    np.testing.assert_array_equal(again.albedo, unit.optics.albedo)
     with pytest.raises(T2TwinError, match=r"albedo has shape \(2, 2\)"):
         replace(again, albedo=np.ones((2, 2)))
     with pytest.raises(T2TwinError, match=r"albedo reaches 0; it must lie between 0\.01"):
@@ -132,7 +132,7 @@ def test_a_streak_has_its_brightness_and_area() -> None:
     whole = 0
     for seed in range(12):
         unit = used(seed, gray_unit(), artifacts)
-        added = unit.calibration.background.astype(float) - 120.0
+        added = unit.optics.background.astype(float) - 120.0
         in_color = added.sum(axis=(0, 1)) > 0
         assert in_color.sum() == 1 and added.min() == 0.0
         if any(edge.any() for edge in (added[0], added[-1], added[:, 0], added[:, -1])):
@@ -153,11 +153,11 @@ def test_glare_lies_at_the_edge_toward_its_led() -> None:
     found = set()
     for seed in range(20):
         unit = used(seed, gray_unit(), artifacts)
-        added = unit.calibration.background.astype(float) - 120.0
+        added = unit.optics.background.astype(float) - 120.0
         led = int(added.sum(axis=(0, 1)).argmax())
         row, column = np.unravel_index(added[..., led].argmax(), (320, 240))
         edge = min(row, 319 - row, column, 239 - column)
-        x_mm, y_mm = unit.calibration.leds_mm[led, :2]
+        x_mm, y_mm = unit.optics.leds_mm[led, :2]
         assert edge <= 40 and (column - 120) * x_mm + (row - 160) * y_mm > 0.0
         assert added.max() <= 90
         found.add(led)
@@ -168,18 +168,18 @@ def test_the_same_seed_gives_the_same_unit_in_any_thread() -> None:
     unit = sample_unit(np.random.default_rng(0), UnitRanges())
     with ThreadPoolExecutor(3) as pool:
         again = list(pool.map(lambda seed: used(seed, unit, Artifacts()), [0, 0, 0, 1]))
-    frames = [(earlier(each).tobytes(), each.calibration.background.tobytes()) for each in again]
+    frames = [(earlier(each).tobytes(), each.optics.background.tobytes()) for each in again]
     assert frames[0] == frames[1] == frames[2]
     assert frames[0][0] != frames[3][0] and frames[0][1] != frames[3][1]
 
 
-def test_units_near_a_calibration_have_artifacts_too() -> None:
-    center = Calibration.load()
+def test_units_near_an_optics_file_have_artifacts_too() -> None:
+    center = Optics.load()
     unit = sample_unit(np.random.default_rng(0), UnitRanges(), center)
     assert np.abs(earlier(used(0, unit, Artifacts())).astype(int) - center.background).max() > 3
 
 
-# Worlds
+# Recipes
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -187,14 +187,16 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.exhaustive)])
-def test_a_world_with_artifacts_is_independent_of_workers(tmp_path, shape_cache, workers) -> None:
+def test_a_recipe_with_artifacts_is_independent_of_workers(tmp_path, shape_cache, workers) -> None:
     for name in ("plain", "used"):
-        (tmp_path / f"{name}.toml").write_text(WORLD)
-    (tmp_path / "used.toml").write_text(WORLD + "[light.artifacts]\nworn = 1.0\n")
+        (tmp_path / f"{name}.toml").write_text(RECIPE)
+    (tmp_path / "used.toml").write_text(RECIPE + "[light.artifacts]\nworn = 1.0\n")
 
     def make(name: str, workers: int = 1) -> None:
-        world = tmp_path / f"{name}.toml"
-        make_dataset(tmp_path / name, world=world, workers=workers, cache=shape_cache, shapes=TOOL)
+        recipe = tmp_path / f"{name}.toml"
+        make_dataset(
+            tmp_path / name, recipe=recipe, workers=workers, cache=shape_cache, shapes=TOOL
+        )
 
     make("plain")
     make("used")
@@ -203,8 +205,8 @@ def test_a_world_with_artifacts_is_independent_of_workers(tmp_path, shape_cache,
         shard.unlink()
     make("used", workers)
     assert digests(tmp_path / "used") == first
-    world = read_info(tmp_path / "used").world
-    assert world is not None and world.light.artifacts == Artifacts(worn=1.0)
+    recipe = read_info(tmp_path / "used").recipe
+    assert recipe is not None and recipe.light.artifacts == Artifacts(worn=1.0)
     assert "artifacts" not in (tmp_path / "plain" / "info.json").read_text()
     plain, worn = (read_split(tmp_path / name, "test") for name in ("plain", "used"))
     assert plain["force_n"].to_pylist() == worn["force_n"].to_pylist()
@@ -212,21 +214,21 @@ def test_a_world_with_artifacts_is_independent_of_workers(tmp_path, shape_cache,
     apart = {}
     for name, table in (("plain", plain), ("used", worn)):
         still = [row for row in table.to_pylist() if row["force_n"] == 0.0]
-        frames = [(decode_png(r["image"]["bytes"]), decode_png(r["untouched"]["bytes"]))
+        frames = [(decode_png(r["image"]["bytes"]), decode_png(r["background"]["bytes"]))
                   for r in still]  # fmt: skip
         apart[name] = [np.abs(one.astype(int) - other).mean() for one, other in frames]
     assert len(apart["plain"]) >= 1 and max(apart["plain"]) < 1.5 < max(apart["used"])
 
 
 def test_a_share_of_the_units_is_the_fixed_one_without_artifacts(tmp_path, shape_cache) -> None:
-    world = tmp_path / "mixed.toml"
-    light = WORLD.replace('kind = "drawn"', 'kind = "drawn"\nfixed_share = 0.5')
+    recipe = tmp_path / "mixed.toml"
+    light = RECIPE.replace('kind = "drawn"', 'kind = "drawn"\nfixed_share = 0.5')
     light = light.replace("presses = 3", "presses = 8")
-    world.write_text(light + "[light.artifacts]\nworn = 1.0\n")
-    make_dataset(tmp_path / "mixed", world=world, workers=1, cache=shape_cache, shapes=TOOL)
+    recipe.write_text(light + "[light.artifacts]\nworn = 1.0\n")
+    make_dataset(tmp_path / "mixed", recipe=recipe, workers=1, cache=shape_cache, shapes=TOOL)
     default = Digit(noise_grey=0.0).background_frame()
     rows = read_split(tmp_path / "mixed", "test").to_pylist()
-    frames = [decode_png(row["untouched"]["bytes"]) for row in rows]
+    frames = [decode_png(row["background"]["bytes"]) for row in rows]
     off = np.array([np.abs(frame.astype(float) - default).mean() for frame in frames])
     is_fixed = off < 1.5
     assert 3 <= is_fixed.sum() <= 13 and off[~is_fixed].min() > 5.0
@@ -250,12 +252,12 @@ def test_a_share_of_the_units_is_the_fixed_one_without_artifacts(tmp_path, shape
 )
 def test_wrong_artifacts_are_refused(tmp_path, old, new, sentence) -> None:
     path = tmp_path / "wrong.toml"
-    path.write_text((WORLD + "[light.artifacts]\n").replace(old, new))
+    path.write_text((RECIPE + "[light.artifacts]\n").replace(old, new))
     with pytest.raises(T2TwinError, match=sentence):
         load_recipe(path)
 
 
-def test_the_pretrained_world_has_84960_touches_with_artifacts_motion_and_the_default_light() -> (
+def test_the_pretrained_recipe_has_84960_touches_with_artifacts_motion_and_the_default_light() -> (
     None
 ):
     recipe = load_recipe("pretrained-3")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.digit.image_renderer import NOISE_GREY
 from t2twin.sim.digit.randomization.artifacts import Artifacts, with_artifacts
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.sensors import Digit

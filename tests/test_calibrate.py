@@ -10,7 +10,7 @@ import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES, save
 from PIL import Image
 
-from benchmarks.optics.calibration import background_floor, repeats_floor
+from benchmarks.optics.fitted_optics import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate, cut_and_paste, score
@@ -22,9 +22,9 @@ from t2twin.sim.digit.calibrate.frames import (
     upright_frame,
 )
 from t2twin.sim.digit.calibrate.ridge import MAX_TERMS, Sums, Terms, select_terms
-from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
-from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.digit.optics import DEFAULT_PATH, Optics
 from t2twin.sim.digit.surface import ball_surface
 
 ONE_PIXEL_MM = 1 / DIGIT_CAMERA.scale_px_per_mm
@@ -56,8 +56,8 @@ def test_places_and_depths_are_found_again(report):
 
 
 def test_the_leds_are_found_again(report):
-    truth = Calibration.load().leds_mm
-    for fitted, true in zip(report.calibration.leds_mm, truth, strict=True):
+    truth = Optics.load().leds_mm
+    for fitted, true in zip(report.optics.leds_mm, truth, strict=True):
         directions = [np.arctan2(place[1], place[0]) for place in (fitted, true)]
         turn = np.angle(np.exp(1j * (directions[0] - directions[1])))
         assert abs(np.degrees(turn)) < 6
@@ -76,9 +76,9 @@ def test_held_out_presses_score_near_the_noise(report):
 
 def test_a_unit_of_another_make_is_not_what_ships(report, unit):
     """The fit must come from the frames: the colors handed round, it follows them."""
-    optics = DigitOptics(report.calibration)
-    picture = optics.render(ball_surface(0.5, 0.2, 1.0, BALL_MM / 2))
-    wanted = DigitOptics.load().render(ball_surface(0.5, 0.2, 1.0, BALL_MM / 2))
+    renderer = ImageRenderer(report.optics)
+    picture = renderer.render(ball_surface(0.5, 0.2, 1.0, BALL_MM / 2))
+    wanted = ImageRenderer.load().render(ball_surface(0.5, 0.2, 1.0, BALL_MM / 2))
     place = (163.0, 129.0)
     assert score(crop(wanted, place), crop(picture, place)).psnr_db > 30
     swapped = wanted[..., [1, 2, 0]]
@@ -86,13 +86,13 @@ def test_a_unit_of_another_make_is_not_what_ships(report, unit):
 
 
 def test_the_file_is_what_press_takes(report, tmp_path):
-    report.calibration.save(tmp_path / "unit.npz")
+    report.optics.save(tmp_path / "unit.npz")
     with np.load(tmp_path / "unit.npz", allow_pickle=False) as file:
         shipped = set(np.load(DEFAULT_PATH).files)
         assert set(file.files) - {"lobe"} == shipped | {"noise_mix", "noise_taps"}
     with_own, shipped = tmp_path / "own", tmp_path / "shipped"
     arguments = ["press", "circle-1", "--sensor", "digit", "--force-n", "4"]
-    main([*arguments, "--out", str(with_own), "--calibration", str(tmp_path / "unit.npz")])
+    main([*arguments, "--out", str(with_own), "--optics", str(tmp_path / "unit.npz")])
     main([*arguments, "--out", str(shipped)])
     pictures = [np.asarray(Image.open(p / "digit.png")) for p in (with_own, shipped)]
     assert (pictures[0] != pictures[1]).mean() > 0.3
@@ -100,10 +100,10 @@ def test_the_file_is_what_press_takes(report, tmp_path):
 
 
 def test_an_untouched_gel_gives_the_cleaned_background(report):
-    optics = DigitOptics(report.calibration)
-    still = optics.render(ball_surface(0, 0, 1.0) * 0)
-    np.testing.assert_array_equal(still, report.calibration.background)
-    truth = DigitOptics.load().background
+    renderer = ImageRenderer(report.optics)
+    still = renderer.render(ball_surface(0, 0, 1.0) * 0)
+    np.testing.assert_array_equal(still, report.optics.background)
+    truth = ImageRenderer.load().background
     assert np.abs(still.astype(float) - truth).mean() < 0.5 * NOISE_GREY
 
 
@@ -161,26 +161,26 @@ def test_a_press_left_out_is_judged_by_its_own_columns():
 
 
 def test_what_is_written_is_fitted_to_all_presses(report):
-    assert report.calibration.noise is not None
-    assert report.calibration.noise.grey == pytest.approx(NOISE_GREY, rel=0.06)
+    assert report.optics.noise is not None
+    assert report.optics.noise.grey == pytest.approx(NOISE_GREY, rel=0.06)
     assert report.scored_by.noise is None
-    assert not np.array_equal(report.calibration.response, report.scored_by.response)
+    assert not np.array_equal(report.optics.response, report.scored_by.response)
     surface = ball_surface(0.5, 0.2, 1.0, BALL_MM / 2)
-    one, other = (DigitOptics(of).render(surface) for of in (report.calibration, report.scored_by))
+    one, other = (ImageRenderer(of).render(surface) for of in (report.optics, report.scored_by))
     assert score(one, other).psnr_db > 32
 
 
 def test_a_patch_is_where_the_press_is():
-    optics = DigitOptics.load()
-    picture = optics.render(ball_surface(1.5, -2.0, 1.0))
-    patch = contact_patch(picture, optics.background)
+    renderer = ImageRenderer.load()
+    picture = renderer.render(ball_surface(1.5, -2.0, 1.0))
+    patch = contact_patch(picture, renderer.background)
     assert patch is not None
     row, column = patch
     assert row == pytest.approx(159.5 - 2.0 * 19.2, abs=20)
     assert column == pytest.approx(119.5 + 1.5 * 19.2, abs=20)
-    assert contact_patch(optics.background, optics.background) is None
-    dimmer = (optics.background * 0.9).astype(np.uint8)
-    assert contact_patch(dimmer, optics.background) is None
+    assert contact_patch(renderer.background, renderer.background) is None
+    dimmer = (renderer.background * 0.9).astype(np.uint8)
+    assert contact_patch(dimmer, renderer.background) is None
 
 
 def test_cut_and_paste_moves_a_press_exactly():
@@ -297,27 +297,27 @@ def test_frames_of_another_gel_camera_are_refused_before_the_long_fit(copy, caps
     assert "% of the presses' change of the background unexplained" in said
 
 
-def test_what_is_no_calibration_is_refused(tmp_path):
+def test_what_is_no_optics_file_is_refused(tmp_path):
     good = tmp_path / "good.npz"
-    Calibration.load().save(good)
+    Optics.load().save(good)
     with np.load(good) as file:
         parts: dict[str, Any] = dict(file)
     bad = tmp_path / "bad.npz"
     save_parts({name: value for name, value in parts.items() if name != "lamps_mm"}, bad)
     with pytest.raises(T2TwinError, match="lamps_mm is missing"):
-        Calibration.load(bad)
+        Optics.load(bad)
     save_parts(parts | {"response": np.zeros((3, 2))}, bad)
     with pytest.raises(T2TwinError, match="response has shape"):
-        Calibration.load(bad)
+        Optics.load(bad)
     save_parts(parts | {"lamps_mm": np.full((3, 3), np.nan)}, bad)
     with pytest.raises(T2TwinError, match="finite"):
-        Calibration.load(bad)
+        Optics.load(bad)
     save_parts(parts | {"lamps_mm": np.array([{}] * 9, dtype=object)}, bad)
-    with pytest.raises(T2TwinError, match="not a calibration"):
-        Calibration.load(bad)
+    with pytest.raises(T2TwinError, match="not an optics file"):
+        Optics.load(bad)
     bad.write_bytes(good.read_bytes()[:500])
     with pytest.raises(T2TwinError, match=r"not an \.npz file"):
-        Calibration.load(bad)
+        Optics.load(bad)
 
 
 def test_real_frames_held_out(real_digit):

@@ -17,8 +17,8 @@ from t2twin.sim.digit.calibrate.fit import START, BallFit, State
 from t2twin.sim.digit.calibrate.measurements import FORCES, Tolerance, read_measurements
 from t2twin.sim.digit.calibrate.ridge import FIRST_TERMS
 from t2twin.sim.digit.calibrate.uncertainty import ball_forces_n, fit_young_mpa, uncertainty_lines
-from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
-from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.digit.optics import DEFAULT_PATH, Optics
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.digit.surface import ball_surface
 from t2twin.sim.sensors import Digit
@@ -36,13 +36,13 @@ NAMES = [f"press_{index:02d}.png" for index in range(PRESSES)]
 @pytest.fixture(scope="module")
 def twin_frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("twin")
-    optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE))
+    renderer = ImageRenderer(replace(Optics.load(), scale_px_per_mm=SCALE))
     rng = np.random.default_rng(5)
-    still = optics.render(ball_surface(0, 0, 1.0) * 0, rng, NOISE_GREY)
+    still = renderer.render(ball_surface(0, 0, 1.0) * 0, rng, NOISE_GREY)
     save(still, folder / "background.png")
     for name, (x_mm, y_mm, depth_mm), ball_mm in zip(NAMES, TRUE_POSES, BALLS_MM, strict=True):
         surface = ball_surface(x_mm, y_mm, depth_mm, ball_mm / 2)
-        save(optics.render(surface, rng, NOISE_GREY), folder / name)
+        save(renderer.render(surface, rng, NOISE_GREY), folder / name)
     return folder
 
 
@@ -104,7 +104,7 @@ def test_the_truth_lies_within_the_stated_ranges(stated, true_forces_n):
 
 @pytest.mark.exhaustive
 def test_anchors_find_scale_and_modulus(anchored, true_forces_n):
-    sure = json.loads((anchored / "calibration.json").read_text())["uncertainty"]
+    sure = json.loads((anchored / "optics.json").read_text())["uncertainty"]
     assert (sure["depth_measurements"], sure["force_measurements"]) == (3, PRESSES - 3)
     assert sure["scale_px_per_mm"]["value"] == pytest.approx(SCALE, rel=0.01)
     assert sure["young_mpa"]["value"] == pytest.approx(YOUNG_MPA, rel=0.04)
@@ -119,28 +119,28 @@ def test_anchors_find_scale_and_modulus(anchored, true_forces_n):
 
 @pytest.mark.exhaustive
 def test_a_fitted_modulus_is_pressed_into(anchored, shapes):
-    calibration = Calibration.load(anchored / "calibration.npz")
-    assert calibration.young_mpa == pytest.approx(YOUNG_MPA, rel=0.04)
-    digit, assumed = Digit(calibration=str(anchored / "calibration.npz")), Digit()
-    assert digit.elastomer == replace(DIGIT_GEL, young_mpa=calibration.young_mpa)
+    optics = Optics.load(anchored / "optics.npz")
+    assert optics.young_mpa == pytest.approx(YOUNG_MPA, rel=0.04)
+    digit, assumed = Digit(optics_file=str(anchored / "optics.npz")), Digit()
+    assert digit.elastomer == replace(DIGIT_GEL, young_mpa=optics.young_mpa)
     assert assumed.elastomer == DIGIT_GEL
     soft, hard = (
         of.press(shapes("circle-1"), PressCommand("circle-1", 0.0, 0.0, 0.0, 4.0))
         for of in (digit, assumed)
     )
     assert soft.depth_mm > 1.05 * hard.depth_mm
-    unit = sample_unit(np.random.default_rng(0), UnitRanges(), calibration)
+    unit = sample_unit(np.random.default_rng(0), UnitRanges(), optics)
     assert assumed.with_unit(unit).elastomer == digit.elastomer
     linear = replace(DIGIT_GEL, young_mpa=0.5, law="linear")
-    assert Digit(gel=linear, calibration=digit.calibration).elastomer == linear
-    assert replace(digit, calibration=None).elastomer == DIGIT_GEL
+    assert Digit(gel=linear, optics_file=digit.optics_file).elastomer == linear
+    assert replace(digit, optics_file=None).elastomer == DIGIT_GEL
 
 
 def test_a_file_without_a_modulus_stays_as_it_was(tmp_path):
-    shipped = Calibration.load()
+    shipped = Optics.load()
     assert shipped.young_mpa is None
     replace(shipped, young_mpa=0.31).save(tmp_path / "soft.npz")
-    assert Calibration.load(tmp_path / "soft.npz").young_mpa == 0.31
+    assert Optics.load(tmp_path / "soft.npz").young_mpa == 0.31
     with np.load(DEFAULT_PATH) as before, np.load(tmp_path / "soft.npz") as after:
         assert set(after.files) - set(before.files) == {"young_mpa"}
     with pytest.raises(T2TwinError, match="young_mpa reaches 50"):

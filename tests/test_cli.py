@@ -83,7 +83,7 @@ def files(folder):
         (("translate", "--run", "norun", "missing.png"), "missing.png"),
         (("report", "--data", "empty"), "empty"),
         (("press", "square-2", "--scale=abc"), "--scale is 'abc'; expected a number"),
-        (("press", "square-2", "--optics", "PyRender"), "expected baked or pyrender"),
+        (("press", "square-2", "--renderer", "PyRender"), "expected baked or pyrender"),
         (("press", "square-2", "--yaw", "3"), "did you mean --yaw-deg?"),
         (("pres", "square-2"), "did you mean press?"),
         (("train", "resnet18"), "--data is missing; see t2twin train --help"),

@@ -1,4 +1,4 @@
-"""Runs evaluated on datasets of several worlds, the table of them, what a run says of its own."""
+"""Runs evaluated on datasets of several recipes, the table of them, what a run says of its own."""
 
 import json
 from pathlib import Path
@@ -12,9 +12,9 @@ from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_info
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY_OF_FORCE
-from t2twin.translate.evaluation.evaluate import WORLDS, evaluate_worlds
+from t2twin.translate.evaluation.evaluate import DATASETS_TABLE, evaluate_datasets
 from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.table import worlds_markdown
+from t2twin.translate.evaluation.table import datasets_markdown
 from t2twin.translate.runs.config import CONFIG, load_config
 
 FORCES_N = (0.0, 0.5, 2.0, 8.0)
@@ -38,24 +38,24 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_spots(folder, 40, 16, 0, 5, FORCES_N, scale=None)
 
 
-def test_a_run_names_the_world_of_its_data(runs: list[Path], data_dir: Path) -> None:
+def test_a_run_names_the_recipe_of_its_data(runs: list[Path], data_dir: Path) -> None:
     info = read_info(data_dir)
-    assert info.is_protocol and info.world_name == "smoke"
+    assert info.is_protocol and info.recipe_name == "smoke"
     data = load_config(runs[0]).data
-    assert (data.world, data.world_shown, data.train_pairs) == ("smoke", "smoke", 32)
+    assert (data.recipe, data.recipe_shown, data.train_pairs) == ("smoke", "smoke", 32)
 
 
-def test_a_datasets_own_world_name_comes_first(
+def test_a_datasets_own_recipe_name_comes_first(
     data_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(DatasetInfo, "world_name", "shelf", raising=False)
-    assert load_info(data_dir).world == "shelf"
+    monkeypatch.setattr(DatasetInfo, "recipe_name", "shelf", raising=False)
+    assert load_info(data_dir).recipe == "shelf"
 
 
 def test_data_without_a_name_is_called_by_its_digits(elsewhere: Path) -> None:
     info = load_info(elsewhere)
-    assert info.world is None and not read_info(elsewhere).is_protocol
-    assert info.world_shown == f"dataset {info.sha256[:8]}"
+    assert info.recipe is None and not read_info(elsewhere).is_protocol
+    assert info.recipe_shown == f"dataset {info.sha256[:8]}"
 
 
 def test_several_datasets_at_once_make_one_table(
@@ -68,15 +68,19 @@ def test_several_datasets_at_once_make_one_table(
     """Each dataset has its own folder and the splits that it has; a cell is a row's error."""
     given = ["evaluate", *map(str, runs), "--data", str(data_dir), str(elsewhere)]
     main([*given, "--split", "both", "--out", str(tmp_path)])
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["protocol", "random", WORLDS]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "protocol",
+        "random",
+        DATASETS_TABLE,
+    ]
     assert not (tmp_path / "random" / "test").exists()
-    text = (tmp_path / WORLDS).read_text()
+    text = (tmp_path / DATASETS_TABLE).read_text()
     assert text in capsys.readouterr().out
     other = read_evaluation(tmp_path / "random" / "val")
     heads, _, *rows = [cells(line) for line in text.split("\n\n")[1].splitlines()]
     assert heads[1:] == [
         "trained on", "pairs", "steps", "smoke, val", "smoke, test",
-        f"{other.world_shown}, val",
+        f"{other.recipe_shown}, val",
     ]  # fmt: skip
     by_name = {row[0]: row for row in rows}
     assert list(by_name) == [
@@ -105,7 +109,7 @@ def test_results_of_several_forces_say_so(
     assert json.loads((tmp_path / "findings.json").read_text())["gap"] == {}
 
 
-def test_an_older_runs_world_is_known_where_its_data_are_there(
+def test_an_older_runs_recipe_is_known_where_its_data_are_there(
     runs: list[Path], data_dir: Path, elsewhere: Path, tmp_path: Path
 ) -> None:
     """It is asked beside its own dataset: the other one's row of it cannot know, the table does."""
@@ -115,15 +119,15 @@ def test_an_older_runs_world_is_known_where_its_data_are_there(
         if path.is_file():
             (older / path.name).write_bytes(path.read_bytes())
     content = json.loads((older / CONFIG).read_text())
-    del content["data"]["world"], content["data"]["train_pairs"], content["epoch_steps"]
+    del content["data"]["recipe"], content["data"]["train_pairs"], content["epoch_steps"]
     del content["steps"]
     (older / CONFIG).write_text(json.dumps(content))
-    worlds = evaluate_worlds([older], [elsewhere, data_dir], "val", tmp_path / "out")
-    alone = worlds["random"]["val"].runs["resnet18"]
-    assert (alone.trained_world, alone.trained_pairs, alone.trained_steps) == (None, None, None)
-    here = worlds["protocol"]["val"].runs["resnet18"]
-    assert (here.trained_world, here.trained_pairs, here.trained_steps) == ("smoke", 32, 12)
-    assert "| resnet18 | smoke |" in worlds_markdown(worlds)
+    recipes = evaluate_datasets([older], [elsewhere, data_dir], "val", tmp_path / "out")
+    alone = recipes["random"]["val"].runs["resnet18"]
+    assert (alone.trained_recipe, alone.trained_pairs, alone.trained_steps) == (None, None, None)
+    here = recipes["protocol"]["val"].runs["resnet18"]
+    assert (here.trained_recipe, here.trained_pairs, here.trained_steps) == ("smoke", 32, 12)
+    assert "| resnet18 | smoke |" in datasets_markdown(recipes)
 
 
 def test_what_cannot_be_evaluated_is_refused_before_anything_is_written(
@@ -132,10 +136,10 @@ def test_what_cannot_be_evaluated_is_refused_before_anything_is_written(
     twin = write_spots(tmp_path / "other" / "protocol", train=8, val=2, test=1)
     out = tmp_path / "out"
     with pytest.raises(T2TwinError, match="which must differ"):
-        evaluate_worlds(runs, [data_dir, twin], "val", out)
+        evaluate_datasets(runs, [data_dir, twin], "val", out)
     with pytest.raises(T2TwinError, match="has no test pairs"):
-        evaluate_worlds(runs, [data_dir, elsewhere], "test", out)
+        evaluate_datasets(runs, [data_dir, elsewhere], "test", out)
     alone = write_spots(tmp_path / "alone", 40, 0, 0)
     with pytest.raises(T2TwinError, match="neither validation nor test pairs"):
-        evaluate_worlds(runs, [data_dir, alone], "both", out)
+        evaluate_datasets(runs, [data_dir, alone], "both", out)
     assert not out.exists()

@@ -33,8 +33,8 @@ from t2twin.sim.dataset.store import (
 )
 from t2twin.sim.dataset.timing import STAGES
 from t2twin.sim.dataset.verify import verify_dataset
+from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors import CySkin, SensorPair
-from t2twin.sim.world import protocol
 
 SHAPES = ("square-1", "square-3", "circle-2", "pliers/teeth")
 
@@ -277,12 +277,12 @@ def test_a_pair_takes_at_most_80_kb(made):
     assert np.mean(sizes) < 75_000
 
 
-def test_a_calibration_is_checked_before_anything_is_written(tmp_path, capsys):
+def test_an_optics_file_is_checked_before_anything_is_written(tmp_path, capsys):
     (tmp_path / "leds.npz").write_text("none")
     with pytest.raises(SystemExit) as stop:
         main(["simdata", "--scale", "smoke", "--out", str(tmp_path / "out"),
-              "--calibration", str(tmp_path / "leds.npz")])  # fmt: skip
-    assert stop.value.code == 2 and "is not a calibration" in capsys.readouterr().err
+              "--optics", str(tmp_path / "leds.npz")])  # fmt: skip
+    assert stop.value.code == 2 and "is not an optics file" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

@@ -1,4 +1,4 @@
-"""A unit's noise: drawn as it was measured, kept in its calibration, left white where it is not."""
+"""A unit's noise: drawn as it was measured, kept in its optics, left white where it is not."""
 
 from dataclasses import replace
 
@@ -7,10 +7,10 @@ import pytest
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.frames import measure_noise
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.noise import Noise
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, optical_grid
-from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.digit.optics import Optics
 
 TAPS = np.array([0.2, 0.5, 0.7, 0.5, 0.2])
 MIX = np.array([[2.6, 0.0, 0.0], [-0.7, 1.4, 0.0], [0.2, -1.3, 2.7]])
@@ -68,36 +68,36 @@ def test_white_noise_is_found_white():
 def test_pictures_show_it_and_averages_less_of_it(noise):
     x, y = optical_grid()
     surface = np.zeros((y.size, x.size))
-    unit = replace(Calibration.load(), noise=noise)
-    optics, quiet = DigitOptics(unit), DigitOptics(unit).background.astype(float)
-    one = optics.render(surface, np.random.default_rng(1)) - quiet
-    mean = optics.render(surface, np.random.default_rng(1), NOISE_GREY / 2) - quiet
+    unit = replace(Optics.load(), noise=noise)
+    renderer, quiet = ImageRenderer(unit), ImageRenderer(unit).background.astype(float)
+    one = renderer.render(surface, np.random.default_rng(1)) - quiet
+    mean = renderer.render(surface, np.random.default_rng(1), NOISE_GREY / 2) - quiet
     assert one.std() == pytest.approx(noise.grey, rel=0.05)
     assert mean.std() == pytest.approx(noise.grey / 2, rel=0.08)
     assert alike(one, 0, 1) > 0.6
-    again = optics.render(surface, np.random.default_rng(1)) - quiet
+    again = renderer.render(surface, np.random.default_rng(1)) - quiet
     np.testing.assert_array_equal(one, again)
-    shipped = DigitOptics.load().render(surface, np.random.default_rng(1)) - quiet
+    shipped = ImageRenderer.load().render(surface, np.random.default_rng(1)) - quiet
     assert abs(alike(shipped, 0, 1)) < 0.02
 
 
 def test_the_file_keeps_it(noise, tmp_path):
     path = tmp_path / "unit.npz"
-    replace(Calibration.load(), noise=noise).save(path)
-    kept = Calibration.load(path).noise
+    replace(Optics.load(), noise=noise).save(path)
+    kept = Optics.load(path).noise
     assert kept is not None
     np.testing.assert_array_equal(kept.mix, noise.mix)
     np.testing.assert_array_equal(kept.taps, noise.taps)
-    Calibration.load().save(path)
+    Optics.load().save(path)
     with np.load(path) as file:
         assert "noise_mix" not in file.files
         parts = dict(file)
     np.savez(path, **parts, noise_mix=MIX)
     with pytest.raises(T2TwinError, match="one of noise_mix and noise_taps is missing"):
-        Calibration.load(path)
+        Optics.load(path)
     np.savez(path, **parts, young_kpa=500.0)
     with pytest.raises(T2TwinError, match="its young_kpa is not read"):
-        Calibration.load(path)
+        Optics.load(path)
 
 
 @pytest.mark.parametrize(

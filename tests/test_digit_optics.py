@@ -6,11 +6,11 @@ from skimage.metrics import structural_similarity
 
 from maintenance.bake_optics import block, ring
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.image_renderer import ImageRenderer
 from t2twin.sim.digit.light import shadows
 from t2twin.sim.digit.light.leds import DIGIT_LEDS
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.digit.surface import ball_surface
 
@@ -20,8 +20,8 @@ HALF_CROP = 50
 
 
 @pytest.fixture(scope="module")
-def optics():
-    return DigitOptics.load()
+def renderer():
+    return ImageRenderer.load()
 
 
 @pytest.fixture(scope="module")
@@ -45,22 +45,22 @@ def psnr(a, b):
     return 10 * np.log10(255**2 / np.mean((a - b) ** 2))
 
 
-def test_an_untouched_gel_gives_the_background(optics):
-    picture = optics.render(FLAT)
+def test_an_untouched_gel_gives_the_background(renderer):
+    picture = renderer.render(FLAT)
     assert picture.dtype == np.uint8
     assert picture.shape == (ROWS, COLUMNS, 3)
-    np.testing.assert_array_equal(picture, optics.background)
+    np.testing.assert_array_equal(picture, renderer.background)
 
 
-def test_far_from_a_press_the_picture_is_the_background(optics):
-    picture = optics.render(ball_surface(-3.5, -5.0, 0.6)).astype(int)
-    assert np.abs(picture[200:] - optics.background[200:]).max() <= 1
-    assert np.abs(picture[:200] - optics.background[:200]).max() > 40
+def test_far_from_a_press_the_picture_is_the_background(renderer):
+    picture = renderer.render(ball_surface(-3.5, -5.0, 0.6)).astype(int)
+    assert np.abs(picture[200:] - renderer.background[200:]).max() <= 1
+    assert np.abs(picture[:200] - renderer.background[:200]).max() > 40
 
 
-def test_the_shipped_background_is_the_reference(optics, reference):
+def test_the_shipped_background_is_the_reference(renderer, reference):
     picture = reference.render(FLAT).astype(float)
-    assert psnr(picture, optics.background.astype(float)) > 45
+    assert psnr(picture, renderer.background.astype(float)) > 45
 
 
 @pytest.mark.parametrize(
@@ -72,20 +72,20 @@ def test_the_shipped_background_is_the_reference(optics, reference):
     ],
     ids=["ball", "block", "ring"],
 )
-def test_the_baked_picture_is_the_reference(optics, reference, surface, place):
+def test_the_baked_picture_is_the_reference(renderer, reference, surface, place):
     wanted = crop(reference.render(surface), *place)
-    given = crop(optics.render(surface), *place)
-    nothing = crop(optics.background, *place)
+    given = crop(renderer.render(surface), *place)
+    nothing = crop(renderer.background, *place)
     assert psnr(wanted, given) > 32
     assert psnr(wanted, given) > psnr(wanted, nothing) + 12
     similarity = structural_similarity(wanted, given, channel_axis=2, data_range=255)
     assert float(np.mean(similarity)) > 0.95
 
 
-def test_without_shadows_every_led_is_missed_on_its_far_side(optics):
+def test_without_shadows_every_led_is_missed_on_its_far_side(renderer):
     surface = ball_surface(0.5, 0.5, 1.2)
-    bare = DigitOptics(Calibration.load(), shadows=False)
-    lost = bare.render(surface).astype(int) - optics.render(surface)
+    bare = ImageRenderer(Optics.load(), shadows=False)
+    lost = bare.render(surface).astype(int) - renderer.render(surface)
     assert lost.min() >= -1
     middle = np.array(
         [float(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.5, 0.5, -0.5)))]
@@ -122,45 +122,45 @@ def test_a_wall_hides_half_the_led_where_similar_triangles_say():
     assert list(shadowed[0]) == [top, bottom + 1, left, right + 1]
 
 
-def test_noise_has_the_stated_deviation_and_comes_from_the_generator(optics):
-    first = optics.render(FLAT, np.random.default_rng(4), noise_grey=3.0)
-    again = optics.render(FLAT, np.random.default_rng(4), noise_grey=3.0)
-    other = optics.render(FLAT, np.random.default_rng(5), noise_grey=3.0)
+def test_noise_has_the_stated_deviation_and_comes_from_the_generator(renderer):
+    first = renderer.render(FLAT, np.random.default_rng(4), noise_grey=3.0)
+    again = renderer.render(FLAT, np.random.default_rng(4), noise_grey=3.0)
+    other = renderer.render(FLAT, np.random.default_rng(5), noise_grey=3.0)
     np.testing.assert_array_equal(first, again)
     assert (first != other).mean() > 0.5
-    noise = first.astype(float) - optics.background
+    noise = first.astype(float) - renderer.background
     assert noise.mean() == pytest.approx(0.0, abs=0.03)
     assert noise.std() == pytest.approx(np.hypot(3.0, np.sqrt(1 / 12)), rel=0.02)
     neighbors = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
     assert abs(neighbors) < 0.01
 
 
-def test_no_generator_or_no_deviation_gives_no_noise(optics):
+def test_no_generator_or_no_deviation_gives_no_noise(renderer):
     rng = np.random.default_rng(0)
-    np.testing.assert_array_equal(optics.render(FLAT, rng, noise_grey=0.0), optics.background)
+    np.testing.assert_array_equal(renderer.render(FLAT, rng, noise_grey=0.0), renderer.background)
 
 
-def test_a_calibration_survives_its_file(tmp_path):
-    calibration = Calibration.load()
-    calibration.save(tmp_path / "unit.npz")
-    again = Calibration.load(tmp_path / "unit.npz")
-    np.testing.assert_array_equal(again.background, calibration.background)
-    np.testing.assert_array_equal(again.response, calibration.response)
-    assert again.distance_mm == calibration.distance_mm
+def test_an_optics_file_survives_its_file(tmp_path):
+    optics = Optics.load()
+    optics.save(tmp_path / "unit.npz")
+    again = Optics.load(tmp_path / "unit.npz")
+    np.testing.assert_array_equal(again.background, optics.background)
+    np.testing.assert_array_equal(again.response, optics.response)
+    assert again.distance_mm == optics.distance_mm
     assert [path.name for path in tmp_path.iterdir()] == ["unit.npz"]
 
 
-def test_bad_input_is_refused(optics, tmp_path):
+def test_bad_input_is_refused(renderer, tmp_path):
     with pytest.raises(T2TwinError, match="must be"):
-        optics.render(np.zeros((5, 5)))
+        renderer.render(np.zeros((5, 5)))
     holed = FLAT.copy()
     holed[3, 3] = np.nan
     with pytest.raises(T2TwinError, match="finite"):
-        optics.render(holed)
+        renderer.render(holed)
     with pytest.raises(T2TwinError, match="between 0 and 255"):
-        optics.render(FLAT, np.random.default_rng(0), noise_grey=-1.0)
-    (tmp_path / "text.npz").write_text("no calibration")
+        renderer.render(FLAT, np.random.default_rng(0), noise_grey=-1.0)
+    (tmp_path / "text.npz").write_text("no optics")
     with pytest.raises(T2TwinError, match="calibrat"):
-        DigitOptics.load(tmp_path / "text.npz")
+        ImageRenderer.load(tmp_path / "text.npz")
     with pytest.raises(T2TwinError, match="calibrat"):
-        DigitOptics.load(tmp_path / "absent.npz")
+        ImageRenderer.load(tmp_path / "absent.npz")

@@ -8,8 +8,8 @@ import pytest
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.image_renderer import ImageRenderer
 from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS
-from t2twin.sim.digit.optics import DigitOptics
 from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer, encode
 from t2twin.sim.digit.surface import ball_surface
 
@@ -108,7 +108,7 @@ def test_a_closed_renderer_leaves_others_usable(ball, ball_picture):
 
 def test_the_baked_model_takes_a_gel_without_a_dome():
     flat_gel = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
-    own, domed = DigitOptics.load(gel=flat_gel), DigitOptics.load()
+    own, domed = ImageRenderer.load(gel=flat_gel), ImageRenderer.load()
     pressed = ball_surface(0.5, -0.5, 0.8)
     middle = (slice(100, 200), slice(80, 180))
     with ReferenceRenderer(led_points=5, gel=flat_gel) as renderer:

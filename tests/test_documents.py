@@ -22,9 +22,9 @@ from t2twin import cli
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.digit.calibrate.measurements import read_measurements
-from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.optics import Optics
+from t2twin.sim.sampling.recipe import Light, Motion, Part, Recipe, load_recipe
 from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path
-from t2twin.sim.world.recipe import Light, Motion, Part, Recipe, load_recipe
 
 NOT_RUN = {
     "source ": "changes the shell",
@@ -46,10 +46,10 @@ NOT_RUN = {
     "t2twin simdata --scale paper": "takes minutes",
     "t2twin simdata --scale light": "takes minutes; tests/test_protocol.py",
     "t2twin convert data/light": "needs this dataset; tests/test_lerobot.py",
-    "t2twin simdata --world moving": "takes minutes; tests/test_motion_world.py",
-    "t2twin simdata --world union": "takes an hour",
-    "t2twin simdata --world shipped": "takes hours",
-    "t2twin simdata --world pretrained-3": "takes hours",
+    "t2twin simdata --recipe moving": "takes minutes; tests/test_motion.py",
+    "t2twin simdata --recipe union": "takes an hour",
+    "t2twin simdata --recipe shipped": "takes hours",
+    "t2twin simdata --recipe pretrained-3": "takes hours",
     "t2twin simdata --scale small": "takes minutes; tests/test_regression.py",
     "t2twin studio": "serves until Ctrl-C; tests/test_studio_server.py",
     "t2twin train field --data data/union": "needs this dataset; tests/test_field.py",
@@ -64,7 +64,7 @@ NOT_RUN = {
 EXHAUSTIVE = ("t2twin evaluate", "t2twin primitives", "make_dataset")
 """Commands and functions that take longer than the others; `make test` leaves their blocks out."""
 
-SHORT = {"t2twin train": "--preset smoke --epochs 1", "t2twin simdata --world": "--workers 1"}
+SHORT = {"t2twin train": "--preset smoke --epochs 1", "t2twin simdata --recipe": "--workers 1"}
 """Further options with which commands of that beginning are run."""
 
 REPLACED = "--minutes 5"
@@ -301,9 +301,11 @@ def examples(products, small_dataset, trained):
         (folder / "my_pairs" / "pairs.csv").write_text(header + "\n".join(rows) + "\n")
         (folder / "my-taxels.csv").write_text(example("how-to/taxel-layouts.md", "csv"))
         (folder / "path.csv").write_text(example("how-to/sliding.md", "csv"))
-        recipe = example("how-to/worlds.md", "toml").replace("count = 1000", "count = 4")
-        (folder / "my-world.toml").write_text(recipe.replace("val_share = 0.02", "val_share = 0.5"))
-        Calibration.load().save(folder / "runs" / "calibration" / "calibration.npz")
+        recipe = example("how-to/recipes.md", "toml").replace("count = 1000", "count = 4")
+        (folder / "my-recipe.toml").write_text(
+            recipe.replace("val_share = 0.02", "val_share = 0.5")
+        )
+        Optics.load().save(folder / "runs" / "optics" / "optics.npz")
         video = cv2.VideoWriter(
             str(folder / "video.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 60, (240, 320)
         )
@@ -437,7 +439,7 @@ def test_the_files_of_file_formats_are_those_that_are_written(examples, tmp_path
 
 @pytest.mark.parametrize("kind", [Recipe, Part, Light, Motion])
 def test_the_keys_of_a_recipe_are_listed(kind):
-    assert {*kind.__struct_fields__} - {"parts", "light", "motion"} <= {*listed("Worlds")}
+    assert {*kind.__struct_fields__} - {"parts", "light", "motion"} <= {*listed("Recipes")}
 
 
 @pytest.mark.parametrize("page, expensive", list(cases()))

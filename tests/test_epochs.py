@@ -82,7 +82,7 @@ def test_steps_asked_for_go_into_the_config_and_bound_the_epochs(
     train("resnet18", data_dir, "smoke", tmp_path / "whole", steps=24)
     config = load_config(tmp_path / "whole")
     assert (config.steps, config.epoch_steps, config.planned_epochs) == (24, 2, 12)
-    assert config.data.world == "smoke" and config.data.train_pairs == 32
+    assert config.data.recipe == "smoke" and config.data.train_pairs == 32
 
     epoch = Trainer._epoch
 

@@ -177,9 +177,9 @@ def test_several_forces_have_an_entry_each_and_a_row_of_their_mean_arrays(
     known, blind = (evaluation.models[name] for name in (MEAN_ARRAY_OF_FORCE, "mean-array"))
     assert known.overall.rmse_counts < blind.overall.rmse_counts
     run = evaluation.models["resnet18"]
-    assert (run.same_data, run.trained_world, run.trained_pairs) == (False, "smoke", 32)
+    assert (run.same_data, run.trained_recipe, run.trained_pairs) == (False, "smoke", 32)
     assert run.trained_steps == 3 * 4  # epochs of 32 pairs in batches of 8
-    assert evaluation.paper == {} and evaluation.world is None
+    assert evaluation.paper == {} and evaluation.recipe is None
 
 
 def test_an_older_file_without_forces_is_read(
@@ -187,12 +187,12 @@ def test_an_older_file_without_forces_is_read(
 ) -> None:
     evaluate(runs, data_dir, "val", tmp_path)
     content = json.loads((tmp_path / METRICS).read_text())
-    del content["world"]
-    newer = ("by_force", "trained_data", "trained_world", "trained_pairs", "trained_steps")
+    del content["recipe"]
+    newer = ("by_force", "trained_data", "trained_recipe", "trained_pairs", "trained_steps")
     for row in content["models"].values():
         for key in newer:
             row.pop(key, None)
     (tmp_path / METRICS).write_text(json.dumps(content))
     older = read_evaluation(tmp_path)
-    assert not older.has_forces and older.world is None
+    assert not older.has_forces and older.recipe is None
     assert older.runs["resnet18"].trained_steps is None

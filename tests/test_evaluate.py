@@ -18,7 +18,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.tables import text
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.store import read_info
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.image_renderer import ImageRenderer
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
@@ -27,10 +27,10 @@ from t2twin.translate.evaluation.baselines import (
 )
 from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
 from t2twin.translate.evaluation.predictions import (
-    OF_CALIBRATION,
+    OF_OPTICS,
     PREDICTIONS,
     as_readings,
-    is_of_default_calibration,
+    is_of_default_optics,
     read_predictions,
 )
 from t2twin.translate.evaluation.records import (
@@ -147,7 +147,7 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     content = json.loads((evaluated / "val" / METRICS).read_text())
     assert list(content) == [
         "format", "split", "pairs", "full_scale_counts", "contact_level", "info_sha256", "layout",
-        "view", "models", "bootstrap", "paired", "paper", "findings", "world",
+        "view", "models", "bootstrap", "paired", "paper", "findings", "recipe",
     ]  # fmt: skip
     assert content["format"] == FORMAT
     figures = [
@@ -157,7 +157,7 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     of_row = ["overall", "by_shape", "by_family", "interval", "by_force"]
     of_run = [
         *of_row[:-1], "run", "weights_sha256", "same_data", "trained_layout", "trained_data",
-        "trained_world", "trained_pairs", "trained_steps", "by_force",
+        "trained_recipe", "trained_pairs", "trained_steps", "by_force",
     ]  # fmt: skip
     assert list(content["models"]["mean-array"]) == of_row
     assert list(content["models"]["resnet18"]) == of_run
@@ -329,14 +329,14 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_field_run_is_given_the_background_of_the_default_calibration(
+def test_a_field_run_is_given_the_background_of_the_default_optics(
     small_dataset: Path, tmp_path: Path
 ) -> None:
-    found = evaluate(["field"], small_dataset, "val", tmp_path / "default")
-    assert found.background == OF_CALIBRATION
+    found = evaluate(["dense_counts"], small_dataset, "val", tmp_path / "default")
+    assert found.background == OF_OPTICS
     run = require(load_run("field"), FieldPredictor, "the test")
     pairs = load_pairs(small_dataset, "val", 96, grey=False)
-    frame = DigitOptics.load().background
+    frame = ImageRenderer.load().background
     expected = run.estimate_pixels(run.with_background(pairs.images[:], run.pixels_of(frame)[0]))
     expected = as_readings(expected, read_info(small_dataset))
     predictions = read_predictions(tmp_path / "default").by_model["field"]
@@ -347,22 +347,22 @@ def test_a_field_run_is_given_the_background_of_the_default_calibration(
 
 def test_a_given_background_frame_is_used(small_dataset: Path, tmp_path: Path) -> None:
     file = tmp_path / "background.png"
-    Image.fromarray(DigitOptics.load().background).save(file)
-    given = evaluate(["field"], small_dataset, "val", tmp_path / "given", file)
-    default = evaluate(["field"], small_dataset, "val", tmp_path / "default")
+    Image.fromarray(ImageRenderer.load().background).save(file)
+    given = evaluate(["dense_counts"], small_dataset, "val", tmp_path / "given", file)
+    default = evaluate(["dense_counts"], small_dataset, "val", tmp_path / "default")
     assert given.background == str(file)
     assert given.models["field"] == default.models["field"]
     Image.new("RGB", (240, 320), (250, 0, 0)).save(file)
-    other = evaluate(["field"], small_dataset, "val", tmp_path / "other", file)
+    other = evaluate(["dense_counts"], small_dataset, "val", tmp_path / "other", file)
     assert other.models["field"].overall != default.models["field"].overall
 
 
-def test_a_dataset_with_another_calibration_has_no_background(small_dataset: Path) -> None:
+def test_a_dataset_with_another_optics_has_no_background(small_dataset: Path) -> None:
     info = read_info(small_dataset)
     assert info.parameters is not None
-    digit = replace(info.parameters.digit, calibration_sha256=64 * "0")
+    digit = replace(info.parameters.digit, optics_sha256=64 * "0")
     other = replace(info, parameters=replace(info.parameters, digit=digit))
-    assert is_of_default_calibration(info) and not is_of_default_calibration(other)
+    assert is_of_default_optics(info) and not is_of_default_optics(other)
 
 
 def test_a_background_that_no_run_uses_is_refused(

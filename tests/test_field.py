@@ -1,4 +1,5 @@
-"""The translator that tells the field: trained on a small world, read at any layout, calibrated."""
+"""The translator that tells the dense counts: trained on a small recipe, read at any layout,
+calibrated."""
 
 import shutil
 from copy import deepcopy
@@ -15,11 +16,11 @@ from t2twin.core.errors import T2TwinError
 from t2twin.report.run_report import write_report
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import taxels
-from t2twin.sim.cyskin.field import field_counts, field_layout, reading_matrix
+from t2twin.sim.cyskin.dense import dense_counts, dense_layout, reading_matrix
 from t2twin.sim.cyskin.layout import Layout, load_layout
 from t2twin.sim.dataset.generate import make_dataset
+from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors import CySkin
-from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
@@ -48,7 +49,7 @@ from t2twin.translate.uncertainty.calibration import (
 )
 from t2twin.translate.uncertainty.estimate import Estimate
 
-WORLD = """
+RECIPE = """
 format = 1
 name = "tiny"
 seed = 5
@@ -60,7 +61,7 @@ count = 8
 presses = 4
 place = { normal_mm = 2.5 }
 force_n = { low = 1.0, high = 10.0 }
-untouched_share = 0.1
+background_share = 0.1
 val_share = 0.25
 
 [light]
@@ -72,10 +73,10 @@ CPU = torch.device("cpu")
 
 @pytest.fixture(scope="module")
 def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("world")
+    folder = tmp_path_factory.mktemp("recipe")
     recipe = folder / "tiny.toml"
-    recipe.write_text(WORLD)
-    make_dataset(folder / "data", world=load_recipe(str(recipe)), workers=1)
+    recipe.write_text(RECIPE)
+    make_dataset(folder / "data", recipe=load_recipe(str(recipe)), workers=1)
     return folder / "data"
 
 
@@ -102,10 +103,10 @@ def translator_of(run: FieldPredictor) -> FieldTranslator:
 
 
 def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> None:
-    pairs = load_pairs(data_dir, "train", 64, grey=False, with_field=True)
+    pairs = load_pairs(data_dir, "train", 64, grey=False, with_dense_counts=True)
     info = load_info(data_dir)
-    assert pairs.field is not None and pairs.backgrounds is not None
-    own = reading_matrix(info.taxels) @ pairs.field.T
+    assert pairs.dense_counts is not None and pairs.backgrounds is not None
+    own = reading_matrix(info.taxels) @ pairs.dense_counts.T
     assert np.abs(own.T - pairs.counts).max() < 40  # the reading's noise alone
     pictures = pairs.inputs[:]
     assert pictures.shape == (len(pairs), 64, 64, 6)
@@ -116,13 +117,13 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
     assert (same < other).all() and len(set(shapes.tolist())) == 6
     few = pairs.subset(np.array([3, 1]))
     np.testing.assert_array_equal(few.inputs[:], pictures[[3, 1]])
-    np.testing.assert_array_equal(few.field, pairs.field[[3, 1]])
+    np.testing.assert_array_equal(few.dense_counts, pairs.dense_counts[[3, 1]])
 
 
-def test_a_turned_picture_is_told_by_the_untouched_frame(
+def test_a_turned_picture_is_told_by_the_background_frame(
     data_dir: Path, run: FieldPredictor
 ) -> None:
-    pixels = load_pairs(data_dir, "train", 64, grey=False, with_field=True).inputs[:]
+    pixels = load_pairs(data_dir, "train", 64, grey=False, with_dense_counts=True).inputs[:]
     assert set(run.classify(pixels)) == {"in distribution"} and run.in_distribution(pixels).all()
     for turned, how in (
         (pixels[:, ::-1, ::-1], "upside down"),
@@ -141,26 +142,26 @@ def test_a_turned_picture_is_told_by_the_untouched_frame(
 
 
 def test_pairs_without_a_field_are_refused(small_dataset: Path, tmp_path: Path) -> None:
-    with pytest.raises(T2TwinError, match="have no field; make a world"):
+    with pytest.raises(T2TwinError, match="have no dense counts; make a recipe"):
         train("field", small_dataset, "smoke", tmp_path / "run")
     assert not (tmp_path / "run" / "config.json").exists()
 
 
 @pytest.mark.parametrize("pad_mm, part", [(4.0, 0.01), (3.0, 0.01), (6.0, 0.01)])
 def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float, part: float) -> None:
-    """What pads of any size count is known from the field to a hundredth of the largest."""
+    """What pads of any size count is known from the dense counts to a hundredth of the largest."""
     dense = load_layout("cyskin-63")
     layout = replace(dense, pad_diameter_mm=np.full(dense.size, pad_mm))
     for name, yaw in (("square-2", 0.3), ("pliers/teeth", 1.0)):
         shape = shapes(name)
         contact = CySkin().press(shape, PressCommand(shape.name, 1.5, -2.0, yaw, 8.0))
         true = taxels.counts(taxels.pad_pressure_mpa(contact, layout))
-        read = reading_matrix(layout) @ field_counts(contact).astype(float)
+        read = reading_matrix(layout) @ dense_counts(contact).astype(float)
         assert np.sqrt(np.square(read - true).mean()) < part * true.max()
 
 
 def test_a_place_of_the_field_is_read_as_it_is_and_one_off_the_cover_refused() -> None:
-    places = field_layout()
+    places = dense_layout()
     np.testing.assert_array_equal(reading_matrix(places), np.eye(places.size))
     own = reading_matrix(load_layout())
     assert ((own == 0) | (own == 1)).all() and (own.sum(axis=1) == 1).all()
@@ -171,7 +172,7 @@ def test_a_place_of_the_field_is_read_as_it_is_and_one_off_the_cover_refused() -
 
 def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
     """A map that holds each cell's own x or y gives every place in the view its own."""
-    places, view = field_layout(), (6.25, 8.0)
+    places, view = dense_layout(), (6.25, 8.0)
     assert grid_of(places.x_mm) == (12, 18)
     reading = resampling_weights(places.x_mm, places.y_mm, view, 12)
     centers = (np.arange(12) + 0.5) / 12 * 2 - 1
@@ -201,18 +202,19 @@ def test_the_spread_takes_nothing_from_the_mean(data_dir: Path) -> None:
 
 
 def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> None:
-    """Eight pairs seen again and again: the field to 2 % of full scale, the force to 20 %."""
+    """Eight pairs seen again and again: the dense counts to 2 % of full scale, the force to 20
+    %."""
     info, preset = load_info(data_dir), replace(PRESETS["field"]["smoke"], learning_rate=2e-3)
-    pairs = load_pairs(data_dir, "train", preset.size, False, with_field=True)
+    pairs = load_pairs(data_dir, "train", preset.size, False, with_dense_counts=True)
     torch.manual_seed(0)
     translator = FieldTranslator(preset, info, CPU, False)
     translator.prepare(pairs)
-    assert pairs.field is not None
+    assert pairs.dense_counts is not None
     part = slice(8)
     examples = Examples(
         to_input(pairs.inputs[part].astype(np.float32) / 255.0),
         torch.from_numpy(pairs.counts[part]),
-        torch.from_numpy(pairs.field[part].astype(np.float32)),
+        torch.from_numpy(pairs.dense_counts[part].astype(np.float32)),
         torch.from_numpy(pairs.force_n[part].astype(np.float32)),
     )
     first = translator.step(examples)
@@ -222,8 +224,8 @@ def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> N
         last = translator.step(examples)
     assert last["field"] < first["field"] / 20 and last["spread"] < first["spread"] - 1
     told = translator.predict_field(examples.images)
-    assert examples.field is not None
-    rmse = (told.field - examples.field).square().mean().sqrt().item()
+    assert examples.dense_counts is not None
+    rmse = (told.dense_counts - examples.dense_counts).square().mean().sqrt().item()
     assert rmse < 0.02 * info.full_scale_counts
     assert told.force_n is not None and examples.force_n is not None
     assert (told.force_n - examples.force_n).abs().max() < 0.2 * examples.force_n.max()
@@ -244,7 +246,7 @@ def errors_of(true: torch.Tensor, spread: torch.Tensor, seed: int) -> Errors:
 def held_by(found: UncertaintyCalibration, errors: Errors) -> torch.Tensor:
     """(P, F) whether intervals of 90 % hold."""
     std = standard_deviation(errors.spread.log(), found.place, found.press)
-    return errors.field.abs() <= HALF_WIDTH * std
+    return errors.dense_counts.abs() <= HALF_WIDTH * std
 
 
 def test_intervals_hold_as_much_among_small_spreads_as_among_large() -> None:
@@ -256,22 +258,24 @@ def test_intervals_hold_as_much_among_small_spreads_as_among_large() -> None:
     by_size = held.flatten()[spread.flatten().argsort()].chunk(10)
     assert [float(part.mean()) for part in by_size] == pytest.approx([0.9] * 10, abs=0.02)
     std = standard_deviation(spread.log(), found.place, found.press)
-    assert float(std.square().mean() / errors.field.square().mean()) == pytest.approx(1.0, abs=0.1)
+    assert float(std.square().mean() / errors.dense_counts.square().mean()) == pytest.approx(
+        1.0, abs=0.1
+    )
     factor = interpolate_scale(torch.zeros(1), found.force)
     assert float(factor) == pytest.approx(0.5, rel=0.06)
 
 
-def test_intervals_hold_in_each_of_two_worlds() -> None:
+def test_intervals_hold_in_each_of_two_recipes() -> None:
     """The presses of one are missed by half as much more than those of the other, whose spreads are
     smaller as a whole; place by place they overlap."""
     generator = torch.Generator().manual_seed(0)
-    worlds = []
+    recipes = []
     for middle, factor in ((0.007, 0.8), (0.014, 1.2)):
         spread = middle * torch.exp(torch.randn(4000, 40, generator=generator))
-        worlds.append(errors_of(factor * spread, spread, len(worlds)))
-    found = fit_calibration(worlds)
-    for world in worlds:
-        assert float(held_by(found, world).float().mean()) == pytest.approx(0.9, abs=0.015)
+        recipes.append(errors_of(factor * spread, spread, len(recipes)))
+    found = fit_calibration(recipes)
+    for recipe in recipes:
+        assert float(held_by(found, recipe).float().mean()) == pytest.approx(0.9, abs=0.015)
 
 
 def test_errors_that_go_together_are_drawn_together() -> None:
@@ -350,7 +354,7 @@ def test_certainty_of_what_is_right_by_half() -> None:
 
 def test_estimates(run: FieldPredictor, frame: np.ndarray) -> None:
     one, several = run.estimate(frame), run.estimate([frame, frame[:, ::-1]])
-    assert one.counts.shape == one.counts_std.shape == (20,) and one.field.shape == (216,)
+    assert one.counts.shape == one.counts_std.shape == (20,) and one.dense_counts.shape == (216,)
     assert several.counts.shape == (2, 20)
     np.testing.assert_array_equal(run.predict(frame), one.counts)
     np.testing.assert_allclose(several.counts[0], one.counts, atol=0.5)
@@ -365,14 +369,18 @@ def test_estimates(run: FieldPredictor, frame: np.ndarray) -> None:
 
 
 def test_drawn_fields_spread_as_is_said(run: FieldPredictor, frame: np.ndarray) -> None:
-    told, drawn = run.estimate(frame), run.sample_fields(frame, 3000, seed=1)
+    told, drawn = run.estimate(frame), run.sample_dense_counts(frame, 3000, seed=1)
     assert drawn.shape == (3000, 216)
-    clear = (told.field > 4 * told.field_std) & (told.field < 40_000 - 4 * told.field_std)
+    clear = (told.dense_counts > 4 * told.dense_counts_std) & (
+        told.dense_counts < 40_000 - 4 * told.dense_counts_std
+    )
     if clear.any():
-        ratio = drawn[:, clear].std(axis=0) / told.field_std[clear]
+        ratio = drawn[:, clear].std(axis=0) / told.dense_counts_std[clear]
         assert np.abs(ratio - 1).max() < 0.1
-    assert (drawn >= 0).all() and not np.array_equal(drawn, run.sample_fields(frame, 3000, seed=2))
-    np.testing.assert_array_equal(drawn, run.sample_fields(frame, 3000, seed=1))
+    assert (drawn >= 0).all() and not np.array_equal(
+        drawn, run.sample_dense_counts(frame, 3000, seed=2)
+    )
+    np.testing.assert_array_equal(drawn, run.sample_dense_counts(frame, 3000, seed=1))
 
 
 def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: FieldPredictor) -> None:
@@ -388,7 +396,8 @@ def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: FieldPred
     said = network(torch.zeros(1, 6, 64, 64))
     said = said._replace(log_spread=torch.full((1, 216), -4.0))
     sizes = [
-        teller(said).counts_std[0] / teller(said).field_std[0, 0] for teller in (together, apart)
+        teller(said).counts_std[0] / teller(said).dense_counts_std[0, 0]
+        for teller in (together, apart)
     ]
     weights = torch.from_numpy(reading_matrix(dense)).float()
     torch.testing.assert_close(sizes[0], weights.sum(dim=1).abs(), atol=0.05, rtol=0)
@@ -400,21 +409,21 @@ def test_another_layout_and_other_pads(run: FieldPredictor, frame: np.ndarray) -
     at_63 = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm)
     told = at_63.estimate(frame)
     assert told.counts.shape == (63,) and at_63.config.data.layout == "cyskin-63"
-    np.testing.assert_array_equal(told.field, run.estimate(frame).field)
+    np.testing.assert_array_equal(told.dense_counts, run.estimate(frame).field)
     own = run.config.data
     assert run.at_layout(own.x_mm, own.y_mm, "again") is run
     wide = run.at_layout(own.x_mm, own.y_mm, "wide pads", np.full(20, 8.0))
     assert wide is not run and not np.array_equal(wide.predict(frame), run.predict(frame))
 
 
-def test_an_untouched_frame_counts(run: FieldPredictor, data_dir: Path, frame) -> None:
+def test_a_background_frame_counts(run: FieldPredictor, data_dir: Path, frame) -> None:
     translator = translator_of(run)
-    pairs = load_pairs(data_dir, "val", 64, False, with_field=True)
+    pairs = load_pairs(data_dir, "val", 64, False, with_dense_counts=True)
     assert pairs.backgrounds is not None
     own = run.estimate_pixels(pairs.inputs).counts[0]
     np.testing.assert_allclose(run.predict(frame, pairs.backgrounds[:1][0]), own, atol=1.0)
     assert np.abs(run.predict(frame) - own).max() > 1.0
-    train_frames = load_pairs(data_dir, "train", 64, False, with_field=True).backgrounds
+    train_frames = load_pairs(data_dir, "train", 64, False, with_dense_counts=True).backgrounds
     assert train_frames is not None
     np.testing.assert_allclose(
         translator.predictor.mean_frame.numpy(),
@@ -434,27 +443,27 @@ def test_the_report_draws_how_sure_it_is(run_dir: Path, data_dir: Path, tmp_path
     assert '<section id="uncertainty"' in page and "its 90 % intervals cover" in page
 
 
-def test_untouched_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) -> None:
-    preset = replace(PRESETS["field"]["smoke"], untouched_share=0.5)
-    pairs = load_pairs(data_dir, "train", preset.size, False, with_field=True)
+def test_background_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) -> None:
+    preset = replace(PRESETS["field"]["smoke"], background_share=0.5)
+    pairs = load_pairs(data_dir, "train", preset.size, False, with_dense_counts=True)
     batch = np.arange(len(pairs))
     examples = load_examples(pairs, batch, preset, np.random.default_rng(0))
     plain = load_examples(pairs, batch, preset, None)
-    assert examples.field is not None and examples.force_n is not None
-    assert plain.field is not None and plain.force_n is not None
+    assert examples.dense_counts is not None and examples.force_n is not None
+    assert plain.dense_counts is not None and plain.force_n is not None
     replaced = (examples.images[:, :3] == examples.images[:, 3:]).flatten(1).all(dim=1)
     assert 0.3 < replaced.float().mean() < 0.7
-    assert not examples.field[replaced].any() and not examples.force_n[replaced].any()
+    assert not examples.dense_counts[replaced].any() and not examples.force_n[replaced].any()
     kept = ~replaced
     assert torch.equal(examples.images[kept], plain.images[kept])
-    assert torch.equal(examples.field[kept], plain.field[kept])
+    assert torch.equal(examples.dense_counts[kept], plain.dense_counts[kept])
     assert torch.equal(examples.force_n[kept], plain.force_n[kept])
 
 
 def test_calibrated_on_random_shapes_if_there_are_enough(
     run: FieldPredictor, data_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pairs = load_pairs(data_dir, "val", 64, False, with_field=True)
+    pairs = load_pairs(data_dir, "val", 64, False, with_dense_counts=True)
     families = pairs.families.copy()
     families[::2] = "square"
     mixed = replace(pairs, families=families)
@@ -470,10 +479,10 @@ def test_calibrated_on_random_shapes_if_there_are_enough(
     assert field_model._like_new_shapes(mixed) is mixed
 
 
-def test_tempered_on_several_worlds(
+def test_tempered_on_several_recipes(
     run_dir: Path, data_dir: Path, small_dataset: Path, tmp_path: Path
 ) -> None:
-    """Of one world it finds what the training found; the mean stays as it was."""
+    """Of one recipe it finds what the training found; the mean stays as it was."""
     own = tmp_path / "run"
     shutil.copytree(run_dir, own)
     before = load_file(own / "best.safetensors")
@@ -577,18 +586,19 @@ def test_the_onnx_file_says_the_same(run: FieldPredictor, frame, tmp_path) -> No
     images = pixels.astype(np.float32).transpose(0, 3, 1, 2) / 255.0
     names = [output.name for output in session.get_outputs()]
     assert names == [
-        "counts", "tactile_images", "counts_std", "field", "field_std", "force_n", "force_std_n"
+        "counts", "tactile_images", "counts_std", "dense_counts", "dense_counts_std",
+        "force_n", "force_std_n"
     ]  # fmt: skip
     for given, told in (
         ({}, run.estimate([frame, frame[::-1]])),
         ({"background": images[1:]}, run.estimate([frame, frame[::-1]], frame[::-1])),
     ):
         said = dict(zip(names, session.run(None, {"images": images, **given}), strict=True))
-        for name in ("counts", "counts_std", "field", "field_std"):
+        for name in ("counts", "counts_std", "dense_counts", "dense_counts_std"):
             np.testing.assert_allclose(said[name], getattr(told, name), rtol=1e-3, atol=1.0)
         assert told.force_n is not None
         np.testing.assert_allclose(said["force_n"], told.force_n, rtol=1e-3)
-        np.testing.assert_allclose(said["tactile_images"], run.field_images(told)[0], atol=1.0)
+        np.testing.assert_allclose(said["tactile_images"], run.dense_images(told)[0], atol=1.0)
 
 
 def test_an_evaluation_says_how_right_it_is_in_that(
@@ -600,8 +610,8 @@ def test_an_evaluation_says_how_right_it_is_in_that(
     assert sure is not None and sure.force_median_error_percent is not None
     assert evaluation.models["mean-array"].uncertainty is None
     kept = read_predictions(tmp_path / "val")
-    off = np.abs(kept.truth - kept.by_model["field"])
-    held = (off <= 1.6448536 * kept.std_by_model["field"]).mean()
+    off = np.abs(kept.truth - kept.by_model["dense_counts"])
+    held = (off <= 1.6448536 * kept.std_by_model["dense_counts"]).mean()
     assert sure.coverage_at(0.9) == pytest.approx(held)
     assert sure.retained_rmse_counts[0] == pytest.approx(
         evaluation.models["field"].overall.rmse_counts

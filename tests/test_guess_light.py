@@ -13,9 +13,9 @@ from t2twin.sim.digit.calibrate.calibrate import (
     mean_score,
     sample_lights,
 )
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.image_renderer import ImageRenderer
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.randomization.unit import sample_unit
 from t2twin.sim.digit.surface import ball_surface
 
@@ -24,7 +24,7 @@ FEW = 60
 
 @pytest.fixture(scope="module")
 def background():
-    return sample_unit(np.random.default_rng((9, 0)), RANGES).calibration.background
+    return sample_unit(np.random.default_rng((9, 0)), RANGES).optics.background
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def test_camera_and_background_are_the_users_own(lights, background):
     light = mean_light(lights)
     np.testing.assert_array_equal(light.background, background)
     assert light.camera == Camera(18.0, 21.0) and light.noise is None
-    np.testing.assert_array_equal(DigitOptics(light).background, background)
+    np.testing.assert_array_equal(ImageRenderer(light).background, background)
     np.testing.assert_allclose(light.response, np.mean([of.response for of in lights], axis=0))
     for name in ("leds_mm", "sizes_mm"):
         each = np.array([getattr(of, name) for of in lights])
@@ -50,12 +50,12 @@ def test_the_mean_errs_less_than_the_drawn_ones(lights):
     places = np.array([(163.0, 129.0)])
     mean, singly = [], []
     for number in range(1, 7):
-        unit = sample_unit(np.random.default_rng((9, number)), RANGES).calibration
+        unit = sample_unit(np.random.default_rng((9, number)), RANGES).optics
         own = sample_lights(unit.background, unit.camera, FEW)
-        wanted = DigitOptics(unit).render(surface)[None]
+        wanted = ImageRenderer(unit).render(surface)[None]
 
-        def psnr_db(light: Calibration, wanted: np.ndarray = wanted) -> float:
-            shown = DigitOptics(light).render(surface)[None]
+        def psnr_db(light: Optics, wanted: np.ndarray = wanted) -> float:
+            shown = ImageRenderer(light).render(surface)[None]
             return mean_score(crop_scores(wanted, shown, places)).psnr_db
 
         mean.append(psnr_db(mean_light(own)))
@@ -69,11 +69,11 @@ def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys
     main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])
     said = capsys.readouterr().out
     assert "mean light of sampled units" in said
-    written = Calibration.load(tmp_path / "out" / "calibration.npz")
+    written = Optics.load(tmp_path / "out" / "optics.npz")
     given = t2twin.guess_light(path)
     for name in ("background", "leds_mm", "sizes_mm", "response"):
         np.testing.assert_array_equal(getattr(written, name), getattr(given, name))
-    assert not (tmp_path / "out" / "calibration.json").exists()
+    assert not (tmp_path / "out" / "optics.json").exists()
 
 
 @pytest.mark.parametrize(

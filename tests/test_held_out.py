@@ -1,4 +1,4 @@
-"""Tools in a user's world are found; what is none is not taken for one."""
+"""Tools in a user's recipe are found; what is none is not taken for one."""
 
 from typing import Literal
 
@@ -9,8 +9,8 @@ import trimesh
 from benchmarks.datasets.same_surface import SHARED, KnownSurfaces, tool_surfaces
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.world.held_out import KnownSolids, check_held_out, invariants
-from t2twin.sim.world.recipe import Part, Place, Recipe
+from t2twin.sim.sampling.held_out import KnownSolids, check_held_out, invariants
+from t2twin.sim.sampling.recipe import Part, Place, Recipe
 
 
 @pytest.fixture(scope="module")
@@ -19,8 +19,8 @@ def tools():
 
 
 @pytest.fixture
-def world(tmp_path, shape_cache):
-    """Checks a world of one folder, which has these meshes."""
+def recipe(tmp_path, shape_cache):
+    """Checks a recipe of one folder, which has these meshes."""
 
     def check(split: Literal["train", "test"] = "train", val_share=0.0, **meshes):
         folder = tmp_path / "solids"
@@ -84,22 +84,22 @@ def test_what_is_shared_is_a_primitive_s_surface(shapes):
     assert known.same_as(shapes("clamp/handle").surface) == "hemisphere-4"
 
 
-def test_a_world_with_a_whole_tool_is_refused(world, tools):
+def test_a_recipe_with_a_whole_tool_is_refused(recipe, tools):
     block = trimesh.creation.box((9.0, 8.0, 7.0))
     with pytest.raises(T2TwinError, match=r"b\.stl is the tool allen-key"):
-        world(a=block, b=turned(tools["allen-key"], 3))
+        recipe(a=block, b=turned(tools["allen-key"], 3))
 
 
-def test_a_tool_beside_another_body_is_refused(world, tools):
+def test_a_tool_beside_another_body_is_refused(recipe, tools):
     block = trimesh.creation.box((9.0, 8.0, 7.0), transform=np.eye(4) + np.eye(4, k=3) * 80.0)
     both = trimesh.util.concatenate([block, tools["allen-key"]])
     with pytest.raises(T2TwinError, match="is the tool allen-key"):
-        world(both=both)
+        recipe(both=both)
 
 
-def test_only_a_part_that_is_for_the_test_alone_may_have_tools(world, tools, tmp_path):
-    world("test", 0.0, tool=tools["allen-key"])
+def test_only_a_part_that_is_for_the_test_alone_may_have_tools(recipe, tools, tmp_path):
+    recipe("test", 0.0, tool=tools["allen-key"])
     (tmp_path / "solids/tool.stl").unlink()
     (tmp_path / "solids").rmdir()
     with pytest.raises(T2TwinError, match="is the tool allen-key"):
-        world("test", 0.5, tool=tools["allen-key"])
+        recipe("test", 0.5, tool=tools["allen-key"])

@@ -27,7 +27,7 @@ def real() -> np.ndarray:
     return pictures
 
 
-def test_the_contact_is_where_the_untouched_picture_has_changed(real: np.ndarray) -> None:
+def test_the_contact_is_where_the_background_frame_has_changed(real: np.ndarray) -> None:
     assert (in_contact(real, UNTOUCHED) == (real == 180)).all()
     barely = UNTOUCHED + np.uint8(CONTACT_GREY)
     assert not in_contact(barely[None], UNTOUCHED).any()

@@ -13,7 +13,7 @@ from spots import train_smoke, write_spots
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.sim.world.recipe import load_recipe
+from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.field import FieldTranslator
@@ -27,7 +27,7 @@ from t2twin.translate.training.train import (
 )
 from t2twin.translate.training.trainer import load_initial_weights
 
-WORLD = """
+RECIPE = """
 format = 1
 name = "tiny"
 seed = {seed}
@@ -50,10 +50,10 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_spots(tmp_path_factory.mktemp("spots") / "data")
 
 
-def world(folder: Path, seed: int, force: str) -> Path:
+def recipe(folder: Path, seed: int, force: str) -> Path:
     recipe = folder / "tiny.toml"
-    recipe.write_text(WORLD.format(seed=seed, force=force))
-    make_dataset(folder / "data", world=load_recipe(str(recipe)), workers=1)
+    recipe.write_text(RECIPE.format(seed=seed, force=force))
+    make_dataset(folder / "data", recipe=load_recipe(str(recipe)), workers=1)
     return folder / "data"
 
 
@@ -97,8 +97,8 @@ def test_a_start_saves_steps_and_is_kept_in_mind(
 def test_a_field_run_keeps_what_it_knows_but_for_the_mean_frame(tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     (tmp_path / "several").mkdir()
-    one = world(tmp_path / "one", 5, "8.0")
-    several = world(tmp_path / "several", 6, "{ low = 1.0, high = 10.0 }")
+    one = recipe(tmp_path / "one", 5, "8.0")
+    several = recipe(tmp_path / "several", 6, "{ low = 1.0, high = 10.0 }")
     train("field", one, "smoke", tmp_path / "run", epochs=1)
     config = load_config(tmp_path / "run")
     translator = build(config)
@@ -106,11 +106,13 @@ def test_a_field_run_keeps_what_it_knows_but_for_the_mean_frame(tmp_path: Path) 
     start = find_weights(tmp_path / "run", "field", config.preset, load_info(several))
     load_initial_weights(start, translator)
     before = {name: tensor.clone() for name, tensor in translator.network.state_dict().items()}
-    translator.prepare(load_pairs(several, "train", config.preset.size, False, with_field=True))
+    translator.prepare(
+        load_pairs(several, "train", config.preset.size, False, with_dense_counts=True)
+    )
     after = translator.network.state_dict()
     changed = {name for name, tensor in after.items() if not torch.equal(tensor, before[name])}
     assert changed == {"mean_frame", "force_scale"}  # the force was the same in all it had seen
-    translator.prepare(load_pairs(one, "train", config.preset.size, False, with_field=True))
+    translator.prepare(load_pairs(one, "train", config.preset.size, False, with_dense_counts=True))
     assert float(translator.network.force_scale[1]) > 0.1  # what is known of forces stays
 
 

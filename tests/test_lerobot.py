@@ -61,7 +61,7 @@ def digests(folder):
     return {str(p.relative_to(folder)): sha256_of(p) for p in folder.rglob("*") if p.is_file()}
 
 
-@pytest.fixture(scope="module", params=["small_dataset", "moving_world"])
+@pytest.fixture(scope="module", params=["small_dataset", "moving_dataset"])
 def converted(request, tmp_path_factory):
     """A dataset and its conversion."""
     out = tmp_path_factory.mktemp("converted") / "lerobot"
@@ -85,10 +85,10 @@ def test_frames_equal_the_pairs(converted):
             names = [f"{sensor}_{n}" for n in ("depth_mm", "force_n", *MOTION)]
             expected = rounded(row[name] for name in names if name in row)
             assert frame[f"observation.{sensor}_contact"] == expected
-        if "untouched" in row:
+        if "background" in row:
             name = "observation.images.digit_background"
-            assert frame[name]["bytes"] == row["untouched"]["bytes"]
-            assert frame["observation.field"] == row["field"]
+            assert frame[name]["bytes"] == row["background"]["bytes"]
+            assert frame["observation.dense_counts"] == row["dense_counts"]
             assert all(frame[f"observation.{name}"] == row[name] for name in TRACTIONS)
 
 
@@ -181,10 +181,10 @@ def test_datasets_loads_the_frames_without_an_argument(converted, tmp_path, monk
     assert rows["observation.taxels"][:] == frames["observation.taxels"].to_pylist()
 
 
-def test_an_episode_lies_in_one_file(moving_world, tmp_path, monkeypatch):
+def test_an_episode_lies_in_one_file(moving_dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(lerobot, "DATA_FILE_MB", 0.2)
     monkeypatch.setattr(lerobot, "FILES_PER_CHUNK", 2)
-    convert_to_lerobot(moving_world, tmp_path / "out")
+    convert_to_lerobot(moving_dataset, tmp_path / "out")
     frames, episodes, info, _ = read_all(tmp_path / "out")
     files = set()
     for row in episodes.to_pylist():
@@ -214,4 +214,7 @@ def test_features_without_values_are_left_out(tmp_path):
     info = convert_to_lerobot(folder, tmp_path / "out")
     names = set(info["features"]) - set(INDEX_TYPES)
     assert {"observation.images.digit", "observation.taxels", "action"} <= names
-    assert "observation.field" not in names and info["splits"] == {"train": "0:3", "test": "3:5"}
+    assert "observation.dense_counts" not in names and info["splits"] == {
+        "train": "0:3",
+        "test": "3:5",
+    }

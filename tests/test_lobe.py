@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from ball_frames import BALL_MM, POSES
 
-from benchmarks.optics.calibration import rim_steepness
+from benchmarks.optics.fitted_optics import rim_steepness
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.calibrate import score
 from t2twin.sim.digit.calibrate.fit import START, BallFit
 from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch, crop
 from t2twin.sim.digit.calibrate.ridge import Terms
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.digit.image_renderer import ImageRenderer
 from t2twin.sim.digit.light.leds import DIGIT_LEDS
 from t2twin.sim.digit.light.lobe import LOBE_PLACES, LOBE_TERMS
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.surface import ball_surface
 
 DRIFT_GREY = np.array([4, -3, 5])
@@ -25,12 +25,12 @@ HOLD, SKIRT = 0.8, 1.0
 
 @pytest.fixture(scope="module")
 def unit():
-    """The default calibration with a lobe that changes images by tens of grey levels."""
+    """The default optics with a lobe that changes images by tens of grey levels."""
     lobe = np.zeros((3, 3, LOBE_PLACES, LOBE_TERMS))
     rng = np.random.default_rng(0)
     for led in range(3):
         lobe[led, led] = 0.5 * rng.uniform(-1, 1, (LOBE_PLACES, LOBE_TERMS))
-    return replace(Calibration.load(), lobe=lobe)
+    return replace(Optics.load(), lobe=lobe)
 
 
 def surface(pose):
@@ -50,8 +50,8 @@ def true_geometry():
 
 def test_a_unit_with_a_lobe_and_drift_is_recovered(unit):
     warm = np.clip(unit.background.astype(int) + DRIFT_GREY, 0, 255).astype(np.uint8)
-    optics = DigitOptics(replace(unit, background=warm))
-    frames = np.array([optics.render(surface(pose)) for pose in POSES])
+    renderer = ImageRenderer(replace(unit, background=warm))
+    frames = np.array([renderer.render(surface(pose)) for pose in POSES])
     clean = clean_background(unit.background, frames[1:])
     assert np.abs(clean.astype(float) - warm).mean() < 0.5
     patches = np.array([contact_patch(frame, unit.background) for frame in frames])
@@ -60,7 +60,7 @@ def test_a_unit_with_a_lobe_and_drift_is_recovered(unit):
     psnr_db = {}
     for has_lobe in (False, True):
         state = model._solved(true_geometry(), POSES[1:], Terms(4, 1e-4, has_lobe))
-        fitted = DigitOptics(model.calibration(state)).render(surface(POSES[0]))
+        fitted = ImageRenderer(model.optics(state)).render(surface(POSES[0]))
         psnr_db[has_lobe] = score(crop(frames[0], patches[0]), crop(fitted, patches[0])).psnr_db
     assert psnr_db[True] > 38
     assert psnr_db[True] > psnr_db[False] + 3
@@ -68,24 +68,24 @@ def test_a_unit_with_a_lobe_and_drift_is_recovered(unit):
 
 def test_a_file_keeps_the_lobe(unit, tmp_path):
     unit.save(tmp_path / "unit.npz")
-    again = Calibration.load(tmp_path / "unit.npz")
+    again = Optics.load(tmp_path / "unit.npz")
     assert again.lobe is not None
     np.testing.assert_array_equal(again.lobe, unit.lobe)
-    assert Calibration.load().lobe is None
+    assert Optics.load().lobe is None
     for wrong in (unit.lobe[:2], np.full_like(unit.lobe, np.nan), np.full_like(unit.lobe, 1e9)):
         with pytest.raises(T2TwinError, match="lobe"):
             replace(unit, lobe=wrong)
 
 
 def test_a_gel_at_rest_gives_the_background_with_a_lobe(unit):
-    still = DigitOptics(unit).render(np.zeros_like(surface(POSES[0])))
+    still = ImageRenderer(unit).render(np.zeros_like(surface(POSES[0])))
     np.testing.assert_array_equal(still, unit.background)
 
 
 def test_a_lobe_of_zeros_changes_nothing(unit):
-    zero = DigitOptics(replace(unit, lobe=np.zeros_like(unit.lobe)))
+    zero = ImageRenderer(replace(unit, lobe=np.zeros_like(unit.lobe)))
     pressed = surface(POSES[0])
-    np.testing.assert_array_equal(zero.render(pressed), DigitOptics.load().render(pressed))
+    np.testing.assert_array_equal(zero.render(pressed), ImageRenderer.load().render(pressed))
 
 
 def test_a_blurred_rim_is_less_steep():

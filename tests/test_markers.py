@@ -14,11 +14,11 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.digit import pyrender_renderer
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import response
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.image_renderer import ImageRenderer
 from t2twin.sim.digit.markers import INK_REFLECTANCE, MarkerImage
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.sensors import Digit
 
 X_MM, Y_MM = optical_grid()
@@ -67,8 +67,8 @@ def seen(places_mm: np.ndarray, gel=DIGIT_GEL) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def optics():
-    return {m: DigitOptics(Calibration.load(), markers=m) for m in (None, Markers())}
+def renderer():
+    return {m: ImageRenderer(Optics.load(), markers=m) for m in (None, Markers())}
 
 
 # the pattern
@@ -105,7 +105,9 @@ def test_the_record_is_a_value():
     assert hash(one) == hash(Markers(2.0, 0.4, 0.1, 3)) and one != Markers()
     digit = pickle.loads(pickle.dumps(Digit(markers=one)))
     assert digit == Digit(markers=one) and digit != Digit()
-    np.testing.assert_array_equal(digit.background_frame(), Digit(markers=one).optics.background)
+    np.testing.assert_array_equal(
+        digit.background_frame(), Digit(markers=one).image_renderer.background
+    )
 
 
 @pytest.mark.parametrize(
@@ -162,12 +164,12 @@ def test_stretch_and_shear_make_ellipses_of_their_area_and_axes():
     np.testing.assert_allclose(moments, expected, rtol=0.02)
 
 
-def test_a_shift_of_the_surface_moves_the_markers_in_the_image_by_it(optics):
-    marked = optics[Markers()]
+def test_a_shift_of_the_surface_moves_the_markers_in_the_image_by_it(renderer):
+    marked = renderer[Markers()]
     for x_mm, y_mm in ((0.0, 0.0), (0.37, 0.0), (-0.21, 0.53)):
         image = marked.render(FLAT, shift=uniform(x_mm, y_mm))
         light, plain = (
-            response.linear(i, GAMMA).sum(axis=2) for i in (image, optics[None].background)
+            response.linear(i, GAMMA).sum(axis=2) for i in (image, renderer[None].background)
         )
         places = Markers().moved_mm(uniform(x_mm, y_mm))
         np.testing.assert_allclose(
@@ -179,12 +181,12 @@ def test_a_shift_of_the_surface_moves_the_markers_in_the_image_by_it(optics):
         np.testing.assert_allclose(found, expected[inside], atol=0.1)
 
 
-def test_without_markers_images_keep_their_bytes(optics):
+def test_without_markers_images_keep_their_bytes(renderer):
     surface = 0.8 * np.exp(-(np.hypot(X_MM, Y_MM[:, None]) ** 2) / 4).astype(np.float32)
-    plain, marked = (optics[m].render(surface) for m in (None, Markers()))
-    shifted = optics[None].render(surface, shift=uniform(0.5, 0.5))
+    plain, marked = (renderer[m].render(surface) for m in (None, Markers()))
+    shifted = renderer[None].render(surface, shift=uniform(0.5, 0.5))
     np.testing.assert_array_equal(shifted, plain)
-    np.testing.assert_array_equal(Digit(markers=None).background_frame(), optics[None].background)
+    np.testing.assert_array_equal(Digit(markers=None).background_frame(), renderer[None].background)
     changed = (marked != plain).any(axis=2)
     assert 0.08 < changed.mean() < 0.15  # of the area: pi / 4 (0.5 / 1.4)^2 is 0.10
     assert (marked[changed] <= plain[changed]).all()
@@ -192,8 +194,8 @@ def test_without_markers_images_keep_their_bytes(optics):
 
 def test_both_renderers_show_the_markers_at_the_same_places(shapes, monkeypatch):
     monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 1)
-    twins = [Twin(optics=optics, markers=True) for optics in ("baked", "pyrender")]
-    plain = [Twin(optics=optics) for optics in ("baked", "pyrender")]
+    twins = [Twin(renderer=renderer, markers=True) for renderer in ("baked", "pyrender")]
+    plain = [Twin(renderer=renderer) for renderer in ("baked", "pyrender")]
     found = []
     for marked, bare in zip(twins, plain, strict=True):
         touch, without = (

@@ -31,7 +31,7 @@ def imported(tmp_path_factory):
     return folder / "data"
 
 
-@pytest.fixture(params=["small_dataset", "moving_world", "imported"])
+@pytest.fixture(params=["small_dataset", "moving_dataset", "imported"])
 def folder(request):
     return request.getfixturevalue(request.param)
 
@@ -76,7 +76,7 @@ def test_croissant_is_valid_and_loads_every_pair(folder):
     assert len(records) == len(rows)
     for row in rows:
         record = records[tuple(row[name] for name in KEY)]
-        assert list(record) == schema_of(info.world).names
+        assert list(record) == schema_of(info.recipe).names
         for name, value in row.items():
             if isinstance(value, dict):
                 assert np.array_equal(np.asarray(record[name]), decode_png(value["bytes"]))

@@ -114,13 +114,13 @@ def test_what_cannot_be_gets_a_sentence(run_dir: Path, monkeypatch: pytest.Monke
 
 
 def test_another_layout_has_its_own_file(kept: Path, frames: np.ndarray) -> None:
-    """Of the field that ships, whose estimates are the same too, with untouched frames and not."""
+    """Of the field that ships, whose estimates are the same too, with background frames and not."""
     fast, plain = load("field", "cyskin-63"), load("field", "cyskin-63", engine="torch")
-    for untouched in (None, frames[0]):
-        one, other = fast.estimate(frames, untouched), plain.estimate(frames, untouched)
-        assert one.counts.shape == (3, 63) and one.field.shape == (3, 216)
+    for background in (None, frames[0]):
+        one, other = fast.estimate(frames, background), plain.estimate(frames, background)
+        assert one.counts.shape == (3, 63) and one.dense_counts.shape == (3, 216)
         assert one.force_n is not None and other.force_n is not None
-        for name in ("counts", "counts_std", "field", "field_std"):
+        for name in ("counts", "counts_std", "dense_counts", "dense_counts_std"):
             np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1.0)
         np.testing.assert_allclose(one.force_n, other.force_n, rtol=1e-4)
     own = fast.at_layout(fast.config.data.x_mm[:5], fast.config.data.y_mm[:5], "five")

@@ -36,7 +36,7 @@ def test_a_wheel_has_one_top_level_name_and_everything_in_it(wheel):
     templates = {p.relative_to(ROOT) for p in (ROOT / "t2twin").rglob("templates/**/*.*")}
     assert templates and {str(path) for path in templates} <= set(names)
     assert {"t2twin/sim/dataset/card.md", "t2twin/translate/runs/card.md"} <= set(names)
-    assert "t2twin/sim/digit/default_calibration.npz" in names
+    assert "t2twin/sim/digit/default_optics.npz" in names
     assert "t2twin/sim/cyskin/layouts/cyskin-20.json" in names
 
 

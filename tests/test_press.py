@@ -28,8 +28,8 @@ from t2twin.sim.contact.mujoco_pins import MujocoPins
 from t2twin.sim.contact.solver_loops import Anderson, spring_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.digit.surface import surface_on
+from t2twin.sim.sampling import protocol
 from t2twin.sim.splines import on_lines
-from t2twin.sim.world import protocol
 
 FLAT = Elastomer("flat", 4.07, 0.5, 0.47, width_mm=18.5, length_mm=18.5, law="linear")
 

@@ -6,7 +6,7 @@ from scipy.spatial import KDTree
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.world import protocol
+from t2twin.sim.sampling import protocol
 
 
 def test_the_paper_scale_is_the_papers():

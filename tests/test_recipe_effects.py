@@ -7,7 +7,7 @@ from msgspec import structs
 
 import t2twin
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.world.recipe import checked
+from t2twin.sim.sampling.recipe import checked
 
 HEAD = 'format = 1\nname = "w"\n'
 PART = (
@@ -30,10 +30,10 @@ def load(folder: Path, text: str) -> t2twin.Recipe:
         ('[light]\neach = "press"\n', "each of light .* kind is not"),
         ('scale = "small"\n', "scale of the part of random shapes .* place is not the grid"),
         ('split = "val"\nval_share = 0.5\n', "val_share of the part of random shapes"),
-        (f"{DRAWN}[light.draw]\naround_part = [0.0, 0.1]\n", "around_part .* has no calibration"),
+        (f"{DRAWN}[light.draw]\naround_part = [0.0, 0.1]\n", "around_part .* has no optics"),
         (
-            f'{DRAWN}calibration = "c.npz"\n[light.draw]\nled_size_mm = [1.0, 2.0]\n',
-            "led_size_mm of light.draw .* has a calibration",
+            f'{DRAWN}optics = "c.npz"\n[light.draw]\nled_size_mm = [1.0, 2.0]\n',
+            "led_size_mm of light.draw .* has an optics file",
         ),
         (f"{DRAWN}[light.draw]\nspecks = [0, 0]\nspeck_px = [1.0, 2.0]\n", "speck_px .* specks is"),
         (f"{DRAWN}[light.artifacts]\nworn = 0.0\nwear_part = [0.1, 0.2]\n", "wear_part of light.a"),
@@ -57,7 +57,7 @@ def test_motion_of_single_presses_is_refused(tmp_path: Path) -> None:
     [
         "[light.draw]\nled_size_mm = [1.0, 9.0]\n",  # the default
         "[motion]\nstill = 1.0\nslide = 0.0\ntwist = 0.0\nmarkers = 1.0\n",
-        f'{DRAWN}calibration = "c.npz"\n[light.draw]\naround_part = [0.0, 0.1]\n',
+        f'{DRAWN}optics = "c.npz"\n[light.draw]\naround_part = [0.0, 0.1]\n',
         f"{DRAWN}[light.draw]\nled_size_mm = [1.0, 2.0]\n[light.artifacts]\nglares = [0, 0]\n",
     ],
 )
@@ -74,5 +74,5 @@ def test_recipes_from_python_are_checked_too(tmp_path: Path) -> None:
 def test_a_share_of_no_shape_is_refused(tmp_path: Path) -> None:
     recipe = load(tmp_path, f"{PART}val_share = 0.02\n")
     with pytest.raises(T2TwinError, match=r"val_share of .* is 0\.02, which is less than half a"):
-        t2twin.make_dataset(tmp_path / "out", world=recipe)
+        t2twin.make_dataset(tmp_path / "out", recipe=recipe)
     assert not (tmp_path / "out").exists()

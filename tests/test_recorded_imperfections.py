@@ -17,8 +17,8 @@ from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of
 from t2twin.sim.dataset.timing import Stopwatch
+from t2twin.sim.sampling.presses import PressSample
 from t2twin.sim.slide import path_commands, touches_along
-from t2twin.sim.world.presses import PressSample
 from t2twin.translate.evaluation.predictions import as_readings
 from t2twin.translate.uncertainty.estimate import Estimate
 
@@ -180,14 +180,14 @@ def test_a_path_of_a_dataset_is_that_of_the_twin(twin, shape):
 def test_rows_do_not_depend_on_the_workers(tmp_path: Path, shape_cache: Path):
     recipe = tmp_path / "recorded.toml"
     recipe.write_text(
-        'format = 1\nname = "recorded"\nimperfections = "recorded"\nfield = false\n'
-        'untouched_frames = false\n[[parts]]\nshapes = "random"\ncount = 2\npresses = 3\n'
+        'format = 1\nname = "recorded"\nimperfections = "recorded"\ndense_counts = false\n'
+        'background_frames = false\n[[parts]]\nshapes = "random"\ncount = 2\npresses = 3\n'
         "place = { normal_mm = 0.5 }\nforce_n = 8.0\n"
         "[motion]\nstill = 0.0\nslide = 1.0\ntwist = 0.0\nslide_mm = [0.05, 0.1]\nsteps = [2, 2]\n"
         "force_change = [0.1, 0.1]\n"
     )
     for workers in (1, 2):
-        make_dataset(tmp_path / str(workers), world=recipe, workers=workers, cache=shape_cache)
+        make_dataset(tmp_path / str(workers), recipe=recipe, workers=workers, cache=shape_cache)
     info = read_info(tmp_path / "1")
     assert info.parameters and info.parameters.cyskin.imperfections == RECORDED
     for path in info.shards:

@@ -13,9 +13,9 @@ from t2twin.sim.dataset.info import DatasetInfo, Shard
 from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
 from t2twin.sim.dataset.verify import planned_shards
+from t2twin.sim.sampling.plan import Batch, plan
+from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors import SensorPair
-from t2twin.sim.world.plan import Batch, plan
-from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config
@@ -181,12 +181,12 @@ def test_an_older_config_names_no_format(tmp_path, config):
     assert load_config(tmp_path).preset == config.preset
 
 
-def test_steps_and_world_come_back(tmp_path, config):
-    data = structs.replace(config.data, world="shelf")
+def test_steps_and_recipe_come_back(tmp_path, config):
+    data = structs.replace(config.data, recipe="shelf")
     new = structs.replace(config, steps=90, epoch_steps=9, data=data)
     new.save(tmp_path)
     again = load_config(tmp_path)
-    assert (again.steps, again.epoch_steps, again.data.world) == (90, 9, "shelf")
+    assert (again.steps, again.epoch_steps, again.data.recipe) == (90, 9, "shelf")
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_steps_and_world_come_back(tmp_path, config):
         (["planned_epochs"], 0, "planned_epochs must be a whole number at least 1"),
         (["steps"], 0, "steps must be a whole number at least 1"),
         (["epoch_steps"], 2**70, "epoch_steps must be a whole number at most"),
-        (["data", "world"], 5, r"data\.world is a whole number; it must be text or null"),
+        (["data", "recipe"], 5, r"data\.recipe is a whole number; it must be text or null"),
         (["data", "train_pairs"], -1, r"data\.train_pairs must be a whole number at least 0"),
         (["bf16"], "yes", "bf16 is text; it must be true or false"),
         (["processes"], 1.5, "processes is a number; it must be a whole number"),
@@ -220,7 +220,7 @@ def test_steps_and_world_come_back(tmp_path, config):
         (["data", "layout_x_mm", 2], "x", r"data\.layout_x_mm\[2\] is text; it must be a number"),
         (["data", "layout_x_mm"], "x", r"data\.layout_x_mm is text; it must be a list"),
         (["data", "pad_diameter_mm"], [0.0] * 20, "pad_diameter_mm must have one for each taxel"),
-        (["data", "field_x_mm"], [0.0], "layout_x_mm has 1 and layout_y_mm 0 positions"),
+        (["data", "dense_x_mm"], [0.0], "layout_x_mm has 1 and layout_y_mm 0 positions"),
         (["data", "layout_x_mm"], [], "layout_x_mm has 0 and layout_y_mm 20 positions"),
         (["data", "full_scale_counts"], 0, r"data\.full_scale_counts must be a number at least 1"),
     ],

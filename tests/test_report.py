@@ -152,7 +152,7 @@ def report_data(page: Path, data_dir: Path, runs: list[Path]) -> ReportData:
     return read_report_data(page.parent, data_dir, runs)
 
 
-def test_limits_name_the_calibration_and_the_law_of_the_elastomer(
+def test_limits_name_the_optics_and_the_law_of_the_elastomer(
     report_data: ReportData, read: Reader
 ) -> None:
     text = read.text("limits")
@@ -160,12 +160,12 @@ def test_limits_name_the_calibration_and_the_law_of_the_elastomer(
     assert "stiffens like that of a neo-Hookean solid" in text
     parameters = report_data.info.parameters
     assert parameters is not None
-    digit = replace(parameters.digit, calibration_sha256="0123456789ab" + 52 * "0")
+    digit = replace(parameters.digit, optics_sha256="0123456789ab" + 52 * "0")
     info = replace(report_data.info, parameters=replace(parameters, digit=digit))
     own = replace(report_data, info=info)
     text = render_section(run_report.RUNS, "limits", report=own, **run_report.limits(own))
     assert "not on your sensor" not in text
-    assert "custom calibration (SHA-256 0123456789ab)" in " ".join(text.split())
+    assert "custom optics (SHA-256 0123456789ab)" in " ".join(text.split())
 
 
 def test_summary_says_what_the_evaluation_found(read: Reader, report_data: ReportData) -> None:

@@ -41,10 +41,10 @@ def test_an_estimate_is_its_force(twin: t2twin.Twin) -> None:
     run, image = t2twin.load("field"), twin.press("square-1").image
     one = run.estimate(image)
     force = f"force {one.force_n:.3g} ± {one.force_std_n:.2g} N"
-    assert repr(one).startswith(f"Estimate(counts (20,), field (216,), {force}, shear ")
+    assert repr(one).startswith(f"Estimate(counts (20,), dense_counts (216,), {force}, shear ")
     several = run.estimate([image, image])
     assert repr(several) == (
-        "Estimate(counts (2, 20), field (2, 216), force (2,) N, shear (2, 2) N)"
+        "Estimate(counts (2, 20), dense_counts (2, 216), force (2,) N, shear (2, 2) N)"
     )
     for each in (one, run, run.config, twin.layout, t2twin.load_shape("square-1")):
         assert "\n" not in repr(each) and len(repr(each)) < 600

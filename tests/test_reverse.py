@@ -247,12 +247,12 @@ def test_commands_that_want_counts_refuse_it_in_one_sentence(
     [
         lambda run, frame: run.predict(frame),
         lambda run, frame: run.estimate(frame),
-        lambda run, frame: run.sample_fields(frame, 2),
+        lambda run, frame: run.sample_dense_counts(frame, 2),
         lambda run, frame: run.tactile_images(frame),
         lambda run, frame: export_onnx(run, "x.onnx"),
         lambda run, frame: t2twin.load(run.run_dir, layout="cyskin-63"),
     ],
-    ids=["predict", "estimate", "sample_fields", "tactile_images", "export_onnx", "layout"],
+    ids=["predict", "estimate", "sample_dense_counts", "tactile_images", "export_onnx", "layout"],
 )
 def test_a_loaded_run_gives_no_counts(
     ask: Callable, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

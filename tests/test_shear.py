@@ -59,27 +59,29 @@ def network(data_dir: Path, *, shear: bool) -> FieldNet:
 
 
 @pytest.fixture(scope="module")
-def still_run(moving_world: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def still_run(moving_dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An untrained run that does not predict the shear force."""
     folder = tmp_path_factory.mktemp("still")
-    config = config_for(moving_world, shear=False)
-    structs.replace(config, data=structs.replace(config.data, world="still")).save(folder)
+    config = config_for(moving_dataset, shear=False)
+    structs.replace(config, data=structs.replace(config.data, recipe="still")).save(folder)
     translator = build(config)
-    translator.prepare(load_pairs(moving_world, "train", SMOKE.size, False, folder / "c", True))
+    translator.prepare(load_pairs(moving_dataset, "train", SMOKE.size, False, folder / "c", True))
     save_weights(folder / BEST, translator.predictor)
     return folder
 
 
 @pytest.fixture(scope="module")
-def run_dir(moving_world: Path, still_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run_dir(
+    moving_dataset: Path, still_run: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     """A run that predicts the shear force, from the weights of one that does not."""
     folder = tmp_path_factory.mktemp("trained") / "run"
-    train("field", moving_world, "smoke", folder, epochs=1, init_from=still_run)
+    train("field", moving_dataset, "smoke", folder, epochs=1, init_from=still_run)
     return folder
 
 
-def test_pairs_contain_the_shear_force(moving_world: Path, tmp_path: Path) -> None:
-    pairs = load_pairs(moving_world, "train", 64, False, tmp_path, True)
+def test_pairs_contain_the_shear_force(moving_dataset: Path, tmp_path: Path) -> None:
+    pairs = load_pairs(moving_dataset, "train", 64, False, tmp_path, True)
     assert pairs.shear_n is not None and pairs.is_moving is not None
     assert pairs.shear_n.shape == (10, 2) and pairs.is_moving.any()
     assert not pairs.shear_n[~pairs.is_moving].any()
@@ -87,8 +89,8 @@ def test_pairs_contain_the_shear_force(moving_world: Path, tmp_path: Path) -> No
     np.testing.assert_array_equal(part.shear_n, pairs.shear_n[[3, 5]])
 
 
-def test_the_shear_force_leaves_the_other_weights(moving_world: Path) -> None:
-    plain, shear = (network(moving_world, shear=each).state_dict() for each in (False, True))
+def test_the_shear_force_leaves_the_other_weights(moving_dataset: Path) -> None:
+    plain, shear = (network(moving_dataset, shear=each).state_dict() for each in (False, True))
     assert all(torch.equal(shear[name], each) for name, each in plain.items())
     assert all(name.startswith(SHEAR) for name in shear.keys() - plain.keys())
 
@@ -108,12 +110,12 @@ def translator_of(data_dir: Path, pairs: Pairs, *, shear: bool) -> FieldTranslat
     return translator
 
 
-def test_its_training_leaves_the_other_weights(moving_world: Path, tmp_path: Path) -> None:
-    pairs = load_pairs(moving_world, "train", SMOKE.size, False, tmp_path, True)
+def test_its_training_leaves_the_other_weights(moving_dataset: Path, tmp_path: Path) -> None:
+    pairs = load_pairs(moving_dataset, "train", SMOKE.size, False, tmp_path, True)
     batch = load_examples(pairs, np.arange(6), SMOKE, None)
     trained = []
     for shear in (False, True):
-        translator = translator_of(moving_world, pairs, shear=shear)
+        translator = translator_of(moving_dataset, pairs, shear=shear)
         torch.manual_seed(0)
         translator.step(batch)
         trained.append(translator.network.state_dict())
@@ -156,10 +158,10 @@ def test_means_over_boxes() -> None:
     assert averaged(maps, means)[0, 0, 0, 1] == pytest.approx(float(maps[0, 0, :3, 1:5].mean()))
 
 
-def test_a_step_trains_the_shear_force(moving_world: Path, tmp_path: Path) -> None:
-    pairs = load_pairs(moving_world, "train", SMOKE.size, False, tmp_path, True)
+def test_a_step_trains_the_shear_force(moving_dataset: Path, tmp_path: Path) -> None:
+    pairs = load_pairs(moving_dataset, "train", SMOKE.size, False, tmp_path, True)
     assert pairs.shear_n is not None
-    translator = translator_of(moving_world, pairs, shear=True)
+    translator = translator_of(moving_dataset, pairs, shear=True)
     rms = np.sqrt(np.square(pairs.shear_n).mean())
     assert float(translator.network.shear_scale) == pytest.approx(rms, rel=1e-6)
     before = translator.network.shear.weights.weight.clone()
@@ -168,7 +170,7 @@ def test_a_step_trains_the_shear_force(moving_world: Path, tmp_path: Path) -> No
     assert not torch.equal(translator.network.shear.weights.weight, before)
     error = translator.shear_error(pairs)
     assert error is not None and error > 0.0
-    assert translator_of(moving_world, pairs, shear=False).shear_error(pairs) is None
+    assert translator_of(moving_dataset, pairs, shear=False).shear_error(pairs) is None
 
 
 def test_overfits_one_batch() -> None:
@@ -191,13 +193,13 @@ def test_overfits_one_batch() -> None:
 
 
 def test_weights_without_shear_are_a_start_but_not_a_run(
-    moving_world: Path, still_run: Path
+    moving_dataset: Path, still_run: Path
 ) -> None:
-    target = network(moving_world, shear=True)
+    target = network(moving_dataset, shear=True)
     with pytest.raises(T2TwinError, match="does not fit"):
         load_weights(still_run / BEST, target)
     load_weights(still_run / BEST, target, optional=(SHEAR,))
-    assert torch.equal(target.mean_frame, build_still(moving_world, still_run).mean_frame)
+    assert torch.equal(target.mean_frame, build_still(moving_dataset, still_run).mean_frame)
 
 
 def build_still(data_dir: Path, run: Path) -> FieldNet:
@@ -207,11 +209,11 @@ def build_still(data_dir: Path, run: Path) -> FieldNet:
 
 
 def test_a_trained_run_predicts_it_in_both_engines(
-    run_dir: Path, moving_world: Path, tmp_path: Path
+    run_dir: Path, moving_dataset: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("onnxruntime")
     run = require(load_run(run_dir), FieldPredictor, "the test")
-    pairs = load_pairs(moving_world, "val", SMOKE.size, False, tmp_path, True)
+    pairs = load_pairs(moving_dataset, "val", SMOKE.size, False, tmp_path, True)
     estimate = run.estimate_pixels(pairs.inputs)
     assert estimate.shear_n is not None and estimate.shear_std_n is not None
     assert estimate.shear_n.shape == estimate.shear_std_n.shape == (5, 2)
@@ -226,9 +228,9 @@ def test_a_trained_run_predicts_it_in_both_engines(
 
 
 def test_evaluation_separates_moving_touches(
-    run_dir: Path, moving_world: Path, tmp_path: Path
+    run_dir: Path, moving_dataset: Path, tmp_path: Path
 ) -> None:
-    result = evaluate([run_dir], moving_world, "val", tmp_path)
+    result = evaluate([run_dir], moving_dataset, "val", tmp_path)
     row = result.models["field"]
     assert row.by_motion is not None and row.shear is not None
     still, moving = (row.by_motion[name] for name in ("still", "moving"))

@@ -48,7 +48,7 @@ def test_train_and_evaluate(small_dataset: Path) -> None:
 
 
 def test_adapt_to_a_sensor(calibrated, monkeypatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """The stand-ins are simulated; the calibration, which takes long, is one of another sensor."""
+    """The stand-ins are simulated; the optics, which takes long, is one of another sensor."""
 
     def calibrate(background: Path, presses: Path, *_: float, **__: object) -> object:
         assert background.is_file() and len(list(presses.iterdir())) == 16

@@ -16,8 +16,8 @@ import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.contact_solver import DEPTH_TOLERANCE_MM
+from t2twin.sim.sampling.protocol import indices, press_at, scale_of
 from t2twin.sim.sensors import SensorPair
-from t2twin.sim.world.protocol import indices, press_at, scale_of
 from t2twin.studio import cards, files, solids
 from t2twin.studio.files import COMMAND_FILE, zip_press
 from t2twin.studio.html import color_table, color_values
@@ -381,7 +381,7 @@ def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
     [
         ("shape", "a.exe", 3, r"\.stl"),
         ("frame", "a.npz", 3, r"\.png"),
-        ("calibration", "a.pkl", 3, r"\.npz"),
+        ("optics", "a.pkl", 3, r"\.npz"),
         ("layout", "", 3, r"\.csv"),
         ("shape", "a.stl", files.MAX_BYTES + 1, "64 MB"),
     ],
@@ -408,9 +408,9 @@ def test_taken_away_it_is_the_folder_that_press_writes(result, tmp_path):
 
 
 def test_no_path_of_this_machine_is_taken_away(result, tmp_path):
-    state = replace(result.state, calibration=str(tmp_path / "mine.npz"))
+    state = replace(result.state, optics=str(tmp_path / "mine.npz"))
     _, content = zip_press(replace(result, state=state), tmp_path)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         summary = archive.read(f"{SHAPE}/press.json").decode()
-    assert json.loads(summary)["digit"]["calibration"] == "mine.npz"
+    assert json.loads(summary)["digit"]["optics"] == "mine.npz"
     assert str(tmp_path) not in summary

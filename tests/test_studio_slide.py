@@ -132,7 +132,7 @@ def test_a_jump_has_no_shear(session):
         ({"seed": 1, "imperfections": "all"}, True),
         ({"shape": "square-2"}, False),
         ({"scale": 2.0}, False),
-        ({"calibration": "other.npz"}, False),
+        ({"optics": "other.npz"}, False),
         ({"friction": 0.5}, False),
         ({"motion": "jump"}, False),
         ({"depth_mm": 0.5}, False),

@@ -15,10 +15,10 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.records import convert
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.digit import pyrender_renderer
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+from t2twin.sim.digit.image_renderer import FRAMES, ImageRenderer
 from t2twin.sim.digit.light.ray_casting import Rays
-from t2twin.sim.digit.optics import FRAMES, DigitOptics
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.digit.surface import ball_surface
 from t2twin.sim.sensors import Digit
@@ -38,7 +38,7 @@ def same(one, other):
         np.array_equal(getattr(one, field.name), getattr(other, field.name))
         if field.name in arrays
         else getattr(one, field.name) == getattr(other, field.name)
-        for field in fields(Calibration)
+        for field in fields(Optics)
     )
 
 
@@ -53,7 +53,7 @@ def units():
 
 @pytest.fixture(scope="module")
 def shipped():
-    return Calibration.load()
+    return Optics.load()
 
 
 # Drawing
@@ -63,9 +63,9 @@ def test_the_same_seed_gives_the_same_unit_in_any_thread(units):
     with ThreadPoolExecutor(4) as pool:
         again = list(pool.map(unit, range(8)))
     for one, other in zip(units, again, strict=False):
-        assert same(one.calibration, other.calibration)
+        assert same(one.optics, other.optics)
         assert one.noise_grey == other.noise_grey and one.leds == other.leds
-    assert not same(units[0].calibration, units[1].calibration)
+    assert not same(units[0].optics, units[1].optics)
 
 
 def test_units_keep_to_the_ranges(units):
@@ -73,16 +73,16 @@ def test_units_keep_to_the_ranges(units):
         assert between[0] <= np.min(values) and np.max(values) <= between[1]
         assert np.ptp(values) > 0.8 * (between[1] - between[0])
 
-    calibrations = [one.calibration for one in units]
-    check([c.scale_px_per_mm for c in calibrations], DRAW.scale_px_per_mm)
-    check([c.distance_mm for c in calibrations], DRAW.distance_mm)
-    check([c.gamma for c in calibrations], (DRAW.linear_gamma[0], DRAW.gamma[1]))
-    check([(c.shift_x_px, c.shift_y_px) for c in calibrations], DRAW.shift_px)
-    check([(c.tilt_x_deg, c.tilt_y_deg) for c in calibrations], DRAW.tilt_deg)
+    optics = [one.optics for one in units]
+    check([c.scale_px_per_mm for c in optics], DRAW.scale_px_per_mm)
+    check([c.distance_mm for c in optics], DRAW.distance_mm)
+    check([c.gamma for c in optics], (DRAW.linear_gamma[0], DRAW.gamma[1]))
+    check([(c.shift_x_px, c.shift_y_px) for c in optics], DRAW.shift_px)
+    check([(c.tilt_x_deg, c.tilt_y_deg) for c in optics], DRAW.tilt_deg)
     check([one.noise_grey for one in units], DRAW.noise_grey)
-    sizes = np.array([c.sizes_mm for c in calibrations])
+    sizes = np.array([c.sizes_mm for c in optics])
     assert sizes.max() <= DRAW.led_size_mm[1] and sizes.min() > 0.9 * DRAW.led_size_mm[0]
-    places = np.array([c.leds_mm for c in calibrations])
+    places = np.array([c.leds_mm for c in optics])
     check(np.hypot(places[..., 0], places[..., 1]), DRAW.led_distance_mm)
     turns = np.degrees(np.arctan2(-places[..., 1], places[..., 0])) - (30.0, 150.0, -90.0)
     check(turns, DRAW.led_turn_deg)
@@ -90,36 +90,36 @@ def test_units_keep_to_the_ranges(units):
 
 def test_backgrounds_are_plain_and_hardly_clipped(units):
     for one in units:
-        background = one.calibration.background
+        background = one.optics.background
         assert 40 < background.mean() < 180
         assert (background >= 254).mean() < 0.05 and (background <= 1).mean() < 0.05
 
 
 def test_a_press_is_seen_in_every_unit(units):
     for one in units[:40]:
-        optics = DigitOptics(one.calibration)
-        change = np.abs(optics.render(BALL).astype(int) - optics.background).max(axis=-1)
+        renderer = ImageRenderer(one.optics)
+        change = np.abs(renderer.render(BALL).astype(int) - renderer.background).max(axis=-1)
         assert np.percentile(change, 95) > 15
         assert (change > 5).mean() < 0.6
 
 
-def test_a_unit_about_a_calibration_is_near_it(shipped):
-    own = DigitOptics(shipped)
+def test_a_unit_about_an_optics_file_is_near_it(shipped):
+    own = ImageRenderer(shipped)
     for seed in range(5):
-        near = unit(seed, center=shipped).calibration
+        near = unit(seed, center=shipped).optics
         assert np.abs(near.leds_mm - shipped.leds_mm).max() <= DRAW.around_led_mm[1]
         assert near.scale_px_per_mm == pytest.approx(shipped.scale_px_per_mm, rel=0.03)
         assert near.gamma == pytest.approx(shipped.gamma, rel=0.06)
         light = np.abs(near.background.astype(float) - shipped.background)
         assert 0 < light.mean() < 0.15 * shipped.background.mean()
-        optics = DigitOptics(near)
-        changes = [(o.render(BALL).astype(float) - o.background).ravel() for o in (optics, own)]
+        renderer = ImageRenderer(near)
+        changes = [(o.render(BALL).astype(float) - o.background).ravel() for o in (renderer, own)]
         assert np.corrcoef(changes)[0, 1] > 0.8
 
 
-def test_a_center_at_the_edge_of_what_a_calibration_may_be_is_kept_inside(shipped):
+def test_a_center_at_the_edge_of_what_an_optics_file_may_be_is_kept_inside(shipped):
     edge = replace(shipped, gamma=4.0, scale_px_per_mm=100.0, distance_mm=100.0, shift_x_px=100.0)
-    assert all(unit(seed, center=edge).calibration.gamma <= 4.0 for seed in range(5))
+    assert all(unit(seed, center=edge).optics.gamma <= 4.0 for seed in range(5))
 
 
 def test_ranges_are_read_from_plain_values_and_held_to_their_bounds():
@@ -138,8 +138,8 @@ def test_ranges_are_read_from_plain_values_and_held_to_their_bounds():
 
 def test_one_range_of_one_number_fixes_it():
     still = UnitRanges(shift_px=(0.0, 0.0), tilt_deg=(0.0, 0.0), scale_px_per_mm=(19.2, 19.2))
-    calibration = unit(0, still).calibration
-    assert calibration.scale_px_per_mm == 19.2 and calibration.camera.is_level
+    optics = unit(0, still).optics
+    assert optics.scale_px_per_mm == 19.2 and optics.camera.is_level
 
 
 # A sensor with a unit
@@ -149,7 +149,7 @@ def test_a_digit_takes_a_units_light_and_noise(units):
     digit = Digit().with_unit(units[3])
     assert digit.noise_grey == pytest.approx(units[3].noise_grey / np.sqrt(FRAMES))
     assert digit.gel == DIGIT_GEL
-    background = units[3].calibration.background
+    background = units[3].optics.background
     np.testing.assert_array_equal(digit.background_frame(), background)
     grainy = Digit().with_unit(replace(units[3], noise_grey=2.0 * np.sqrt(FRAMES)))
     noisy = grainy.background_frame(np.random.default_rng(0)).astype(float)
@@ -157,15 +157,17 @@ def test_a_digit_takes_a_units_light_and_noise(units):
     wanted = np.hypot(2.0, np.sqrt(1 / 12))
     assert (noisy - background)[inside].std() == pytest.approx(wanted, rel=0.02)
     again = pickle.loads(pickle.dumps(digit))
-    np.testing.assert_array_equal(again.optics.render(BALL), digit.optics.render(BALL))
+    np.testing.assert_array_equal(
+        again.image_renderer.render(BALL), digit.image_renderer.render(BALL)
+    )
 
 
 # The camera
 
 
 def test_a_shift_moves_the_picture_by_as_many_pixels(shipped):
-    still = DigitOptics(replace(shipped, background=np.full_like(shipped.background, 120)))
-    moved = DigitOptics(replace(still.calibration, shift_x_px=12.0, shift_y_px=-20.0))
+    still = ImageRenderer(replace(shipped, background=np.full_like(shipped.background, 120)))
+    moved = ImageRenderer(replace(still.optics, shift_x_px=12.0, shift_y_px=-20.0))
     before, after = still.render(BALL), moved.render(BALL)
     middle = before[60:-60, 40:-40].astype(int)
     shifted = after[40:-80, 52:-28].astype(int)
@@ -186,10 +188,10 @@ def test_a_shifted_and_tilted_camera_projects_its_rays_back():
 
 
 def test_no_tilt_is_no_tilt_and_a_tilt_keeps_the_apex(shipped):
-    level = DigitOptics(shipped).render(BALL)
+    level = ImageRenderer(shipped).render(BALL)
     untilted = replace(replace(shipped, tilt_x_deg=1.0), tilt_x_deg=0.0)
-    np.testing.assert_array_equal(DigitOptics(untilted).render(BALL), level)
-    tilted = DigitOptics(replace(shipped, tilt_x_deg=2.0))
+    np.testing.assert_array_equal(ImageRenderer(untilted).render(BALL), level)
+    tilted = ImageRenderer(replace(shipped, tilt_x_deg=2.0))
     np.testing.assert_array_equal(tilted.render(BALL * 0), shipped.background)
     assert np.abs(tilted.render(BALL).astype(int) - level).max() > 5
     rest = Rays(replace(DIGIT_CAMERA, tilt_x_deg=2.0)).rest_mm - Rays(DIGIT_CAMERA).rest_mm
@@ -203,9 +205,9 @@ def test_shift_and_tilt_are_in_a_file_only_where_there_are_any(shipped, tmp_path
         assert not {"shift_x_px", "tilt_y_deg"} & set(file)
     off = replace(shipped, shift_x_px=3.0, tilt_y_deg=-1.0)
     off.save(tmp_path / "off.npz")
-    again = Calibration.load(tmp_path / "off.npz")
+    again = Optics.load(tmp_path / "off.npz")
     assert same(again, off) and again.camera == off.camera
-    assert same(Calibration.load(tmp_path / "plain.npz"), shipped)
+    assert same(Optics.load(tmp_path / "plain.npz"), shipped)
 
 
 @pytest.mark.parametrize(
@@ -224,37 +226,37 @@ def test_a_camera_too_far_off_is_refused(shipped, off):
 def test_pyrender_and_the_baked_model_agree_for_the_light_that_ships(monkeypatch):
     monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 5)
     digit = pickle.loads(pickle.dumps(Digit(renderer="pyrender")))
-    baked = Digit().optics.render(BALL)
-    rendered = digit.optics.render(BALL)
+    baked = Digit().image_renderer.render(BALL)
+    rendered = digit.image_renderer.render(BALL)
     crop = (slice(90, 190), slice(80, 180))
     assert psnr(rendered[crop], baked[crop]) > 32
-    np.testing.assert_array_equal(digit.background_frame(), digit.optics.background)
-    noisy = digit.optics.render(BALL * 0, np.random.default_rng(0), 3.0).astype(float)
-    assert (noisy - digit.optics.background).std() == pytest.approx(3.0, rel=0.03)
+    np.testing.assert_array_equal(digit.background_frame(), digit.image_renderer.background)
+    noisy = digit.image_renderer.render(BALL * 0, np.random.default_rng(0), 3.0).astype(float)
+    assert (noisy - digit.image_renderer.background).std() == pytest.approx(3.0, rel=0.03)
 
 
 def test_pyrender_renders_a_drawn_unit_in_its_own_light(units, monkeypatch):
     monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 2)
     digit = Digit(renderer="pyrender").with_unit(units[0])
-    background = units[0].calibration.background
-    rendered = digit.optics.render(BALL).astype(float) - background
-    baked = Digit().with_unit(units[0]).optics.render(BALL).astype(float) - background
+    background = units[0].optics.background
+    rendered = digit.image_renderer.render(BALL).astype(float) - background
+    baked = Digit().with_unit(units[0]).image_renderer.render(BALL).astype(float) - background
     assert np.corrcoef(rendered.ravel(), baked.ravel())[0, 1] > 0.7
 
 
 def test_pyrender_is_refused_where_no_leds_are_known(shipped, tmp_path, capsys):
     shipped.save(tmp_path / "mine.npz")
     trimesh.creation.box((4.0, 4.0, 4.0)).export(tmp_path / "box.stl")
-    with pytest.raises(T2TwinError, match="cannot render a calibration"):
-        Twin(tmp_path / "mine.npz", optics="pyrender")
-    with pytest.raises(T2TwinError, match="cannot render a calibration"):
+    with pytest.raises(T2TwinError, match="cannot render an optics file"):
+        Twin(tmp_path / "mine.npz", renderer="pyrender")
+    with pytest.raises(T2TwinError, match="cannot render an optics file"):
         Digit(renderer="pyrender").with_unit(unit(0, center=shipped))
     with pytest.raises(T2TwinError, match="expected one of baked, pyrender"):
         Digit(renderer="opengl")  # pyright: ignore[reportArgumentType]
     with pytest.raises(SystemExit) as stop:
-        given = ["--calibration", str(tmp_path / "mine.npz"), "--out", str(tmp_path / "out")]
-        main(["press", str(tmp_path / "box.stl"), "--optics", "pyrender", *given])
+        given = ["--optics", str(tmp_path / "mine.npz"), "--out", str(tmp_path / "out")]
+        main(["press", str(tmp_path / "box.stl"), "--renderer", "pyrender", *given])
     assert stop.value.code == 2
     lines = [line for line in capsys.readouterr().err.splitlines() if "compiling" not in line]
-    assert len(lines) == 1 and "cannot render a calibration" in lines[0]
+    assert len(lines) == 1 and "cannot render an optics file" in lines[0]
     assert not (tmp_path / "out").exists()

@@ -32,13 +32,13 @@ from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.world import protocol
+from t2twin.sim.sampling import protocol
 
 BENCHMARK = Benchmark(
     module="benchmarks.contact.dome",
     measures="Effect of the gel's dome and free sides, against finite elements of the real gel.",
     minutes=12,
-    sources=("primitives_cad", "sim/contact", "sim/world"),
+    sources=("primitives_cad", "sim/contact", "sim/sampling"),
     figures=(
         Figure("summary.flat.worst_depth_error"),
         Figure("summary.middle.median_surface_error"),

@@ -39,13 +39,13 @@ from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa
-from t2twin.sim.world import protocol
+from t2twin.sim.sampling import protocol
 
 BENCHMARK = Benchmark(
     module="benchmarks.contact.press",
     measures="Accuracy of the contact solver against an independent solution, and its time.",
     minutes=12,
-    sources=("primitives_cad", "sim/contact", "sim/cyskin", "sim/world"),
+    sources=("primitives_cad", "sim/contact", "sim/cyskin", "sim/sampling"),
     figures=(
         Figure("sensors.*.worst.depth_error", most=0.013),
         Figure("sensors.*.worst.surface_error", most=0.04),

@@ -2,11 +2,11 @@
 
     python -m benchmarks.datasets.random_presses
 
-The shapes have seeds of no published world, with four presses each, sampled as in the open world.
+The shapes have seeds of no published recipe, with four presses each, sampled as in the open recipe.
 Counts refused, repeated and unsettled presses. Compares the time of a shape with that of its four
 presses. Checks whether the surface of a shape is that of a tool.
 
-Writes docs/pictures/random_shapes.png and docs/pictures/open_world.png. The latter has
+Writes docs/pictures/random_shapes.png and docs/pictures/open_recipe.png. The latter has
 distributions of force, depth, contact area and largest taxel, next to those of the tools.
 """
 
@@ -39,11 +39,11 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.shard import press_until_accepted
+from t2twin.sim.sampling import protocol
+from t2twin.sim.sampling.presses import PressSample, press_attempts, random_name, sample_force
+from t2twin.sim.sampling.recipe import Part, load_recipe
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
-from t2twin.sim.world import protocol
-from t2twin.sim.world.presses import PressSample, press_attempts, random_name, sample_force
-from t2twin.sim.world.recipe import Part, load_recipe
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,10 +70,10 @@ BENCHMARK = Benchmark(
 )
 
 SHAPES_PICTURE = ROOT / "docs" / "pictures" / "random_shapes.png"
-SPREAD_PICTURE = ROOT / "docs" / "pictures" / "open_world.png"
+SPREAD_PICTURE = ROOT / "docs" / "pictures" / "open_recipe.png"
 
 SEED = 4_321
-"""A world's seed that no shipped recipe has."""
+"""A recipe's seed that no shipped recipe has."""
 
 A_SHAPE = 4
 CHUNK = 50
@@ -248,7 +248,7 @@ def _values(sample: Touch) -> tuple[float, ...]:
 
 
 def press_tool(name: str) -> list[tuple[float, ...]]:
-    """A tool's presses on the protocol's grid at a keypoint, with forces of the open world."""
+    """A tool's presses on the protocol's grid at a keypoint, with forces of the open recipe."""
     sensors, shape = SensorPair(), catalogue.load(name)
     forces = load_recipe("open").parts[0].force_n
     place, rows = catalogue.NAMES.index(name), []

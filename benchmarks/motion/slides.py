@@ -38,9 +38,9 @@ from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, s
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import Contact, PressCommand
+from t2twin.sim.sampling.presses import random_name
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.slide import slide_to
-from t2twin.sim.world.presses import random_name
 
 BENCHMARK = Benchmark(
     module="benchmarks.motion.slides",
@@ -110,7 +110,7 @@ LAYERS = {
 FEM_PITCH_MM = {"ball": 0.25, "punch": 0.08}
 
 SEED = 4_322
-"""A world's seed that no shipped recipe has."""
+"""A recipe's seed that no shipped recipe has."""
 
 CHUNK, STEPS = 20, 4
 """Slides that a process does at once, and touches of a slide after its press."""

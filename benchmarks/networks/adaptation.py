@@ -5,7 +5,7 @@
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project. The pretrained network is adapted on two thirds of the presses, three times for each
 duration, and evaluated on the other third, which `adapt` does not get. The reference is the
-simulated CySkin at the place and depth that a calibration without this third finds in the frame.
+simulated CySkin at the place and depth that an optics file without this third finds in the frame.
 OUT keeps the adaptations, so that the same command continues an interrupted measurement.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.networks.real import real_references
-from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT, ROTATIONS
+from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT, ROTATIONS
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:

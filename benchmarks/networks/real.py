@@ -6,7 +6,7 @@ FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is 
 project. The light is fitted to the first presses. On the last ones every run is evaluated on the
 real frame, on the simulated frame of the same press, and on the background frame. A field run is
 also evaluated without the background frame. The reference is the simulated CySkin at the place and
-depth that the calibration finds in the frame. Runs have the name of the world that they were
+depth that the optics finds in the frame. Runs have the name of the recipe that they were
 trained on.
 """
 
@@ -23,12 +23,12 @@ import numpy as np
 
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
+from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
-from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.digit.image_renderer import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     runs = {}
     for folder in options.runs:
         run = load_run(folder)
-        name = f"{run.config.model}-of-{run.config.data.world_shown}"
+        name = f"{run.config.model}-of-{run.config.data.recipe_shown}"
         if name in runs:
             raise T2TwinError(f"two runs are a {name}; name one of them")
         runs[name] = run
@@ -94,9 +94,9 @@ def real_references(folder: Path) -> tuple[list[SimulatedReference], np.ndarray]
     background = folder / "background.png"
     report = calibrate(background, folder, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
     with tempfile.TemporaryDirectory() as temporary:
-        calibration = Path(temporary) / "calibration.npz"
-        report.scored_by.save(calibration)
-        sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
+        optics = Path(temporary) / "optics.npz"
+        report.scored_by.save(optics)
+        sensors = SensorPair(Digit(optics_file=str(optics), noise_grey=NOISE_GREY))
         ball = write_ball(Path(temporary) / "ball.step", BALL_DIAMETER_MM)
         balls = [ball] * len(report.held_out)
         references = simulate_reference(report.held_out, report.poses, report.real, balls, sensors)

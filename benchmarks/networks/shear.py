@@ -1,10 +1,10 @@
 """Shear force and counts of moving touches of unseen tools.
 
-    t2twin simdata --world moving --out data/moving
+    t2twin simdata --recipe moving --out data/moving
     t2twin train field --data data/moving --init-from field --steps 4000 --out runs/moving
     python -m benchmarks.networks.shear --run runs/moving --start field --data data/moving-tools
 
-The tools are touched as the shapes of the world `moving`. The dataset is made first if it is
+The tools are touched as the shapes of the recipe `moving`. The dataset is made first if it is
 missing. The figures of the shear force are given for DIGITs with markers and without.
 """
 
@@ -22,7 +22,7 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 
 if TYPE_CHECKING:
-    from t2twin.sim.world.recipe import Recipe
+    from t2twin.sim.sampling.recipe import Recipe
     from t2twin.translate.data.pairs import Pairs
     from t2twin.translate.inference.predictor import FieldPredictor
     from t2twin.translate.uncertainty.estimate import Estimate
@@ -67,13 +67,13 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.translate.inference.load import load_run
     from t2twin.translate.inference.predictor import FieldPredictor, require
 
-    make_dataset(options.data, world=tools())
+    make_dataset(options.data, recipe=tools())
     run, start = (
         require(load_run(each), FieldPredictor, "the benchmark")
         for each in (options.run, options.start)
     )
     preset = run.config.preset
-    pairs = load_pairs(options.data, "test", preset.size, preset.grey, with_field=True)
+    pairs = load_pairs(options.data, "test", preset.size, preset.grey, with_dense_counts=True)
     has_markers = read_split(options.data, "test", [MARKERS])[MARKERS].to_numpy(False)
     info = read_info(options.data)
     estimate = as_readings(run.estimate_pixels(pairs.inputs), info)
@@ -93,14 +93,14 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def tools() -> Recipe:
-    """The world `moving`, with the tools in place of its shapes."""
-    from t2twin.sim.world.recipe import load_recipe
+    """The recipe `moving`, with the tools in place of its shapes."""
+    from t2twin.sim.sampling.recipe import load_recipe
 
-    world = load_recipe("moving")
+    recipe = load_recipe("moving")
     part = structs.replace(
-        world.parts[0], shapes="tools", split="test", count=None, presses=PRESSES
+        recipe.parts[0], shapes="tools", split="test", count=None, presses=PRESSES
     )
-    return structs.replace(world, name="moving tools", seed=SEED, parts=(part,))
+    return structs.replace(recipe, name="moving tools", seed=SEED, parts=(part,))
 
 
 def _shear(estimate: Estimate, pairs: Pairs, which: np.ndarray) -> dict[str, Any]:

@@ -1,1 +1,1 @@
-"""Images of the DIGIT, and calibration to real frames."""
+"""Images of the DIGIT, and optics to real frames."""

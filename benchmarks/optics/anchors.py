@@ -1,4 +1,4 @@
-"""Accuracy of a calibration with known displacements, forces and a second ball.
+"""Accuracy of an optics file with known displacements, forces and a second ball.
 
     python -m benchmarks.optics.anchors
 
@@ -24,15 +24,15 @@ from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch
 from t2twin.sim.digit.calibrate.measurements import FORCES, Measurements, Presses, fit_presses
-from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty, ball_forces_n
-from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.calibrate.uncertainty import Bounds, OpticsUncertainty, ball_forces_n
 from t2twin.sim.digit.camera.pinhole import Camera
-from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.surface import ball_surface
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.anchors",
-    measures="Accuracy of a calibration with known displacements, forces and a second ball.",
+    measures="Accuracy of an optics file with known displacements, forces and a second ball.",
     minutes=6,
     sources=("primitives_cad", "sim/contact", "sim/digit"),
     figures=tuple(
@@ -87,14 +87,14 @@ def measure(options: Namespace) -> dict[str, Any]:
 def _frames(
     poses: np.ndarray, diameters_mm: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The untouched frame and those of the presses, (n, 320, 240, 3) uint8."""
-    optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE_PX_PER_MM))
-    still = optics.render(0.0 * ball_surface(0.0, 0.0, 1.0), rng, NOISE_GREY)
+    """The background frame and those of the presses, (n, 320, 240, 3) uint8."""
+    renderer = ImageRenderer(replace(Optics.load(), scale_px_per_mm=SCALE_PX_PER_MM))
+    still = renderer.render(0.0 * ball_surface(0.0, 0.0, 1.0), rng, NOISE_GREY)
     surfaces = (
         ball_surface(x_mm, y_mm, depth_mm, diameter_mm / 2)
         for (x_mm, y_mm, depth_mm), diameter_mm in zip(poses, diameters_mm, strict=True)
     )
-    return still, np.array([optics.render(surface, rng, NOISE_GREY) for surface in surfaces])
+    return still, np.array([renderer.render(surface, rng, NOISE_GREY) for surface in surfaces])
 
 
 def _lost_db(
@@ -114,8 +114,8 @@ def _lost_db(
 
 def _certainty(
     background: np.ndarray, frames: np.ndarray, known: Mapping[str, np.ndarray]
-) -> CalibrationUncertainty:
-    """Of a calibration of these frames. known: columns of the table, for as many first presses."""
+) -> OpticsUncertainty:
+    """Of an optics file of these frames. known: columns of the table, for as many first presses."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         Image.fromarray(background).save(folder / "background.png")
@@ -135,7 +135,7 @@ def _certainty(
 
 
 def _beside(
-    certainty: CalibrationUncertainty, poses: np.ndarray, forces_n: np.ndarray
+    certainty: OpticsUncertainty, poses: np.ndarray, forces_n: np.ndarray
 ) -> dict[str, Any]:
     """How far from the truth, in percent, and how many ranges hold it."""
     depths = [press.depth_mm for press in certainty.presses]

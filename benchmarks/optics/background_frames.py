@@ -24,7 +24,7 @@ from scipy.optimize import nnls
 
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
+from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.sim.digit.calibrate.calibrate import (
     Score,
     calibrate,
@@ -34,10 +34,10 @@ from t2twin.sim.digit.calibrate.calibrate import (
     sample_lights,
 )
 from t2twin.sim.digit.calibrate.frames import contact_patch, read_frames
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.camera.response import linear
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.image_renderer import ImageRenderer
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.randomization.lighting import SampledLight, light_at_rest
 from t2twin.sim.digit.surface import ball_surface
 
@@ -72,12 +72,12 @@ class Explained:
     the fit, grey levels.
     """
 
-    light: Calibration
+    light: Optics
     gains: np.ndarray
     off_grey: float
 
     @property
-    def bent(self) -> Calibration:
+    def bent(self) -> Optics:
         """The light with the fitted gains of the colors."""
         return replace(self.light, response=self.light.response * self.gains[None, :, None, None])
 
@@ -90,9 +90,9 @@ class Shown:
     surfaces_mm: np.ndarray
     patches: np.ndarray
 
-    def score(self, light: Calibration) -> Score:
-        optics = DigitOptics(light)
-        shown = np.array([optics.render(surface_mm) for surface_mm in self.surfaces_mm])
+    def score(self, light: Optics) -> Score:
+        renderer = ImageRenderer(light)
+        shown = np.array([renderer.render(surface_mm) for surface_mm in self.surfaces_mm])
         return mean_score(crop_scores(self.frames, shown, self.patches))
 
 
@@ -108,7 +108,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     trained = frames[[names.index(name) for name in report.trained]]
     first = _shown(background, trained, np.array(balls))
     explained = sorted(_explained(background), key=lambda one: one.off_grey)
-    shipped, best = Calibration.load(), [one.light for one in explained[:NEAREST]]
+    shipped, best = Optics.load(), [one.light for one in explained[:NEAREST]]
     lights = {
         "shipped": shipped,
         "shipped_on_own_background": replace(shipped, background=background),
@@ -137,7 +137,7 @@ def _shown(background: np.ndarray, frames: np.ndarray, surfaces_mm: np.ndarray) 
     return Shown(frames, surfaces_mm, np.array(patches))
 
 
-def _mean_psnr_db(shown: Shown, lights: Iterable[Calibration]) -> float:
+def _mean_psnr_db(shown: Shown, lights: Iterable[Optics]) -> float:
     """Of each light alone."""
     return float(np.mean([shown.score(light).psnr_db for light in lights]))
 

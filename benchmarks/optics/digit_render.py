@@ -23,7 +23,7 @@ from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.image_renderer import ImageRenderer
 from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.digit.surface import surface_on
 
@@ -117,23 +117,23 @@ def score(command: PressCommand, wanted: np.ndarray, given: np.ndarray, still: n
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    optics = DigitOptics.load()
+    renderer = ImageRenderer.load()
     rng = np.random.default_rng(1)
     times: dict[str, list[float]] = {"baked": [], "baked_noisy": [], "reference": []}
     rows = []
-    with ReferenceRenderer() as renderer:
+    with ReferenceRenderer() as reference:
         presses = tqdm(deflections(options.presses), total=options.presses, unit="press")
         for number, (command, surface) in enumerate(presses):
             if number == 0:  # loads the compiled loops and the shaders
-                optics.render(surface, rng)
-                renderer.render(surface)
-            wanted = _timed(times["reference"], lambda: renderer.render(surface))  # noqa: B023
-            given = optics.render(surface)
+                renderer.render(surface, rng)
+                reference.render(surface)
+            wanted = _timed(times["reference"], lambda: reference.render(surface))  # noqa: B023
+            given = renderer.render(surface)
             for _ in range(REPEATS):
-                _timed(times["baked"], lambda: optics.render(surface))  # noqa: B023
+                _timed(times["baked"], lambda: renderer.render(surface))  # noqa: B023
             for _ in range(REPEATS):
-                _timed(times["baked_noisy"], lambda: optics.render(surface, rng))  # noqa: B023
-            rows.append(score(command, wanted, given, optics.background))
+                _timed(times["baked_noisy"], lambda: renderer.render(surface, rng))  # noqa: B023
+            rows.append(score(command, wanted, given, renderer.background))
     return {
         "crop": "100 x 100 px at the contact",
         **_scores(rows),

@@ -21,9 +21,9 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.sampling.protocol import FORCE_N
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
-from t2twin.sim.world.protocol import FORCE_N
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.pictures",

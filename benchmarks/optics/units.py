@@ -3,7 +3,7 @@
     python -m benchmarks.optics.units FRAMES
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
-project. A calibration is fitted to the frames. It and the default calibration are compared with
+project. An optics file is fitted to the frames. It and the default optics are compared with
 sampled units, by parameter and by image. A percentile is the share of the sampled units below a
 value. Writes docs/pictures/units.png.
 """
@@ -20,12 +20,12 @@ from PIL import Image
 from benchmarks import ROOT
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
+from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from maintenance.bake_optics import block
 from t2twin.core.files import atomic_write
 from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
 from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
 from t2twin.sim.digit.surface import ball_surface
@@ -62,8 +62,8 @@ TILE_PX = (150, 200)
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
-    real = report.calibration
-    known = {"real": Unit(real, NOISE_GREY), "shipped": Unit(Calibration.load(), NOISE_GREY)}
+    real = report.optics
+    known = {"real": Unit(real, NOISE_GREY), "shipped": Unit(Optics.load(), NOISE_GREY)}
     units = [drawn(number) for number in range(DRAWN)]
     if not options.keep_nothing:
         with atomic_write(PICTURE) as temporary:
@@ -93,7 +93,7 @@ def _cost() -> dict[str, float]:
         start = time.thread_time()
         unit = drawn(number)
         draws.append(time.thread_time() - start)
-        DigitOptics(unit.calibration)
+        ImageRenderer(unit.optics)
         whole.append(time.thread_time() - start)
     return {
         "draw_best_ms": 1e3 * min(draws),
@@ -104,42 +104,42 @@ def _cost() -> dict[str, float]:
 
 def _own(unit: Unit) -> np.ndarray:
     """(3,) each LED's light in its own color, in the picture's middle."""
-    return np.diag(at_middle(unit.calibration.response))
+    return np.diag(at_middle(unit.optics.response))
 
 
 def _leaks(unit: Unit) -> np.ndarray:
     """(6,) light in other colors there, in parts of the color's own LED's."""
-    return (at_middle(unit.calibration.response) / _own(unit))[~np.eye(3, dtype=bool)]
+    return (at_middle(unit.optics.response) / _own(unit))[~np.eye(3, dtype=bool)]
 
 
 def _irregularity(unit: Unit) -> float:
     """Root mean square, over LEDs and other colors, of the coefficients in the place."""
-    powers = MIDDLE_COSINE ** np.arange(unit.calibration.response.shape[-1])
-    places = np.einsum("kcij,j->kci", unit.calibration.response, powers)[:, :, 1:TERMS]
+    powers = MIDDLE_COSINE ** np.arange(unit.optics.response.shape[-1])
+    places = np.einsum("kcij,j->kci", unit.optics.response, powers)[:, :, 1:TERMS]
     parts = (places / _own(unit)[None, :, None])[~np.eye(3, dtype=bool)]
     return float(np.sqrt(np.mean(parts**2)))
 
 
 def _far_mm(unit: Unit) -> np.ndarray:
-    return np.hypot(unit.calibration.leds_mm[:, 0], unit.calibration.leds_mm[:, 1])
+    return np.hypot(unit.optics.leds_mm[:, 0], unit.optics.leds_mm[:, 1])
 
 
 def _elevation_deg(unit: Unit) -> np.ndarray:
-    return np.degrees(np.arctan2(-unit.calibration.leds_mm[:, 2], _far_mm(unit)))
+    return np.degrees(np.arctan2(-unit.optics.leds_mm[:, 2], _far_mm(unit)))
 
 
 def _grey(unit: Unit) -> np.ndarray:
-    return unit.calibration.background.astype(float)
+    return unit.optics.background.astype(float)
 
 
 PARAMETERS: dict[str, Callable[[Unit], float]] = {
-    "gamma": lambda unit: unit.calibration.gamma,
+    "gamma": lambda unit: unit.optics.gamma,
     "led_distance_mm": lambda unit: float(_far_mm(unit).mean()),
     "led_elevation_deg": lambda unit: float(_elevation_deg(unit).mean()),
-    "led_size_least_mm": lambda unit: float(unit.calibration.sizes_mm.min()),
-    "led_size_most_mm": lambda unit: float(unit.calibration.sizes_mm.max()),
+    "led_size_least_mm": lambda unit: float(unit.optics.sizes_mm.min()),
+    "led_size_most_mm": lambda unit: float(unit.optics.sizes_mm.max()),
     "own_light_grey": lambda unit: float(
-        255.0 * np.mean(np.maximum(_own(unit), 0.0)) ** (1.0 / unit.calibration.gamma)
+        255.0 * np.mean(np.maximum(_own(unit), 0.0)) ** (1.0 / unit.optics.gamma)
     ),
     "leak_mean_size": lambda unit: float(np.abs(_leaks(unit)).mean()),
     "leak_least": lambda unit: float(_leaks(unit).min()),
@@ -198,9 +198,9 @@ def _pictures(units: list[Unit], known: dict[str, Unit]) -> dict[str, Any]:
 
 def _shown(unit: Unit) -> tuple[np.ndarray, np.ndarray]:
     """(presses, rows, columns, RGB) int16 change of the pictures, and the background."""
-    optics = DigitOptics(unit.calibration)
-    still = optics.background[::STRIDE, ::STRIDE].astype(np.int16)
-    pressed = [optics.render(ball_surface(*ball))[::STRIDE, ::STRIDE] for ball in BALLS]
+    renderer = ImageRenderer(unit.optics)
+    still = renderer.background[::STRIDE, ::STRIDE].astype(np.int16)
+    pressed = [renderer.render(ball_surface(*ball))[::STRIDE, ::STRIDE] for ball in BALLS]
     return np.array(pressed).astype(np.int16) - still, still
 
 
@@ -213,7 +213,7 @@ def sheet() -> Image.Image:
     surface = np.maximum(ball_surface(-1.5, -2.5, 1.1), block(1.8, 3.0, 0.7, 5.0, 2.0, 0.5))
     page = Image.new("RGB", (SHEET[1] * TILE_PX[0], SHEET[0] * TILE_PX[1]))
     for number in range(SHEET[0] * SHEET[1]):
-        picture = DigitOptics(drawn(number).calibration).render(surface)
+        picture = ImageRenderer(drawn(number).optics).render(surface)
         row, column = divmod(number, SHEET[1])
         tile = Image.fromarray(picture).resize(TILE_PX)
         page.paste(tile, (column * TILE_PX[0], row * TILE_PX[1]))

@@ -16,8 +16,8 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.cyskin import taxels
+from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors import CySkin
-from t2twin.sim.world import protocol
 
 BENCHMARK = Benchmark(
     module="benchmarks.taxels.gain",

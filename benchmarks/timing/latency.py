@@ -25,7 +25,7 @@ from PIL import Image
 from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.sim.cyskin.field import field_layout
+from t2twin.sim.cyskin.dense import dense_layout
 from t2twin.sim.cyskin.layout import load_layout
 
 if TYPE_CHECKING:
@@ -113,10 +113,10 @@ def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> RunConfig:
     from t2twin.translate.runs.checkpoint import build, save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
-    layout, places = load_layout(), field_layout()
+    layout, places = load_layout(), dense_layout()
     info = DataInfo(
         "0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE,
-        field_x_mm=places.x_mm, field_y_mm=places.y_mm,
+        dense_x_mm=places.x_mm, dense_y_mm=places.y_mm,
     )  # fmt: skip
     config = RunConfig(model, preset, 0, info, None, None, 1, False, 1)
     config.save(run_dir)

@@ -21,7 +21,7 @@ from benchmarks.motion.slides import SEED
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION, advance
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.world.presses import random_name
+from t2twin.sim.sampling.presses import random_name
 
 BENCHMARK = Benchmark(
     module="benchmarks.timing.slide_speed",

@@ -16,8 +16,8 @@ from t2twin.sim.contact import pin_layout
 from t2twin.sim.contact.fixed_point import FixedPoint
 from t2twin.sim.contact.layer import Layer
 from t2twin.sim.dataset.timing import Stopwatch
+from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors import SensorPair
-from t2twin.sim.world import protocol
 
 PARTS: dict[str, tuple[Any, str]] = {
     "transforms": (Layer, "responses"),

@@ -13,8 +13,8 @@ import numpy as np
 
 if Path("t2twin").is_dir():
     from t2twin.primitives_cad import catalogue
+    from t2twin.sim.sampling import protocol
     from t2twin.sim.sensors import SensorPair
-    from t2twin.sim.world import protocol
 
     PAIR = SensorPair()
     press_digit, press_cyskin = PAIR.digit.press, PAIR.cyskin.press

@@ -29,7 +29,7 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.world import protocol
+from t2twin.sim.sampling import protocol
 
 if TYPE_CHECKING:
     from benchmarks.timing.plain_training import PngPairs

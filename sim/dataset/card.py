@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from t2twin.core.templates import render
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
-from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, TRACTIONS, schema_of, type_name
+from t2twin.sim.dataset.columns import DENSE_COUNTS, IMAGE_TYPE, TRACTIONS, schema_of, type_name
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import write_whole
 
@@ -82,7 +82,7 @@ def write_card(folder: Path, info: DatasetInfo) -> None:
         info=info,
         pad_mm=PAD_DIAMETER_MM,
         splits={HUB_SPLITS[split]: split for split in _present(info)},
-        features=_hub_features(schema_of(info.world)),
+        features=_hub_features(schema_of(info.recipe)),
         size=_size_category(sum(info.pairs.values())),
         download_bytes=sum(sizes.values()),
     )
@@ -118,7 +118,7 @@ def croissant(info: DatasetInfo, sizes: dict[str, int]) -> dict[str, Any]:
     """The content of croissant.json. sizes: of the shards by path, bytes."""
     title, about, version = "Pairs imported with t2twin", {}, info.versions["t2twin"]
     if info.is_simulated:
-        title = f"t2twin {info.world_name}"
+        title = f"t2twin {info.recipe_name}"
         cite_as = f"@misc{{t2twin, title={{{title}}}, note={{simulated by t2twin {version}}}}}"
         about = {"license": LICENSE_URL, "citeAs": cite_as}
     return {
@@ -176,10 +176,14 @@ def _splits(info: DatasetInfo) -> dict[str, Any]:
 
 def _pairs(info: DatasetInfo) -> dict[str, Any]:
     """The record set of the pairs, one field a column."""
-    places = len(info.field_x_mm or ())
-    lengths = {"taxels": len(info.layout_x_mm), FIELD: places, **dict.fromkeys(TRACTIONS, places)}
+    places = len(info.dense_x_mm or ())
+    lengths = {
+        "taxels": len(info.layout_x_mm),
+        DENSE_COUNTS: places,
+        **dict.fromkeys(TRACTIONS, places),
+    }
     fields = []
-    for column in schema_of(info.world):
+    for column in schema_of(info.recipe):
         extract = {"fileSet": {"@id": "shards"}, "extract": {"column": column.name}}
         field = {"@type": "cr:Field", "@id": f"pairs/{column.name}", "name": column.name}
         if column.type == IMAGE_TYPE:

@@ -9,7 +9,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import versions
 from t2twin.sim.dataset.shard import ShardContext, ShardResult, make_shard
 from t2twin.sim.dataset.store import INFO
-from t2twin.sim.world.plan import Batch
+from t2twin.sim.sampling.plan import Batch
 
 try:
     from distributed import (

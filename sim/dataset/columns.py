@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from t2twin.sim.world.plan import file_stem
-from t2twin.sim.world.recipe import Recipe
+from t2twin.sim.sampling.plan import file_stem
+from t2twin.sim.sampling.recipe import Recipe
 
 if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
     from t2twin.sim.touch import Touch
@@ -42,39 +42,40 @@ SCHEMA = pa.schema(
 )
 """Columns of every dataset."""
 
-UNIT, FIELD, BACKGROUND = "unit", "field", "untouched"
-"""Further columns of most worlds: the number of the DIGIT unit in its part, the field's counts, and
-the unit's background frame."""
+UNIT, DENSE_COUNTS, BACKGROUND = "unit", "dense_counts", "background"
+"""Further columns of most recipes: the number of the DIGIT unit in its part, the dense counts's
+counts, and the unit's background frame."""
 
 PATH = "path"
-"""Column of worlds with motion: index of the press that a path started with. Rows of one shape with
-the same are touches of one path, in their order."""
+"""Column of recipes with motion: index of the press that a path started with. Rows of one shape
+with the same are touches of one path, in their order."""
 
 MARKERS = "markers"
-"""Column of worlds with motion: whether the DIGIT unit has markers."""
+"""Column of recipes with motion: whether the DIGIT unit has markers."""
 
 MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
-"""Further columns of worlds with motion, of each sensor: its name, "_" and one of these."""
+"""Further columns of recipes with motion, of each sensor: its name, "_" and one of these."""
 
 TRACTIONS = ("cover_pressure_kpa", "cover_shear_x_kpa", "cover_shear_y_kpa")
-"""Further columns of worlds with motion and field: t2twin.sim.cyskin.field.field_tractions."""
+"""Further columns of recipes with motion and dense counts:
+t2twin.sim.cyskin.dense.dense_tractions."""
 
 
 def schema_of(recipe: Recipe | None) -> pa.Schema:
-    """The columns of a world's shards, without a recipe those of every dataset."""
+    """The columns of a recipe's shards, without a recipe those of every dataset."""
     schema = SCHEMA
     if recipe is not None and recipe.has_more:
         schema = schema.append(pa.field(UNIT, pa.int64()))
-        if recipe.field:
-            schema = schema.append(pa.field(FIELD, pa.list_(pa.uint16())))
-        if recipe.untouched_frames:
+        if recipe.dense_counts:
+            schema = schema.append(pa.field(DENSE_COUNTS, pa.list_(pa.uint16())))
+        if recipe.background_frames:
             schema = schema.append(pa.field(BACKGROUND, IMAGE_TYPE))
         if recipe.motion:
             schema = schema.append(pa.field(MARKERS, pa.bool_()))
             schema = schema.append(pa.field(PATH, pa.int32()))
             for name in (f"{sensor}_{each}" for sensor in SENSORS for each in MOTION):
                 schema = schema.append(pa.field(name, pa.float64()))
-            for name in TRACTIONS if recipe.field else ():
+            for name in TRACTIONS if recipe.dense_counts else ():
                 schema = schema.append(pa.field(name, pa.list_(pa.float32())))
     return with_features(schema)
 
@@ -138,11 +139,12 @@ def row(touch: "Touch", index: int, split: str, image: bytes) -> dict[str, Any]:
 
 
 def motion_row(
-    touch: "Touch", path: int, friction: dict[str, float], with_field: bool
+    touch: "Touch", path: int, friction: dict[str, float], with_dense_counts: bool
 ) -> dict[str, Any]:
     """The columns of motion of one touch, zero without contact.
 
-    path: index of the first touch of its path. friction: by sensor. with_field: adds TRACTIONS.
+    path: index of the first touch of its path. friction: by sensor. with_dense_counts: adds
+    TRACTIONS.
     """
     columns: dict[str, Any] = {PATH: path}
     for sensor in SENSORS:
@@ -151,7 +153,9 @@ def motion_row(
         if contact is not None:
             values[1:] = *contact.shear_n.tolist(), contact.torque_nmm, contact.slip_share
         columns |= {f"{sensor}_{n}": value for n, value in zip(MOTION, values, strict=True)}
-    return columns | (dict(zip(TRACTIONS, touch.tractions, strict=True)) if with_field else {})
+    return columns | (
+        dict(zip(TRACTIONS, touch.tractions, strict=True)) if with_dense_counts else {}
+    )
 
 
 RANDOM_FAMILY = "random"

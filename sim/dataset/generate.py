@@ -23,7 +23,7 @@ from t2twin.primitives_cad.shape_cache import code_digest
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.cyskin import reading, taxels
-from t2twin.sim.cyskin.field import field_layout
+from t2twin.sim.cyskin.dense import dense_layout
 from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.card import write_card
@@ -47,13 +47,13 @@ from t2twin.sim.dataset.store import (
     write_whole,
 )
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, peak_memory, process_name, summary
-from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.digit.image_renderer import NOISE_GREY
 from t2twin.sim.digit.pyrender_renderer import FRAME_SECONDS
+from t2twin.sim.sampling import protocol
+from t2twin.sim.sampling.held_out import check_held_out
+from t2twin.sim.sampling.plan import Batch, plan
+from t2twin.sim.sampling.recipe import NAMED, PAPER, RANDOM, Recipe, checked, load_recipe
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
-from t2twin.sim.world import protocol
-from t2twin.sim.world.held_out import check_held_out
-from t2twin.sim.world.plan import Batch, plan
-from t2twin.sim.world.recipe import NAMED, PAPER, RANDOM, Recipe, checked, load_recipe
 
 SECONDS_PER_PAIR, SECONDS_PER_SAMPLED_PAIR, SECONDS_PER_SHAPE = 0.015, 0.024, 0.75
 """Time of one pair of the protocol, of one with a sampled press or light, and of preparing one
@@ -69,7 +69,7 @@ MADE_WITH = {
     "versions": "other versions of its libraries",
     "parameters": "other parameters",
     "pairs": "other pairs",
-    "world": "another recipe",
+    "recipe": "another recipe",
     "files": "other solids",
     "shape_code": "another shape code (the code that makes the shapes has changed)",
 }
@@ -86,15 +86,15 @@ def make_dataset(
     cache: str | Path | None = None,
     shapes: tuple[str, ...] = catalogue.NAMES,
     scheduler: str | None = None,
-    world: str | Path | Recipe | None = None,
+    recipe: str | Path | Recipe | None = None,
 ) -> DatasetInfo:
     """Make a dataset, or continue one that was started with the same parameters.
 
-    scale: of the protocol, pressed into `sensors`. world: instead of a scale, a recipe, its name or
-    its file, which contains the sensors. seed: default 0, or the recipe's. shapes: restricts the
+    scale: of the protocol, pressed into `sensors`. recipe: instead of a scale, a recipe, its name
+    or its file, which contains the sensors. seed: default 0, or the recipe's. shapes: restricts the
     primitives and tools. scheduler: address of a Dask scheduler whose workers make the shards; they
-    must share folder and cache.
-    The same seed and versions give the same bytes with any number of workers.
+    must share folder and cache. The same seed and versions give the same bytes with any number of
+    workers.
 
     Returns the dataset's info. Raises T2TwinError before anything is written for an invalid
     argument, for a folder with other content, and for one that another process is writing. Raises
@@ -103,9 +103,9 @@ def make_dataset(
     folder = arguments.path(folder, "folder").absolute()
     pool.check_workers(workers)
     check_seed(0 if seed is None else seed)
-    if world == PAPER and scale is None:
-        scale, world = PAPER, None
-    recipe, sensors = _recipe(scale, world, seed, sensors)
+    if recipe == PAPER and scale is None:
+        scale, recipe = PAPER, None
+    recipe, sensors = _recipe(scale, recipe, seed, sensors)
     _check_layout(sensors.cyskin)
     if scheduler is not None:
         arguments.text(scheduler, "scheduler")
@@ -128,8 +128,8 @@ def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -
     """The info of a dataset without shards."""
     recipe, sensors = context.recipe, context.sensors
     layout = sensors.cyskin.layout
-    rows, columns, channels = sensors.digit.optics.background.shape
-    places = field_layout(sensors.cyskin.cover) if recipe.field else None
+    rows, columns, channels = sensors.digit.image_renderer.background.shape
+    places = dense_layout(sensors.cyskin.cover) if recipe.dense_counts else None
     solids = sorted(
         {
             path
@@ -155,9 +155,9 @@ def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -
         seed=recipe.seed,
         parameters=_parameters(sensors, on_grid),
         shape_code=code_digest(has_random),
-        world=recipe,
-        field_x_mm=None if places is None else tuple(places.x_mm.tolist()),
-        field_y_mm=None if places is None else tuple(places.y_mm.tolist()),
+        recipe=recipe,
+        dense_x_mm=None if places is None else tuple(places.x_mm.tolist()),
+        dense_y_mm=None if places is None else tuple(places.y_mm.tolist()),
         files={path: sha256_of(Path(path)) for path in solids} or None,
     )
 
@@ -169,7 +169,7 @@ def _parameters(sensors: SensorPair, shapes: dict[str, tuple[int, ...]]) -> Para
             **elastomer_json(digit.elastomer),
             pitch_mm=digit.pitch_mm,
             noise_grey=float(digit.noise_grey),
-            calibration_sha256=digit.calibration_sha256,
+            optics_sha256=digit.optics_sha256,
         ),
         cyskin=CySkinParameters(
             **elastomer_json(cyskin.cover),
@@ -185,15 +185,15 @@ def _parameters(sensors: SensorPair, shapes: dict[str, tuple[int, ...]]) -> Para
 
 def _recipe(
     scale: str | None,
-    world: str | Path | Recipe | None,
+    recipe: str | Path | Recipe | None,
     seed: int | None,
     sensors: SensorPair | None,
 ) -> tuple[Recipe, SensorPair]:
-    """The recipe of a scale or a world, and its sensors."""
-    if (scale is None) == (world is None):
-        raise T2TwinError("expected a scale of the protocol or a world, and not both")
-    if world is not None:
-        recipe = checked(world) if isinstance(world, Recipe) else load_recipe(world)
+    """The recipe of a scale or of `recipe`, and its sensors."""
+    if (scale is None) == (recipe is None):
+        raise T2TwinError("expected a scale of the protocol or a recipe, and not both")
+    if recipe is not None:
+        recipe = checked(recipe) if isinstance(recipe, Recipe) else load_recipe(recipe)
         if seed is not None:
             recipe = structs.replace(recipe, seed=seed)
         return recipe, sensors_of(recipe)
@@ -211,18 +211,18 @@ def _recipe(
         layout=sensors.cyskin.layout_source,
         imperfections=sensors.cyskin.imperfections,
         light=structs.replace(
-            paper.light, calibration=sensors.digit.calibration, optics=sensors.digit.renderer
+            paper.light, optics=sensors.digit.optics_file, renderer=sensors.digit.renderer
         ),
     ), sensors
 
 
 def sensors_of(recipe: Recipe) -> SensorPair:
-    """The sensors of a world; the DIGIT's light is replaced where the recipe samples the light."""
+    """The sensors of a recipe; the DIGIT's light is replaced where the recipe samples the light."""
     noise_grey = float(NOISE_GREY / np.sqrt(recipe.light.frames))
     return SensorPair(
         Digit(
-            calibration=recipe.light.calibration,
-            renderer=recipe.light.optics,
+            optics_file=recipe.light.optics,
+            renderer=recipe.light.renderer,
             noise_grey=noise_grey,
         ),
         CySkin(layout_source=recipe.layout, imperfections=recipe.imperfections),
@@ -330,7 +330,7 @@ def _make_shards(
         if scheduler is None:
             minutes = _estimated_seconds(todo, context.recipe, workers) / 60
             bar.write(f"{pairs} pairs to make with {workers} workers: about {minutes:.1f} minutes")
-            if context.recipe.light.optics == "pyrender":
+            if context.recipe.light.renderer == "pyrender":
                 bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
             results = pool.run(context, todo, workers, bar.update)
         else:
@@ -377,7 +377,7 @@ def _estimated_seconds(todo: list[Batch], recipe: Recipe, workers: int) -> float
         if recipe.motion and batch.indices is None:
             seconds += batch.pairs * (1.0 - recipe.motion.still) * SECONDS_PER_MOVING_PAIR
     seconds /= workers
-    if recipe.light.optics == "pyrender":
+    if recipe.light.renderer == "pyrender":
         seconds += sum(batch.pairs for batch in todo) * FRAME_SECONDS
     return seconds
 

@@ -37,11 +37,11 @@ from t2twin.core.records import check_names
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import write_card
-from t2twin.sim.dataset.columns import BACKGROUND, FIELD, POSE, SCHEMA, UNIT
+from t2twin.sim.dataset.columns import BACKGROUND, DENSE_COUNTS, POSE, SCHEMA, UNIT
 from t2twin.sim.dataset.info import FORMAT, MAX_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
+from t2twin.sim.sampling.plan import file_stem, shard_path
 from t2twin.sim.tables import ERRORS, read_csv, row_labels
-from t2twin.sim.world.plan import file_stem, shard_path
 
 ORIGIN = "imported"
 SHARES = (0.8, 0.1, 0.1)
@@ -53,7 +53,7 @@ FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
 LONGEST_NAME = 220
 """Longest name of a shape, bytes: it becomes a file name, of at most 255 bytes."""
 
-COLUMNS = [*SCHEMA.names, UNIT, FIELD, BACKGROUND]
+COLUMNS = [*SCHEMA.names, UNIT, DENSE_COUNTS, BACKGROUND]
 """Columns of a dataset's shards. Not all are read."""
 
 OWN = "own"

@@ -14,7 +14,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import installed_version
 from t2twin.sim.cyskin.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
 from t2twin.sim.cyskin.reading import Imperfections
-from t2twin.sim.world.recipe import PAPER, Recipe
+from t2twin.sim.sampling.recipe import PAPER, Recipe
 
 FORMAT = 1
 """Version of the dataset's folders, columns and info.json."""
@@ -70,12 +70,12 @@ class ElastomerParameters:
 class DigitParameters(ElastomerParameters):
     """The DIGIT.
 
-    noise_grey: standard deviation of an image's noise, grey levels. calibration_sha256: of the
-    calibration file.
+    noise_grey: standard deviation of an image's noise, grey levels. optics_sha256: of the
+    optics file.
     """
 
     noise_grey: Annotated[float, Meta(ge=0)]
-    calibration_sha256: str
+    optics_sha256: str
 
 
 @dataclass(frozen=True)
@@ -110,10 +110,10 @@ class DatasetInfo:
     versions: of everything that may change a shard's bytes. shards: the existing ones, by path
     below the dataset's folder. image_shape: rows, columns and channels.
 
-    The others are optional. seed, parameters, world, shape_code: of a simulated dataset; world is
+    The others are optional. seed, parameters, recipe, shape_code: of a simulated dataset; recipe is
     its recipe, shape_code a digest of the code and libraries of the shapes' surfaces. scale: of a
-    dataset of the protocol. origin, pad_diameter_mm: of an imported one. field_x_mm, field_y_mm:
-    places of the field. files: sha256 of the users' solids, by path.
+    dataset of the protocol. origin, pad_diameter_mm: of an imported one. dense_x_mm, dense_y_mm:
+    places of the dense counts. files: sha256 of the users' solids, by path.
 
     Raises ValueError for fields that contradict each other.
     """
@@ -134,25 +134,25 @@ class DatasetInfo:
     parameters: Parameters | None = None
     pad_diameter_mm: tuple[Positive, ...] | None = None
     shape_code: str | None = None
-    world: Recipe | None = None
-    field_x_mm: tuple[float, ...] | None = None
-    field_y_mm: tuple[float, ...] | None = None
+    recipe: Recipe | None = None
+    dense_x_mm: tuple[float, ...] | None = None
+    dense_y_mm: tuple[float, ...] | None = None
     files: dict[str, str] | None = None
 
     def __post_init__(self) -> None:
         if set(self.pairs) != set(SPLITS):
             raise ValueError(f"pairs must name the splits {', '.join(SPLITS)} and no others")
         check_layout(self.layout_x_mm, self.layout_y_mm)
-        field = len(self.field_x_mm or ())
-        if field != len(self.field_y_mm or ()) or field > MAX_TAXELS:
-            raise ValueError("field_x_mm and field_y_mm must be one of each for each place")
+        field = len(self.dense_x_mm or ())
+        if field != len(self.dense_y_mm or ()) or field > MAX_TAXELS:
+            raise ValueError("dense_x_mm and dense_y_mm must be one of each for each place")
         pads = self.parameters.cyskin.pad_diameter_mm if self.parameters else self.pad_diameter_mm
         if pads is not None and len(pads) != len(self.layout_x_mm):
             raise ValueError(
                 f"pad_diameter_mm has {len(pads)} taxels and the layout {len(self.layout_x_mm)}"
             )
-        if self.world is None and (self.scale is not None or self.parameters is not None):
-            raise ValueError("world is missing, the recipe of a simulated dataset")
+        if self.recipe is None and (self.scale is not None or self.parameters is not None):
+            raise ValueError("recipe is missing, the recipe of a simulated dataset")
         for path in self.shards:
             if not _is_shard_path(path):
                 raise ValueError(
@@ -171,8 +171,8 @@ class DatasetInfo:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it is simulated; an imported dataset has no world."""
-        return self.world is not None
+        """Whether it is simulated; an imported dataset has no recipe."""
+        return self.recipe is not None
 
     @property
     def is_protocol(self) -> bool:
@@ -181,12 +181,12 @@ class DatasetInfo:
         Training and validation then contain versions of the paper's primitives, the test hand
         tools, all pressed with one force. Only such results are compared with the paper's.
         """
-        return self.world is not None and self.world.name == PAPER
+        return self.recipe is not None and self.recipe.name == PAPER
 
     @property
-    def world_name(self) -> str | None:
-        """The protocol's scale, or the world's name; None for an imported dataset."""
-        return self.scale or (None if self.world is None else self.world.name)
+    def recipe_name(self) -> str | None:
+        """The protocol's scale, or the recipe's name; None for an imported dataset."""
+        return self.scale or (None if self.recipe is None else self.recipe.name)
 
 
 def check_layout(x_mm: Sequence[float] | np.ndarray, y_mm: Sequence[float] | np.ndarray) -> None:

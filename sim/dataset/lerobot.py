@@ -130,7 +130,7 @@ class _Conversion:
 
     def _present(self) -> set[str]:
         """Names of the columns with a value in every row."""
-        schema = schema_of(self._info.world)
+        schema = schema_of(self._info.recipe)
         scalars = [field.name for field in schema if not pa.types.is_nested(field.type)]
         present = set(schema.names)
         for split in self._splits:

@@ -3,9 +3,10 @@
 observation.images.digit    the image
 observation.images.digit_background    the DIGIT unit's background frame, if any
 observation.taxels          the CySkin's counts
-observation.field           the field's counts, if any
-observation.cover_pressure_kpa, ...    pressure and shear on the cover at the field's places, if any
-observation.digit_contact, observation.cyskin_contact    depth and force, with motion also friction,
+observation.dense_counts           the dense counts's counts, if any
+observation.cover_pressure_kpa, ...    pressure and shear on the cover at the dense counts's places,
+if any observation.digit_contact, observation.cyskin_contact    depth and force, with motion also
+friction,
                             shear forces, torque and share of slip
 action                      the commanded pose and force
 digit_settled, ...          flags of the contact solver
@@ -24,7 +25,7 @@ import pyarrow as pa
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
-    FIELD,
+    DENSE_COUNTS,
     IMAGE_TYPE,
     MARKERS,
     MOTION,
@@ -102,7 +103,7 @@ INDICES = (
 def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
     """The features of a dataset. present: names of the columns with a value in every row."""
     taxels = tuple(f"taxel_{number}" for number in range(len(info.layout_x_mm)))
-    places = (len(info.field_x_mm or ()),)
+    places = (len(info.dense_x_mm or ()),)
     axes = ("height", "width", "channels")
     wanted = [
         Feature("observation.images.digit", IMAGE, info.image_shape, axes, ("image",)),
@@ -110,7 +111,7 @@ def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
         Feature("observation.taxels", "float32", (len(taxels),), taxels, ("taxels",)),
         *(
             Feature(f"observation.{name}", "float32", places, None, (name,))
-            for name in (FIELD, *TRACTIONS)
+            for name in (DENSE_COUNTS, *TRACTIONS)
         ),
     ]
     for sensor in SENSORS:

@@ -15,7 +15,7 @@ from pathlib import Path
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.shard import ShardContext, ShardResult, make_shard
-from t2twin.sim.world.plan import Batch
+from t2twin.sim.sampling.plan import Batch
 
 POLL_SECONDS = 0.5
 """Period at which the number of finished pairs is read, s."""

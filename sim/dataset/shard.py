@@ -19,18 +19,23 @@ from t2twin.core.images import encode_png
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.pin_layout import OffPadError
-from t2twin.sim.dataset.columns import BACKGROUND, FIELD, MARKERS, UNIT, motion_row, row, schema_of
+from t2twin.sim.dataset.columns import (
+    BACKGROUND,
+    DENSE_COUNTS,
+    MARKERS,
+    UNIT,
+    motion_row,
+    row,
+    schema_of,
+)
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
 from t2twin.sim.digit.markers import Markers
 from t2twin.sim.digit.randomization.artifacts import with_artifacts
 from t2twin.sim.digit.randomization.ranges import log_uniform
 from t2twin.sim.digit.randomization.unit import sample_unit
-from t2twin.sim.sensors import SensorPair
-from t2twin.sim.slide import slide_to
-from t2twin.sim.touch import Touch
-from t2twin.sim.world.plan import Batch, load_shape, name_of, paths_of
-from t2twin.sim.world.presses import (
+from t2twin.sim.sampling.plan import Batch, load_shape, name_of, paths_of
+from t2twin.sim.sampling.presses import (
     FRAME_STREAM,
     MAX_ATTEMPTS,
     UNIT_STREAM,
@@ -38,7 +43,10 @@ from t2twin.sim.world.presses import (
     path_attempts,
     sample_friction,
 )
-from t2twin.sim.world.recipe import Recipe
+from t2twin.sim.sampling.recipe import Recipe
+from t2twin.sim.sensors import SensorPair
+from t2twin.sim.slide import slide_to
+from t2twin.sim.touch import Touch
 
 MARKER_STREAM = 18
 """Random stream of a seed: markers of the units."""
@@ -125,12 +133,14 @@ def _rows(
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
             for index, touch in enumerate(touches, start=path.index):
                 columns = unit.columns
-                if recipe.field:
+                if recipe.dense_counts:
                     with watch.running("field"):
-                        columns = columns | {FIELD: touch.field}
+                        columns = columns | {DENSE_COUNTS: touch.dense_counts}
                 if recipe.motion:
                     with watch.running("motion"):
-                        columns = columns | motion_row(touch, path.index, friction, recipe.field)
+                        columns = columns | motion_row(
+                            touch, path.index, friction, recipe.dense_counts
+                        )
                 with watch.running("encoding"):
                     image = encode_png(touch.image)
                 yield row(touch, index, batch.split, image) | columns
@@ -241,7 +251,7 @@ class _Unit:
 def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) -> Iterator[_Unit]:
     """The unit of each path of a shard: the same for all, or one per shape or path."""
     light, unit = recipe.light, None
-    center = None if light.calibration is None else sensors.digit.light
+    center = None if light.optics is None else sensors.digit.optics
     for shape in batch.numbers:
         for path in paths_of(recipe, batch, shape):
             sampled = shape if light.each == "shape" else shape * batch.presses + path.index
@@ -261,10 +271,10 @@ def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) 
                     rng = np.random.default_rng((recipe.seed, MARKER_STREAM, batch.part, number))
                     digit = replace(digit, markers=_markers(rng, recipe.motion.markers))
                     columns |= {MARKERS: digit.markers is not None}
-                if recipe.untouched_frames:
+                if recipe.background_frames:
                     rng = np.random.default_rng((recipe.seed, FRAME_STREAM, batch.part, number))
                     with watch.running("encoding"):
                         png = encode_png(digit.background_frame(rng))
-                    columns |= {BACKGROUND: {"bytes": png, "path": f"untouched-{number}.png"}}
+                    columns |= {BACKGROUND: {"bytes": png, "path": f"background-{number}.png"}}
                 unit = _Unit(number, replace(sensors, digit=digit), columns)
             yield unit

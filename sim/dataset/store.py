@@ -29,7 +29,7 @@ import pyarrow.parquet as pq
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import read_json
-from t2twin.sim.dataset.columns import BACKGROUND, FIELD, IMAGE_TYPE, TRACTIONS, schema_of
+from t2twin.sim.dataset.columns import BACKGROUND, DENSE_COUNTS, IMAGE_TYPE, TRACTIONS, schema_of
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
 
 INFO, LOG = "info.json", "log.jsonl"
@@ -180,7 +180,7 @@ def iter_shards(
     missing = [path for path in shards if not (Path(folder) / path).is_file()]
     if missing:
         raise T2TwinError(f"the dataset in {folder} lacks {missing[0]}; {_repair(info)}")
-    schema = schema_of(info.world)
+    schema = schema_of(info.recipe)
     for path in shards:
         with _opened(folder, path) as file:
             table = file.read(columns=columns)
@@ -214,8 +214,8 @@ def check_table(
             raise ValueError(f"its column {name} has values that are not finite")
     if table.num_rows != shard.pairs:
         raise ValueError(f"it has {table.num_rows} rows instead of {shard.pairs}")
-    places, most = len(info.field_x_mm or ()), info.full_scale_counts
-    lists = {"taxels": (len(info.layout_x_mm), most), FIELD: (places, most)}
+    places, most = len(info.dense_x_mm or ()), info.full_scale_counts
+    lists = {"taxels": (len(info.layout_x_mm), most), DENSE_COUNTS: (places, most)}
     for name, (size, largest) in (lists | dict.fromkeys(TRACTIONS, (places, np.inf))).items():
         if name in columns:
             _check_lists(table[name].combine_chunks(), name, size, largest)
@@ -240,9 +240,9 @@ def taxels(table: pa.Table) -> np.ndarray:
     return _lists(table, "taxels").astype(np.float32)
 
 
-def field(table: pa.Table) -> np.ndarray:
-    """(n, places) uint16: the field's counts of a table of read_split."""
-    return _lists(table, FIELD)
+def dense_counts(table: pa.Table) -> np.ndarray:
+    """(n, places) uint16: the dense counts's counts of a table of read_split."""
+    return _lists(table, DENSE_COUNTS)
 
 
 def _lists(table: pa.Table, name: str) -> np.ndarray:

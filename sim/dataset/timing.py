@@ -23,7 +23,7 @@ STAGES = (
     "shape",
 )
 """Stages of a shard. "shape" is done once for all presses of a shape; "field", "light" and
-"motion" only where the recipe has a field, samples the light or has motion."""
+"motion" only where the recipe has dense counts, samples the light or has motion."""
 
 STATUS = Path("/proc/self/status")
 """File with the memory of this process on Linux."""

@@ -22,9 +22,9 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import IMAGE_TYPE, PATH, POSE, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import BATCH_ROWS, INFO, check_table, read_info, sha256_of
-from t2twin.sim.world.plan import Batch, name_of, paths_of, plan, shard_path
-from t2twin.sim.world.presses import MotionPath, path_attempts, planned_name
-from t2twin.sim.world.recipe import RANDOM, Recipe
+from t2twin.sim.sampling.plan import Batch, name_of, paths_of, plan, shard_path
+from t2twin.sim.sampling.presses import MotionPath, path_attempts, planned_name
+from t2twin.sim.sampling.recipe import RANDOM, Recipe
 
 POSE_TOLERANCE = 1e-9
 """Largest difference between planned and written poses, mm, rad and N: rounding only."""
@@ -86,7 +86,7 @@ def planned_shards(info: DatasetInfo) -> dict[str, Batch]:
 
     Of the primitives and tools on a grid, those whose presses info.json lists.
     """
-    recipe, parameters = info.world, info.parameters
+    recipe, parameters = info.recipe, info.parameters
     if recipe is None or parameters is None:
         return {}
     on_grid = {part.shapes for part in recipe.parts if part.place == "grid"}
@@ -114,7 +114,7 @@ def _shard(
 def _content(
     folder: Path, path: str, info: DatasetInfo, planned: dict[str, Batch]
 ) -> Iterator[Fault]:
-    schema = schema_of(info.world)
+    schema = schema_of(info.recipe)
     with pq.ParquetFile(folder / path) as file:
         if not file.schema_arrow.equals(schema):
             yield Fault(path, "its columns are not the dataset's")
@@ -154,12 +154,12 @@ def _pairing(
     repeated = [press for press, count in Counter(presses).items() if count > 1]
     if repeated:
         yield f"press {repeated[0][1]} of {repeated[0][0]} is repeated"
-    if batch is None or info.world is None:
+    if batch is None or info.recipe is None:
         if planned:
             yield "its presses are not the protocol's"
         return
-    expected = _planned_presses(info.world, batch)
-    if info.world.parts[batch.part].shapes == RANDOM:
+    expected = _planned_presses(info.recipe, batch)
+    if info.recipe.parts[batch.part].shapes == RANDOM:
         presses = [(_planned(shape), index) for shape, index in presses]
     if set(presses) != set(expected):
         yield "its presses are not the planned ones"

@@ -57,10 +57,10 @@ def main() -> None:
     import numpy as np
 
     from t2twin.sim.digit.camera.pinhole import optical_grid
-    from t2twin.sim.digit.optics import DigitOptics
+    from t2twin.sim.digit.image_renderer import ImageRenderer
 
     x, y = optical_grid()
-    DigitOptics.load().render(np.exp(-np.hypot(x, y[:, None]).astype(np.float32)))
+    ImageRenderer.load().render(np.exp(-np.hypot(x, y[:, None]).astype(np.float32)))
     os._exit(0)
 
 

@@ -1,271 +1,199 @@
-"""Images of a DIGIT by the baked model: the image's light in closed form, in milliseconds.
+"""A DIGIT unit's optics: the parameters of the baked model, and their file."""
 
-For a point p of the gel with unit normal n (towards the camera), the light of LED k in color c is
-
-    L_kc = V_k m_k (REACH / d_k)^2 sum_i P_i(x, y) (sum_j R_kcij m_k^j + sum_q S_kciq N_q(n)),
-    m_k = max(n . l_k, 0)
-
-with l_k, d_k the direction and distance to the LED. P are the polynomials of degree four in the
-place where the pixel's ray meets the gel at rest. R is the fitted response, a constant for a
-Lambertian surface and a uniform LED. S is the fitted lobe (t2twin.sim.digit.light.lobe), of degree
-two in the place; the default calibration has none. N are n_x, n_y, n_x^2, n_x n_y and n_y^2.
-V_k is the visible fraction of the LED's disc. It is computed from a ray over the height map to the
-disc's middle: the ray's smallest clearance, projected on to the disc, cuts the disc.
-
-The image is background + L(deformed) - L(rest), each where the pixel's ray meets that surface. So a
-gel at rest gives the background exactly, and features of the background besides the LEDs' light
-(scattered light, specks) stay in place. Light is sampled at every second pixel, the optical grid's
-pitch, and interpolated. grey = 255 light^(1 / gamma), with the calibration's gamma.
-
-The camera sees the gel's reflective coating, whose thickness rounds edges: this model and the
-reference smooth the deflection by a Gaussian of 0.1 mm (assumed).
-"""
-
-from functools import cached_property
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import Any
+from zipfile import is_zipfile
 
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
-from t2twin.sim.contact.types import SurfaceShift
-from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration, place_terms
-from t2twin.sim.digit.camera import gaussian_noise, response
-from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
-from t2twin.sim.digit.light import illumination, lobe
+from t2twin.core.files import atomic_write
+from t2twin.core.records import REMARKS
+from t2twin.sim.digit.camera.noise import Noise
+from t2twin.sim.digit.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
-from t2twin.sim.digit.light.ray_casting import Leds, Rays, Region
-from t2twin.sim.digit.markers import NO_SHADE, MarkerImage, Markers
+from t2twin.sim.digit.light.lobe import LOBE_PLACES, LOBE_TERMS
 
-NOISE_GREY = 2.8
-"""Standard deviation of one frame's noise, grey levels. The mean absolute difference of two real
-frames away from the contact is 3.2, which is 2.8 for each, sqrt(pi) / 2 of it (measured on real
-frames); TACTO uses 7."""
+DEFAULT_PATH = Path(__file__).with_name("default_optics.npz")
+"""The default optics, written by maintenance/bake_optics.py."""
+PLACE_MM = 8.0
+"""Unit of length of the response's polynomials, mm: half the image."""
+PLACE_DEGREE = 4
+"""Degree of the response's polynomials in the place."""
+PLACE_TERMS = (PLACE_DEGREE + 1) * (PLACE_DEGREE + 2) // 2
 
-FRAMES = 30
-"""DIGIT frames averaged for one image: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
+FARTHEST_LED_MM = 500.0
+"""Largest distance of an LED from the gel's apex along any axis, mm (assumed: a DIGIT's are 22 mm
+from its axis)."""
+LARGEST_LED_MM = 100.0
+"""Largest radius of an LED's disc, mm (assumed: a DIGIT's is 1.8 mm)."""
+MAX_RESPONSE = 1e4
+"""Largest entry of the response (assumed: 19 in the default optics, for a white of 1)."""
+GAMMAS = (0.5, 4.0)
+"""Range of the exponent between light and grey levels (assumed: cameras have 1 to 2.4)."""
+YOUNGS_MPA = (0.01, 10.0)
+"""Range of the modulus (assumed: soft silicones have 0.05 to 2 MPa)."""
+ALBEDOS = (0.01, 10.0)
+"""Range of the albedo (assumed: worn coatings have 0.3 to 1.5)."""
+NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
+"""Keys of the noise in the file, present if it was measured."""
+SCALES_PX_PER_MM = (5.0, 100.0)
+DISTANCES_MM = (5.0, 100.0)
+"""Ranges of the image scale and the camera's distance (assumed: public optics files of DIGITs have
+17.2 to 19.6 px/mm and 20.8 to 22 mm)."""
 
-Renderer = Literal["baked", "pyrender"]
-"""What renders images: the baked model, in milliseconds, or pyrender, in about
-t2twin.sim.digit.pyrender_renderer.FRAME_SECONDS."""
 
-Noise = tuple[gaussian_noise.Keys, np.float32, np.ndarray]
-"""Keys and standard deviation of white noise, or the factor of the noise of a frame, which is
-empty for white noise: arguments of response.encode."""
-
-NO_NOISE: Noise = (
-    (np.uint32(0), np.uint32(0)),
-    np.float32(0.0),
-    np.zeros((0, 0, 0), dtype=np.float32),
-)
+def place_terms(x_mm: np.ndarray, y_mm: np.ndarray, degree: int = PLACE_DEGREE) -> np.ndarray:
+    """(..., terms): monomials of x and y in units of PLACE_MM, by rising degree; PLACE_TERMS of
+    them by default."""
+    x, y = ([(values / PLACE_MM) ** n for n in range(degree + 1)] for values in (x_mm, y_mm))
+    return np.stack(
+        [x[total - power] * y[power] for total in range(degree + 1) for power in range(total + 1)],
+        axis=-1,
+    )
 
 
-class DigitOptics:
-    """Images in the format of the maker's interface, for one calibration and one gel.
+def place_degrees(degree: int = PLACE_DEGREE) -> np.ndarray:
+    """(terms,) degree of each of place_terms."""
+    return np.repeat(np.arange(degree + 1), np.arange(1, degree + 2))
 
-    The background of a gel with another dome is computed from the calibration's background and
-    LEDs. shadows: whether LEDs cast shadows. markers: printed on the gel; None for none.
+
+def led_columns(cosine: np.ndarray, weight: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(..., places * COSINE_TERMS): one LED's light per unit of each entry of its response.
+
+    cosine, weight: (...) of that LED. places: (..., places) polynomials.
+    """
+    entries = [weight[..., None] * cosine[..., None] ** j * places for j in range(COSINE_TERMS)]
+    return np.stack(entries, axis=-1).reshape(*cosine.shape, -1)
+
+
+@dataclass(frozen=True)
+class Optics:
+    """Parameters of the baked model (t2twin.sim.digit.image_renderer).
+
+    background: (ROWS, COLUMNS, 3) uint8, the background frame.
+    leds_mm: (3, 3) places of the LEDs in the sensor frame. sizes_mm: (3,) radii of their discs.
+    response: (3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
+    lobe: (3 LEDs, RGB, LOBE_PLACES, LOBE_TERMS), optional in the file; None for no lobe.
+    gamma: exponent between light and grey levels.
+    scale_px_per_mm, distance_mm, shift_x_px, shift_y_px, tilt_x_deg, tilt_y_deg: the camera. The
+    last four are optional in the file and default to 0.
+    noise: of one frame, if it was measured; noise_mix and noise_taps in the file.
+    young_mpa: the gel's modulus, if it was fitted to forces.
+    albedo: (ROWS, COLUMNS) of a worn coating, relative to a new one; None for an even one. It
+    multiplies changes of the light. The background already contains it.
+    Raises T2TwinError for arrays of other shapes and values out of range.
     """
 
-    def __init__(
-        self,
-        calibration: Calibration,
-        shadows: bool = True,
-        gel: Elastomer = DIGIT_GEL,
-        markers: Markers | None = None,
-    ) -> None:
-        self.calibration = calibration
-        self._leds = Leds(calibration.leds_mm, calibration.sizes_mm)
-        self._table = response.encoding_table(calibration.gamma)
-        self._light = response.light_of_greys(calibration.gamma)
-        self._shadows, self._gel, self._markers = shadows, gel, markers
+    background: np.ndarray
+    leds_mm: np.ndarray
+    sizes_mm: np.ndarray
+    response: np.ndarray
+    gamma: float
+    scale_px_per_mm: float
+    distance_mm: float
+    shift_x_px: float = 0.0
+    shift_y_px: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    noise: Noise | None = None
+    young_mpa: float | None = None
+    lobe: np.ndarray | None = None
+    albedo: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        for name, (shape, low, high) in _LIMITS.items():
+            given = getattr(self, name)
+            if given is None:
+                continue
+            value, key = np.asarray(given), _KEYS[name]
+            if value.shape != shape:
+                raise T2TwinError(
+                    f"the optics file's {key} has shape {value.shape}; it must be {shape}"
+                )
+            is_scalar = shape == ()
+            if value.dtype.kind not in "fiu" or not (is_scalar or np.isfinite(value).all()):
+                raise T2TwinError(f"the optics file's {key} must hold finite numbers only")
+            for reached in (value.min(), value.max()):
+                if not low <= reached <= high:  # nor is nan
+                    raise T2TwinError(
+                        f"the optics file's {key} reaches {reached:g}; it must lie between "
+                        f"{low:g} and {high:g}"
+                    )
+        if self.background.dtype != np.uint8:
+            raise T2TwinError(
+                f"the optics file's background is {self.background.dtype}; it must be uint8"
+            )
+        if not (np.asarray(self.sizes_mm) > 0).all():
+            raise T2TwinError("the optics file's sizes_mm must be positive")
+
+    @property
+    def camera(self) -> Camera:
+        return Camera(**{field.name: getattr(self, field.name) for field in fields(Camera)})
+
+    def save(self, path: Path) -> None:
+        """Write as .npz, atomically. Raises T2TwinError where it cannot be written."""
+        with atomic_write(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **self._file_content())
+
+    def _file_content(self) -> dict[str, Any]:
+        """The arrays of the file, by key."""
+        values = {key: getattr(self, name) for name, key in _KEYS.items()}
+        if not any(values[name] for name in MAX_MISALIGNMENT):
+            values = {key: value for key, value in values.items() if key not in MAX_MISALIGNMENT}
+        if self.noise is not None:
+            values |= {NOISE_MIX: self.noise.mix, NOISE_TAPS: self.noise.taps}
+        return {key: value for key, value in values.items() if value is not None}
 
     @classmethod
-    def load(
-        cls, calibration: Path | str | None = None, gel: Elastomer = DIGIT_GEL
-    ) -> "DigitOptics":
-        """From a calibration file, None for the default. Raises T2TwinError for any other file."""
-        path = DEFAULT_PATH if calibration is None else calibration
-        return DigitOptics(Calibration.load(path), gel=gel)
-
-    def render(
-        self,
-        surface_mm: np.ndarray,
-        rng: np.random.Generator | None = None,
-        noise_grey: float = NOISE_GREY,
-        shift: SurfaceShift | None = None,
-        background: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """(320, 240, 3) uint8: the image of the gel deflected by surface_mm.
-
-        surface_mm: on t2twin.sim.digit.camera.pinhole.optical_grid(), rows x columns, mm, positive
-            into the sensor.
-        rng: of the noise; None for none.
-        noise_grey: standard deviation of the noise, grey levels, in every pixel and channel. A
-            calibration's own noise is scaled by noise_grey / NOISE_GREY instead.
-        shift: lateral displacement of the surface, which moves markers; None for none.
-        background: (320, 240, 3) uint8, replaces the calibration's, as of an earlier time.
-        Raises T2TwinError for another shape, values that are not finite, and invalid noise.
-        """
-        if not 0.0 <= noise_grey <= 255.0:
-            raise T2TwinError(f"noise_grey is {noise_grey:g}; it must lie between 0 and 255")
-        coated_mm = self._rays.coated(surface_mm)
-        under = self._unmarked if background is None else self._on_gel(background)
-        image = self._marker_image
-        shade = NO_SHADE if image is None else image.shade(coated_mm, shift)
-        return self._image(
-            surface_mm, coated_mm, under, shade, None if noise_grey == 0 else rng, noise_grey
-        )
-
-    @cached_property
-    def background(self) -> np.ndarray:
-        """(320, 240, 3) uint8: the background frame of this gel, with markers, without noise."""
-        if self._markers is None:
-            return self._unmarked
-        return self.render(np.zeros_like(self._rays.rest_mm))
-
-    def _image(
-        self,
-        surface_mm: np.ndarray,
-        coated_mm: np.ndarray,
-        background: np.ndarray,
-        shade: np.ndarray,
-        rng: np.random.Generator | None,
-        noise_grey: float,
-    ) -> np.ndarray:
-        """The image of a deflection, of which coated_mm is that of the coating, on a background
-        frame. shade: factors of the grey levels, of markers. rng: None for no noise."""
-        change, pixels = self._change(coated_mm)
-        return self._encoded(background, change, pixels, shade, self._noise(rng, noise_grey))
-
-    def _noise(self, rng: np.random.Generator | None, noise_grey: float) -> Noise:
-        no_keys, _, no_frame = NO_NOISE
-        if rng is None:
-            return NO_NOISE
-        if self.calibration.noise is None:
-            return gaussian_noise.keys(rng), np.float32(noise_grey), no_frame
-        return no_keys, np.float32(noise_grey / NOISE_GREY), self.calibration.noise.sample(rng)
-
-    # Computed at the first image: many presses need none, and compiling the loops takes long.
-
-    @cached_property
-    def _rays(self) -> Rays:
-        return Rays(self.calibration.camera, self._gel, self._shadows)
-
-    @cached_property
-    def _gain(self) -> np.ndarray:
-        return _gains(self._rays, self.calibration.response)
-
-    @cached_property
-    def _lobe_gain(self) -> np.ndarray | None:
-        if self.calibration.lobe is None:
-            return None
-        places = place_terms(*self._rays.places_mm, lobe.LOBE_DEGREE)
-        return lobe.lobe_gain(self.calibration.lobe, places)
-
-    @cached_property
-    def _rest_light(self) -> np.ndarray:
-        return self._light_at_rest(self._rays)
-
-    @cached_property
-    def _marker_image(self) -> MarkerImage | None:
-        if self._markers is None:
-            return None
-        camera, gamma = self.calibration.camera, self.calibration.gamma
-        return MarkerImage(self._markers, camera, self._gel, self._rays.rest_mm, gamma)
-
-    @cached_property
-    def _unmarked(self) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) uint8: the background frame without markers."""
-        return self._on_gel(self.calibration.background)
-
-    def _on_gel(self, background: np.ndarray) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) uint8: a background frame of the DIGIT's gel, on this gel."""
-        of_own_gel = np.ascontiguousarray(background)
-        if self._gel == DIGIT_GEL:
-            return of_own_gel
-        own_rays = Rays(self.calibration.camera, DIGIT_GEL, self._shadows)
-        if np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
-            return of_own_gel
-        # the calibration's background is of the DIGIT's gel: add the change of the LEDs' light
-        own = self._light_at_rest(own_rays)
-        change = self._reflected(self._rest_light - own)
-        return self._encoded(of_own_gel, change, (0, ROWS, 0, COLUMNS))
-
-    def _light_at_rest(self, rays: Rays) -> np.ndarray:
-        flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
-        cosine, weight = (np.moveaxis(values, -1, 0) for values in rays.incidence(flat, self._leds))
-        light = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
-        everywhere = rays.everywhere
-        illumination.light(cosine, weight, self._gain, np.zeros_like(light), everywhere, light)
-        self._add_lobe(rays, flat, weight, everywhere, light)
-        return light
-
-    def _add_lobe(
-        self,
-        rays: Rays,
-        coated_mm: np.ndarray,
-        weight: np.ndarray,
-        samples: Region,
-        light: np.ndarray,
-    ) -> None:
-        if self._lobe_gain is not None:
-            normals = rays.normals(coated_mm, samples)
-            lobe.add_lobe(normals, weight, self._lobe_gain, samples, light)
-
-    def _encoded(
-        self,
-        background: np.ndarray,
-        change: np.ndarray,
-        pixels: Region,
-        shade: np.ndarray = NO_SHADE,
-        noise: Noise = NO_NOISE,
-    ) -> np.ndarray:
-        """Grey levels of a background and a change of its light (RGB, S) in a region, shaded."""
-        out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
-        keys, sigma, frame = noise
-        response.encode(
-            change, background, self._light, self._table, pixels, shade, keys,
-            gaussian_noise.quantiles(), sigma, frame, out,
-        )  # fmt: skip
-        return out
-
-    def _change(self, coated_mm: np.ndarray) -> tuple[np.ndarray, Region]:
-        """Change of the light (RGB, S) by a deflection, and its region of pixels."""
-        cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
-        if pixels[1] <= pixels[0]:
-            return self._rest_light, pixels
-        change = np.zeros_like(self._rest_light)
-        illumination.light(cosine, weight, self._gain, self._rest_light, samples, change)
-        self._add_lobe(self._rays, coated_mm, weight, samples, change)
-        return self._reflected(change), pixels
-
-    @cached_property
-    def _albedo(self) -> np.ndarray | None:
-        """(S) of the calibration's coating; None for an even one."""
-        albedo = self.calibration.albedo
-        if albedo is None:
-            return None
-        samples = albedo.reshape(ROWS // 2, 2, COLUMNS // 2, 2).mean(axis=(1, 3))
-        return np.pad(samples, 1, mode="edge").astype(np.float32)
-
-    def _reflected(self, change: np.ndarray) -> np.ndarray:
-        """A change of the light (RGB, S), reflected by the calibration's coating."""
-        return change if self._albedo is None else change * self._albedo
+    def load(cls, path: Path | str = DEFAULT_PATH) -> "Optics":
+        """Read a file of save. Raises T2TwinError for any other file."""
+        if not Path(path).is_file():
+            raise T2TwinError(f"{path} does not exist; `t2twin calibrate` writes an optics file")
+        try:
+            return cls(**_read(path))
+        except Exception as error:  # NumPy raises many types for damaged files
+            reason = str(error).rstrip(".")
+            raise T2TwinError(
+                f"{path} is not an optics file ({reason}); `t2twin calibrate` writes one"
+            ) from error
 
 
-def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
-    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, for illumination.light."""
-    used = np.flatnonzero(np.any(response != 0, axis=(0, 1, 3)))
-    degree = 0
-    while used.size and used[-1] >= (degree + 1) * (degree + 2) // 2:
-        degree += 1  # high powers are slow to compute, and many responses have none
-    rows_of_gain = illumination.gain_rows(rays.places_mm[0].shape[0])
-    x_mm, y_mm = (places[rows_of_gain] for places in rays.places_mm)
-    terms = place_terms(x_mm, y_mm, degree)
-    rows, columns, count = terms.shape
-    gain = np.empty((rows, 3, 3, COSINE_TERMS, columns), dtype=np.float32)
-    response = np.ascontiguousarray(response[:, :, :count], dtype=np.float64)
-    illumination.gains(terms, response, gain)
-    return gain
+def _read(path: Path | str) -> dict[str, Any]:
+    """Values of the fields by name. Raises T2TwinError, or any error of NumPy."""
+    if not is_zipfile(path):
+        raise T2TwinError("it is not an .npz file")
+    with np.load(path, allow_pickle=False) as file:
+        if unknown := sorted({*file.files} - {*_KEYS.values(), NOISE_MIX, NOISE_TAPS, *REMARKS}):
+            raise T2TwinError(f"its {unknown[0]} is not read")
+        for field in fields(Optics):
+            if field.default is MISSING and _KEYS[field.name] not in file:
+                raise T2TwinError(f"its {_KEYS[field.name]} is missing")
+        values: dict[str, Any] = {
+            name: file[key] if _LIMITS[name][0] else float(file[key])
+            for name, key in _KEYS.items()
+            if key in file
+        }
+        noise = [file[key] for key in (NOISE_MIX, NOISE_TAPS) if key in file]
+    if len(noise) == 1:
+        raise T2TwinError(f"one of {NOISE_MIX} and {NOISE_TAPS} is missing")
+    return values | ({"noise": Noise(*noise)} if noise else {})
+
+
+_LIMITS: dict[str, tuple[tuple[int, ...], float, float]] = {
+    "background": ((ROWS, COLUMNS, 3), 0, 255),
+    "leds_mm": ((3, 3), -FARTHEST_LED_MM, FARTHEST_LED_MM),
+    "sizes_mm": ((3,), 0.0, LARGEST_LED_MM),
+    "response": ((3, 3, PLACE_TERMS, COSINE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
+    "gamma": ((), *GAMMAS),
+    "scale_px_per_mm": ((), *SCALES_PX_PER_MM),
+    "distance_mm": ((), *DISTANCES_MM),
+    **{name: ((), -limit, limit) for name, limit in MAX_MISALIGNMENT.items()},
+    "young_mpa": ((), *YOUNGS_MPA),
+    "lobe": ((3, 3, LOBE_PLACES, LOBE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
+    "albedo": ((ROWS, COLUMNS), *ALBEDOS),
+}
+"""Shape, least and largest value of each field but the noise."""
+_KEYS = {name: name for name in _LIMITS} | {"leds_mm": "lamps_mm"}
+"""Key of each field in the file; the LEDs' places have the key of the first optics files."""

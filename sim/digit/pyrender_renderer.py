@@ -7,7 +7,7 @@ pyrender gets a sampled unit's LEDs with their places, sizes and colors in the i
 (t2twin.sim.digit.randomization.lighting). Each LED's light varies over the image and with the
 cosine of incidence as a default LED's does on a Lambertian surface. Negative leaks are omitted.
 
-A process has one renderer, which is created at the first image, so that RenderedOptics can be
+A process has one renderer, which is created at the first image, so that PyrenderRenderer can be
 pickled. OpenGL belongs to one thread, which renders all images.
 
 No other module imports pyrender, which is unmaintained. This one sets the GL platform before the
@@ -30,15 +30,15 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import response
 from t2twin.sim.digit.camera.gaussian_noise import standard_normal
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+from t2twin.sim.digit.image_renderer import ImageRenderer
 from t2twin.sim.digit.light.coating import coated
 from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS, REACH_MM, Led
 from t2twin.sim.digit.light.shadows import MIN_CASTER_MM
 from t2twin.sim.digit.markers import Markers
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.optics import Optics
 
 FRAME_SECONDS = 1.1
 """Time of an image with software OpenGL on two idle cores, s (benchmark `digit_render`). It uses
@@ -249,21 +249,21 @@ class ReferenceRenderer:
         )
 
 
-class RenderedOptics(DigitOptics):
-    """As DigitOptics, but pyrender renders each image, in about FRAME_SECONDS.
+class PyrenderRenderer(ImageRenderer):
+    """As ImageRenderer, but pyrender renders each image, in about FRAME_SECONDS.
 
-    leds: in the order of the calibration's. calibration: for camera, background and gamma. markers:
+    leds: in the order of the optics file's. optics: for camera, background and gamma. markers:
     printed on the gel; None for none. Raises T2TwinError at the first image if there is no OpenGL.
     """
 
     def __init__(
         self,
-        calibration: Calibration,
+        optics: Optics,
         leds: tuple[Led, ...],
         gel: Elastomer = DIGIT_GEL,
         markers: Markers | None = None,
     ) -> None:
-        super().__init__(calibration, gel=gel, markers=markers)
+        super().__init__(optics, gel=gel, markers=markers)
         self._lit_by = leds
 
     def _image(
@@ -286,7 +286,7 @@ class RenderedOptics(DigitOptics):
         """(320, 240, 3) float64 grey levels on a background frame, without markers and noise."""
         if not surface_mm.any():
             return background.astype(float)
-        light, thread = self.calibration, _thread(os.getpid())
+        light, thread = self.optics, _thread(os.getpid())
         change = thread.submit(_change, self._lit_by, light.camera, self._gel, surface_mm).result()
         if light.albedo is not None:
             change = change * light.albedo[..., None]

@@ -4,7 +4,7 @@ There are four steps, which are also separate commands. A finished step is not r
 
 1. light: calibrates the optics, first without the held-out presses, then on all.
 2. data: simulates a dataset of random shapes and primitives, pressed with 0.5 to 12 N. Its light is
-   sampled around the calibration, and its images have the noise of single frames.
+   sampled around the optics, and its images have the noise of single frames.
 3. training: trains a translator on this dataset. The weights of a field run are then averaged with
    those of the run that initialized it.
 4. check: evaluates the trained run and the run that initialized it on the held-out presses, and
@@ -30,10 +30,10 @@ from t2twin.adaptation.real_frame_evaluation import (
     simulate_reference,
 )
 from t2twin.adaptation.record import (
-    CALIBRATION,
+    OPTICS,
     RECORD,
     AdaptationResult,
-    FittedCalibration,
+    FittedOptics,
     read_fitted,
     write_adapt_page,
     write_fitted,
@@ -49,7 +49,7 @@ from t2twin.sim.dataset.pool import check_workers
 from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE, Inputs, calibrate, read_inputs
 from t2twin.sim.digit.calibrate.measurements import Tolerance
 from t2twin.sim.digit.camera.pinhole import Camera
-from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.digit.image_renderer import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
 from t2twin.translate.models.presets import Preset, find_preset
 from t2twin.translate.runs.checkpoint import average_runs
@@ -58,7 +58,7 @@ from t2twin.translate.training.recalibrate import recalibrate
 from t2twin.translate.training.train import run_of_model, train
 
 STEPS = ("light", "data", "training", "check")
-BALL, WORLD, DATA, TRAINING = "ball.step", "world.toml", "data", "training"
+BALL, RECIPE, DATA, TRAINING = "ball.step", "recipe.toml", "data", "training"
 AVERAGED = "averaged"
 MIN_MINUTES, MAX_MINUTES = 1.0, 6000.0
 
@@ -86,7 +86,7 @@ a third of the time on two cores of a virtual machine (measured: 0.1 s of a core
 PRIMITIVE_PRESSES_PER_MINUTE = 1.5
 """Presses of each primitive per minute of the adaptation (assumed)."""
 
-WORLD_TEXT = """# Recipe of the dataset that {model} is adapted on, in the light of one unit.
+RECIPE_TEXT = """# Recipe of the dataset that {model} is adapted on, in the light of one unit.
 format = 1
 name = "adapted"
 
@@ -96,7 +96,7 @@ count = {shapes}
 presses = 4
 place = {{ normal_mm = 2.5 }}
 force_n = {{ low = 0.5, high = 12.0 }}
-untouched_share = 0.05
+background_share = 0.05
 val_share = 0.04
 
 [[parts]]
@@ -108,7 +108,7 @@ force_n = {{ low = 0.5, high = 12.0 }}
 [light]
 kind = "drawn"
 each = "press"
-calibration = {calibration}
+optics = {optics}
 frames = 1
 """
 
@@ -155,14 +155,14 @@ class AdaptConfig:
         return self.out / (AVERAGED if is_mean else TRAINING) / self.model
 
     def read_inputs(self) -> Inputs:
-        """Reads frames and numbers of the calibration; raises T2TwinError if they are unusable."""
+        """Reads frames and numbers of the optics; raises T2TwinError if they are unusable."""
         return read_inputs(
             self.background, self.presses, self.ball_diameter_mm, self.held_out, self.camera,
             self.tolerance,
         )  # fmt: skip
 
     def digest(self, inputs: Inputs) -> str:
-        """SHA-256 of the frames and numbers of the calibration."""
+        """SHA-256 of the frames and numbers of the optics."""
         digest = hashlib.sha256(inputs.background.tobytes() + inputs.frames.tobytes())
         numbers = (
             inputs.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
@@ -190,7 +190,7 @@ def adapt(
 ) -> AdaptationResult:
     """Adapts a translator to one DIGIT, or resumes an interrupted adaptation.
 
-    Writes calibration.npz, presses.json, world.toml, data/, training/, averaged/, a run named after
+    Writes optics.npz, presses.json, recipe.toml, data/, training/, averaged/, a run named after
     the model, adapted.json and index.html to the folder out. The run is the trained one, a field
     run with weights averaged with those of init_from, or a copy of init_from if that is more
     accurate on the held-out presses.
@@ -220,10 +220,10 @@ def adapt(
     with locked(config.out):
         with timer.step("light"):
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
-            if not (config.out / WORLD).is_file():
-                write_recipe(config.out / WORLD, model, config.minutes, config.out / CALIBRATION)
+            if not (config.out / RECIPE).is_file():
+                write_recipe(config.out / RECIPE, model, config.minutes, config.out / OPTICS)
         with timer.step("data"):
-            make_dataset(config.out / DATA, world=config.out / WORLD, workers=workers)
+            make_dataset(config.out / DATA, recipe=config.out / RECIPE, workers=workers)
         with timer.step("training"):
             _train(config)
     with timer.step("check"):  # without the lock, which write_page takes
@@ -233,7 +233,7 @@ def adapt(
 
 
 def _check(
-    config: AdaptConfig, inputs: Inputs, fitted: FittedCalibration, minutes: dict[str, float]
+    config: AdaptConfig, inputs: Inputs, fitted: FittedOptics, minutes: dict[str, float]
 ) -> AdaptationResult:
     """Writes the more accurate run and the page. minutes: by step, of the steps so far."""
     references = _references(config, inputs, fitted)
@@ -288,26 +288,26 @@ def _initial_run(init_from: str | Path | None, model: str) -> Path | None:
     return run_of_model(init_from, model)[0]
 
 
-def write_recipe(file: Path, model: str, minutes: float, calibration: Path) -> None:
+def write_recipe(file: Path, model: str, minutes: float, optics: Path) -> None:
     """Writes the recipe of a dataset in the light of one unit.
 
     file: the recipe. model: named in its comment. minutes: duration of the adaptation, which
-    determines the number of presses. calibration: file of the light around which units are
+    determines the number of presses. optics: file of the light around which units are
     sampled.
     """
-    path = str(calibration.absolute()).replace("\\", "\\\\").replace('"', '\\"')
-    text = WORLD_TEXT.format(
+    path = str(optics.absolute()).replace("\\", "\\\\").replace('"', '\\"')
+    text = RECIPE_TEXT.format(
         model=model,
         shapes=max(round(SHAPES_PER_MINUTE * minutes), 25),
         presses=max(round(PRIMITIVE_PRESSES_PER_MINUTE * minutes), 2),
-        calibration=f'"{path}"',
+        optics=f'"{path}"',
     )
     with atomic_write(file) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _existing_fit(config: AdaptConfig, digest: str) -> FittedCalibration | None:
-    """The calibration of an interrupted adaptation.
+def _existing_fit(config: AdaptConfig, digest: str) -> FittedOptics | None:
+    """The optics of an interrupted adaptation.
 
     Raises T2TwinError if its inputs differ or the folder has other content.
     """
@@ -325,21 +325,21 @@ def _existing_fit(config: AdaptConfig, digest: str) -> FittedCalibration | None:
     return fitted
 
 
-def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> FittedCalibration:
-    calibration = calibrate(
+def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> FittedOptics:
+    optics = calibrate(
         config.background, config.presses, config.ball_diameter_mm, config.held_out, config.camera,
         report, config.tolerance,
     )  # fmt: skip
     write_ball(config.out / BALL, config.ball_diameter_mm)
-    return write_fitted(config.out, calibration, digest, config.ball_diameter_mm)
+    return write_fitted(config.out, optics, digest, config.ball_diameter_mm)
 
 
 def _references(
-    config: AdaptConfig, inputs: Inputs, fitted: FittedCalibration
+    config: AdaptConfig, inputs: Inputs, fitted: FittedOptics
 ) -> list[SimulatedReference]:
     """Simulated presses of the held-out frames."""
     balls = [_ball(config, diameter_mm) for diameter_mm in fitted.diameters_mm]
-    sensors = SensorPair(Digit(calibration=str(config.out / CALIBRATION), noise_grey=NOISE_GREY))
+    sensors = SensorPair(Digit(optics_file=str(config.out / OPTICS), noise_grey=NOISE_GREY))
     names = [press.name for press in fitted.held_out]
     frames = inputs.frames[[inputs.names.index(name) for name in names]]
     return simulate_reference(names, fitted.poses, frames, balls, sensors)

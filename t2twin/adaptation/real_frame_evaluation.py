@@ -1,7 +1,7 @@
 """Evaluation of translators on real frames, with simulated presses as reference; the one to keep.
 
 The true counts of the real presses are unknown. The reference is the simulated CySkin, pressed at
-the position and depth that the calibration found in each frame.
+the position and depth that the optics found in each frame.
 
 The trained run and the one that initialized its training are evaluated on the same held-out
 presses. The trained run is kept if its RMSE is lower on the real frames and also on their simulated

@@ -1,6 +1,6 @@
-"""Files of an adaptation: the fitted calibration, its held-out presses, the results, and the page.
+"""Files of an adaptation: the fitted optics, its held-out presses, the results, and the page.
 
-calibration.npz has the format of `t2twin calibrate`. presses.json contains positions, depths and
+optics.npz has the format of `t2twin calibrate`. presses.json contains positions, depths and
 scores of the held-out presses, so that an interrupted adaptation resumes without a new fit.
 adapted.json contains the results, which index.html shows with images of every held-out press.
 """
@@ -23,15 +23,15 @@ from t2twin.core.tables import Table
 from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import Section, write_page
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
+from t2twin.sim.digit.calibrate.calibrate import OpticsReport
 from t2twin.sim.digit.calibrate.uncertainty import (
     Bounds,
-    CalibrationUncertainty,
+    OpticsUncertainty,
     uncertainty_sentences,
 )
 from t2twin.translate.inference.predictor import CountsPredictor
 
-CALIBRATION, PRESSES, RECORD = "calibration.npz", "presses.json", "adapted.json"
+OPTICS, PRESSES, RECORD = "optics.npz", "presses.json", "adapted.json"
 
 FORMAT = 2
 """Format of presses.json."""
@@ -41,7 +41,7 @@ TITLE = "Translator adapted to this DIGIT"
 
 @dataclass(frozen=True)
 class HeldOutPress:
-    """A held-out press, and scores of its image, simulated with a calibration without it."""
+    """A held-out press, and scores of its image, simulated with an optics file without it."""
 
     name: str
     x_mm: float
@@ -52,7 +52,7 @@ class HeldOutPress:
 
 
 @dataclass(frozen=True)
-class FittedCalibration:
+class FittedOptics:
     """Content of presses.json.
 
     inputs_digest: SHA-256 of the frames and numbers of the fit. trained: number of presses of the
@@ -67,7 +67,7 @@ class FittedCalibration:
     psnr_db: float
     ssim: float
     held_out: tuple[HeldOutPress, ...]
-    uncertainty: CalibrationUncertainty
+    uncertainty: OpticsUncertainty
 
     @property
     def poses(self) -> np.ndarray:
@@ -101,7 +101,7 @@ class AdaptationResult:
     zero_rmse_percent: float
     mean_array_rmse_percent: float
     minutes: dict[str, float]
-    uncertainty: CalibrationUncertainty
+    uncertainty: OpticsUncertainty
 
     @property
     def scores(self) -> RunScores:
@@ -110,14 +110,14 @@ class AdaptationResult:
 
 
 def write_fitted(
-    folder: Path, report: CalibrationReport, inputs_digest: str, ball_diameter_mm: float
-) -> FittedCalibration:
-    """Writes calibration.npz, then presses.json; returns the content of the latter.
+    folder: Path, report: OpticsReport, inputs_digest: str, ball_diameter_mm: float
+) -> FittedOptics:
+    """Writes optics.npz, then presses.json; returns the content of the latter.
 
-    report: of a calibration with tolerances.
+    report: of an optics file with tolerances.
     """
     assert report.uncertainty is not None
-    fitted = FittedCalibration(
+    fitted = FittedOptics(
         format=FORMAT,
         inputs_digest=inputs_digest,
         ball_diameter_mm=ball_diameter_mm,
@@ -132,20 +132,20 @@ def write_fitted(
         ),
         uncertainty=report.uncertainty,
     )
-    report.calibration.save(folder / CALIBRATION)
+    report.optics.save(folder / OPTICS)
     write_json(folder / PRESSES, asdict(fitted))
     return fitted
 
 
-def read_fitted(folder: Path) -> FittedCalibration | None:
+def read_fitted(folder: Path) -> FittedOptics | None:
     """Reads presses.json; None if the fit is missing or incomplete.
 
     Raises T2TwinError for an unreadable file.
     """
     path = folder / PRESSES
-    if not path.is_file() or not (folder / CALIBRATION).is_file():
+    if not path.is_file() or not (folder / OPTICS).is_file():
         return None
-    return read_json(path, FittedCalibration, FORMAT)
+    return read_json(path, FittedOptics, FORMAT)
 
 
 def write_adapt_page(
@@ -187,7 +187,7 @@ def _summary(result: AdaptationResult) -> dict[str, Any]:
     return {"table": Table(heads, {"": rows}), "min_contact_counts": MIN_CONTACT_COUNTS}
 
 
-def _uncertainty(uncertainty: CalibrationUncertainty) -> dict[str, Any]:
+def _uncertainty(uncertainty: OpticsUncertainty) -> dict[str, Any]:
     rows = [
         [press.name, *_bounds(press.depth_mm), *_bounds(press.force_n)]
         for press in uncertainty.presses

@@ -73,7 +73,7 @@ def attach(
     pos: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
     quat: Sequence[float] | np.ndarray = (1.0, 0.0, 0.0, 0.0),
     name: str | None = None,
-    calibration: str | Path | None = None,
+    optics: str | Path | None = None,
     layout: str | Path | None = None,
     imperfections: str | None = None,
     markers: Markers | bool | None = None,
@@ -91,7 +91,7 @@ def attach(
     name: of the sensor; None for "digit" or "cyskin", with a number from the second one on. The
     model gets the body NAME/body, the geom and mesh NAME/surface, and the site NAME/frame at the
     apex of the undeformed surface. The geom reaches behind the base, as far as the geoms there, so
-    that no body gets through it. calibration, markers: of a DIGIT, as for `Twin`. layout,
+    that no body gets through it. optics, markers: of a DIGIT, as for `Twin`. layout,
     imperfections: of a CySkin, as for `Twin`. friction: coefficient of the sensor's geom; None for
     MuJoCo's default. MuJoCo uses the larger coefficient of both geoms in a contact.
     geometry: geoms of the touching bodies whose surfaces are pressed into the sensor: "collision",
@@ -105,7 +105,7 @@ def attach(
             f"spec is {arguments.describe(spec)}; expected a mujoco.MjSpec, for example of "
             "mujoco.MjSpec.from_file"
         )
-    device = _device(sensor, calibration, layout, imperfections, markers)
+    device = _device(sensor, optics, layout, imperfections, markers)
     mounted = AttachedSensor(
         name=_free_name(spec, name, sensor),
         sensor=sensor,
@@ -142,7 +142,7 @@ def _place(
 
 def _device(
     sensor: object,
-    calibration: str | Path | None,
+    optics: str | Path | None,
     layout: str | Path | None,
     imperfections: str | None,
     markers: Markers | bool | None,
@@ -150,7 +150,7 @@ def _device(
     """The simulated sensor. Raises T2TwinError for an argument of the other sensor."""
     arguments.choice(sensor, "sensor", ("digit", "cyskin"))
     if sensor == "cyskin":
-        for value, name in ((calibration, "calibration"), (markers, "markers")):
+        for value, name in ((optics, "optics"), (markers, "markers")):
             if value is not None:
                 raise T2TwinError(f"{name} is given for a cyskin; only a digit has it")
         source = DEFAULT_LAYOUT if layout is None else str(arguments.path(layout, "layout"))
@@ -159,8 +159,8 @@ def _device(
     for value, name in ((layout, "layout"), (imperfections, "imperfections")):
         if value is not None:
             raise T2TwinError(f"{name} is given for a digit; only a cyskin has it")
-    light = None if calibration is None else str(arguments.path(calibration, "calibration"))
-    return Digit(calibration=light, markers=as_markers(markers))
+    light = None if optics is None else str(arguments.path(optics, "optics"))
+    return Digit(optics_file=light, markers=as_markers(markers))
 
 
 def _own_spec(

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
+    from t2twin.sim.digit.calibrate.calibrate import OpticsReport
     from t2twin.sim.digit.calibrate.measurements import Tolerance
 if TYPE_CHECKING:
     from t2twin.adaptation.record import AdaptationResult
 
-FILES = ("calibration_strip.png", "calibration.json", "calibration.npz")
+FILES = ("optics_strip.png", "optics.json", "optics.npz")
 """Files written to --out with presses."""
 
 
@@ -57,7 +57,7 @@ def calibrate(
     fit: Annotated[FitOptions, tyro.conf.arg(name="")],
     presses: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     ball_diameter_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/calibration"),
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/optics"),
 ) -> None:
     """Fit the DIGIT's light to your sensor, from its background and presses of one ball.
 
@@ -69,8 +69,8 @@ def calibrate(
             known. Measurements are read from a table in it, forces.csv: a column file, and any of
             force_n, depth_mm (from first contact) and ball_diameter_mm.
         ball_diameter_mm: The ball's diameter, mm.
-        out: Folder for calibration.npz and, with presses, calibration.json and
-            calibration_strip.png.
+        out: Folder for optics.npz and, with presses, optics.json and
+            optics_strip.png.
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import check_replaceable, locked
@@ -86,8 +86,8 @@ def calibrate(
                 "takes none of --ball-diameter-mm, --held-out and the tolerances"
             )
         with locked(out):
-            guess_light(background, camera, print).save(out / "calibration.npz")
-        print(f"written to {out}: calibration.npz, for press and simdata as --calibration. It has")
+            guess_light(background, camera, print).save(out / "optics.npz")
+        print(f"written to {out}: optics.npz, for press and simdata as --optics. It has")
         print("your background and the mean light of sampled units; a fit needs presses of a ball")
         return
     if ball_diameter_mm is None:
@@ -99,12 +99,12 @@ def calibrate(
             background, presses, ball_diameter_mm, fit.held_out, camera, print, fit.tolerance
         )
         _write(report, out)
-    print(f"written to {out}: calibration.npz, for press and simdata as --calibration;")
-    print("calibration.json, the printed results; calibration_strip.png, the held-out presses:")
+    print(f"written to {out}: optics.npz, for press and simdata as --optics;")
+    print("optics.json, the printed results; optics_strip.png, the held-out presses:")
     print("real above, simulated below")
 
 
-def _write(report: "CalibrationReport", out: Path) -> None:
+def _write(report: "OpticsReport", out: Path) -> None:
     """Write the files and print the results.
 
     The strip has the held-out frames above, and the simulated ones with one frame's noise below.
@@ -116,21 +116,21 @@ def _write(report: "CalibrationReport", out: Path) -> None:
     from t2twin.sim.digit.calibrate.calibrate import write_record
     from t2twin.sim.digit.calibrate.uncertainty import uncertainty_lines
 
-    simulated, noise, rng = report.simulated, report.calibration.noise, np.random.default_rng(0)
+    simulated, noise, rng = report.simulated, report.optics.noise, np.random.default_rng(0)
     if noise is not None:
         noisy = [image + noise.sample(rng) for image in simulated]
         simulated = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
     strip = np.concatenate([np.concatenate(row, axis=1) for row in (report.real, simulated)])
-    with atomic_write(out / "calibration_strip.png") as temporary:
+    with atomic_write(out / "optics_strip.png") as temporary:
         Image.fromarray(strip).save(temporary)
-    write_record(out / "calibration.json", report)
-    report.calibration.save(out / "calibration.npz")
+    write_record(out / "optics.json", report)
+    report.optics.save(out / "optics.npz")
     lines = [] if report.uncertainty is None else uncertainty_lines(report.uncertainty)
     for line in (*_score_lines(report), *lines):
         print(line)
 
 
-def _score_lines(report: "CalibrationReport") -> list[str]:
+def _score_lines(report: "OpticsReport") -> list[str]:
     lines = []
     if report.repeated:
         lines.append(f"excluded duplicates: {', '.join(report.repeated)}")
@@ -138,7 +138,7 @@ def _score_lines(report: "CalibrationReport") -> list[str]:
         f"fitted to {report.trained[0]} to {report.trained[-1]}, {len(report.trained)} presses",
         f"scored on {report.held_out[0]} to {report.held_out[-1]}, {len(report.held_out)} held-out "
         "presses;",
-        "the pose of each is fitted to its own frame; the written calibration is fitted to all",
+        "the pose of each is fitted to its own frame; the written optics are fitted to all",
         "",
         f"{'press':34s} {'x mm':>6s} {'y mm':>6s} {'deep mm':>7s} {'L1':>6s} {'SSIM':>6s} "
         f"{'PSNR dB':>8s}",
@@ -178,7 +178,7 @@ def adapt(
         presses: Folder of frames of the ball at different, unknown positions and depths. Known
             values belong in its table forces.csv: file, force_n, depth_mm, ball_diameter_mm.
         ball_diameter_mm: Diameter of the ball, mm.
-        out: Folder for the calibration, the dataset, the run and the page index.html.
+        out: Folder for the optics, the dataset, the run and the page index.html.
         minutes: Approximate total duration on two cores.
         model: Model to train: field, resnet18 or touch2touch.
         init_from: Run whose weights initialize the training; the pretrained run unless given.
@@ -192,7 +192,7 @@ def adapt(
         Camera(fit.scale_px_per_mm), model, init_from, workers, tolerance=fit.tolerance,
     )  # fmt: skip
     _print(result)
-    print(f"written to {out}: run {model}, calibration.npz, index.html")
+    print(f"written to {out}: run {model}, optics.npz, index.html")
 
 
 def _print(result: "AdaptationResult") -> None:

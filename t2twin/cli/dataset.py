@@ -18,20 +18,20 @@ class SimdataOptions:
     Args:
         scale: Of the protocol: smoke (about 100 pairs), light (1,000), small (about 1,200) or
             paper (20,076).
-        out: Folder to write; default data/SCALE or data/WORLD.
+        out: Folder to write; default data/SCALE or data/RECIPE.
         workers: Number of processes; default: the number of cores.
-        world: Instead of a scale, a recipe: a TOML file with shapes, places, forces and light, or
+        recipe: Instead of a scale, a recipe: a TOML file with shapes, places, forces and light, or
             the name of a bundled one. Bundled are paper, open, open-8n, union, unseen-forces,
             forces, moving, shipped, shipped-2 and pretrained-3.
         seed: Random seed; default 0, or the recipe's. The same seed gives the same bytes.
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm; default cyskin-20.
-            Not with --world.
+            Not with --recipe.
         imperfections: The CySkin's errors: none, white, baseline, all or recorded (the
-            default). Not with --world.
-        calibration: The DIGIT's optics, as written by t2twin calibrate; default: the default
-            calibration. Not with --world.
-        optics: What renders the images: baked, in milliseconds (the default), or pyrender, in
-            seconds. Not with --world.
+            default). Not with --recipe.
+        optics: The DIGIT's optics, as written by t2twin calibrate; default: the default
+            optics. Not with --recipe.
+        renderer: What renders the images: baked, in milliseconds (the default), or pyrender, in
+            seconds. Not with --recipe.
         primitives: Folder of prepared shapes; default: in the user's cache.
         scheduler: Address of a Dask scheduler whose workers make the shards, such as
             tcp://10.0.0.1:8786. They must have the folders under the same paths.
@@ -41,12 +41,12 @@ class SimdataOptions:
     scale: Annotated[str | None, tyro.conf.arg(metavar="SCALE")] = None
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
-    world: Annotated[str | None, tyro.conf.arg(metavar="WORLD")] = None
+    recipe: Annotated[str | None, tyro.conf.arg(metavar="RECIPE")] = None
     seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
     layout: Annotated[str | None, tyro.conf.arg(metavar="LAYOUT")] = None
     imperfections: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    calibration: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
-    optics: Annotated[Literal["baked", "pyrender"] | None, tyro.conf.arg(metavar="NAME")] = None
+    optics: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
+    renderer: Annotated[Literal["baked", "pyrender"] | None, tyro.conf.arg(metavar="NAME")] = None
     primitives: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     verify: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -65,12 +65,12 @@ def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
     sensors = None
     if options.scale is not None:
         sensors = t2twin.Twin(
-            options.calibration,
+            options.optics,
             DEFAULT_LAYOUT if options.layout is None else options.layout,
             DATASET_DEFAULT if options.imperfections is None else options.imperfections,
-            optics=options.optics or "baked",
+            renderer=options.renderer or "baked",
         ).sensors
-    folder = options.out or Path("data") / (options.scale or Path(options.world or "").stem)
+    folder = options.out or Path("data") / (options.scale or Path(options.recipe or "").stem)
     info = t2twin.make_dataset(
         folder,
         options.scale,
@@ -79,13 +79,13 @@ def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
         sensors=sensors,
         cache=options.primitives,
         scheduler=options.scheduler,
-        world=options.world,
+        recipe=options.recipe,
     )
     print(f"{_pairs(info)} pairs in {folder}, {_size(folder, info)}")
 
 
 def _check_options(options: SimdataOptions) -> None:
-    """Raises T2TwinError unless one of --scale and --world is given, and for options that exclude
+    """Raises T2TwinError unless one of --scale and --recipe is given, and for options that exclude
     each other."""
     from t2twin.core.errors import T2TwinError
 
@@ -94,14 +94,16 @@ def _check_options(options: SimdataOptions) -> None:
             if name != "verify" and value is not None:
                 raise T2TwinError(f"--{name} cannot be used with --verify, which makes nothing")
         return
-    if options.scale is None and options.world is None:
+    if options.scale is None and options.recipe is None:
         raise T2TwinError(
-            "--scale is missing: smoke, light, small or paper (or --world WORLD, or --verify DIR)"
+            "--scale is missing: smoke, light, small or paper (or --recipe RECIPE, or --verify DIR)"
         )
-    if options.world is not None:
-        for name in ("scale", "layout", "imperfections", "calibration", "optics"):
+    if options.recipe is not None:
+        for name in ("scale", "layout", "imperfections", "optics", "renderer"):
             if getattr(options, name) is not None:
-                raise T2TwinError(f"--{name} cannot be used with --world, whose recipe contains it")
+                raise T2TwinError(
+                    f"--{name} cannot be used with --recipe, whose recipe contains it"
+                )
     if options.scheduler is not None and options.workers is not None:
         raise T2TwinError(
             "--workers cannot be used with --scheduler; Dask has its own number of workers"

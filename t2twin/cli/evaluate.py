@@ -27,17 +27,17 @@ def evaluate(
         runs: Folders of trained runs.
         data: Folder of the dataset, of training or any other. touch2touch also accepts another
             taxel layout inside its own, field any on the cover. With several datasets, each has a
-            folder of its name, and worlds.md is a table of all.
+            folder of its name, and datasets.md is a table of all.
         split: val (in the paper's protocol: new versions of primitives), test (hand tools) or both.
             With both, writes DIR/val, DIR/test, DIR/findings.json and DIR/results.md.
         out: Output folder. Default: runs/evaluate/SPLIT; runs/evaluate with both or several
             datasets.
         background: Image of the datasets' DIGIT without contact, for field runs. Default: each
-            pair's own, or that of the default calibration, if the dataset was made with either.
+            pair's own, or that of the default optics, if the dataset was made with either.
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.translate.evaluation import evaluate as evaluation
-    from t2twin.translate.evaluation.table import results_text, worlds_markdown
+    from t2twin.translate.evaluation.table import datasets_markdown, results_text
     from t2twin.translate.models.distributed import use_all_cores
 
     if not runs:
@@ -50,17 +50,17 @@ def evaluate(
     first = next(iter(data))
     use_all_cores()
     if len(data) > 1:
-        worlds = evaluation.evaluate_worlds(runs, data, split, folder, background)
+        recipes = evaluation.evaluate_datasets(runs, data, split, folder, background)
     elif split == "both":
-        worlds = {"": evaluation.evaluate_both(runs, first, folder, background)}
+        recipes = {"": evaluation.evaluate_both(runs, first, folder, background)}
     else:
-        worlds = {"": {split: evaluation.evaluate(runs, first, split, folder, background)}}
-    for name, evaluations in worlds.items():
+        recipes = {"": {split: evaluation.evaluate(runs, first, split, folder, background)}}
+    for name, evaluations in recipes.items():
         if name:
             print(f"{name}\n")
         print(results_text(evaluations))
     if len(data) > 1:
-        print(worlds_markdown(worlds))
+        print(datasets_markdown(recipes))
     print(f"written to {folder}")
 
 

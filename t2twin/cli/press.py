@@ -53,11 +53,11 @@ def primitives(
 
 Float = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
 Sensor = Literal["digit", "cyskin", "both"]
-Optics = Literal["baked", "pyrender"]
+Renderer = Literal["baked", "pyrender"]
 
 UNUSED = {
     "digit": ("layout", "imperfections"),
-    "cyskin": ("flat", "calibration", "markers", "marker_pitch_mm", "optics"),
+    "cyskin": ("flat", "optics", "markers", "marker_pitch_mm", "renderer"),
 }
 """Options without effect, by the sensor that is pressed."""
 
@@ -89,8 +89,8 @@ class TouchOptions:
         poisson: Poisson's ratio of the elastomer.
         flat: Remove the dome of the gel.
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm.
-        calibration: The DIGIT's light and, if it was fitted, its gel's modulus, as written by
-            t2twin calibrate; default: the default calibration.
+        optics: The DIGIT's light and, if it was fitted, its gel's modulus, as written by
+            t2twin calibrate; default: the default optics.
         seed: Seed of the camera noise and of the CySkin's imperfections; none without a seed.
         imperfections: The CySkin's errors if there is a seed: none, white, baseline, all or
             recorded.
@@ -112,7 +112,7 @@ class TouchOptions:
     poisson: Float = None
     flat: bool = False
     layout: str = "cyskin-20"
-    calibration: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    optics: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
     imperfections: Annotated[str, tyro.conf.arg(metavar="NAME")] = "white"
     markers: bool = False
@@ -123,8 +123,8 @@ class TouchOptions:
 
         return catalogue.load(self.shape, scale=self.scale, center=self.center)
 
-    def sensors(self, optics: Optics = "baked") -> "SensorPair":
-        """The sensors. optics: what renders the DIGIT's image."""
+    def sensors(self, renderer: Renderer = "baked") -> "SensorPair":
+        """The sensors. renderer: what renders the DIGIT's image."""
         from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
         from t2twin.sim.digit.markers import Markers
         from t2twin.twin import Twin, other_elastomer
@@ -134,7 +134,7 @@ class TouchOptions:
         gel, cover = (other_elastomer(own, *changes) for own in (DIGIT_GEL, CYSKIN_COVER))
         pitch = self.marker_pitch_mm
         markers = self.markers if pitch is None else Markers(pitch)
-        twin = Twin(self.calibration, self.layout, self.imperfections, gel, cover, optics, markers)
+        twin = Twin(self.optics, self.layout, self.imperfections, gel, cover, renderer, markers)
         return twin.sensors
 
     def _check_effects(self) -> None:
@@ -180,13 +180,13 @@ class PressOptions(TouchOptions):
     Args:
         depth_mm: Instead of a force, the depth from first contact, mm, in the DIGIT's gel, or in
             the CySkin's cover if only the CySkin is pressed.
-        optics: What renders the DIGIT's image: the baked model, in milliseconds, or pyrender, in
-            seconds and for the default calibration only.
+        renderer: What renders the DIGIT's image: the baked model, in milliseconds, or pyrender, in
+            seconds and for the default optics only.
         view: Open the scene in MuJoCo's viewer (the DIGIT's if both sensors are pressed).
     """
 
     depth_mm: Float = None
-    optics: Optics = "baked"
+    renderer: Renderer = "baked"
     view: bool = False
 
 
@@ -244,11 +244,11 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     from t2twin.sim.touch import scene_path
     from t2twin.twin import generator
 
-    sensor, optics = options.sensor, options.optics
+    sensor, renderer = options.sensor, options.renderer
     shape = options.load_shape()
     rng = generator(options.seed)
-    sensors = options.sensors(optics)
-    if optics == "pyrender" and sensor != "cyskin":
+    sensors = options.sensors(renderer)
+    if renderer == "pyrender" and sensor != "cyskin":
         print(f"t2twin: {pyrender_duration()}", file=sys.stderr)
     command = options.command(shape, sensors, options.depth_mm)
     if sensor != "cyskin":

@@ -25,7 +25,7 @@ def train(
     """Train a translator, or resume a stopped training.
 
     Args:
-        model: touch2touch, resnet18, or field, which needs a dataset with field.
+        model: touch2touch, resnet18, or field, which needs a dataset with dense counts.
         data: Folder of the dataset.
         preset: cpu (two cores), paper (as published; for a GPU) or smoke (seconds).
         out: Folder of the run. Default: runs/MODEL, or runs/MODEL-cyskin-to-digit.
@@ -54,11 +54,13 @@ def calibrate_uncertainty(
         tuple[Path, ...], tyro.conf.arg(metavar="DIR", help_behavior_hint="(one or more)")
     ],
 ) -> None:
-    """Recalibrate the predicted uncertainty of a field run on validation presses of several worlds.
+    """Recalibrate the predicted uncertainty of a field run on validation presses of several
+    datasets.
 
     Args:
         run: Folder of a trained field run; the calibration is written into its best weights.
-        data: Folders of datasets with field, including the run's own. Each contributes the same
+        data: Folders of datasets with dense counts, including the run's own. Each contributes the
+        same
             number of validation presses.
     """
     from t2twin.core.errors import T2TwinError

@@ -72,9 +72,9 @@ def read_json(path: Path, kind: type[Record], number: int) -> Record:
 def decode_json(content: bytes | str, kind: type[Record], source: object) -> Record:
     """The record in JSON text. kind: a dataclass; unknown keys are ignored.
 
-    source: origin of the text, for messages. Raises T2TwinError with the source and the field for
-    a missing key, a value of another type or out of bounds, and a ValueError of __post_init__. NaN
-    and infinity are not JSON and are rejected.
+    source: origin of the text, for messages. Raises T2TwinError with the source and the dense
+    counts for a missing key, a value of another type or out of bounds, and a ValueError of
+    __post_init__. NaN and infinity are not JSON and are rejected.
     """
     try:
         return msgspec.json.decode(content, type=kind, dec_hook=_array)

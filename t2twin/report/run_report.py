@@ -17,7 +17,7 @@ from t2twin.report.page import SPLIT_NAMES, Section, name_of, write_page
 from t2twin.report.pairs import example
 from t2twin.sim.cyskin.taxels import DIELECTRIC_MODULUS_MPA
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.sim.digit.calibration import DEFAULT_PATH
+from t2twin.sim.digit.optics import DEFAULT_PATH
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import Evaluation
 from t2twin.translate.evaluation.table import (
@@ -138,8 +138,8 @@ def limits(report: ReportData) -> dict[str, Any]:
     return {
         "parameters": parameters,
         "dielectric_mpa": DIELECTRIC_MODULUS_MPA,
-        "is_default_calibration": parameters is not None
-        and parameters.digit.calibration_sha256 == sha256_of(DEFAULT_PATH),
+        "is_default_optics": parameters is not None
+        and parameters.digit.optics_sha256 == sha256_of(DEFAULT_PATH),
     }
 
 
@@ -254,7 +254,7 @@ def draw_report(out: Path, report: ReportData) -> Path:
     info = report.info
     title = TITLE if info.is_simulated else IMPORTED_TITLE.format(report.data)
     if info.is_simulated and not info.is_protocol:
-        title += f", world {info.world_name}"
+        title += f", recipe {info.recipe_name}"
     sections = {
         name: Section(link, template, partial(values, report))
         for name, (link, template, values) in SECTIONS.items()

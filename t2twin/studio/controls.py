@@ -15,8 +15,8 @@ from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION
 from t2twin.sim.cyskin.reading import PRESETS
-from t2twin.sim.world.presses import MAX_SHAPE_SEED
-from t2twin.sim.world.protocol import SCALES
+from t2twin.sim.sampling.presses import MAX_SHAPE_SEED
+from t2twin.sim.sampling.protocol import SCALES
 from t2twin.studio.press_state import (
     Motion,
     PressState,
@@ -43,8 +43,8 @@ TOLERANCE = 1e-6
 RANDOM, OWN_FILE = "random shapes", "uploaded file"
 """Groups of shapes in addition to the families and the tools."""
 
-DEFAULT_CALIBRATION = "default"
-"""Name of the default calibration of the DIGIT."""
+DEFAULT_OPTICS = "default"
+"""Name of the default optics of the DIGIT."""
 
 MAX_SEED = 2**53
 """Largest seed, which a browser's numbers represent exactly."""
@@ -211,8 +211,8 @@ class Controls:
         own_layout = is_file(state.layout)
         self._layout.options = (*layout_names(), *([OWN_FILE] if own_layout else []))
         self._layout.value = OWN_FILE if own_layout else state.layout
-        calibration = markdown_safe(file_name(state.calibration or DEFAULT_CALIBRATION))
-        self._calibration.content = f"Calibration: **{calibration}**"
+        optics = markdown_safe(file_name(state.optics or DEFAULT_OPTICS))
+        self._optics.content = f"Optics: **{optics}**"
         self.noise.value = has_noise
         self._handles["imperfections"].visible = self._handles["seed"].visible = has_noise
         presses = protocol_presses(state.shape, self._scale_name.value)
@@ -295,12 +295,13 @@ class Controls:
         self.uploads["layout"] = self._inputs.upload(
             "Upload a layout", "JSON or CSV with x_mm and y_mm"
         )
-        self._calibration = gui.add_markdown("")
-        self.uploads["calibration"] = self._inputs.upload(
-            "Upload a calibration", "The .npz file of t2twin calibrate, for the light of your DIGIT"
+        self._optics = gui.add_markdown("")
+        self.uploads["optics"] = self._inputs.upload(
+            "Upload an optics file",
+            "The .npz file of t2twin calibrate, for the light of your DIGIT",
         )
         self._inputs.button(
-            "Default calibration", viser.Icon.REFRESH, lambda: self.apply({"calibration": None})
+            "Default optics", viser.Icon.REFRESH, lambda: self.apply({"optics": None})
         )
         markers = gui.add_checkbox("Markers", False, hint="Markers printed on the gel of the DIGIT")
         self.noise = gui.add_checkbox(

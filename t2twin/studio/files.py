@@ -19,7 +19,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.mesh_io import read
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa
-from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.optics import Optics
 from t2twin.studio.controls import Controls, Inputs
 from t2twin.studio.press_state import file_name
 from t2twin.studio.session import PATH_FILE, PressResult
@@ -39,7 +39,7 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 SUFFIXES = {
     "shape": read.SUFFIXES,
     "layout": (".json", ".csv"),
-    "calibration": (".npz",),
+    "optics": (".npz",),
     "frame": IMAGE_SUFFIXES,
     "background": IMAGE_SUFFIXES,
 }
@@ -125,7 +125,7 @@ class FileTasks:
         readers = {
             "shape": load_shape,
             "layout": self._check_layout,
-            "calibration": Calibration.load,
+            "optics": Optics.load,
         }
 
         def press_with(kind: str, path: Path) -> None:
@@ -292,10 +292,8 @@ def zip_press(result: PressResult, folder: Path) -> tuple[str, bytes]:
     without a tactile image.
     """
     name = result.touch.shape.name.replace("/", "-")
-    calibration = result.state.calibration
-    touch = replace(
-        result.touch, calibration=None if calibration is None else file_name(calibration)
-    )
+    optics = result.state.optics
+    touch = replace(result.touch, optics=None if optics is None else file_name(optics))
     place = folder / "press"
     touch.save(place)
     (place / COMMAND_FILE).write_text(result.command_line() + "\n")

@@ -17,8 +17,8 @@ from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, LAYOUTS
 from t2twin.sim.cyskin.reading import PRESETS
+from t2twin.sim.sampling.protocol import FORCE_N, indices, press_of, scale_of
 from t2twin.sim.slide import check_friction
-from t2twin.sim.world.protocol import FORCE_N, indices, press_of, scale_of
 
 FIRST_SHAPE = "square-2"
 """Shape of a new page."""
@@ -29,7 +29,7 @@ MAX_QUERY = 2000
 Motion = Literal["jump", "slide"]
 """What a changed pose does: a press at the new pose, or sliding there with friction."""
 
-CONTACT = ("shape", "scale", "calibration", "motion", "friction")
+CONTACT = ("shape", "scale", "optics", "motion", "friction")
 """Fields whose change lifts the shape off."""
 
 
@@ -39,7 +39,7 @@ class PressState:
 
     shape: a name of the catalogue, `random-17`, or a file. x_mm, y_mm, yaw_deg, force_n: as for
     `t2twin press`. depth_mm: replaces the force, which then remains at its default. layout: a name
-    or a file. calibration: a file, None for the default. imperfections: of the CySkin, applied with
+    or a file. optics: a file, None for the default. imperfections: of the CySkin, applied with
     a seed. seed: of camera noise and imperfections, None for neither. scale: millimeters per unit
     of a file, None for the unit stated in the file. friction: as for `Twin.slide`.
     markers: whether markers are printed on the DIGIT's gel.
@@ -52,7 +52,7 @@ class PressState:
     force_n: float = FORCE_N
     depth_mm: float | None = None
     layout: str = DEFAULT_LAYOUT
-    calibration: str | None = None
+    optics: str | None = None
     imperfections: str = "white"
     seed: int | None = None
     scale: float | None = None
@@ -71,7 +71,7 @@ class PressState:
     @property
     def files(self) -> tuple[str, ...]:
         """The user's files."""
-        sources = (self.shape, self.layout, self.calibration)
+        sources = (self.shape, self.layout, self.optics)
         return tuple(each for each in sources if each is not None and is_file(each))
 
     def continues(self, before: "PressState") -> bool:
@@ -103,8 +103,8 @@ class PressState:
             words.append("--markers")
         if self.layout != _DEFAULT.layout:
             words += ["--layout", file_name(self.layout)]
-        if self.calibration is not None:
-            words += ["--calibration", file_name(self.calibration)]
+        if self.optics is not None:
+            words += ["--optics", file_name(self.optics)]
         if self.seed is not None and self.imperfections != _DEFAULT.imperfections:
             words += ["--imperfections", self.imperfections]
         return shlex.join(words)
@@ -183,12 +183,12 @@ def layout_names() -> tuple[str, ...]:
 
 
 def is_file(source: str) -> bool:
-    """Whether a shape, a layout or a calibration is a file instead of a name."""
+    """Whether a shape, a layout or an optics file is a file instead of a name."""
     return Path(source).name != source and source not in catalogue.NAMES
 
 
 def file_name(source: str) -> str:
-    """Displayed name of a shape, a layout or a calibration: of a file, its name."""
+    """Displayed name of a shape, a layout or an optics file: of a file, its name."""
     return Path(source).name if is_file(source) else source
 
 

@@ -205,9 +205,9 @@ class Session:
 
     def _sensors_for(self, state: PressState) -> SensorPair:
         digit, cyskin, before = self._sensors.digit, self._sensors.cyskin, self._made_for
-        if (state.calibration, state.markers) != (before.calibration, before.markers):
+        if (state.optics, state.markers) != (before.optics, before.markers):
             markers = Markers() if state.markers else None
-            digit = replace(digit, calibration=state.calibration, markers=markers)
+            digit = replace(digit, optics_file=state.optics, markers=markers)
         if (state.layout, state.imperfections) != (before.layout, before.imperfections):
             cyskin = replace(cyskin, layout_source=state.layout, imperfections=state.imperfections)
         self._sensors, self._made_for = SensorPair(digit, cyskin), state

@@ -167,7 +167,7 @@ class Translators:
         pixels, own = run.pixels_of(image, used), classify_frame(image, used)
         if isinstance(run, FieldPredictor):
             estimate = run.estimate_pixels(pixels)
-            counts, tactile = estimate.counts, run.field_images(estimate)[0]
+            counts, tactile = estimate.counts, run.dense_images(estimate)[0]
             low, high = estimate.interval(LEVEL)
             interval, force = (low[0], high[0]), _force(estimate)
         else:

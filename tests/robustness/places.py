@@ -44,7 +44,7 @@ RESULTS = {
     "press circle-1": "press.json digit.png cyskin.json contact_digit.npz tactile_image.png",
     "translate --run {resnet18} x.png": "counts.csv counts.json x.png",
     "report --data {data}": "index.html",
-    "calibrate --background background.png": "calibration.npz",
+    "calibrate --background background.png": "optics.npz",
 }  # fmt: skip
 """Commands, and files that they write into their folder."""
 
@@ -53,10 +53,10 @@ IN_THE_WAY: dict[str, Callable[[Path], object]] = {
 }  # fmt: skip
 
 
-def _save_calibration(place: str, box: Path, base: Base) -> None:
-    from t2twin.sim.digit.calibration import Calibration
+def _save_optics(place: str, box: Path, base: Base) -> None:
+    from t2twin.sim.digit.optics import Optics
 
-    Calibration.load().save(Path(place))
+    Optics.load().save(Path(place))
 
 
 def cases() -> Iterator[Case]:
@@ -87,8 +87,8 @@ def _exports() -> Iterator[Case]:
     for place in ("folder", "/dev/null", "pipe", "to-device", "socket"):
         words = f"{export} {place} --force"
         yield Case(f"export to {place} by force", words, targets, "cannot be written")
-        save = partial(_save_calibration, place)
-        yield Case(f"calibration to {place}", "", targets, call=save)
+        save = partial(_save_optics, place)
+        yield Case(f"optics to {place}", "", targets, call=save)
     for file in ("best.safetensors", "config.json"):
         yield Case(f"export to {file}", f"{own} --out run/{file}", laid(RUN), "already exists")
     again = laid(RUN | {"run/resnet18.onnx": "an earlier export"})

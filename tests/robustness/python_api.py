@@ -48,7 +48,8 @@ CALLS: dict[str, dict[str, Any]] = {
     "make_dataset": {"folder": "out", "scale": "smoke"}, "load": {}, "load_layout": {}, "Twin": {},
     "import_pairs": {"source": "pairs.csv", "folder": "out", "layout": t2twin.load_layout()},
     "load_recipe": {"source": "open"}, "export_shapes": {"out_dir": "out"}, "Markers": {},
-    "evaluate": RUNS | {"data_dir": "{data}"}, "evaluate_worlds": RUNS | {"data_dirs": ["{data}"]},
+    "evaluate": RUNS | {"data_dir": "{data}"},
+    "evaluate_datasets": RUNS | {"data_dirs": ["{data}"]},
     "export_onnx": {"run": None, "path": "x.onnx"},
     "translate_images": {"paths": ["x.png"], "out_dir": "out", "run": "{resnet18}"},
     "write_report": {"out": "out", "data": "{data}", "runs": ["{resnet18}"]},
@@ -81,13 +82,13 @@ IMAGES: dict[str, tuple[object, str]] = {
 
 USERS: tuple[Callable[[Any, Base], object], ...] = (
     lambda value, base: _run().predict(value), lambda value, base: _run().estimate(value),
-    lambda value, base: _run().sample_fields(value, 2),
+    lambda value, base: _run().sample_dense_counts(value, 2),
     lambda value, base: _run(base.touch2touch).tactile_images(value),
     lambda value, base: _run(base.resnet18).pixels_of(value),
 )  # fmt: skip
 BAD: dict[str, Callable[[Base], object]] = {
-    "expected a whole": lambda base: _run().sample_fields(SMALL, 10**9),
-    "in all": lambda base: _run().sample_fields([SMALL] * 3, 50_000),
+    "expected a whole": lambda base: _run().sample_dense_counts(SMALL, 10**9),
+    "in all": lambda base: _run().sample_dense_counts([SMALL] * 3, 50_000),
     "at least one": lambda base: _run().estimate([]),
     "level": lambda base: _run().estimate(SMALL).interval("0.9"),
     "needs a field run": lambda base: _run(base.resnet18).estimate(SMALL),
@@ -96,7 +97,7 @@ BAD: dict[str, Callable[[Base], object]] = {
     "pixels have shape": lambda base: _run().predict_pixels(SMALL[None]),
     "no run feild": lambda base: t2twin.load("feild"),
     "parts": lambda base: t2twin.make_dataset(
-        "out", world=structs.replace(t2twin.load_recipe("union"), parts=())),
+        "out", recipe=structs.replace(t2twin.load_recipe("union"), parts=())),
     "from 0.1 to 200": lambda base: replace(t2twin.Twin().sensors.digit.gel, thickness_mm=3000),
     "at least 3": lambda base: t2twin.Layout("two", *[np.array([1.0, 2.0])] * 3),
 }  # fmt: skip

@@ -19,7 +19,7 @@ from PIL import Image
 from safetensors.numpy import load_file, save
 from solids import SOLIDS
 
-from t2twin.sim.digit.calibration import DEFAULT_PATH
+from t2twin.sim.digit.optics import DEFAULT_PATH
 
 # Valid files
 
@@ -31,7 +31,7 @@ FRAMES: Files = {
     "background.png": UNTOUCHED,
     **{f"presses/press_{number}.png": encoded(frame(number)) for number in range(8)},
 }
-"""Frames of the right size, to which no calibration can be fitted."""
+"""Frames of the right size, to which no optics can be fitted."""
 
 FORCES = "file,force_n\npress_0.png,1.5\n"
 TAXELS, COUNT = 20, 10
@@ -55,24 +55,24 @@ place = { normal_mm = 1.0 }
 WHOLE_RECIPE = f"""seed = 1
 imperfections = "white"
 {RECIPE}force_n = {{ low = 1.0, high = 5.0 }}
-untouched_share = 0.1
+background_share = 0.1
 val_share = 0.2
 [light]
 kind = "drawn"
 each = "shape"
-optics = "baked"
+renderer = "baked"
 [light.draw]
 led_size_mm = [1.0, 2.0]
 """
 
 # Commands
 
-PRESS = "press circle-1 --sensor digit --out out --calibration c.npz"
+PRESS = "press circle-1 --sensor digit --out out --optics c.npz"
 GIVEN = "--background background.png --presses presses --ball-diameter-mm 4.7 --out out"
 CALIBRATE, ADAPT = f"calibrate {GIVEN}", f"adapt {GIVEN}"
 ALONE = "calibrate --background background.png --out out"
 CSV, PARQUET = "import-pairs pairs.csv --out out", "import-pairs pairs.parquet --out out"
-MADE = "simdata --out out --workers 1 --world w.toml"
+MADE = "simdata --out out --workers 1 --recipe w.toml"
 READERS = (
     "train resnet18 --data data --preset smoke --epochs 1 --out out", "simdata --verify data",
     "evaluate {touch2touch} --data data --split both --out out", "report --data data --out out",
@@ -99,7 +99,7 @@ KINDS: dict[str, tuple[Files, str, tuple[str, ...]]] = {
     "background": (FRAMES, "background.png", (CALIBRATE, ADAPT)),
     "press": (FRAMES, "presses/press_3.png", (CALIBRATE, ADAPT)),
     "forces": (FRAMES | {"presses/forces.csv": FORCES}, "presses/forces.csv", (CALIBRATE, ADAPT)),
-    "calibration": ({"c.npz": DEFAULT_PATH.read_bytes()}, "c.npz", (PRESS,)),
+    "optics": ({"c.npz": DEFAULT_PATH.read_bytes()}, "c.npz", (PRESS,)),
     "pairs.csv": (PAIRS, "pairs.csv", (CSV,)),
     "pairs.parquet": ({"pairs.parquet": b"PAR1"}, "pairs.parquet", (PARQUET,)),
     "image of a pair": (PAIRS, "2.png", (CSV,)),
@@ -166,7 +166,7 @@ def wrong_recipes() -> Iterator[tuple[str, str]]:
 
 
 def wrong_arrays() -> Iterator[tuple[str, bytes]]:
-    """Calibration files (.npz) with one array wrong, or damaged."""
+    """Optics files (.npz) with one array wrong, or damaged."""
     with np.load(DEFAULT_PATH) as kept:
         good: dict[str, Any] = dict(kept)
 
@@ -287,7 +287,7 @@ def cases() -> Iterator[Case]:
         ("pairs", (CSV,), IMAGE_FILES, "pairs.csv", wrong_tables(TABLE), ""),
         ("parquet", (PARQUET,), {}, "pairs.parquet", wrong_columns(columns), ""),
         ("recipe", (MADE,), {}, "w.toml", wrong_recipes(), ""),
-        ("calibration", (PRESS,), {}, "c.npz", wrong_arrays(), "c.npz"),
+        ("optics", (PRESS,), {}, "c.npz", wrong_arrays(), "c.npz"),
         ("shard", READERS, DATA, SHARD, shards, ""),
         ("weights", USERS, RUN, WEIGHTS, wrong_weights(), ""),
     ):  # fmt: skip
@@ -316,7 +316,7 @@ def _of_frames() -> Iterator[Case]:
     )  # fmt: skip
     for number, (name, files, says) in enumerate(wrong):
         yield Case(f"frames: {name}", (CALIBRATE, ADAPT)[number % 2], laid(files), says)
-    begun = FRAMES | {"out/presses.json": "{}", "out/calibration.npz": b""}
+    begun = FRAMES | {"out/presses.json": "{}", "out/optics.npz": b""}
     yield Case("adapt: a damaged earlier start", ADAPT, laid(begun), "presses.json")
     yield Case("the background alone", ALONE, laid({"background.png": UNTOUCHED}), fine=True)
     small = LIVE | {"b.png": encoded(frame(size=(30, 40)).convert("L"))}
@@ -330,14 +330,14 @@ def _of_runs() -> Iterator[Case]:
     for command in READERS[:5]:
         yield Case(f"a swapped shard: {command[:8]}", command, laid(swapped), "circle-1.parquet")
 
-    def with_field(**changed: object) -> Callable[[Path], object]:
+    def with_dense_counts(**changed: object) -> Callable[[Path], object]:
         return edit(lambda text: json.dumps(json.loads(text) | changed).encode())
 
-    turned = with_field(direction="cyskin-to-digit")
+    turned = with_dense_counts(direction="cyskin-to-digit")
     files: Files = {"x.png": PNG, "run": Copy("touch2touch"), "run/config.json": turned}
     for user in (*USERS, "live --run run {data}", "studio --run run"):
         yield Case(f"{user[:9]} with a reverse run", user, laid(files), "predicts DIGIT images")
-    files = RUN | {"run/config.json": with_field(seed=1)}
+    files = RUN | {"run/config.json": with_dense_counts(seed=1)}
     yield Case("another seed", AGAIN, laid(files), "another")
     yield Case("no run", AGAIN.replace("--out run", "--out data"), laid(DATA), "contains no run")
     for user in (USERS[0], AGAIN):

@@ -48,7 +48,7 @@ class Command:
 
 
 COMMANDS = {
-    "simdata": Command("simdata --world mine.toml --workers 2", kilobytes=600, resumes=True),
+    "simdata": Command("simdata --recipe mine.toml --workers 2", kilobytes=600, resumes=True),
     "train": Command("train resnet18 --data {data} --preset smoke --epochs 4", "out", 4000, True),
     "slide": Command("slide circle-1 --dx-mm 0.4 --steps 2"),
     "translate": Command("translate --run {run} frames"),
@@ -61,13 +61,13 @@ COMMANDS = {
 
 @cache
 def inputs() -> dict[str, Content]:
-    """Pairs, frames, and the recipe of a world of a few pairs."""
+    """Pairs, frames, and the recipe of a recipe of a few pairs."""
     from pictures import PNG, encoded, frame
     from readers import PAIRS, RECIPE
 
-    world = RECIPE.replace("count = 1", "count = 6").replace("presses = 1", "presses = 4")
+    recipe = RECIPE.replace("count = 1", "count = 6").replace("presses = 1", "presses = 4")
     frames = {f"frames/{n}.png": encoded(frame(n)) for n in range(40)}
-    return {**PAIRS, "mine.toml": world, "frames/last.png": PNG, **frames}
+    return {**PAIRS, "mine.toml": recipe, "frames/last.png": PNG, **frames}
 
 
 class Bench:

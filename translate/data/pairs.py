@@ -2,11 +2,11 @@
 
 The cache is the folder `cache` of the dataset, with one uint8 .npy file per split, size and color.
 One more has background frames, DIGIT frames without contact, and the index of each pair's frame. A
-world with a fixed light has one frame. File names contain the first digits of the SHA-256 of
+recipe with a fixed light has one frame. File names contain the first digits of the SHA-256 of
 info.json, so that another dataset in the same folder has other files.
 
 Shape letters: P pairs, B batch, U background frames, S image side, c channels, N taxels, F places
-of the field.
+of the dense counts.
 """
 
 import os
@@ -29,11 +29,11 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.layout import LARGEST_PAD_MM, PAD_DIAMETER_MM, Layout
-from t2twin.sim.dataset.columns import BACKGROUND, FIELD, PATH, POSE
+from t2twin.sim.dataset.columns import BACKGROUND, DENSE_COUNTS, PATH, POSE
 from t2twin.sim.dataset.info import MAX_COUNTS, DatasetInfo, check_layout, is_sha256
 from t2twin.sim.dataset.store import (
     INFO,
-    field,
+    dense_counts,
     iter_images,
     read_info,
     read_split,
@@ -96,7 +96,7 @@ def load_backgrounds(
 
 def has_backgrounds(info: DatasetInfo) -> bool:
     """Whether the pairs of a dataset contain background frames."""
-    return info.world is not None and info.world.has_more and info.world.untouched_frames
+    return info.recipe is not None and info.recipe.has_more and info.recipe.background_frames
 
 
 def _index(data_dir: Path, split: str, info: DatasetInfo) -> np.ndarray:
@@ -119,8 +119,8 @@ def _decoded(data_dir: Path, split: str, info: DatasetInfo, size: int) -> np.nda
 def _frames(data_dir: Path, split: str, info: DatasetInfo) -> Iterator[bytes]:
     """PNG bytes in the order of read_split; only the first with a fixed light."""
     shards = split_shards(info, split)
-    assert info.world is not None
-    if info.world.light.kind == "fixed":
+    assert info.recipe is not None
+    if info.recipe.light.kind == "fixed":
         yield next(iter_images(data_dir, shards[0], BACKGROUND))
         return
     with Progress(
@@ -139,7 +139,7 @@ of a printed board)."""
 
 CACHE = "cache"
 SHEAR = ("digit_shear_x_n", "digit_shear_y_n")
-"""Columns of the shear force on the DIGIT, of worlds with motion."""
+"""Columns of the shear force on the DIGIT, of recipes with motion."""
 
 BATCH_SIZE = 256
 """Images decoded together; bounds memory to 60 MB."""
@@ -203,8 +203,8 @@ class Pairs:
 
     images: the P DIGIT images, (S, S, c) each. counts: (P, N) float32.
     shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
-    field: (P, F) uint16, counts, and backgrounds, if they were loaded. shear_n: (P, 2), N, along x
-    and y on the DIGIT, and is_moving: (P,) bool, of worlds with motion.
+    dense_counts: (P, F) uint16, counts, and backgrounds, if they were loaded. shear_n: (P, 2), N,
+    along x and y on the DIGIT, and is_moving: (P,) bool, of recipes with motion.
     """
 
     images: ImageFile
@@ -215,7 +215,7 @@ class Pairs:
     y_mm: np.ndarray
     yaw_rad: np.ndarray
     force_n: np.ndarray
-    field: np.ndarray | None = None
+    dense_counts: np.ndarray | None = None
     backgrounds: PairBackgrounds | None = None
     shear_n: np.ndarray | None = None
     is_moving: np.ndarray | None = None
@@ -244,11 +244,11 @@ class DataInfo(Struct, frozen=True):
     """Properties of a dataset, from its info.json, and the SHA-256 of that file.
 
     layout: name of the taxel layout. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
-    taxels saturate. world: name of the world, None for imported pairs. train_pairs: number of
-    training pairs. field_x_mm, field_y_mm: (F,) places of the field, None without field.
-    pad_diameter_mm: (N,) of the taxels, None if unknown. has_shear: whether the pairs contain the
-    shear force; only present if true. The part "data" of a run's config.json, in which some fields
-    have other names.
+    taxels saturate. recipe: name of the recipe, None for imported pairs. train_pairs: number of
+    training pairs. dense_x_mm, dense_y_mm: (F,) places of the dense counts, None without dense
+    counts. pad_diameter_mm: (N,) of the taxels, None if unknown. has_shear: whether the pairs
+    contain the shear force; only present if true. The part "data" of a run's config.json, in which
+    some fields have other names.
     """
 
     sha256: str = renamed(name="info_sha256")
@@ -256,10 +256,10 @@ class DataInfo(Struct, frozen=True):
     x_mm: np.ndarray = renamed(name="layout_x_mm")
     y_mm: np.ndarray = renamed(name="layout_y_mm")
     full_scale_counts: Annotated[float, Meta(ge=1, le=MAX_COUNTS)]
-    world: str | None = None
+    recipe: str | None = None
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
-    field_x_mm: np.ndarray | None = None
-    field_y_mm: np.ndarray | None = None
+    dense_x_mm: np.ndarray | None = None
+    dense_y_mm: np.ndarray | None = None
     pad_diameter_mm: np.ndarray | None = None
     has_shear: bool | UnsetType = UNSET
 
@@ -269,7 +269,7 @@ class DataInfo(Struct, frozen=True):
         if not is_sha256(self.sha256):
             raise ValueError("info_sha256 must be 64 hexadecimal digits")
         places = [
-            np.zeros(0) if each is None else each for each in (self.field_x_mm, self.field_y_mm)
+            np.zeros(0) if each is None else each for each in (self.dense_x_mm, self.dense_y_mm)
         ]
         if any(each.size for each in places):
             check_layout(*places)
@@ -300,9 +300,9 @@ class DataInfo(Struct, frozen=True):
         return Layout(self.layout, self.x_mm, self.y_mm, default if pads is None else pads)
 
     @property
-    def world_shown(self) -> str:
-        """Name of the world, or first digits of the dataset's SHA-256."""
-        return self.world or f"dataset {self.sha256[:8]}"
+    def recipe_shown(self) -> str:
+        """Name of the recipe, or first digits of the dataset's SHA-256."""
+        return self.recipe or f"dataset {self.sha256[:8]}"
 
 
 def load_info(data_dir: Path) -> DataInfo:
@@ -315,12 +315,12 @@ def load_info(data_dir: Path) -> DataInfo:
         x_mm=np.array(info.layout_x_mm),
         y_mm=np.array(info.layout_y_mm),
         full_scale_counts=float(info.full_scale_counts),
-        world=info.world_name,
+        recipe=info.recipe_name,
         train_pairs=info.pairs["train"],
-        field_x_mm=_optional_array(info.field_x_mm),
-        field_y_mm=_optional_array(info.field_y_mm),
+        dense_x_mm=_optional_array(info.dense_x_mm),
+        dense_y_mm=_optional_array(info.dense_y_mm),
         pad_diameter_mm=_optional_array(pads),
-        has_shear=True if info.world is not None and info.world.motion else UNSET,
+        has_shear=True if info.recipe is not None and info.recipe.motion else UNSET,
     )
 
 
@@ -335,22 +335,24 @@ def load_pairs(
     size: int,
     grey: bool,
     cache_dir: Path | None = None,
-    with_field: bool = False,
+    with_dense_counts: bool = False,
 ) -> Pairs:
     """Loads one split with images at size x size, grey or RGB.
 
-    cache_dir: folder of the decoded images, by default `cache` of the dataset. with_field: also
-    load the field, and the background frames if the pairs contain them.
-    Raises T2TwinError for an unknown, missing or unfinished split, and with with_field for pairs
-    without field.
+    cache_dir: folder of the decoded images, by default `cache` of the dataset. with_dense_counts:
+    also load the dense counts, and the background frames if the pairs contain them.
+    Raises T2TwinError for an unknown, missing or unfinished split, and with with_dense_counts for
+    pairs without dense counts.
     """
     info, stored = load_info(data_dir), read_info(data_dir)
-    if with_field and info.field_x_mm is None:
+    if with_dense_counts and info.dense_x_mm is None:
         raise T2TwinError(
-            f"the pairs in {data_dir} have no field; make a world with field, such as "
-            "`t2twin simdata --world union`"
+            f"the pairs in {data_dir} have no dense counts; make a dataset with them, such as "
+            "`t2twin simdata --recipe union`"
         )
-    optional = ([FIELD] if with_field else []) + (["index", PATH, *SHEAR] if info.has_shear else [])
+    optional = ([DENSE_COUNTS] if with_dense_counts else []) + (
+        ["index", PATH, *SHEAR] if info.has_shear else []
+    )
     table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels", *optional])
     counts = taxels(table)
     color, name = "grey" if grey else "rgb", info.sha256[:12]
@@ -369,9 +371,9 @@ def load_pairs(
         counts=counts,
         shapes=np.array(table["shape"].to_pylist()),
         families=np.array(table["family"].to_pylist()),
-        field=field(table) if with_field else None,
+        dense_counts=dense_counts(table) if with_dense_counts else None,
         backgrounds=load_backgrounds(data_dir, split, size, folder, name)
-        if with_field and has_backgrounds(stored)
+        if with_dense_counts and has_backgrounds(stored)
         else None,
         shear_n=np.column_stack([table[name].to_numpy() for name in SHEAR])
         if info.has_shear
@@ -429,13 +431,13 @@ def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bo
 class Examples:
     """A batch of B pairs for one training step.
 
-    images: as `images.to_input` returns them, (B, c, S, S). counts: (B, N) float32. field: (B, F)
-    float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
-    shear_n: (B, 2) float32, of worlds with motion.
+    images: as `images.to_input` returns them, (B, c, S, S). counts: (B, N) float32. dense_counts:
+    (B, F) float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
+    shear_n: (B, 2) float32, of recipes with motion.
     """
 
     images: torch.Tensor
     counts: torch.Tensor
-    field: torch.Tensor | None = None
+    dense_counts: torch.Tensor | None = None
     force_n: torch.Tensor | None = None
     shear_n: torch.Tensor | None = None

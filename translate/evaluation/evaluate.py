@@ -56,13 +56,13 @@ from t2twin.translate.evaluation.reliability import (
     shear_metrics,
     uncertainty_metrics,
 )
-from t2twin.translate.evaluation.table import results_markdown, worlds_markdown
+from t2twin.translate.evaluation.table import datasets_markdown, results_markdown
 from t2twin.translate.inference.predictor import CountsPredictor, TrainedTranslator
 from t2twin.translate.runs.config import BEST
 from t2twin.translate.runs.log import read_log
 from t2twin.translate.uncertainty.estimate import Estimate
 
-RESULTS, WORLDS = "results.md", "worlds.md"
+RESULTS, DATASETS_TABLE = "results.md", "datasets.md"
 BOTH = "both"
 """Validation and test, as far as a dataset has them."""
 
@@ -80,8 +80,8 @@ def evaluate(
     """Evaluates runs and baselines on one split; writes metrics.json and predictions.npz.
 
     runs: folders that `train` has made. touch2touch and field runs may have another taxel layout
-    than the dataset, which is then read from their images or fields. split: "val" or "test" (or
-    "train"). Returns the content of metrics.json (module records). The rows are, in order:
+    than the dataset, which is then read from their images or dense counts. split: "val" or "test"
+    (or "train"). Returns the content of metrics.json (module records). The rows are, in order:
 
     - mean-array and nearest-neighbour (module baselines), between them mean-array-of-force for
       presses of several forces (module baselines);
@@ -91,7 +91,7 @@ def evaluate(
 
     predictions.npz contains the counts of each row (module predictions). background: an image of
     the dataset's DIGIT without contact, for field runs. The default is the frames of the pairs, or
-    that of the default calibration, if the dataset was made with either.
+    that of the default optics, if the dataset was made with either.
     Raises T2TwinError for no runs, a folder that is not a run, and a layout that a run cannot be
     read at. It also does for a background frame without a field run, and for a split or training
     split without pairs.
@@ -117,14 +117,14 @@ def evaluate_both(
     return _evaluate_splits(runs, data_dir, BOTH, out_dir, background)
 
 
-def evaluate_worlds(
+def evaluate_datasets(
     runs: Sequence[str | Path],
     data_dirs: Sequence[str | Path],
     split: str,
     out_dir: str | Path,
     background: str | Path | None = None,
 ) -> dict[str, dict[str, Evaluation]]:
-    """Evaluates runs on datasets, each into out_dir/NAME, and writes worlds.md.
+    """Evaluates runs on datasets, each into out_dir/NAME, and writes datasets.md.
 
     split: "val", "test" or "both" (`evaluate_both`); a dataset may lack one of both. background: as
     for `evaluate`.
@@ -143,13 +143,13 @@ def evaluate_worlds(
                 "to folders of these names, which must differ"
             )
         prepare(runs, folder, _splits(folder, split), background)
-    worlds = {
+    datasets = {
         name: _evaluate_splits(runs, folder, split, out_dir / name, background)
         for name, folder in zip(names, folders, strict=True)
     }
-    with atomic_write(out_dir / WORLDS) as temporary:
-        temporary.write_text(worlds_markdown(worlds), encoding="utf-8")
-    return worlds
+    with atomic_write(out_dir / DATASETS_TABLE) as temporary:
+        temporary.write_text(datasets_markdown(datasets), encoding="utf-8")
+    return datasets
 
 
 def _splits(data_dir: Path, split: str) -> tuple[str, ...]:
@@ -163,7 +163,7 @@ def _evaluate_splits(
     out_dir: Path,
     background: str | Path | None,
 ) -> dict[str, Evaluation]:
-    """Evaluations of a dataset by split. split: as for `evaluate_worlds`."""
+    """Evaluations of a dataset by split. split: as for `evaluate_datasets`."""
     splits = _splits(data_dir, split)
     inputs = prepare(runs, data_dir, splits, background)
     if split != BOTH:
@@ -218,7 +218,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         paired=differences,
         paper=PAPER.get(split, {}) if inputs.dataset.is_protocol else {},
         findings=findings(rows, differences),
-        world=info.world,
+        recipe=info.recipe,
         background=None if inputs.background is None else inputs.background.source,
     )
     return evaluation, Predictions(
@@ -285,7 +285,7 @@ def _with_run(row: ModelRow, run: CountsPredictor, info: DataInfo) -> ModelRow:
         same_data=same_data,
         trained_layout=trained.layout,
         trained_data=trained.sha256,
-        trained_world=info.world if same_data else trained.world,
+        trained_recipe=info.recipe if same_data else trained.recipe,
         trained_pairs=pairs,
         trained_steps=training_steps(run, pairs),
     )

@@ -23,8 +23,8 @@ from t2twin.core.files import atomic_write
 from t2twin.sim.cyskin.reading import expected_reading
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info, sha256_of
-from t2twin.sim.digit.calibration import DEFAULT_PATH
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.image_renderer import ImageRenderer
+from t2twin.sim.digit.optics import DEFAULT_PATH
 from t2twin.translate.data.images import open_image, to_pixels
 from t2twin.translate.data.pairs import (
     DataInfo,
@@ -40,7 +40,7 @@ from t2twin.translate.uncertainty.estimate import Estimate
 VAL, TEST = "val", "test"
 SPLITS = (VAL, TEST)
 
-OF_PAIRS, OF_CALIBRATION = "each pair's own", "that of the default calibration"
+OF_PAIRS, OF_OPTICS = "each pair's own", "that of the default optics"
 """Sources of frames that are not files."""
 
 PREDICTIONS = "predictions.npz"
@@ -116,13 +116,13 @@ def prepare(
         name: run.at_layout(info.x_mm, info.y_mm, info.layout, info.pad_diameter_mm)
         for name, run in trained.items()
     }
-    has_field = any(isinstance(run, FieldPredictor) for run in loaded)
-    if background is not None and not has_field:
+    has_dense_counts = any(isinstance(run, FieldPredictor) for run in loaded)
+    if background is not None and not has_dense_counts:
         raise T2TwinError(
             f"{background} is a background frame, which only field runs use; none of the runs is "
             "one"
         )
-    frames = background_of(data_dir, background) if has_field else None
+    frames = background_of(data_dir, background) if has_dense_counts else None
     return EvaluationInputs(data_dir, dataset, info, trained, applied, frames)
 
 
@@ -130,7 +130,7 @@ def background_of(data_dir: Path, file: str | Path | None = None) -> Background 
     """The background frames of a dataset, None if none are known.
 
     They are those of the pairs, if the pairs have them. Otherwise they are `file`, an image of the
-    DIGIT without contact, or the frame of the default calibration, if all images were made with it.
+    DIGIT without contact, or the frame of the default optics, if all images were made with it.
     Raises T2TwinError for a file that is not an image, and for one with pairs that have their own.
     """
     info = read_info(data_dir)
@@ -143,16 +143,16 @@ def background_of(data_dir: Path, file: str | Path | None = None) -> Background 
         return Background(OF_PAIRS, None)
     if file is not None:
         return Background(str(file), open_image(arguments.path(file, "background")))
-    if is_of_default_calibration(info):
-        return Background(OF_CALIBRATION, Image.fromarray(DigitOptics.load().background))
+    if is_of_default_optics(info):
+        return Background(OF_OPTICS, Image.fromarray(ImageRenderer.load().background))
     return None
 
 
-def is_of_default_calibration(info: DatasetInfo) -> bool:
-    """Whether all images of a dataset were made with the default calibration."""
-    if info.parameters is None or not (info.world is None or info.world.light.kind == "fixed"):
+def is_of_default_optics(info: DatasetInfo) -> bool:
+    """Whether all images of a dataset were made with the default optics."""
+    if info.parameters is None or not (info.recipe is None or info.recipe.light.kind == "fixed"):
         return False
-    return info.parameters.digit.calibration_sha256 == sha256_of(DEFAULT_PATH)
+    return info.parameters.digit.optics_sha256 == sha256_of(DEFAULT_PATH)
 
 
 def run_names(runs: Sequence[CountsPredictor]) -> list[str]:
@@ -213,14 +213,14 @@ def predict_runs(
     inputs: EvaluationInputs, split: str, cache: Path
 ) -> tuple[dict[str, np.ndarray], dict[str, Estimate]]:
     """(P, N) counts that each run predicts, and the estimates of field runs."""
-    has_field = inputs.info.field_x_mm is not None
+    has_dense_counts = inputs.info.dense_x_mm is not None
     background = inputs.background
     predictions, estimates = {}, {}
     for name, run in inputs.applied.items():
         preset = run.config.preset
-        # Pairs with a field usually have background frames too.
-        with_field = isinstance(run, FieldPredictor) and has_field
-        own = load_pairs(inputs.data_dir, split, preset.size, preset.grey, cache, with_field)
+        # Pairs with dense counts usually have background frames too.
+        with_dense_counts = isinstance(run, FieldPredictor) and has_dense_counts
+        own = load_pairs(inputs.data_dir, split, preset.size, preset.grey, cache, with_dense_counts)
         if isinstance(run, FieldPredictor):
             fixed = None if background is None else background.at_size(preset.size)
             images = own.inputs if fixed is None else InputImages(own.images, fixed)

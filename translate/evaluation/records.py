@@ -102,7 +102,7 @@ class ForceFigures:
 
 @dataclass(frozen=True)
 class UncertaintyMetrics:
-    """Calibration and sharpness of a run's predicted uncertainty; see module reliability.
+    """Optics and sharpness of a run's predicted uncertainty; see module reliability.
 
     levels: nominal coverages of intervals; coverage: the observed ones. retained: shares of the
     presses, the most certain ones; retained_rmse_counts: RMSE over them. predicted_rmse_counts:
@@ -166,8 +166,8 @@ class ModelRow:
     evaluate.MAX_SHAPES shapes. interval: of the overall figures. by_force: in ascending order;
     empty if no force is known. The rest is None for rows that are not runs. run: its folder as
     given. weights_sha256: of its best.safetensors. same_data: whether it was trained on the dataset
-    of the evaluation. trained_layout, trained_data, trained_world, trained_pairs, trained_steps:
-    the layout of its training dataset, SHA-256 of info.json, world and number of pairs, and the
+    of the evaluation. trained_layout, trained_data, trained_recipe, trained_pairs, trained_steps:
+    the layout of its training dataset, SHA-256 of info.json, recipe and number of pairs, and the
     number of steps; None if unknown. uncertainty: of runs that predict it. by_motion: figures of
     "still" and "moving" pairs, and shear: of runs that predict it; None for a dataset without
     motion.
@@ -182,7 +182,7 @@ class ModelRow:
     same_data: bool | None = None
     trained_layout: str | None = None
     trained_data: str | None = None
-    trained_world: str | None = None
+    trained_recipe: str | None = None
     trained_pairs: int | None = None
     trained_steps: int | None = None
     by_force: tuple[ForceFigures, ...] = ()
@@ -262,7 +262,7 @@ class Evaluation:
 
     pairs: number of pairs. contact_level: a pixel above this fraction of its image's maximum is in
     contact. info_sha256: of the dataset's info.json. layout: name of its taxel layout. models: rows
-    by name. paired: touch2touch minus ResNet18, by figure. paper, findings: by name. world: of the
+    by name. paired: touch2touch minus ResNet18, by figure. paper, findings: by name. recipe: of the
     dataset, None for imported pairs. background: source of the background frames of field runs,
     None without.
     """
@@ -280,7 +280,7 @@ class Evaluation:
     paired: dict[str, Difference]
     paper: dict[str, PaperRow]
     findings: dict[str, Finding]
-    world: str | None = None
+    recipe: str | None = None
     background: str | None = None
 
     @property
@@ -289,9 +289,9 @@ class Evaluation:
         return any(len(row.by_force) > 1 for row in self.models.values())
 
     @property
-    def world_shown(self) -> str:
-        """Name of the world, or first digits of the dataset's SHA-256."""
-        return self.world or f"dataset {self.info_sha256[:8]}"
+    def recipe_shown(self) -> str:
+        """Name of the recipe, or first digits of the dataset's SHA-256."""
+        return self.recipe or f"dataset {self.info_sha256[:8]}"
 
     @property
     def runs(self) -> dict[str, ModelRow]:

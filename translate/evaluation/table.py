@@ -80,17 +80,17 @@ def results_markdown(evaluations: Evaluations) -> str:
     return "\n".join(map(markdown, (figures, *force_tables(evaluations))))
 
 
-def worlds_markdown(worlds: Mapping[str, Evaluations]) -> str:
+def datasets_markdown(datasets: Mapping[str, Evaluations]) -> str:
     """Two tables in Markdown, with one row per run and one column per dataset and split.
 
-    worlds: evaluations of the same runs, by name of the dataset and by split.
+    datasets: evaluations of the same runs, by name of the dataset and by split.
     """
     notes = ["Mean arrays and nearest neighbors are from the training pairs of each dataset."]
     percent = "RMSE in percent of full scale, with its interval by bootstrap over shapes:"
     relative = "The same relative to the mean array's RMSE (by force, if there are several forces):"
     tables = (
-        _worlds_table(worlds, lambda _, row: _cell(row, MAIN[1], FORMS), percent, ()),
-        _worlds_table(worlds, _of_mean_array, relative, notes),
+        _datasets_table(datasets, lambda _, row: _cell(row, MAIN[1], FORMS), percent, ()),
+        _datasets_table(datasets, _of_mean_array, relative, notes),
     )
     return "\n".join(map(markdown, tables))
 
@@ -166,10 +166,10 @@ def _notes(evaluations: Evaluations, columns: Collection[Column]) -> Iterator[st
         yield from (of_split + line for line in uncertainty_text(each.models))
         yield from (of_split + line for line in motion_text(each.models))
     for name, row in one.runs.items():
-        world, pairs, steps = training_data(row)
+        recipe, pairs, steps = training_data(row)
         known = [f"{number} {unit}" for number, unit in ((pairs, "pairs"), (steps, "steps"))
                  if number != NONE]  # fmt: skip
-        yield f"{name} was trained on {', '.join((world, *known))}."
+        yield f"{name} was trained on {', '.join((recipe, *known))}."
     if one.background is not None:
         yield f"Background frame of the field runs: {one.background}."
     if one.paper:
@@ -222,20 +222,20 @@ def motion_text(models: Mapping[str, ModelRow]) -> list[str]:
     return lines
 
 
-def training_data(row: ModelRow, worlds: Mapping[str, str] | None = None) -> tuple[str, str, str]:
-    """World, number of training pairs and of steps of a row's run; NONE if unknown.
+def training_data(row: ModelRow, datasets: Mapping[str, str] | None = None) -> tuple[str, str, str]:
+    """Recipe, number of training pairs and of steps of a row's run; NONE if unknown.
 
-    worlds: names by the SHA-256 of the datasets' info.json, for datasets without a name, which
+    datasets: names by the SHA-256 of the datasets' info.json, for datasets without a name, which
     otherwise have its first digits.
     """
     sha256 = row.trained_data or ""
-    world = row.trained_world or (worlds or {}).get(sha256)
+    recipe = row.trained_recipe or (datasets or {}).get(sha256)
     unnamed = f"dataset {sha256[:8]}" if sha256 else NONE
     pairs, steps = (
         NONE if number is None else f"{number:,}"
         for number in (row.trained_pairs, row.trained_steps)
     )
-    return world or unnamed, pairs, steps
+    return recipe or unnamed, pairs, steps
 
 
 def force_tables(evaluations: Evaluations) -> list[Table]:
@@ -317,22 +317,22 @@ def _finding(finding: Finding, name: Callable[[str], str]) -> list[str]:
     return [finding.answer, signed[0], " to ".join(signed[1:]) or "none", figures]
 
 
-def _worlds_table(
-    worlds: Mapping[str, Evaluations],
+def _datasets_table(
+    datasets: Mapping[str, Evaluations],
     cell: Callable[[Evaluation, ModelRow], Cell],
     title: str,
     notes: Sequence[str],
 ) -> Table:
     """cell: content for a row of an evaluation."""
-    shown = {name: next(iter(splits.values())).world_shown for name, splits in worlds.items()}
+    shown = {name: next(iter(splits.values())).recipe_shown for name, splits in datasets.items()}
     columns: dict[str, Evaluation] = {}
-    for name, splits in worlds.items():
-        # The name of the world, with the folder for several datasets of one world.
+    for name, splits in datasets.items():
+        # The name of the recipe, with the folder for several datasets of one recipe.
         unique = list(shown.values()).count(shown[name]) == 1
-        world = shown[name] if unique else f"{shown[name]} ({name})"
-        columns |= {f"{world}, {split}": evaluation for split, evaluation in splits.items()}
+        recipe = shown[name] if unique else f"{shown[name]} ({name})"
+        columns |= {f"{recipe}, {split}": evaluation for split, evaluation in splits.items()}
     each = columns.values()
-    known = {one.info_sha256: one.world for one in each if one.world is not None}
+    known = {one.info_sha256: one.recipe for one in each if one.recipe is not None}
     runs = next(iter(each)).runs
     lines: list[list[Cell]] = []
     for name in (*(name for name in TRIVIAL if any(name in one.models for one in each)), *runs):

@@ -228,7 +228,7 @@ def translate_files(
     equal names the second is `press-2.png`. layout: name or file of a taxel layout that a
     touch2touch or field run is read at, by default its own. png: False writes no PNG files,
     which is faster. bf16: as for `load_run`. background: image file of the background frame of the
-    same DIGIT, for a field run; by default the mean frame of its world.
+    same DIGIT, for a field run; by default the mean frame of its dataset.
     PNG files of an earlier translation in the folder are removed.
     Raises T2TwinError, without output, for no image, a file that is missing or not an image, and a
     folder that is not a run. It also does for a layout that the run cannot be read at, a background
@@ -291,7 +291,7 @@ def _translate(
                 estimates.append(run.estimate_pixels(pixels))
                 counts[part] = estimates[-1].counts
                 if names:
-                    tactile, stds = run.field_images(estimates[-1])
+                    tactile, stds = run.dense_images(estimates[-1])
             elif names:
                 counts[part], tactile = run.counts_and_tactile_images(pixels)
             else:

@@ -10,18 +10,18 @@ and the clipping to full scale.
 A field run also has
 
     input    background      (1, 3, S, S), background frame of the same DIGIT; by default the mean
-                             frame of the run's world
+                             frame of the run's dataset
     outputs  counts_std      (B, N) float32, counts, standard deviations
-             field, field_std    (B, F) float32, counts, at the places of the field
-             force_n, force_std_n    (B,) float32, N, of a run trained on several forces
+             dense_counts, dense_counts_std    (B, F) float32, counts, at the places of the dense
+             counts force_n, force_std_n    (B,) float32, N, of a run trained on several forces
              shear_n, shear_std_n    (B, 2) float32, N, of a run trained on motion
 
 In place of PyTorch, ONNX Runtime takes half the time per frame. For predictions the file is written
 without tactile images on first use, which takes seconds, and stored in the cache folder.
 
 B is free. The metadata of the file contain the model, its preset, and the layout with its positions
-and full scale. Shape letters: c channels, S image side of the run, N taxels, F places of the field,
-R rows and C columns.
+and full scale. Shape letters: c channels, S image side of the run, N taxels, F places of the dense
+counts, R rows and C columns.
 """
 
 import hashlib

@@ -1,10 +1,10 @@
-"""Trained runs as predictors: of counts, of a field with uncertainty, or of DIGIT images.
+"""Trained runs as predictors: of counts, of dense counts with uncertainty, or of DIGIT images.
 
 `load.load` returns the class that fits the run. Attributes that only another class has raise a
 T2TwinError that names the kind of run that has them.
 
-Shape letters: B images, R rows, C columns, N taxels, F places of the field, S image side of the
-run.
+Shape letters: B images, R rows, C columns, N taxels, F places of the dense counts, S image side of
+the run.
 """
 
 from collections.abc import Sequence
@@ -117,7 +117,7 @@ class CountsPredictor(TrainedTranslator):
         images: one image, (h, w, 3) or (h, w); a batch, (B, h, w, 3) or (B, h, w, 1); or a list or
         tuple of images, whose sizes may differ. All are NumPy arrays of uint8 of any h and w,
         channels red, green, blue. A batch and a list may be empty. background: the background frame
-        of the same DIGIT, one image, for a field run; by default the mean frame of its world.
+        of the same DIGIT, one image, for a field run; by default the mean frame of its dataset.
         Returns (N,) float32 for one image, (B, N) for several, between zero and full scale. Raises
         T2TwinError for other images, and for a background frame with another run.
         """
@@ -149,7 +149,7 @@ class CountsPredictor(TrainedTranslator):
         """Tactile images of DIGIT images: (R, C) or (B, R, C) float32, counts.
 
         For touch2touch the predicted images, resized; for ResNet18 phi of the counts; for field the
-        interpolated field. images: as for `predict`, with the same errors.
+        interpolated dense counts. images: as for `predict`, with the same errors.
         """
         frames, is_one = image_list(images)
         tactile = self.counts_and_tactile_images(self._pixels(frames))[1]
@@ -197,7 +197,8 @@ class CountsPredictor(TrainedTranslator):
 
     @property
     def reads_any_layout(self) -> bool:
-        """Whether the network predicts an image or a field, from which any layout can be read."""
+        """Whether the network predicts an image or dense counts, from which any layout can be
+        read."""
         return isinstance(self.translator, LayoutReader)
 
     def at_layout(
@@ -211,8 +212,8 @@ class CountsPredictor(TrainedTranslator):
 
         x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: of the layout. pad_diameter_mm:
         (N,), by default 4; it matters for a field run. For its own layout, returns the same object.
-        touch2touch reads the predicted image with the new layout's phi^-1, field reads the field
-        with the new pads (sim.cyskin.field).
+        touch2touch reads the predicted image with the new layout's phi^-1, field reads the dense
+        counts with the new pads (sim.cyskin.dense).
         Raises T2TwinError for a ResNet18 run. For touch2touch it does if phi cannot interpolate the
         layout, and if taxels lie outside the trained layout's hull or are too close for the
         generator's pixels. For field it does if taxels lie outside the cover.
@@ -223,7 +224,7 @@ class CountsPredictor(TrainedTranslator):
             trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm
         )
         if trained.same_layout(x_mm, y_mm) and (
-            not self.translator.learns_field or trained.same_pads(data.taxels)
+            not self.translator.learns_dense_counts or trained.same_pads(data.taxels)
         ):
             return self
         if not isinstance(self.translator, LayoutReader):
@@ -257,7 +258,7 @@ class CountsPredictor(TrainedTranslator):
     def _check_pixels(self, pixels: np.ndarray | InputImages | ImageFile) -> None:
         """Raises T2TwinError for arrays that `pixels_of` cannot return."""
         if not isinstance(pixels, InputImages | ImageFile):
-            colors = (3, 6) if self.translator.learns_field else (3,)
+            colors = (3, 6) if self.translator.learns_dense_counts else (3,)
             preset = self.config.preset
             check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
 
@@ -342,7 +343,7 @@ NO_BACKGROUND = (
 
 @dataclass(frozen=True)
 class FieldPredictor(CountsPredictor):
-    """A run that predicts the field, the counts of any layout, and their uncertainty."""
+    """A run that predicts the dense counts, the counts of any layout, and their uncertainty."""
 
     translator: FieldTranslator
 
@@ -350,7 +351,7 @@ class FieldPredictor(CountsPredictor):
     RUNS: ClassVar[str] = "field run"
 
     def estimate(self, images: Images, background: np.ndarray | None = None) -> Estimate:
-        """Counts, their standard deviations, the field and the force.
+        """Counts, their standard deviations, the dense counts and the force.
 
         Arguments and errors: as for `predict`; at least one image. `ood_class` of the result names
         images for which it is not reliable.
@@ -382,7 +383,7 @@ class FieldPredictor(CountsPredictor):
             parts.append(Estimate(*values, full_scale_counts=full_scale))  # pyright: ignore
         return concatenate(parts)
 
-    def sample_fields(
+    def sample_dense_counts(
         self,
         images: Images,
         number: int,
@@ -393,7 +394,7 @@ class FieldPredictor(CountsPredictor):
 
         images, background: as for `predict`. number: samples per image; at most MAX_FIELDS in all.
         Returns (number, F) float32, counts, for one image, (B, number, F) for several. The F places
-        are `config.data.field_x_mm` and `field_y_mm`. Raises T2TwinError as `predict`, and for a
+        are `config.data.dense_x_mm` and `dense_y_mm`. Raises T2TwinError as `predict`, and for a
         number or a seed that is not a whole number in range.
         """
         arguments.whole_number(number, "number", low=1, high=MAX_FIELDS)
@@ -409,15 +410,15 @@ class FieldPredictor(CountsPredictor):
         samples = self.translator.readout.sample(prediction, int(number), int(seed)).cpu().numpy()
         return samples[0] if is_one else samples
 
-    def field_images(self, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+    def dense_images(self, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
         """Tactile images of an estimate's field and of its standard deviations.
 
         estimate: of B images. Returns (B, R, C) float32 each, counts.
         """
-        to_image = self.translator.field_image.cpu()
+        to_image = self.translator.dense_image.cpu()
         field, std = (
             to_image(torch.from_numpy(each)).numpy()
-            for each in (estimate.field, estimate.field_std)
+            for each in (estimate.dense_counts, estimate.dense_counts_std)
         )
         return field, std
 

@@ -32,7 +32,7 @@ class Translator(ABC):
     preset has one. predictor: the network used for prediction, `average.module` or the first
     network. device: where the networks are; inputs are moved there. bf16: whether networks compute
     in bfloat16.
-    learns_field: whether training needs pairs with the field.
+    learns_dense_counts: whether training needs pairs with the dense counts.
     """
 
     networks: dict[str, nn.Module]
@@ -41,7 +41,7 @@ class Translator(ABC):
     predictor: nn.Module
     device: torch.device
     bf16: bool
-    learns_field = False
+    learns_dense_counts = False
 
     @abstractmethod
     def step(self, examples: Examples) -> dict[str, float]:
@@ -113,7 +113,7 @@ class CountsTranslator(Translator):
 
 @runtime_checkable
 class LayoutReader(Protocol):
-    """A translator whose spatial output, image or field, can be read at any taxel layout."""
+    """A translator whose spatial output, image or dense counts, can be read at any taxel layout."""
 
     def read_at(self, layout: Layout) -> CountsTranslator:
         """The same networks with counts of another layout.

@@ -1,11 +1,12 @@
-"""field: from the DIGIT image to the field over the whole cover, its uncertainty, and the force.
+"""field: from the DIGIT image to the dense counts over the whole cover, its uncertainty, and the
+force.
 
 The mean is trained on the squared error and, with a smaller weight, on the absolute error. The
 spread has layers of its own and is trained on the likelihood of the detached residual, so that it
 does not change the mean (Seitzer et al. 2022). The likelihood is Student's t: most presses have
 small errors and a few have large ones, which dominate a Gaussian likelihood. Factors fitted on
 validation presses calibrate the spread (module uncertainty.calibration), and a correlation matrix
-of the errors allows sampling of whole fields.
+of the errors allows sampling of whole arrays of dense counts.
 
 The force is predicted as a logarithm, if the training presses have several forces. The shear force
 on the DIGIT is predicted if the training presses have motion. It has layers and an optimizer
@@ -13,8 +14,8 @@ of its own, so that it does not change the other predictions. Its mean is traine
 at the predicted spread: without markers it cannot be predicted, and squared errors of such touches
 would dominate (median magnitude 0.67 of the true one, measured).
 
-Shape letters: B batch, S image side, N taxels, F places of the field, R rows and C columns of a
-tactile image.
+Shape letters: B batch, S image side, N taxels, F places of the dense counts, R rows and C columns
+of a tactile image.
 """
 
 from collections.abc import Iterator
@@ -28,7 +29,7 @@ import torch
 from torch import nn
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.field import reading_matrix
+from t2twin.sim.cyskin.dense import reading_matrix
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
@@ -38,7 +39,7 @@ from t2twin.translate.models.base import CountsTranslator, adamw, weight_average
 from t2twin.translate.models.distributed import average_gradients
 from t2twin.translate.models.field_readout import (
     MIN_FORCE_SCALE,
-    FieldImage,
+    DenseImage,
     FieldPrediction,
     FieldReadout,
     log_force,
@@ -49,17 +50,17 @@ from t2twin.translate.networks.field_net import SHEAR, FieldNet, FieldOutputs
 from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
 
 ABSOLUTE_WEIGHT = 0.1
-"""Weight of the field's absolute error relative to its squared error, both divided by the field's
-standard deviation (assumed). Squared errors of places without contact are negligible next to those
-of a contact; without this term the network predicts up to 100 counts there."""
+"""Weight of the dense counts's absolute error relative to its squared error, both divided by the
+dense counts's standard deviation (assumed). Squared errors of places without contact are negligible
+next to those of a contact; without this term the network predicts up to 100 counts there."""
 
 ROUNDING = 0.01
-"""Error, in standard deviations of the field, below which the absolute error is rounded off
+"""Error, in standard deviations of the dense counts, below which the absolute error is rounded off
 (assumed)."""
 
 FORCE_WEIGHT = 0.3
-"""Weight of the force's squared error relative to the field's, both divided by their variance
-(assumed)."""
+"""Weight of the force's squared error relative to the dense counts's, both divided by their
+variance (assumed)."""
 
 MIN_RELATIVE_SHEAR_N = 0.3
 """Shear force below which its error is no longer relative to it, N (assumed: as for the figures of
@@ -78,7 +79,7 @@ class FieldTargets:
     field: (B, F), fraction of full scale. force_n: (B,). shear_n: (B, 2), or None.
     """
 
-    field: torch.Tensor
+    dense_counts: torch.Tensor
     force_n: torch.Tensor
     shear_n: torch.Tensor | None
 
@@ -90,7 +91,7 @@ def training_loss(
 
     Errors are divided by the standard deviation of their target, likelihoods are in nats.
     """
-    error = outputs.mean - targets.field
+    error = outputs.mean - targets.dense_counts
     relative = error / network.field_variance.sqrt()
     losses = {
         "field": relative.square().mean(),
@@ -140,7 +141,7 @@ SHEAR_RATE_SHARE = 5.0
 warm start, whose learning rate is lower)."""
 
 MEAN_FRAME_SHARE = 0.35
-"""Share of the training pairs whose background frame is replaced by the world's mean frame
+"""Share of the training pairs whose background frame is replaced by the dataset's mean frame
 (assumed), so that the network also works without a background frame."""
 
 MIN_SHEAR_SCALE_N = 1e-3
@@ -158,15 +159,17 @@ BATCH_SIZE = 64
 
 
 class FieldTranslator(CountsTranslator):
-    """One network, which predicts the field; any layout can be read from it."""
+    """One network, which predicts the dense counts; any layout can be read from it."""
 
-    learns_field = True
+    learns_dense_counts = True
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
-        if info.field_x_mm is None or info.field_y_mm is None:
-            raise T2TwinError("the dataset has no field, which the field model is trained on")
+        if info.dense_x_mm is None or info.dense_y_mm is None:
+            raise T2TwinError(
+                "the dataset has no dense counts, which the field model is trained on"
+            )
         self.layout = info.taxels
-        self.places_mm = info.field_x_mm, info.field_y_mm
+        self.places_mm = info.dense_x_mm, info.dense_y_mm
         self.full_scale = info.full_scale_counts
         self.device = device
         self.bf16 = bf16
@@ -188,8 +191,8 @@ class FieldTranslator(CountsTranslator):
 
     def prepare(self, pairs: Pairs) -> None:
         """Sets the mean frame, and the scales of the outputs if loaded weights lack them."""
-        assert pairs.field is not None
-        field = pairs.field / np.float32(self.full_scale)
+        assert pairs.dense_counts is not None
+        field = pairs.dense_counts / np.float32(self.full_scale)
         forces = log_force(torch.tensor(pairs.force_n))
         frame = (
             pairs.images[:MEAN_FRAME_IMAGES].mean(axis=0, dtype=np.float32)
@@ -209,7 +212,7 @@ class FieldTranslator(CountsTranslator):
                 network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
 
     def step(self, examples: Examples) -> dict[str, float]:
-        """One step on the errors of field and force and the likelihoods of their spreads.
+        """One step on the errors of dense counts and force and the likelihoods of their spreads.
 
         Returns the losses by name: errors divided by the standard deviation, likelihoods in nats.
         """
@@ -236,9 +239,9 @@ class FieldTranslator(CountsTranslator):
             return self.readout(self._outputs(images))
 
     def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """See CountsTranslator. The tactile images are those of the field."""
+        """See CountsTranslator. The tactile images are those of the dense counts."""
         prediction = self.predict_field(images)
-        return prediction.counts, self.field_image(prediction.field)
+        return prediction.counts, self.dense_image(prediction.dense_counts)
 
     def calibrate(self, *sets: Pairs) -> None:
         """See Translator: sets the knots and the correlation of the predictor."""
@@ -271,9 +274,9 @@ class FieldTranslator(CountsTranslator):
         return FieldReadout(self.predictor, reading_matrix(self.layout), self.full_scale)
 
     @cached_property
-    def field_image(self) -> FieldImage:
-        """Maps fields to tactile images."""
-        return FieldImage(*self.places_mm).to(self.device)
+    def dense_image(self) -> DenseImage:
+        """Maps dense counts to tactile images."""
+        return DenseImage(*self.places_mm).to(self.device)
 
     def read_at(self, layout: Layout) -> Self:
         """See LayoutReader. Takes any layout on the cover, with its pad sizes."""
@@ -284,14 +287,14 @@ class FieldTranslator(CountsTranslator):
 
     def as_module(self) -> nn.Module:
         """See CountsTranslator. The module also takes a background frame, (1, 3, S, S), and also
-        returns uncertainty, field and force, as FromPixels describes."""
-        return FromPixels(self.predictor, self.readout, self.field_image)
+        returns uncertainty, dense counts and force, as FromPixels describes."""
+        return FromPixels(self.predictor, self.readout, self.dense_image)
 
     def _errors_on(self, pairs: Pairs) -> Errors:
-        assert pairs.field is not None
+        assert pairs.dense_counts is not None
         parts = []
         for part, outputs in self._outputs_on(pairs):
-            field = torch.from_numpy(pairs.field[part].astype(np.float32)).to(self.device)
+            field = torch.from_numpy(pairs.dense_counts[part].astype(np.float32)).to(self.device)
             force = torch.from_numpy(pairs.force_n[part].astype(np.float32)).to(self.device)
             error = field / self.full_scale - outputs.mean.clamp(0.0, 1.0)
             force_error = force_target(self.predictor, force) - outputs.force
@@ -322,10 +325,10 @@ class FieldTranslator(CountsTranslator):
             return self.predictor(images)
 
     def _targets(self, examples: Examples) -> FieldTargets:
-        assert examples.field is not None and examples.force_n is not None
+        assert examples.dense_counts is not None and examples.force_n is not None
         shear_n = examples.shear_n
         return FieldTargets(
-            examples.field.to(self.device) / self.full_scale,
+            examples.dense_counts.to(self.device) / self.full_scale,
             examples.force_n.to(self.device),
             None if shear_n is None else shear_n.to(self.device),
         )
@@ -357,31 +360,31 @@ class FromPixels(nn.Module):
     """The whole prediction in float32 on the CPU.
 
     Inputs: RGB pixels in [0, 1], (B, 3, S, S), and a background frame, (1, 3, S, S). Outputs:
-    counts, tactile images, counts_std, field, field_std, and, if predicted, force_n, force_std_n,
-    shear_n, shear_std_n.
+    counts, tactile images, counts_std, dense_counts, dense_counts_std, and, if predicted, force_n,
+    force_std_n, shear_n, shear_std_n.
     """
 
     mean: torch.Tensor
     std: torch.Tensor
 
-    def __init__(self, network: FieldNet, readout: FieldReadout, field_image: FieldImage) -> None:
+    def __init__(self, network: FieldNet, readout: FieldReadout, dense_image: DenseImage) -> None:
         super().__init__()
         self.network = deepcopy(network).cpu()
         self.readout = deepcopy(readout).cpu()
-        self.field_image = deepcopy(field_image).cpu()
+        self.dense_image = deepcopy(dense_image).cpu()
         self.register_buffer("mean", torch.from_numpy(RGB_MEAN).view(3, 1, 1))
         self.register_buffer("std", torch.from_numpy(RGB_STD).view(3, 1, 1))
 
     @property
     def mean_frame(self) -> torch.Tensor:
-        """(1, 3, S, S) in [0, 1]: the world's mean background frame."""
+        """(1, 3, S, S) in [0, 1]: the dataset's mean background frame."""
         return (self.network.mean_frame * self.std + self.mean)[None]
 
     def forward(self, pixels: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
         both = [(each - self.mean) / self.std for each in (pixels, background.expand_as(pixels))]
         found = self.readout(self.network(torch.cat(both, dim=1)))
         predicted = [each for each in found[1:] if each is not None]
-        return found.counts, self.field_image(found.field), *predicted
+        return found.counts, self.dense_image(found.dense_counts), *predicted
 
     @property
     def missing(self) -> set[str]:

@@ -1,6 +1,7 @@
 """Converts network outputs to calibrated predictions: counts, field, tactile image and force.
 
-Shape letters: B images, N taxels, F places of the field, R rows and C columns of a tactile image.
+Shape letters: B images, N taxels, F places of the dense counts, R rows and C columns of a tactile
+image.
 """
 
 from typing import NamedTuple
@@ -25,15 +26,15 @@ MIN_FORCE_SCALE = 1e-3
 class FieldPrediction(NamedTuple):
     """Predictions for B images.
 
-    counts, counts_std: (B, N), counts. field, field_std: (B, F), counts. force_n, force_std_n:
-    (B,), N, or None if the run was trained on presses of one force. shear_n, shear_std_n: (B, 2),
-    N, or None if it was trained without.
+    counts, counts_std: (B, N), counts. dense_counts, dense_counts_std: (B, F), counts. force_n,
+    force_std_n: (B,), N, or None if the run was trained on presses of one force. shear_n,
+    shear_std_n: (B, 2), N, or None if it was trained without.
     """
 
     counts: torch.Tensor
     counts_std: torch.Tensor
-    field: torch.Tensor
-    field_std: torch.Tensor
+    dense_counts: torch.Tensor
+    dense_counts_std: torch.Tensor
     force_n: torch.Tensor | None
     force_std_n: torch.Tensor | None
     shear_n: torch.Tensor | None = None
@@ -43,7 +44,7 @@ class FieldPrediction(NamedTuple):
 class FieldReadout(nn.Module):
     """Reads the counts of a layout from the outputs of a calibrated network.
 
-    reading: (N, F), maps the field to the counts. full_scale: counts.
+    reading: (N, F), maps the dense counts to the counts. full_scale: counts.
     """
 
     reading: torch.Tensor
@@ -68,15 +69,15 @@ class FieldReadout(nn.Module):
         self.to(network.correlation.device)
 
     def forward(self, outputs: FieldOutputs) -> FieldPrediction:
-        """Counts and field are clipped to zero and full scale."""
-        field = (outputs.mean * self.full_scale).clamp(0.0, self.full_scale)
+        """All counts are clipped to zero and full scale."""
+        dense_counts = (outputs.mean * self.full_scale).clamp(0.0, self.full_scale)
         std = standard_deviation(outputs.log_spread, self.place_knots, self.press_knots)
-        field_std = self.full_scale * std
-        counts = (field @ self.reading.T).clamp(0.0, self.full_scale)
+        dense_counts_std = self.full_scale * std
+        counts = (dense_counts @ self.reading.T).clamp(0.0, self.full_scale)
         # A taxel averages several places, whose errors are correlated.
-        parts = (field_std[:, None, :] * self.reading) @ self.factor
+        parts = (dense_counts_std[:, None, :] * self.reading) @ self.factor
         counts_std = parts.square().sum(dim=2).sqrt()
-        found = FieldPrediction(counts, counts_std, field, field_std, None, None)
+        found = FieldPrediction(counts, counts_std, dense_counts, dense_counts_std, None, None)
         if outputs.shear is not None and outputs.shear_log_spread is not None:
             factor = interpolate_scale(outputs.shear_log_spread, self.shear_knots)
             spread = outputs.shear_log_spread.exp() * factor
@@ -96,10 +97,10 @@ class FieldReadout(nn.Module):
     def sample(self, prediction: FieldPrediction, number: int, seed: int) -> torch.Tensor:
         """(B, number, F) fields sampled from the predicted distributions, counts."""
         generator = torch.Generator().manual_seed(seed)
-        shape = (prediction.field.shape[0], number, prediction.field.shape[1])
-        normal = torch.randn(shape, generator=generator).to(prediction.field.device)
-        deviation = prediction.field_std[:, None] * (normal @ self.factor.T)
-        return (prediction.field[:, None] + deviation).clamp(0.0, self.full_scale)
+        shape = (prediction.dense_counts.shape[0], number, prediction.dense_counts.shape[1])
+        normal = torch.randn(shape, generator=generator).to(prediction.dense_counts.device)
+        deviation = prediction.dense_counts_std[:, None] * (normal @ self.factor.T)
+        return (prediction.dense_counts[:, None] + deviation).clamp(0.0, self.full_scale)
 
 
 def log_force(force_n: torch.Tensor) -> torch.Tensor:
@@ -112,7 +113,7 @@ def predicts_force(network: FieldNet) -> bool:
     return float(network.force_scale[1]) > MIN_FORCE_SCALE
 
 
-class FieldImage(nn.Module):
+class DenseImage(nn.Module):
     """Maps (B, F) to (B, R, C), zero outside the places' convex hull. x_mm, y_mm: (F,), mm."""
 
     corners: torch.Tensor

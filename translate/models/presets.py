@@ -18,7 +18,7 @@ Model = Literal["touch2touch", "resnet18", "field"]
 MODELS: tuple[Model, ...] = ("touch2touch", "resnet18", "field")
 
 PAPER_MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
-"""The models of Grella et al. 2023, which need no field in the dataset."""
+"""The models of Grella et al. 2023, which need no dense counts in the dataset."""
 
 Direction = Literal["digit-to-cyskin", "cyskin-to-digit"]
 
@@ -58,7 +58,7 @@ class Preset:
     averaged_part: share of the steps so far in the weight average used for prediction
         (base.weight_average); 0 for the last weights.
     bf16: train in bfloat16 if the processor supports it, else in float32 (checkpoint.has_bf16).
-    untouched_share: augmentation of a field run: share of the pairs whose image is replaced by its
+    background_share: augmentation of a field run: share of the pairs whose image is replaced by its
         background frame, and whose targets are those without contact.
     drift: augmentation of the background frame, standard deviation of relative changes of each
         color's level and gradients since the frame was taken.
@@ -88,7 +88,7 @@ class Preset:
     brightness: NotNegative = 0.0
     contrast: NotNegative = 0.0
     noise: NotNegative = 0.0
-    untouched_share: Share = 0.0
+    background_share: Share = 0.0
     drift: NotNegative = 0.0
 
 
@@ -125,7 +125,7 @@ RESNET18_SMOKE = Preset(
 FIELD_CPU = replace(
     RESNET18_CPU,
     steps=15_900,
-    untouched_share=0.08,  # assumed
+    background_share=0.08,  # assumed
 )
 
 PRESETS: dict[Model, dict[str, Preset]] = {

@@ -1,10 +1,10 @@
-"""From the DIGIT image and the unit's background frame to the field over the whole cover.
+"""From the DIGIT image and the unit's background frame to the dense counts over the whole cover.
 
 A ResNet18 encodes the image. Its last map, pooled to a vector, predicts a canvas over the whole
 cover, for the places outside the DIGIT's view. Its finer maps are resampled onto the canvas where
 the view lies. A small decoder predicts mean and spread from the two.
 
-The places of the field form columns of equal spacing. Each column is shifted by half a place
+The places of the dense counts form columns of equal spacing. Each column is shifted by half a place
 relative to its neighbors. The decoder treats the places as a grid of columns by rows.
 
 A head predicts the shear force on the DIGIT. A shear force displaces the markers on the gel. On a
@@ -182,7 +182,7 @@ CANVAS = 32
 """Channels of the canvas that the vector predicts (assumed)."""
 
 MIN_SPREAD = 2.5e-4
-"""Minimum spread of the field, fraction of full scale (assumed: 10 counts, twice a reading's
+"""Minimum spread of the dense counts, fraction of full scale (assumed: 10 counts, twice a reading's
 noise)."""
 
 MIN_FORCE_SPREAD = 0.01
@@ -217,15 +217,15 @@ class FieldOutputs(NamedTuple):
 
 
 class FieldNet(nn.Module):
-    """The network of one field and image size.
+    """The network of one grid of dense counts and image size.
 
-    x_mm, y_mm: (F,) the field's places, column by column, mm. view_mm: half the width and half the
-    height of the DIGIT's view, mm. size: S. filters: base width of the ResNet18. predicts_shear:
-    whether it predicts the shear force on the DIGIT.
+    x_mm, y_mm: (F,) the dense counts's places, column by column, mm. view_mm: half the width and
+    half the height of the DIGIT's view, mm. size: S. filters: base width of the ResNet18.
+    predicts_shear: whether it predicts the shear force on the DIGIT.
 
     Buffers:
 
-    - mean_frame, (3, S, S), the mean of the world's background frames, normalized;
+    - mean_frame, (3, S, S), the mean of the dataset's background frames, normalized;
     - field_mean, (F,), and field_variance, its mean over the places, fractions of full scale and of
       its square;
     - force_scale, (2,), mean and standard deviation of the forces' logarithms;
@@ -325,7 +325,7 @@ class FieldNet(nn.Module):
         return outputs._replace(shear=shear, shear_log_spread=_log_add(MIN_SHEAR_SPREAD, spread))
 
     def _resample(self, view_map: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
-        """A map of the view at the field's places, (B, C, D, E), zero outside the view."""
+        """A map of the view at the dense counts's places, (B, C, D, E), zero outside the view."""
         return (view_map.flatten(2) @ places.to(view_map.dtype)).unflatten(2, self.grid)
 
 
@@ -335,7 +335,7 @@ def _log_add(least: float, log_spread: torch.Tensor) -> torch.Tensor:
 
 
 def grid_of(x_mm: np.ndarray) -> tuple[int, int]:
-    """Number of columns of the field's places, and of places in each.
+    """Number of columns of the dense counts's places, and of places in each.
 
     Raises T2TwinError for columns of different lengths.
     """
@@ -343,7 +343,7 @@ def grid_of(x_mm: np.ndarray) -> tuple[int, int]:
     rows = np.diff(starts, append=x_mm.size)
     if (rows != rows[0]).any():
         raise T2TwinError(
-            "the places of the field form columns of different lengths; expected equal lengths, as "
+            "the places of the dense counts form columns of different lengths; expected equal, as "
             "this version of t2twin makes them"
         )
     return starts.size, int(rows[0])

@@ -64,5 +64,5 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
 def _origin(info: DatasetInfo) -> str:
     if not info.is_simulated:
         return "its owner, who imported the pairs"
-    name = info.world_name
-    return f"the paper's protocol, scale {name}" if info.is_protocol else f"the world {name}"
+    name = info.recipe_name
+    return f"the paper's protocol, scale {name}" if info.is_protocol else f"the recipe {name}"

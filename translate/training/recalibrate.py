@@ -1,8 +1,8 @@
-"""Recalibrates the predicted uncertainty of a field run on validation presses of several worlds.
+"""Recalibrates the predicted uncertainty of a field run on validation presses of several datasets.
 
-Training calibrates on the validation presses of its own world, which may have one family of shapes
-only, such as primitives. Intervals of other presses then have too low a coverage. Here each world
-has the same number of validation presses. Test presses are not used.
+Training calibrates on the validation presses of its own dataset, which may have one family of
+shapes only, such as primitives. Intervals of other presses then have too low a coverage. Here each
+dataset has the same number of validation presses. Test presses are not used.
 """
 
 from collections.abc import Sequence
@@ -25,10 +25,10 @@ SEED = 0
 def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
     """Fits the calibration of a field run again; writes its best weights and its card.
 
-    data_dirs: datasets with field, of any world, including the run's own. Each contributes as many
-    validation presses as the smallest has. Returns the total number of presses.
-    Raises T2TwinError for a run of another model, a dataset without field or validation pairs, and
-    if the run's own dataset is missing.
+    data_dirs: datasets with dense counts, of any recipe, including the run's own. Each contributes
+    as many validation presses as the smallest has. Returns the total number of presses.
+    Raises T2TwinError for a run of another model, a dataset without dense counts or validation
+    pairs, and if the run's own dataset is missing.
     """
     run_dir, folders = Path(run_dir), [Path(folder) for folder in data_dirs]
     config = load_config(run_dir)

@@ -158,9 +158,9 @@ def _load_in_turn(
 
 
 def _load(data_dir: Path, config: RunConfig, cache: Path) -> tuple[Pairs, Pairs]:
-    preset, with_field = config.preset, TRANSLATORS[config.model].learns_field
+    preset, with_dense_counts = config.preset, TRANSLATORS[config.model].learns_dense_counts
     pairs, validation = (
-        load_pairs(data_dir, split, preset.size, preset.grey, cache, with_field)
+        load_pairs(data_dir, split, preset.size, preset.grey, cache, with_dense_counts)
         for split in ("train", "val")
     )
     if len(pairs) < MIN_PAIRS:
@@ -256,7 +256,7 @@ def find_weights(
     """The best weights of a run, as initial ones of a training with this model, preset and dataset.
 
     run: its folder, or the name of a pretrained run. Raises T2TwinError for a folder that is not a
-    run, and for a run of another model, direction, image size, width, layout or field.
+    run, and for a run of another model, direction, image size, width, layout or dense counts.
     """
     run_dir, config = run_of_model(run, model)
     theirs, places = config.preset, config.data
@@ -273,11 +273,11 @@ def find_weights(
             not places.same_layout(data.x_mm, data.y_mm),
         ),
         (
-            "a run of another field than the dataset's",
+            "a run of other dense counts than the dataset's",
             model == "field"
             and not (
-                _equal(places.field_x_mm, data.field_x_mm)
-                and _equal(places.field_y_mm, data.field_y_mm)
+                _equal(places.dense_x_mm, data.dense_x_mm)
+                and _equal(places.dense_y_mm, data.dense_y_mm)
             ),
         ),
     ):

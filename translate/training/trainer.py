@@ -338,11 +338,11 @@ def load_examples(
     batch = np.sort(batch)  # the order on disk
     more = [
         None if each is None else torch.from_numpy(each[batch].astype(np.float32))
-        for each in (pairs.field, pairs.force_n, pairs.shear_n)
+        for each in (pairs.dense_counts, pairs.force_n, pairs.shear_n)
     ]
     pixels = pairs.inputs[batch].astype(np.float32) / 255.0
-    if rng is not None and preset.untouched_share and pairs.backgrounds is not None:
-        replaced = rng.random(len(batch)) < preset.untouched_share
+    if rng is not None and preset.background_share and pairs.backgrounds is not None:
+        replaced = rng.random(len(batch)) < preset.background_share
         pixels[replaced, ..., :COLORS] = pixels[replaced, ..., COLORS:]
         for target in more:
             if target is not None:

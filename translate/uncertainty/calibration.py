@@ -9,7 +9,7 @@ own knots.
 
 The correlation of the standardized errors between places is one matrix for all images.
 
-Shape letters: P presses, F places of the field, K knots.
+Shape letters: P presses, F places of the dense counts, K knots.
 """
 
 from collections.abc import Sequence
@@ -62,15 +62,15 @@ with fewer presses than places."""
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors and predicted spreads on one world's presses.
+    """Errors and predicted spreads on one dataset's presses.
 
-    field: (P, F), errors as a fraction of full scale. spread: (P, F), raw spreads of the network.
-    force: (P,), errors of the force's logarithm. force_spread: (P,), raw spreads of these.
+    dense_counts: (P, F), errors as a fraction of full scale. spread: (P, F), raw spreads of the
+    network. force: (P,), errors of the force's logarithm. force_spread: (P,), raw spreads of these.
     shear, shear_spread: (M, 2), the same of the shear force of the M presses that have moved, if it
     is predicted and known.
     """
 
-    field: torch.Tensor
+    dense_counts: torch.Tensor
     spread: torch.Tensor
     force: torch.Tensor
     force_spread: torch.Tensor
@@ -81,7 +81,8 @@ class Errors:
 @dataclass(frozen=True)
 class UncertaintyCalibration:
     """place, press, force, shear: (2, K) knots: ascending logarithms of spreads, and of their
-    factors. correlation: (F, F), of the standardized field errors. shear: None if unknown."""
+    factors. correlation: (F, F), of the standardized errors of the dense counts. shear: None if
+    unknown."""
 
     place: torch.Tensor
     press: torch.Tensor
@@ -90,22 +91,22 @@ class UncertaintyCalibration:
     shear: torch.Tensor | None = None
 
 
-def fit_calibration(worlds: Sequence[Errors]) -> UncertaintyCalibration:
-    """Fits the calibration to one or more worlds; every press has the same weight."""
-    field, spread, force, force_spread = (
-        torch.cat([getattr(world, name) for world in worlds]).double()
-        for name in ("field", "spread", "force", "force_spread")
+def fit_calibration(datasets: Sequence[Errors]) -> UncertaintyCalibration:
+    """Fits the calibration to one or more datasets; every press has the same weight."""
+    dense, spread, force, force_spread = (
+        torch.cat([getattr(dataset, name) for dataset in datasets]).double()
+        for name in ("dense_counts", "spread", "force", "force_spread")
     )
     place = press = identity_knots(len(PLACE_SHARES)).double()
-    press_factor = torch.ones(len(field), 1, dtype=torch.float64)
+    press_factor = torch.ones(len(dense), 1, dtype=torch.float64)
     for _ in range(ROUNDS):
-        place = _fit_knots(spread, field / press_factor, PLACE_SHARES, MIN_ERRORS)
+        place = _fit_knots(spread, dense / press_factor, PLACE_SHARES, MIN_ERRORS)
         std = spread * interpolate_scale(spread.log(), place)
         level = std.mean(dim=1, keepdim=True)
-        least = MIN_ERRORS * field.shape[1]
-        press = _fit_knots(level.expand_as(std), level * field / std, PRESS_SHARES, least)
+        least = MIN_ERRORS * dense.shape[1]
+        press = _fit_knots(level.expand_as(std), level * dense / std, PRESS_SHARES, least)
         press_factor = interpolate_scale(level.log(), press)
-    standardized = field / standard_deviation(spread.log(), place, press)
+    standardized = dense / standard_deviation(spread.log(), place, press)
     moment = standardized.T @ standardized / len(standardized)
     inverse_std = moment.diagonal().clamp(min=1e-12).rsqrt()
     correlation = (1.0 - SHRINKAGE) * inverse_std[:, None] * moment * inverse_std
@@ -114,8 +115,10 @@ def fit_calibration(worlds: Sequence[Errors]) -> UncertaintyCalibration:
     found = UncertaintyCalibration(
         place.float(), press.float(), force_knots.float(), correlation.float()
     )
-    shear = [world.shear.double() for world in worlds if world.shear is not None]
-    spread = [world.shear_spread.double() for world in worlds if world.shear_spread is not None]
+    shear = [dataset.shear.double() for dataset in datasets if dataset.shear is not None]
+    spread = [
+        dataset.shear_spread.double() for dataset in datasets if dataset.shear_spread is not None
+    ]
     if not sum(map(len, shear)):
         return found
     knots = _fit_knots(torch.cat(spread), torch.cat(shear), SHEAR_SHARES, MIN_ERRORS)

@@ -1,6 +1,6 @@
-"""Predictions with uncertainty: counts, field and force, each with its standard deviation.
+"""Predictions with uncertainty: counts, dense counts and force, each with its standard deviation.
 
-Shape letters: B images, N taxels, F places of the field.
+Shape letters: B images, N taxels, F places of the dense counts.
 """
 
 from dataclasses import dataclass
@@ -18,18 +18,18 @@ from t2twin.translate.uncertainty.ood import OODClass
 class Estimate:
     """The prediction for one image, or for B images with B before every shape.
 
-    counts, counts_std: (N,) float32, counts and their standard deviations. field, field_std: (F,)
-    float32, the same at the places of the field. force_n, force_std_n: () float32, N, or None if
-    the run was trained on presses of one force. shear_n, shear_std_n: (2,) float32, N, shear force
-    on the DIGIT along x and y, or None if the run was trained without. full_scale_counts: where
-    taxels saturate. ood_class: the OODClass, of B images (B,) objects; None for an estimate of
-    pixels.
+    counts, counts_std: (N,) float32, counts and their standard deviations. dense_counts,
+    dense_counts_std: (F,) float32, the same at the places of the dense counts. force_n,
+    force_std_n: () float32, N, or None if the run was trained on presses of one force. shear_n,
+    shear_std_n: (2,) float32, N, shear force on the DIGIT along x and y, or None if the run was
+    trained without. full_scale_counts: where taxels saturate. ood_class: the OODClass, of B images
+    (B,) objects; None for an estimate of pixels.
     """
 
     counts: np.ndarray
     counts_std: np.ndarray
-    field: np.ndarray
-    field_std: np.ndarray
+    dense_counts: np.ndarray
+    dense_counts_std: np.ndarray
     force_n: np.ndarray | None
     force_std_n: np.ndarray | None
     shear_n: np.ndarray | None
@@ -38,7 +38,7 @@ class Estimate:
     ood_class: Any = None
 
     def __repr__(self) -> str:
-        parts = [f"counts {self.counts.shape}", f"field {self.field.shape}"]
+        parts = [f"counts {self.counts.shape}", f"dense_counts {self.dense_counts.shape}"]
         for name, value, std in (
             ("force", self.force_n, self.force_std_n),
             ("shear", self.shear_n, self.shear_std_n),

@@ -1,1 +1,1 @@
-"""Calibration of the DIGIT's optics to a user's sensor."""
+"""The fit of the DIGIT's optics to a user's sensor."""

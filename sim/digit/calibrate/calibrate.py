@@ -1,6 +1,6 @@
 """Calibrates the DIGIT's optics to a user's sensor: fits some presses, scores on others.
 
-From a background frame alone, a calibration is the mean light of sampled units. The background
+From a background frame alone, an optics file is the mean light of sampled units. The background
 frame does not determine how LEDs shade and shadow a press. The sampled units whose LEDs explain it
 best predict a real unit's presses no better than the others. The mean over many units predicts them
 better than any one unit.
@@ -36,13 +36,13 @@ from t2twin.sim.digit.calibrate.measurements import (
     read_measurements,
 )
 from t2twin.sim.digit.calibrate.uncertainty import (
-    CalibrationUncertainty,
+    OpticsUncertainty,
     check_tolerance,
     estimate_uncertainty,
 )
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.image_renderer import ImageRenderer
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.randomization.ranges import UnitRanges
 from t2twin.sim.digit.randomization.unit import sample_unit
 
@@ -57,7 +57,7 @@ RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
 """Ranges of the units: their gamma is the one of a fit. Only responses of one gamma can be
 averaged."""
 FORMAT = 1
-"""Format of calibration.json."""
+"""Format of optics.json."""
 
 Report = Callable[[str], object]
 """Called with progress messages."""
@@ -73,7 +73,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class CalibrationScores:
+class OpticsScores:
     """Mean scores on the contact crops of the held-out frames.
 
     calibrated: of the simulated frames. cut_and_paste: of the training presses' mean change, moved
@@ -86,11 +86,11 @@ class CalibrationScores:
 
 
 @dataclass(frozen=True)
-class CalibrationReport:
-    """A fitted calibration and its evaluation. All arrays but training_poses are over the held-out
+class OpticsReport:
+    """A fitted optics file and its evaluation. All arrays but training_poses are over the held-out
     presses.
 
-    calibration: fitted to all presses, with their noise. scored_by: fitted without the held-out
+    optics: fitted to all presses, with their noise. scored_by: fitted without the held-out
     presses; `simulated` and the scores are of this one.
     trained, held_out: names of the frames. repeated: names of duplicates, which are excluded.
     training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each fitted to its own frame. surfaces_mm:
@@ -98,8 +98,8 @@ class CalibrationReport:
     uint8. scores: means. each: the score of each press. uncertainty: bounds of depths and forces.
     """
 
-    calibration: Calibration
-    scored_by: Calibration
+    optics: Optics
+    scored_by: Optics
     trained: list[str]
     training_poses: np.ndarray
     held_out: list[str]
@@ -108,14 +108,14 @@ class CalibrationReport:
     surfaces_mm: np.ndarray
     real: np.ndarray
     simulated: np.ndarray
-    scores: CalibrationScores
+    scores: OpticsScores
     each: list[Score]
-    uncertainty: CalibrationUncertainty | None
+    uncertainty: OpticsUncertainty | None
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The validated inputs of a calibration.
+    """The validated inputs of an optics file.
 
     background: (ROWS, COLUMNS, 3) uint8. frames: (n, ROWS, COLUMNS, 3) uint8, the presses, and
     names, their files. patches: (n, 2) row and column of each contact, px. train, test: indices of
@@ -183,7 +183,7 @@ def calibrate(
     camera: Camera | None = None,
     report: Report = lambda line: None,
     tolerance: Tolerance | None = DEFAULT_TOLERANCE,
-) -> CalibrationReport:
+) -> OpticsReport:
     """Fit the presses, score on the last held_out of them by name, then fit all of them.
 
     background: a background frame. presses: folder of frames of a ball, 240 wide, 320 high, PNG or
@@ -207,11 +207,11 @@ def calibrate(
     training = inputs.presses(inputs.train)
     fit = fit_presses(training, camera)
     evaluated = evaluate(inputs, training, fit)
-    calibration, uncertainty = _fit_all(inputs, fit, tolerance, report)
-    return replace(evaluated, calibration=calibration, uncertainty=uncertainty)
+    optics, uncertainty = _fit_all(inputs, fit, tolerance, report)
+    return replace(evaluated, optics=optics, uncertainty=uncertainty)
 
 
-def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
+def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
     """The report of a fit without the held-out presses, which are only located.
 
     Raises T2TwinError for a fit no better than the background.
@@ -223,9 +223,9 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
     surfaces_mm = np.array(
         [model.surface(fit.state, index, pose) for index, pose in enumerate(poses)]
     )
-    calibration = fit.model.calibration(fit.state)
-    optics = DigitOptics(calibration)
-    simulated = np.array([optics.render(surface_mm) for surface_mm in surfaces_mm])
+    optics = fit.model.optics(fit.state)
+    renderer = ImageRenderer(optics)
+    simulated = np.array([renderer.render(surface_mm) for surface_mm in surfaces_mm])
     from_px, to_px = (_pixels(each, fit.model.camera) for each in (fit.state.poses, poses))
     pasted = cut_and_paste(inputs.background, training.frames, from_px, to_px)
     still = np.broadcast_to(inputs.background, held_out.frames.shape)
@@ -233,11 +233,11 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
         crop_scores(held_out.frames, other, held_out.patches)
         for other in (simulated, pasted, still)
     )
-    scores = CalibrationScores(*(mean_score(scored) for scored in (each, *baselines)))
+    scores = OpticsScores(*(mean_score(scored) for scored in (each, *baselines)))
     _check_explains(scores)
-    return CalibrationReport(
-        calibration=calibration,
-        scored_by=calibration,
+    return OpticsReport(
+        optics=optics,
+        scored_by=optics,
         trained=inputs.names_of(train),
         training_poses=fit.state.poses,
         held_out=inputs.names_of(test),
@@ -254,8 +254,8 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
 
 def _fit_all(
     inputs: Inputs, first: Fit, tolerance: Tolerance | None, report: Report
-) -> tuple[Calibration, CalibrationUncertainty | None]:
-    """The calibration from all presses, with noise and modulus, and its uncertainty."""
+) -> tuple[Optics, OpticsUncertainty | None]:
+    """The optics from all presses, with noise and modulus, and its uncertainty."""
     indices = [*inputs.train, *inputs.test]
     report(f"fitting again, to all {len(indices)}")
     presses = inputs.presses(indices)
@@ -265,15 +265,15 @@ def _fit_all(
         names = inputs.names_of(indices)
         uncertainty = estimate_uncertainty(presses, names, fit, tolerance, report)
     young = None if uncertainty is None else uncertainty.young_mpa
-    calibration = replace(
-        fit.model.calibration(fit.state),
+    optics = replace(
+        fit.model.optics(fit.state),
         noise=measure_noise(presses.background, presses.frames, inputs.background),
         young_mpa=None if young is None else young.value,
     )
-    return calibration, uncertainty
+    return optics, uncertainty
 
 
-def _check_explains(scores: CalibrationScores) -> None:
+def _check_explains(scores: OpticsScores) -> None:
     """Raises T2TwinError if the fit is no better than the background, as without a ball."""
     fitted, still = scores.calibrated.psnr_db, scores.do_nothing.psnr_db
     if fitted <= still:
@@ -348,8 +348,8 @@ def cut_and_paste(
     return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
 
 
-def write_record(path: Path, report: CalibrationReport) -> None:
-    """Write calibration.json: names, scores, each held-out press, the uncertainty.
+def write_record(path: Path, report: OpticsReport) -> None:
+    """Write optics.json: names, scores, each held-out press, the uncertainty.
 
     Raises T2TwinError where it cannot be written.
     """
@@ -374,8 +374,8 @@ def guess_light(
     background: str | Path,
     camera: Camera | None = None,
     report: Callable[[str], object] = lambda line: None,
-) -> Calibration:
-    """A calibration with the user's background and the mean light of sampled units.
+) -> Optics:
+    """An optics file with the user's background and the mean light of sampled units.
 
     background: a background frame, 240 wide, 320 high, PNG or JPEG, whose noise is kept. camera:
     scale and distance, which a frame does not determine. report: called with progress messages.
@@ -388,15 +388,13 @@ def guess_light(
     return mean_light(sample_lights(frame, camera))
 
 
-def sample_lights(
-    background: np.ndarray, camera: Camera, count: int = UNIT_COUNT
-) -> list[Calibration]:
+def sample_lights(background: np.ndarray, camera: Camera, count: int = UNIT_COUNT) -> list[Optics]:
     """Sampled units, all with one camera and one background (ROWS, COLUMNS, 3) uint8."""
-    units = (sample_unit(np.random.default_rng((0, n)), RANGES).calibration for n in range(count))
+    units = (sample_unit(np.random.default_rng((0, n)), RANGES).optics for n in range(count))
     return [replace(unit, background=background, **asdict(camera)) for unit in units]
 
 
-def mean_light(units: Sequence[Calibration]) -> Calibration:
+def mean_light(units: Sequence[Optics]) -> Optics:
     """The mean LED positions and response, and the geometric mean of the LED sizes."""
     return replace(
         units[0],

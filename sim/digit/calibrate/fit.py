@@ -29,12 +29,12 @@ from t2twin.sim.digit.calibrate.ridge import (
     solve_ridge,
     solve_step,
 )
-from t2twin.sim.digit.calibration import PLACE_TERMS, Calibration, led_columns, place_terms
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera
 from t2twin.sim.digit.camera.response import linear
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.lobe import lobe_columns, normal_terms
 from t2twin.sim.digit.light.ray_casting import Leds, Rays
+from t2twin.sim.digit.optics import PLACE_TERMS, Optics, led_columns, place_terms
 from t2twin.sim.digit.surface import ball_surface
 
 GAMMA = 1.0
@@ -244,13 +244,13 @@ class BallFit:
         ]  # fmt: skip
         return min(fits, key=lambda fit: fit.cost).x
 
-    def calibration(self, state: State) -> Calibration:
-        """The fitted calibration, without noise and modulus."""
+    def optics(self, state: State) -> Optics:
+        """The fitted optics, without noise and modulus."""
         leds = leds_of(state.geometry)
         response = np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS))
         table, lobe = state.terms.tables(state.response)
         response[:, :, : state.terms.places] = table.transpose(1, 0, 2, 3)
-        return Calibration(
+        return Optics(
             background=self.background,
             leds_mm=leds.places_mm,
             sizes_mm=leds.sizes_mm,

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibration import PLACE_DEGREE, place_degrees
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.lobe import LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.digit.optics import PLACE_DEGREE, place_degrees
 
 LEDS = 3
 LOBE_ENTRIES = LEDS * LOBE_PLACES * LOBE_TERMS

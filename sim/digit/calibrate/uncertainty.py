@@ -59,7 +59,7 @@ class PressBounds:
 
 
 @dataclass(frozen=True)
-class CalibrationUncertainty:
+class OpticsUncertainty:
     """Bounds of all presses, the scale and the modulus.
 
     presses: in the order of their names. scale_px_per_mm: the given scale, or the fitted one if
@@ -112,7 +112,7 @@ def estimate_uncertainty(
     fit: Fit,
     tolerance: Tolerance,
     report: Callable[[str], object],
-) -> CalibrationUncertainty:
+) -> OpticsUncertainty:
     """Bounds around a fit to all presses, (n,) names. report: called with progress messages."""
     measurements = presses.measurements
     nominal = _estimate(measurements, fit, DIGIT_GEL.young_mpa)
@@ -135,7 +135,7 @@ def estimate_uncertainty(
         )
         for i, name in enumerate(names)
     )
-    return CalibrationUncertainty(
+    return OpticsUncertainty(
         tolerance=tolerance,
         presses=tuple(press_bounds),
         scale_px_per_mm=_bounds([each.scale_px_per_mm for each in estimates]),
@@ -224,7 +224,7 @@ def fit_young_mpa(measured_n: np.ndarray, default_n: np.ndarray) -> float:
     return float(DIGIT_GEL.young_mpa * (measured @ default) / (default @ default))
 
 
-def uncertainty_lines(uncertainty: CalibrationUncertainty) -> list[str]:
+def uncertainty_lines(uncertainty: OpticsUncertainty) -> list[str]:
     """The summary: sentences and a table of the presses, one line each."""
     lines = [
         *uncertainty_sentences(uncertainty),
@@ -241,14 +241,14 @@ def uncertainty_lines(uncertainty: CalibrationUncertainty) -> list[str]:
     return [*lines, ""]
 
 
-def uncertainty_sentences(uncertainty: CalibrationUncertainty) -> list[str]:
+def uncertainty_sentences(uncertainty: OpticsUncertainty) -> list[str]:
     """The assumptions of the bounds: balls, scale, modulus."""
     ball_mm = uncertainty.tolerance.ball_mm
     balls = f"The balls' diameters are assumed to be correct within {ball_mm:g} mm."
     return [balls, _scale_sentence(uncertainty), _modulus_sentence(uncertainty)]
 
 
-def _scale_sentence(uncertainty: CalibrationUncertainty) -> str:
+def _scale_sentence(uncertainty: OpticsUncertainty) -> str:
     scale, tolerance = uncertainty.scale_px_per_mm, uncertainty.tolerance
     if not uncertainty.depth_measurements:
         return (
@@ -262,7 +262,7 @@ def _scale_sentence(uncertainty: CalibrationUncertainty) -> str:
     )
 
 
-def _modulus_sentence(uncertainty: CalibrationUncertainty) -> str:
+def _modulus_sentence(uncertainty: OpticsUncertainty) -> str:
     young, tolerance = uncertainty.young_mpa, uncertainty.tolerance
     if young is None:
         return (
@@ -272,7 +272,7 @@ def _modulus_sentence(uncertainty: CalibrationUncertainty) -> str:
     return (
         f"The gel's modulus is {_with_bounds(young)} MPa, from {uncertainty.force_measurements} "
         f"forces measured within {tolerance.force_n:g} N; their residual is "
-        f"{uncertainty.force_residual_n:.2f} N. A DIGIT with this calibration has such a gel."
+        f"{uncertainty.force_residual_n:.2f} N. A DIGIT with this optics have such a gel."
     )
 
 

@@ -36,9 +36,9 @@ MAX_MISALIGNMENT = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0,
 class Camera:
     """A pinhole on the sensor's axis.
 
-    scale_px_per_mm: image scale at the gel's apex; public calibrations of single units give
+    scale_px_per_mm: image scale at the gel's apex; public optics files of single units give
         17.2 to 19.6.
-    distance_mm: from the pinhole to the gel's apex; public calibrations give 20.8 to 22.
+    distance_mm: from the pinhole to the gel's apex; public optics files give 20.8 to 22.
     Both are measured. The vertical field of view in TACTO's configuration, about 60 degrees, does
     not agree with them: 320 rows at 19.2 px/mm, 21.4 mm away, are 42.6 degrees.
     shift_x_px, shift_y_px: position of the axis in the image, right and down from its middle.

@@ -1,6 +1,6 @@
 """Camera response: encodes light as grey levels, adds noise and rounds.
 
-grey = 255 light^(1 / gamma), with the calibration's gamma.
+grey = 255 light^(1 / gamma), with the optics file's gamma.
 """
 
 import numpy as np

@@ -32,10 +32,10 @@ def incidence(
     region of G, shadowed (LEDs, 4); a cell of C is stride cells of G. leds: (LEDs, 3), mm. depth:
     initially z of the gel at rest. across, down: slopes of the samples' rays. distance: from the
     pinhole to the apex; x0, y0: center of G's first cell; pitch: G's, mm. cosine: m_k; weight:
-    V_k m_k (REACH / d_k)^2 of the formula in t2twin.sim.digit.optics, 0 where an LED is hidden.
-    A ray starts from the displacement in the row above and takes at most `steps` fixed-point steps.
-    Each row is computed in two passes: the surface, with scattered reads, then the LEDs, in
-    vectorized loops.
+    V_k m_k (REACH / d_k)^2 of the formula in t2twin.sim.digit.image_renderer, 0 where an LED is
+    hidden. A ray starts from the displacement in the row above and takes at most `steps`
+    fixed-point steps. Each row is computed in two passes: the surface, with scattered reads, then
+    the LEDs, in vectorized loops.
     """
     per_mm = _ONE / pitch
     per_slope = per_mm / _TWO

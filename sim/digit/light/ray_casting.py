@@ -1,8 +1,8 @@
 """Casts the camera's rays on to the gel, and computes the LEDs' incidence there.
 
-This is the geometry of the baked model (t2twin.sim.digit.optics). Camera and gel are fixed; LEDs
-are arguments, so that a fit can move them. S is the lattice of samples of the image: one in the
-middle of every 2 x 2 pixels and one more beyond each edge.
+This is the geometry of the baked model (t2twin.sim.digit.image_renderer). Camera and gel are fixed;
+LEDs are arguments, so that a fit can move them. S is the lattice of samples of the image: one in
+the middle of every 2 x 2 pixels and one more beyond each edge.
 """
 
 from dataclasses import dataclass

@@ -22,9 +22,9 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.compiled import jit
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
+from t2twin.sim.digit.optics import Optics
 from t2twin.sim.digit.randomization.ranges import Range, log_uniform, uniform
 from t2twin.sim.digit.randomization.unit import Unit, cubic_weights
 
@@ -109,7 +109,7 @@ Lights = tuple[np.ndarray, np.ndarray]
 
 def with_artifacts(rng: np.random.Generator, unit: Unit, artifacts: Artifacts) -> Unit:
     """The unit with sampled artifacts and an earlier background frame."""
-    light = unit.calibration
+    light = unit.optics
     toward_px = light.leds_mm[:, 1::-1] * light.scale_px_per_mm + light.camera.middle
     now, before = _sample_lights(rng, artifacts, toward_px)
     nodes = np.zeros((2, 0, 0), dtype=np.float32)
@@ -125,7 +125,7 @@ def with_artifacts(rng: np.random.Generator, unit: Unit, artifacts: Artifacts) -
     earlier = _frame(light, nodes[1], drift, before)
     return replace(
         unit,
-        calibration=replace(light, background=background, albedo=albedo),
+        optics=replace(light, background=background, albedo=albedo),
         earlier_background=earlier,
     )
 
@@ -233,7 +233,7 @@ def _colors(
     return log_uniform(rng, grey, (leds.size, 1)) * parts
 
 
-def _frame(light: Calibration, shade: np.ndarray, drift: np.ndarray, lights: Lights) -> np.ndarray:
+def _frame(light: Optics, shade: np.ndarray, drift: np.ndarray, lights: Lights) -> np.ndarray:
     """(ROWS, COLUMNS, 3) uint8: the background frame with artifacts."""
     out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
     background = np.ascontiguousarray(light.background)

@@ -6,7 +6,7 @@ is
     F_kc(p, m) = own_kc B_k(p) S(m) + leak_kc + irregular_kc(p, m),
 
 with p the place over PLACE_MM, B_k a paraboloid, S a parabola, own_kc 1 for c = k and else 0. All
-is quadratic in the place and in the cosine, as a response of t2twin.sim.digit.optics is.
+is quadratic in the place and in the cosine, as a response of t2twin.sim.digit.image_renderer is.
 
 For pyrender, equivalent_leds gives lamps of the same places, sizes and colors. Each has the lobe of
 the default LED in its place, rotated and moved with it, since the resolution of pyrender's shadow
@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2twin.sim.contact.elastomer import DIGIT_GEL
-from t2twin.sim.digit.calibration import PLACE_TERMS, place_terms
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.leds import DIGIT_LEDS, REACH_MM, Led
+from t2twin.sim.digit.optics import PLACE_TERMS, place_terms
 from t2twin.sim.digit.randomization.ranges import UnitRanges, log_uniform, uniform
 
 AZIMUTHS_DEG = np.array([30.0, 150.0, 270.0])

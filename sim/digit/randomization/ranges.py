@@ -2,7 +2,7 @@
 
 Each field is a range (low, high) with a default. Samples are uniform; those of the LEDs' distance
 and sizes and of the noise are log-uniform. "Assumed" ranges were set to contain the default
-calibration and one real DIGIT; docs/explanation/optics.md compares them.
+optics and one real DIGIT; docs/explanation/optics.md compares them.
 """
 
 from dataclasses import dataclass, fields
@@ -39,7 +39,7 @@ class UnitRanges:
     middle; places are in units of PLACE_MM, 8 mm.
 
     Of the camera:
-        scale_px_per_mm, distance_mm: public calibrations of single units.
+        scale_px_per_mm, distance_mm: public optics files of single units.
         shift_px: along both axes (assumed: half a millimeter). tilt_deg: about both (assumed).
     Of each of the three LEDs:
         led_turn_deg: deviation from 30, 150 and 270 degrees around the gel, the angles in TACTO's
@@ -73,7 +73,7 @@ class UnitRanges:
             edge_soft_px (assumed).
         specks: their number; speck_px: their radius; speck_grey: their contrast (assumed).
         noise_grey: standard deviation of one frame (2.8 measured on a real unit; TACTO 7).
-    Of units near a calibration, relative to it:
+    Of units near an optics file, relative to it:
         around_led_mm: LED positions. around_part: sizes, light, colors, brightness and noise; half
             of it for gamma, a quarter for scale and distance (assumed).
         around_shift_px, around_tilt_deg: camera (assumed).

@@ -1,7 +1,7 @@
 """Samples DIGIT units: no two DIGITs have the same light.
 
-A unit is a complete calibration: camera, LEDs, the response of each LED in each color, gamma,
-background, noise. It is sampled from ranges, alone or near a given calibration. It depends on the
+A unit is a complete set of optics: camera, LEDs, the response of each LED in each color, gamma,
+background, noise. It is sampled from ranges, alone or near given optics. It depends on the
 random generator only, not on threads or processes.
 
 The background's light is computed at nodes NODE_PX apart, encoded as grey levels there and
@@ -13,20 +13,20 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from t2twin.sim.digit.calibration import (
+from t2twin.sim.digit.camera.compiled import jit
+from t2twin.sim.digit.camera.gaussian_noise import standard_normal
+from t2twin.sim.digit.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
+from t2twin.sim.digit.image_renderer import NOISE_GREY
+from t2twin.sim.digit.light.leds import Led
+from t2twin.sim.digit.optics import (
     DISTANCES_MM,
     FARTHEST_LED_MM,
     GAMMAS,
     LARGEST_LED_MM,
     MAX_RESPONSE,
     SCALES_PX_PER_MM,
-    Calibration,
+    Optics,
 )
-from t2twin.sim.digit.camera.compiled import jit
-from t2twin.sim.digit.camera.gaussian_noise import standard_normal
-from t2twin.sim.digit.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
-from t2twin.sim.digit.light.leds import Led
-from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.digit.randomization.lighting import (
     SampledLight,
     equivalent_leds,
@@ -57,21 +57,19 @@ INSIDE = (slice(1, -2), slice(1, -2))
 class Unit:
     """One DIGIT's light.
 
-    calibration: complete. noise_grey: standard deviation of one frame, grey levels. leds: for
-    pyrender; None for a unit near a calibration. earlier_background: (ROWS, COLUMNS, 3) uint8, the
+    optics: complete. noise_grey: standard deviation of one frame, grey levels. leds: for
+    pyrender; None for a unit near an optics file. earlier_background: (ROWS, COLUMNS, 3) uint8, the
     background frame, recorded before its light drifted; None without drift.
     """
 
-    calibration: Calibration
+    optics: Optics
     noise_grey: float
     leds: tuple[Led, ...] | None = None
     earlier_background: np.ndarray | None = None
 
 
-def sample_unit(
-    rng: np.random.Generator, ranges: UnitRanges, center: Calibration | None = None
-) -> Unit:
-    """A unit sampled from the ranges; with a center, one near that calibration."""
+def sample_unit(rng: np.random.Generator, ranges: UnitRanges, center: Optics | None = None) -> Unit:
+    """A unit sampled from the ranges; with a center, one near those optics."""
     if center is not None:
         return _sample_near(rng, ranges, center)
     scale, distance_mm = uniform(rng, ranges.scale_px_per_mm), uniform(rng, ranges.distance_mm)
@@ -82,7 +80,7 @@ def sample_unit(
     light = sample_light(rng, ranges, gamma)
     background, light = sample_background(rng, ranges, light, camera, gamma)
     noise_grey = float(log_uniform(rng, ranges.noise_grey))
-    calibration = Calibration(
+    optics = Optics(
         background=background,
         leds_mm=light.places_mm,
         sizes_mm=light.sizes_mm,
@@ -90,10 +88,10 @@ def sample_unit(
         gamma=gamma,
         **asdict(camera),
     )
-    return Unit(calibration, noise_grey, equivalent_leds(light))
+    return Unit(optics, noise_grey, equivalent_leds(light))
 
 
-def _sample_near(rng: np.random.Generator, ranges: UnitRanges, center: Calibration) -> Unit:
+def _sample_near(rng: np.random.Generator, ranges: UnitRanges, center: Optics) -> Unit:
     def part(shape: int | tuple = ()) -> np.ndarray:
         return uniform(rng, ranges.around_part, shape)
 
@@ -107,7 +105,7 @@ def _sample_near(rng: np.random.Generator, ranges: UnitRanges, center: Calibrati
         return np.clip(mixed, -MAX_RESPONSE, MAX_RESPONSE)
 
     shift, tilt = uniform(rng, ranges.around_shift_px, 2), uniform(rng, ranges.around_tilt_deg, 2)
-    calibration = replace(
+    optics = replace(
         center,
         background=_varied(center.background, part((3, 3))),
         leds_mm=np.clip(leds_mm, -FARTHEST_LED_MM, FARTHEST_LED_MM),
@@ -122,7 +120,7 @@ def _sample_near(rng: np.random.Generator, ranges: UnitRanges, center: Calibrati
             for (name, limit), change in zip(MAX_MISALIGNMENT.items(), (*shift, *tilt), strict=True)
         },
     )
-    return Unit(calibration, float(NOISE_GREY * (1.0 + part())))
+    return Unit(optics, float(NOISE_GREY * (1.0 + part())))
 
 
 def _varied(background: np.ndarray, parts: np.ndarray) -> np.ndarray:

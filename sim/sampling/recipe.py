@@ -1,4 +1,4 @@
-"""A world's recipe: the distributions of shapes, positions, rotations, forces and light.
+"""A recipe: the distributions of shapes, positions, rotations, forces and light.
 
 It is a TOML file, or the name of a bundled one:
 
@@ -34,7 +34,7 @@ from t2twin.core.records import convert
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 from t2twin.sim.cyskin.reading import DATASET_DEFAULT
-from t2twin.sim.digit.optics import FRAMES
+from t2twin.sim.digit.image_renderer import FRAMES
 from t2twin.sim.digit.randomization.artifacts import Artifacts
 from t2twin.sim.digit.randomization.ranges import UnitRanges
 
@@ -132,7 +132,7 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     shapes. presses: of each shape, unless place is the grid. place: "grid", the protocol's with its
     orientations, or a distribution. scale: of the grid (see protocol.SCALES). force_n: a force, a
     list, or a range; a grid with a list has each press with each force, other presses sample one.
-    untouched_share: of the presses, without contact. split: of the shapes; "by-version" is the
+    background_share: of the presses, without contact. split: of the shapes; "by-version" is the
     protocol's split of the primitives. val_share: of the shapes, the last ones, for validation.
     scale and center of files: a number of mm per unit of the files, and whether to press them at
     their highest part, see catalogue.load.
@@ -146,7 +146,7 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     scale: Literal["smoke", "light", "small", "paper"] | Annotated[float, Meta(gt=0)] = "paper"
     center: bool | UnsetType = UNSET
     force_n: Force | Annotated[tuple[Force, ...], Meta(max_length=MAX_FORCES)] | ForceRange = 8.0
-    untouched_share: Share = 0.0
+    background_share: Share = 0.0
     val_share: Share = 0.0
 
     def __post_init__(self) -> None:
@@ -159,8 +159,8 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
             )
         if self.place == "grid" and self.shapes not in ("primitives", "tools"):
             raise T2TwinError(f"{named}: only primitives and tools have the protocol's grid")
-        if self.place == "grid" and (self.untouched_share or self.val_share):
-            raise T2TwinError(f"{named}: the grid must not have untouched_share or val_share")
+        if self.place == "grid" and (self.background_share or self.val_share):
+            raise T2TwinError(f"{named}: the grid must not have background_share or val_share")
         if self.split == "by-version" and self.shapes != "primitives":
             raise T2TwinError(f"{named}: only primitives can be split by-version")
         if self.split == "by-version" and self.val_share:
@@ -170,7 +170,7 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
         if self.shapes in NAMED and (self.center or self.solid_scale is not None):
             raise T2TwinError(f"{named}: center and a scale in mm per unit are for files only")
         if self.shapes == "tools" and self.split != "test":
-            raise T2TwinError("the split of tools must be test, in every world")
+            raise T2TwinError("the split of tools must be test, in every recipe")
 
     @property
     def solid_scale(self) -> float | None:
@@ -181,9 +181,9 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
 class Light(Struct, frozen=True, forbid_unknown_fields=True):
     """The DIGIT's light.
 
-    kind: "fixed", one unit for all; "drawn", a sampled unit for each shape or press. calibration: a
+    kind: "fixed", one unit for all; "drawn", a sampled unit for each shape or press. optics: a
     file of `t2twin calibrate`, the fixed unit or the center of the sampled ones; None for the
-    default calibration, or the default distribution. draw: ranges of the distribution. optics:
+    default optics, or the default distribution. draw: ranges of the distribution. optics:
     "baked", or "pyrender", which takes seconds per image. frames: number of frames averaged for an
     image, which reduces the noise: 30 in the protocol, 1 for translation of single frames.
     fixed_share: share of the units that are the fixed unit in place of a sampled one, without
@@ -192,9 +192,9 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     kind: Literal["fixed", "drawn"] = "fixed"
-    calibration: str | None = None
+    optics: str | None = None
     each: Literal["shape", "press"] = "shape"
-    optics: Literal["baked", "pyrender"] = "baked"
+    renderer: Literal["baked", "pyrender"] = "baked"
     draw: UnitRanges = UnitRanges()
     fixed_share: Share = 0.0
     frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES)] = FRAMES
@@ -243,12 +243,12 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
-    """A world.
+    """What is sampled into a dataset.
 
-    name: for tables. seed: of all samples. layout, imperfections: the CySkin's. field: whether
-    pairs contain the field (t2twin.sim.cyskin.field). untouched_frames: whether pairs contain the
-    background frame of their DIGIT unit. motion: of the sampled presses; without it all stay still,
-    and info.json does not contain it.
+    name: for tables. seed: of all samples. layout, imperfections: the CySkin's. dense_counts:
+    whether pairs contain the dense counts (t2twin.sim.cyskin.dense). background_frames: whether
+    pairs contain the background frame of their DIGIT unit. motion: of the sampled presses; without
+    it all stay still, and info.json does not contain it.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=60)]
@@ -258,8 +258,8 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     layout: str = DEFAULT_LAYOUT
     imperfections: Literal["none", "white", "baseline", "all", "recorded"] = DATASET_DEFAULT
     light: Light = Light()
-    field: bool = True
-    untouched_frames: bool = True
+    dense_counts: bool = True
+    background_frames: bool = True
     motion: Motion | UnsetType = UNSET
 
     def __post_init__(self) -> None:
@@ -279,10 +279,10 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def has_more(self) -> bool:
         """Whether its pairs have more columns than the protocol's."""
-        return self.field or self.untouched_frames or bool(self.motion)
+        return self.dense_counts or self.background_frames or bool(self.motion)
 
 
-def bundled_worlds() -> tuple[str, ...]:
+def bundled_recipes() -> tuple[str, ...]:
     """Names of the bundled recipes."""
     return tuple(sorted(path.stem for path in RECIPES.glob("*.toml")))
 
@@ -293,12 +293,12 @@ def load_recipe(source: str | Path) -> Recipe:
     Raises T2TwinError for an unknown name, an unreadable file, and a missing, unknown or invalid
     field.
     """
-    path = RECIPES / f"{arguments.path(source, 'world')}.toml"
-    if str(source) not in bundled_worlds():
+    path = RECIPES / f"{arguments.path(source, 'recipe')}.toml"
+    if str(source) not in bundled_recipes():
         path = Path(source)
         if path.suffix != ".toml":
             raise T2TwinError(
-                f"there is no world {str(source)!r}; allowed are {', '.join(bundled_worlds())} "
+                f"there is no recipe {str(source)!r}; allowed are {', '.join(bundled_recipes())} "
                 "and .toml files"
             )
     text = read_file(path, MAX_RECIPE_BYTES)
@@ -337,7 +337,7 @@ def _check_ranges(content: dict[str, Any], path: Path) -> None:
 
 
 NEAR = tuple(field.name for field in fields(UnitRanges) if field.name.startswith("around_"))
-"""Ranges of units that are sampled near a calibration; the others are of all other units."""
+"""Ranges of units that are sampled near an optics file; the others are of all other units."""
 
 SWITCHES = (
     (UnitRanges, "leak_amount", (0.0, 0.0), ("leak_part",)),
@@ -382,10 +382,10 @@ def _without_effect(recipe: Recipe) -> Iterator[tuple[str, str, str]]:
             if getattr(light, name) != getattr(Light(), name):
                 yield name, "light", 'its kind is not "drawn"'
     own = {field.name for field in fields(UnitRanges)} - {*NEAR}
-    unused, state = (NEAR, "has no") if light.calibration is None else (sorted(own), "has a")
+    unused, state = (NEAR, "has no") if light.optics is None else (sorted(own), "has an")
     for name in unused:
         if getattr(light.draw, name) != getattr(UnitRanges, name):
-            yield name, "light.draw", f"light {state} calibration around which units are sampled"
+            yield name, "light.draw", f"light {state} optics file around which units are sampled"
     for of, record in records:
         for kind, switch, value, names in SWITCHES:
             if isinstance(record, kind) and getattr(record, switch) == value:

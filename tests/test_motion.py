@@ -1,4 +1,4 @@
-"""Worlds whose presses slide and twist."""
+"""Recipes whose presses slide and twist."""
 
 import json
 import shutil
@@ -10,25 +10,25 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from moving import WORLD, write_recipe
+from moving import RECIPE, write_recipe
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin.field import CELL_MM2
+from t2twin.sim.cyskin.dense import CELL_MM2
 from t2twin.sim.dataset.columns import MOTION, PATH, SENSORS, TRACTIONS
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of, taxels, write_info
 from t2twin.sim.dataset.verify import verify_dataset
-from t2twin.sim.world.plan import plan
-from t2twin.sim.world.presses import MotionPath, sample_commands, sample_paths
-from t2twin.sim.world.recipe import Motion, load_recipe
+from t2twin.sim.sampling.plan import plan
+from t2twin.sim.sampling.presses import MotionPath, sample_commands, sample_paths
+from t2twin.sim.sampling.recipe import Motion, load_recipe
 
 
 @pytest.fixture(scope="module")
-def made(moving_world: Path) -> Path:
-    return moving_world
+def made(moving_dataset: Path) -> Path:
+    return moving_dataset
 
 
 @pytest.fixture(scope="module")
@@ -79,10 +79,10 @@ def test_tractions_add_up_to_the_forces(rows: pa.Table) -> None:
 
 
 def test_the_field_contains_the_shear_as_the_taxels_do(made: Path, rows: pa.Table) -> None:
-    info, field = read_info(made), np.array(rows["field"].to_pylist())
+    info, field = read_info(made), np.array(rows["dense_counts"].to_pylist())
     places = np.hypot(
-        np.subtract.outer(info.layout_x_mm, info.field_x_mm or ()),
-        np.subtract.outer(info.layout_y_mm, info.field_y_mm or ()),
+        np.subtract.outer(info.layout_x_mm, info.dense_x_mm or ()),
+        np.subtract.outer(info.layout_y_mm, info.dense_y_mm or ()),
     ).argmin(axis=1)
     assert np.abs(taxels(rows) - field[:, places]).max() < 40  # the noise of a reading
 
@@ -90,7 +90,7 @@ def test_the_field_contains_the_shear_as_the_taxels_do(made: Path, rows: pa.Tabl
 @pytest.mark.exhaustive
 def test_rows_do_not_depend_on_the_workers(made: Path, tmp_path: Path, shape_cache: Path) -> None:
     recipe = write_recipe(tmp_path)
-    make_dataset(tmp_path / "two", world=recipe, workers=2, cache=shape_cache)
+    make_dataset(tmp_path / "two", recipe=recipe, workers=2, cache=shape_cache)
     assert read_info(tmp_path / "two") == read_info(made)
     for path in read_info(made).shards:
         assert sha256_of(tmp_path / "two" / path) == sha256_of(made / path)
@@ -166,7 +166,7 @@ def test_a_path_ends_at_its_sampled_length(kind) -> None:
 )
 def test_wrong_motion_is_one_sentence(old: str, new: str, said: str, tmp_path: Path) -> None:
     path = tmp_path / "wrong.toml"
-    path.write_text(WORLD.replace(old, new))
+    path.write_text(RECIPE.replace(old, new))
     with pytest.raises(T2TwinError) as error:
         load_recipe(path)
     assert said in str(error.value) and "\n" not in str(error.value)
@@ -179,10 +179,10 @@ def test_motion_needs_sampled_places(tmp_path: Path) -> None:
         load_recipe(path)
 
 
-def test_worlds_without_motion_do_not_mention_it(made: Path, tmp_path: Path) -> None:
+def test_recipes_without_motion_do_not_mention_it(made: Path, tmp_path: Path) -> None:
     info = read_info(made)
-    assert info.world is not None
-    still = structs.replace(info.world, motion=load_recipe("open").motion)
-    write_info(tmp_path, replace(info, world=still))
-    assert "motion" not in json.loads((tmp_path / "info.json").read_text())["world"]
-    assert [batch.pairs for batch in plan(still)] == [batch.pairs for batch in plan(info.world)]
+    assert info.recipe is not None
+    still = structs.replace(info.recipe, motion=load_recipe("open").motion)
+    write_info(tmp_path, replace(info, recipe=still))
+    assert "motion" not in json.loads((tmp_path / "info.json").read_text())["recipe"]
+    assert [batch.pairs for batch in plan(still)] == [batch.pairs for batch in plan(info.recipe)]

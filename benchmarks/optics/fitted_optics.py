@@ -1,6 +1,6 @@
-"""Accuracy of a calibration on frames of a real DIGIT that it was not fitted to.
+"""Accuracy of an optics file on frames of a real DIGIT that it was not fitted to.
 
-    python -m benchmarks.optics.calibration FRAMES
+    python -m benchmarks.optics.fitted_optics FRAMES
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project.
@@ -30,8 +30,8 @@ from t2twin.sim.digit.calibrate.measurements import fit_presses
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 
 BENCHMARK = Benchmark(
-    module="benchmarks.optics.calibration",
-    measures="Accuracy of a calibration on frames of a real DIGIT that it was not fitted to.",
+    module="benchmarks.optics.fitted_optics",
+    measures="Accuracy of an optics file on frames of a real DIGIT that it was not fitted to.",
     minutes=4,
     sources=("sim/digit",),
     figures=(

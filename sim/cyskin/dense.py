@@ -1,17 +1,18 @@
-"""The field: counts of a pad at each place of a fine triangular grid over the cover.
+"""Dense counts: counts of a pad at each place of a fine triangular grid over the cover.
 
 Counts of any layout of pads can be computed from it. The grid consists of the places o + i b + j a,
 with the default layout's first taxel o, and contains all 20 taxels of that layout.
 
 A pad's count is the pressure on the cover, smoothed by the cover and averaged over the pad. The
 pressure is modeled as white noise (assumed: contacts have edges), so that the covariance of two
-pads is the overlap of their kernels. The best linear estimate of a pad from the field is that
-covariance times the inverse of the field's (Wiener filter, simple kriging). It takes the size of a
-pad into account. A pad of the field's size at one of its places has that place's count.
+pads is the overlap of their kernels. The best linear estimate of a pad from the dense counts is
+that covariance times the inverse of that of the dense counts (Wiener filter, simple kriging). It
+takes the size of a pad into account. A pad of the same size at one of their places has that place's
+count.
 
 Pressures are additive, counts only approximately; the nonlinearity of the dielectric is neglected.
 
-Shape letters: N taxels, F places of the field.
+Shape letters: N taxels, F places of the dense counts.
 """
 
 from functools import lru_cache
@@ -41,12 +42,13 @@ CELL_MM2 = SPACING_MM**2 * np.sqrt(0.75)
 """Area of the surface for each place, mm^2."""
 
 SAME_MM = 1e-3
-"""Distance within which a taxel lies on a place of the field, mm (assumed: positions are rounded).
+"""Distance within which a taxel lies on a place of the dense counts, mm (assumed: positions are
+rounded).
 """
 
 NOISE_SHARE = 1e-2
-"""Variance of the error of a place's count over its own variance (assumed). A predicted field is
-less smooth than a true one; without this term the weights would amplify the difference."""
+"""Variance of the error of a place's count over its own variance (assumed). Predicted dense counts
+are less smooth than a true one; without this term the weights would amplify the difference."""
 
 WAVENUMBERS = 2000
 """Points of the Hankel transform, up to where the cover transmits 1e-4."""
@@ -56,8 +58,8 @@ RADII = 600
 
 
 @lru_cache(maxsize=4)
-def field_layout(cover: Elastomer = CYSKIN_COVER) -> Layout:
-    """The field's places on the cover as a layout of pads of PAD_DIAMETER_MM.
+def dense_layout(cover: Elastomer = CYSKIN_COVER) -> Layout:
+    """The places of the dense counts on the cover as a layout of pads of PAD_DIAMETER_MM.
 
     Column by column (i), rising in y (j).
     """
@@ -75,19 +77,19 @@ def field_layout(cover: Elastomer = CYSKIN_COVER) -> Layout:
     return Layout("field", x[on], y[on], np.full(int(on.sum()), PAD_DIAMETER_MM))
 
 
-def field_counts(contact: Contact) -> np.ndarray:
-    """Noiseless counts of a contact at the places of field_layout, (n,) uint16."""
-    pressure_mpa = taxels.pad_pressure_mpa(contact, field_layout(contact.elastomer))
+def dense_counts(contact: Contact) -> np.ndarray:
+    """Noiseless counts of a contact at the places of dense_layout, (n,) uint16."""
+    pressure_mpa = taxels.pad_pressure_mpa(contact, dense_layout(contact.elastomer))
     return np.rint(taxels.counts(pressure_mpa)).astype(np.uint16)
 
 
-def field_tractions(contact: Contact) -> np.ndarray:
+def dense_tractions(contact: Contact) -> np.ndarray:
     """Normal pressure and traction along x and y on the cover, (3, n) float32, kPa.
 
-    Each value is the force on the part of the surface that is nearest to a place of field_layout,
+    Each value is the force on the part of the surface that is nearest to a place of dense_layout,
     over CELL_MM2. Their sums times CELL_MM2 are the forces on the sensor.
     """
-    places = field_layout(contact.elastomer)
+    places = dense_layout(contact.elastomer)
     nearest = _nearest(contact.elastomer, tuple(contact.x_mm), tuple(contact.y_mm))
     share = contact.pitch_mm**2 / CELL_MM2
     stresses = (contact.pressure_kpa, *contact.shear_kpa)
@@ -99,13 +101,13 @@ def field_tractions(contact: Contact) -> np.ndarray:
 @lru_cache(maxsize=4)
 def _nearest(cover: Elastomer, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> np.ndarray:
     """(rows * columns,) the place nearest to each cell of a grid."""
-    places = field_layout(cover)
+    places = dense_layout(cover)
     cells = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
     return np.asarray(KDTree(np.column_stack([places.x_mm, places.y_mm])).query(cells)[1])
 
 
 def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarray:
-    """The matrix (N, F) from the field's counts to the counts of a layout's taxels.
+    """The matrix (N, F) from the dense counts's counts to the counts of a layout's taxels.
 
     Raises T2TwinError for taxels that do not lie on the cover.
     """
@@ -118,7 +120,7 @@ def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarra
             f"taxel {n} at x {layout.x_mm[n]:g} mm, y {layout.y_mm[n]:g} mm; it reaches {half_x:g} "
             f"mm in x and {half_y:g} mm in y from its center"
         )
-    places = field_layout(cover)
+    places = dense_layout(cover)
     inverse = _inverse(cover)
     matrix = np.empty((layout.size, places.size))
     distances = _distances(layout, places)
@@ -133,8 +135,8 @@ def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarra
 
 @lru_cache(maxsize=4)
 def _inverse(cover: Elastomer) -> np.ndarray:
-    """Inverse of the covariance of the field's places, (F, F)."""
-    places = field_layout(cover)
+    """Inverse of the covariance of the dense counts's places, (F, F)."""
+    places = dense_layout(cover)
     covariance = _covariance(_distances(places, places), PAD_DIAMETER_MM, cover)
     return np.linalg.inv(covariance + NOISE_SHARE * covariance[0, 0] * np.eye(places.size))
 
@@ -147,7 +149,7 @@ def _distances(one: Layout, other: Layout) -> np.ndarray:
 
 
 def _covariance(distance_mm: np.ndarray, diameter_mm: float, cover: Elastomer) -> np.ndarray:
-    """Covariance of a pad of a diameter and one of the field at distances, same shape.
+    """Covariance of a pad of a diameter and one of the dense counts at distances, same shape.
 
     The Hankel transform of the product of their spectra, for a white pressure.
     """

@@ -2,7 +2,7 @@
 
 A press on the protocol's grid is fixed by its index. Any other press is sampled: its attempt 0 may
 miss the shape's features, then the next attempt is another sample of the same press.
-In a world with motion, sampled presses start paths, on which the shape slides or twists. Each
+In a recipe with motion, sampled presses start paths, on which the shape slides or twists. Each
 further touch of a path continues the one before, at equal steps.
 """
 
@@ -17,8 +17,8 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import PREFIX
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.digit.randomization.ranges import log_uniform
-from t2twin.sim.world import protocol
-from t2twin.sim.world.recipe import RANDOM, ForceRange, Motion, Part, Place, Recipe
+from t2twin.sim.sampling import protocol
+from t2twin.sim.sampling.recipe import RANDOM, ForceRange, Motion, Part, Place, Recipe
 
 PRESS_STREAM, FORCE_STREAM, UNIT_STREAM, FRAME_STREAM = 11, 12, 13, 14
 """Random streams of one seed: presses, forces on a grid, DIGIT units, noise of their background
@@ -27,11 +27,11 @@ frames."""
 PATH_STREAM, MOTION_STREAM, FRICTION_STREAM = 15, 16, 17
 """Random streams of one seed: kinds of the paths, their motions, friction of the shapes."""
 
-SEEDS_PER_WORLD = 1_000_000_000
-"""Numbers of the random shapes of a world: they start at its seed times this."""
+SEEDS_PER_RECIPE = 1_000_000_000
+"""Numbers of the random shapes of a recipe: they start at its seed times this."""
 
 MAX_SHAPE_SEED = 9_000_000_000
-"""Largest seed of a world of random shapes: their numbers stay below the largest of all shapes."""
+"""Largest seed of a recipe of random shapes: their numbers stay below the largest of all shapes."""
 
 MAX_ATTEMPTS = 20
 """Samples of a press until it touches the shape's features and settles."""
@@ -71,8 +71,8 @@ class PressSample:
 
 
 def random_name(seed: int, number: int) -> str:
-    """Name of the number-th random shape of a world."""
-    return f"{PREFIX}{seed * SEEDS_PER_WORLD + number}"
+    """Name of the number-th random shape of a recipe."""
+    return f"{PREFIX}{seed * SEEDS_PER_RECIPE + number}"
 
 
 def max_attempts(part: Part) -> int:
@@ -91,10 +91,10 @@ def name_at(name: str, attempt: int) -> str:
 
 def planned_name(name: str) -> str:
     """The planned random shape of a pressed one: itself, or the one that it replaces."""
-    world, number = divmod(int(name.removeprefix(PREFIX)), SEEDS_PER_WORLD)
+    recipe, number = divmod(int(name.removeprefix(PREFIX)), SEEDS_PER_RECIPE)
     if number >= FIRST_STAND_IN:
         number = (number - FIRST_STAND_IN) % STAND_IN_STEP
-    return random_name(world, number)
+    return random_name(recipe, number)
 
 
 def grid_indices(part: Part, name: str) -> tuple[int, ...]:
@@ -111,7 +111,7 @@ def press_attempts(
     """The attempts at one press, in their order; one on the grid, else max_attempts(part).
 
     name, number: the planned shape and its number in the part. index: of the press among the
-    shape's. seed: the world's seed and the part's number. first: attempt to start with.
+    shape's. seed: the recipe's seed and the part's number. first: attempt to start with.
     """
     if part.place == "grid":
         yield _grid_press(part, name, index, seed[0])
@@ -132,7 +132,7 @@ def path_attempts(
         yield from press_attempts(own, name, number, path.index, seed, first)
         return
     assert recipe.motion
-    own = structs.replace(own, untouched_share=0.0)
+    own = structs.replace(own, background_share=0.0)
     for each in press_attempts(own, name, number, path.index, seed, first):
         assert each.attempt is not None
         further = sample_commands(recipe.motion, path, each.command, seed, number, each.attempt)
@@ -155,7 +155,7 @@ def sample_press(
         x, y = rng.uniform(-part.place.uniform_mm, part.place.uniform_mm, 2)
     yaw = rng.uniform(0.0, 2.0 * np.pi)
     force = sample_force(rng, part.force_n)
-    if rng.random() < part.untouched_share:
+    if rng.random() < part.background_share:
         force = 0.0
     command = PressCommand(name_at(name, attempt), float(x), float(y), float(yaw), force)
     return PressSample(index, command, rng, attempt)
@@ -192,7 +192,7 @@ def sample_paths(
 ) -> tuple[MotionPath, ...]:
     """The paths of a shape; the last one ends with its last touch.
 
-    touches: number of the shape's touches. seed: the world's seed and the part's number. number:
+    touches: number of the shape's touches. seed: the recipe's seed and the part's number. number:
     of the shape in the part.
     """
     rng = np.random.default_rng((*seed, PATH_STREAM, number))

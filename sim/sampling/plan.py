@@ -1,4 +1,4 @@
-"""Plans the presses of a world, divided into shards."""
+"""Plans the presses of a recipe, divided into shards."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io import read
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.world.presses import (
+from t2twin.sim.sampling.presses import (
     MAX_SHAPE_SEED,
     MotionPath,
     grid_indices,
     random_name,
     sample_paths,
 )
-from t2twin.sim.world.recipe import NAMED, RANDOM, Part, Recipe, Split
+from t2twin.sim.sampling.recipe import NAMED, RANDOM, Part, Recipe, Split
 
 RECIPE_HINTS = read.Hints(
     scale="scale = {:g} in this part of the recipe", center="center = true in this part"
@@ -75,7 +75,7 @@ def name_of(source: str) -> str:
 
 
 def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch]:
-    """All shards of a world. names: restricts the primitives and tools, and orders the grids.
+    """All shards of a recipe. names: restricts the primitives and tools, and orders the grids.
 
     Raises T2TwinError for a folder without files of solids, for different files of one name, and
     for a val_share of too few shapes.
@@ -172,7 +172,7 @@ def _shapes(recipe: Recipe, number: int, names: tuple[str, ...]) -> tuple[str, .
         assert part.count is not None
         if recipe.seed > MAX_SHAPE_SEED:
             raise T2TwinError(
-                f"the seed of a world of random shapes is {recipe.seed}; it must be at most "
+                f"the seed of a recipe of random shapes is {recipe.seed}; it must be at most "
                 f"{MAX_SHAPE_SEED}"
             )
         # No two parts share a shape, since their splits may differ.

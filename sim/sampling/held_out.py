@@ -19,8 +19,8 @@ from scipy.sparse import csgraph
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.world.plan import load_shape, solids_in
-from t2twin.sim.world.recipe import NAMED, Recipe
+from t2twin.sim.sampling.plan import load_shape, solids_in
+from t2twin.sim.sampling.recipe import NAMED, Recipe
 
 SAME_SHARE = 0.02
 """Solids are the same if each invariant differs by less than this share. Assumed: twice the effect

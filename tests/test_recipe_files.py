@@ -1,4 +1,4 @@
-"""A world of a user's files: their scale, their place, their names, and what is said of them."""
+"""A recipe of a user's files: their scale, their place, their names, and what is said of them."""
 
 import re
 
@@ -10,8 +10,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import read_split
 from t2twin.sim.dataset.verify import verify_dataset
-from t2twin.sim.world.plan import load_shape
-from t2twin.sim.world.recipe import Part, Place
+from t2twin.sim.sampling.plan import load_shape
+from t2twin.sim.sampling.recipe import Part, Place
 
 NEAR = Place(uniform_mm=1.0)
 
@@ -19,7 +19,7 @@ NEAR = Place(uniform_mm=1.0)
 def recipe(path, more="", folder="solids"):
     """A recipe of two presses of each file in a folder beside it."""
     path.write_text(
-        'format = 1\nname = "mine"\nfield = false\nuntouched_frames = false\n[[parts]]\n'
+        'format = 1\nname = "mine"\ndense_counts = false\nbackground_frames = false\n[[parts]]\n'
         f'shapes = "{path.parent / folder}"\npresses = 2\nplace = {{ uniform_mm = 1.0 }}\n{more}'
     )
     return path
@@ -36,14 +36,14 @@ def test_a_hint_of_scale_names_a_field_of_the_recipe_that_works(
     solids, tmp_path, shape_cache, capfd
 ):
     trimesh.creation.box((0.12, 0.33, 0.03)).export(solids / "tool.stl")
-    world = recipe(tmp_path / "mine.toml")
+    path = recipe(tmp_path / "mine.toml")
     with pytest.raises(SystemExit):
-        main(["simdata", "--world", str(world), "--out", str(tmp_path / "out")])
+        main(["simdata", "--recipe", str(path), "--out", str(tmp_path / "out")])
     said = capfd.readouterr().err
     found = re.search(r"meters, (scale = 1000) in this part of the recipe makes it 330 mm", said)
     assert found and "--scale" not in said and not (tmp_path / "out").exists()
-    recipe(world, f"{found[1]}\n")
-    info = make_dataset(tmp_path / "out", world=world, workers=1, cache=shape_cache)
+    recipe(path, f"{found[1]}\n")
+    info = make_dataset(tmp_path / "out", recipe=path, workers=1, cache=shape_cache)
     assert info.pairs["train"] == 2 and verify_dataset(tmp_path / "out") == []
     part = Part(shapes=str(solids), presses=2, place=NEAR, scale=1000.0)
     shape = load_shape(part, str(solids / "tool.stl"), shape_cache)
@@ -52,11 +52,11 @@ def test_a_hint_of_scale_names_a_field_of_the_recipe_that_works(
 
 def test_files_off_the_middle_are_pressed_with_center(solids, tmp_path, shape_cache):
     trimesh.creation.annulus(r_min=60.0, r_max=66.0, height=5.0).export(solids / "ring.stl")
-    world = recipe(tmp_path / "mine.toml")
+    path = recipe(tmp_path / "mine.toml")
     with pytest.raises(T2TwinError, match="32 mm of the press axis; center = true in this part"):
-        make_dataset(tmp_path / "out", world=world, workers=1, cache=shape_cache)
-    recipe(world, "center = true\n")
-    make_dataset(tmp_path / "out", world=world, workers=1, cache=shape_cache)
+        make_dataset(tmp_path / "out", recipe=path, workers=1, cache=shape_cache)
+    recipe(path, "center = true\n")
+    make_dataset(tmp_path / "out", recipe=path, workers=1, cache=shape_cache)
     rows = read_split(tmp_path / "out", "train").to_pylist()
     assert len(rows) == 2 and all(row["digit_settled"] for row in rows)
 
@@ -71,15 +71,15 @@ def test_two_files_of_one_name_are_refused(solids, tmp_path):
     trimesh.creation.box((6, 4, 3)).export(solids / "a.stl")
     trimesh.creation.box((5, 5, 5)).export(solids / "a.obj")
     with pytest.raises(T2TwinError, match=r"a\.obj and .*a\.stl would both be the shape 'a'"):
-        make_dataset(tmp_path / "out", world=recipe(tmp_path / "mine.toml"), workers=1)
+        make_dataset(tmp_path / "out", recipe=recipe(tmp_path / "mine.toml"), workers=1)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_world_says_what_is_open_in_its_files(solids, tmp_path, shape_cache, capfd):
+def test_a_recipe_says_what_is_open_in_its_files(solids, tmp_path, shape_cache, capfd):
     cap = trimesh.creation.icosphere(3, 6.0)
     cap.update_faces(cap.triangles_center[:, 2] > 1.0)
     cap.export(solids / "cap.stl")
-    world = recipe(tmp_path / "mine.toml", 'split = "test"\n')
-    make_dataset(tmp_path / "out", world=world, workers=1, cache=shape_cache)
+    path = recipe(tmp_path / "mine.toml", 'split = "test"\n')
+    make_dataset(tmp_path / "out", recipe=path, workers=1, cache=shape_cache)
     said = capfd.readouterr().err
     assert said.count("cap.stl is open at") == 1 and "its upper surface is pressed" in said

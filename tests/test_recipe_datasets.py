@@ -13,7 +13,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin.field import SPACING_MM, field_counts, field_layout
+from t2twin.sim.cyskin.dense import SPACING_MM, dense_counts, dense_layout
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
@@ -28,17 +28,17 @@ from t2twin.sim.dataset.store import (
 )
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.digit import pyrender_renderer
-from t2twin.sim.sensors import CySkin
-from t2twin.sim.world import presses
-from t2twin.sim.world.plan import plan
-from t2twin.sim.world.presses import (
+from t2twin.sim.sampling import presses
+from t2twin.sim.sampling.plan import plan
+from t2twin.sim.sampling.presses import (
     MAX_ATTEMPTS,
     name_at,
     planned_name,
     sample_force,
     sample_press,
 )
-from t2twin.sim.world.recipe import ForceRange, Place, bundled_worlds, load_recipe
+from t2twin.sim.sampling.recipe import ForceRange, Place, bundled_recipes, load_recipe
+from t2twin.sim.sensors import CySkin
 
 MINE = """
 format = 1
@@ -52,7 +52,7 @@ count = 5
 presses = 4
 place = { normal_mm = 2.5 }
 force_n = { low = 0.5, high = 12.0, leave_out = [[2.7, 3.3]] }
-untouched_share = 0.25
+background_share = 0.25
 val_share = 0.2
 
 [[parts]]
@@ -77,8 +77,8 @@ def recipe_file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory, shape_cache, recipe_file):
-    folder = tmp_path_factory.mktemp("world") / "data"
-    make_dataset(folder, world=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
+    folder = tmp_path_factory.mktemp("recipe") / "data"
+    make_dataset(folder, recipe=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
     return folder
 
 
@@ -91,7 +91,7 @@ def digests(folder):
 
 
 def test_what_ships_can_be_planned():
-    assert set(bundled_worlds()) == {
+    assert set(bundled_recipes()) == {
         "paper",
         "open",
         "open-8n",
@@ -104,13 +104,17 @@ def test_what_ships_can_be_planned():
         "pretrained-3",
     }
     named = set(re.findall(r"[\w-]+", str(SimdataOptions.__doc__)))
-    assert set(bundled_worlds()) <= named
-    open_world = load_recipe("open")
-    batches = plan(open_world)
+    assert set(bundled_recipes()) <= named
+    open_recipe = load_recipe("open")
+    batches = plan(open_recipe)
     assert sum(batch.pairs for batch in batches) == 100_000
     assert {batch.pairs for batch in batches} == {500}
     assert {batch.split for batch in batches} == {"train", "val"}
-    assert open_world.light.kind == "drawn" and open_world.field and open_world.untouched_frames
+    assert (
+        open_recipe.light.kind == "drawn"
+        and open_recipe.dense_counts
+        and open_recipe.background_frames
+    )
     forces = plan(load_recipe("forces"))
     assert sum(batch.pairs for batch in forces if batch.split == "test") == 7 * 1_260
     union = plan(load_recipe("union"))
@@ -123,7 +127,7 @@ def test_what_ships_can_be_planned():
     assert [batch.shapes[0] for batch in paper] == list(catalogue.NAMES)
 
 
-def test_no_shape_is_in_two_splits_or_worlds():
+def test_no_shape_is_in_two_splits_or_recipes():
     recipe = load_recipe("open")
     by_split: dict[str, set] = {}
     for batch in plan(recipe):
@@ -138,31 +142,31 @@ def test_no_shape_is_in_two_splits_or_worlds():
     assert not by_split["train"] & {name for batch in other for name in batch.shapes}
 
 
-def test_a_world_is_whole_and_says_what_it_is(made):
+def test_a_recipe_is_whole_and_says_what_it_is(made):
     assert verify_dataset(made) == []
     info = read_info(made)
-    assert info.world_name == "mine" and info.is_simulated and not info.is_protocol
-    assert info.world is not None and info.world.light.kind == "drawn"
+    assert info.recipe_name == "mine" and info.is_simulated and not info.is_protocol
+    assert info.recipe is not None and info.recipe.light.kind == "drawn"
     assert info.pairs == {"train": 16, "val": 4, "test": 2} and info.complete
     said = json.loads((made / "info.json").read_text())
-    assert said["world"]["parts"][0]["force_n"]["leave_out"] == [[2.7, 3.3]]
+    assert said["recipe"]["parts"][0]["force_n"]["leave_out"] == [[2.7, 3.3]]
     assert "mine" in (made / "README.md").read_text()
 
 
-def test_pairs_hold_field_and_untouched_frame(made):
+def test_pairs_hold_dense_counts_and_background_frame(made):
     table = read_split(made, "train")
-    counts, field = taxels(table), np.array(table["field"].to_pylist())
+    counts, field = taxels(table), np.array(table["dense_counts"].to_pylist())
     info = read_info(made)
-    assert field.shape == (16, len(info.field_x_mm or ()))
+    assert field.shape == (16, len(info.dense_x_mm or ()))
     places = np.hypot(
-        np.subtract.outer(info.layout_x_mm, info.field_x_mm or ()),
-        np.subtract.outer(info.layout_y_mm, info.field_y_mm or ()),
+        np.subtract.outer(info.layout_x_mm, info.dense_x_mm or ()),
+        np.subtract.outer(info.layout_y_mm, info.dense_y_mm or ()),
     )
     assert (places.min(axis=1) == 0.0).all()
     # a reading differs from the noiseless field at the taxels by its noise alone
     assert np.abs(counts - field[:, places.argmin(axis=1)]).max() < 40
     units = table["unit"].to_pylist()
-    frames = [decode_png(row["bytes"]) for row in table["untouched"].to_pylist()]
+    frames = [decode_png(row["bytes"]) for row in table["background"].to_pylist()]
     images = [decode_png(row["bytes"]) for row in table["image"].to_pylist()]
     for first, frame in zip(units, frames, strict=True):
         assert np.array_equal(frame, frames[units.index(first)])
@@ -190,17 +194,17 @@ def test_forces_and_untouched_presses(made):
 
 @pytest.mark.exhaustive
 def test_same_seed_same_bytes_however_made(made, recipe_file, tmp_path, shape_cache):
-    make_dataset(tmp_path / "two", world=recipe_file, workers=2, cache=shape_cache, shapes=TOOL)
+    make_dataset(tmp_path / "two", recipe=recipe_file, workers=2, cache=shape_cache, shapes=TOOL)
     assert digests(tmp_path / "two") == digests(made)
     (tmp_path / "two" / "train" / "part-0-00000.parquet").unlink()
-    make_dataset(tmp_path / "two", world=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
+    make_dataset(tmp_path / "two", recipe=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
     assert digests(tmp_path / "two") == digests(made)
     recipe = structs.replace(load_recipe(recipe_file), name="other")
     with pytest.raises(T2TwinError, match="another recipe"):
-        make_dataset(tmp_path / "two", world=recipe, cache=shape_cache, shapes=TOOL)
+        make_dataset(tmp_path / "two", recipe=recipe, cache=shape_cache, shapes=TOOL)
 
 
-def test_a_shard_of_more_shapes_is_what_a_smaller_world_begins_with(made, recipe_file):
+def test_a_shard_of_more_shapes_is_what_a_smaller_recipe_begins_with(made, recipe_file):
     recipe = load_recipe(recipe_file)
     part = structs.replace(recipe.parts[0], count=4, val_share=0.0)
     first = plan(structs.replace(recipe, parts=(part,)))[0]
@@ -221,9 +225,9 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
 
     monkeypatch.setattr(shard, "rejection_reason", why)
     recipe, folder = load_recipe(recipe_file), tmp_path / "stood-in"
-    part = structs.replace(recipe.parts[0], untouched_share=0.0, force_n=2.0)
+    part = structs.replace(recipe.parts[0], background_share=0.0, force_n=2.0)
     whole = structs.replace(recipe, parts=(part,))
-    make_dataset(folder, world=whole, workers=1, cache=shape_cache)
+    make_dataset(folder, recipe=whole, workers=1, cache=shape_cache)
     rows = read_split(folder, "train")
     names, poses = rows["shape"].to_pylist(), list(zip(rows["x_mm"].to_pylist(), strict=True))
     assert names[4:8] == [stand_in] * 4
@@ -233,7 +237,7 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     assert verify_dataset(folder) == []
     with pytest.raises(T2TwinError, match="no attempt at a press touched random-3000000001"):
         monkeypatch.setattr(presses, "max_attempts", lambda part: MAX_ATTEMPTS)
-        make_dataset(tmp_path / "none", world=whole, workers=1, cache=shape_cache)
+        make_dataset(tmp_path / "none", recipe=whole, workers=1, cache=shape_cache)
 
 
 def test_only_a_shapes_own_stand_ins_pass_for_it():
@@ -246,11 +250,11 @@ def test_only_a_shapes_own_stand_ins_pass_for_it():
 
 def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):
     info = read_info(made)
-    assert info.world is not None
-    part = structs.replace(info.world.parts[0], place=Place(normal_mm=2.6))
-    other = structs.replace(info.world, parts=(part, *info.world.parts[1:]))
+    assert info.recipe is not None
+    part = structs.replace(info.recipe.parts[0], place=Place(normal_mm=2.6))
+    other = structs.replace(info.recipe, parts=(part, *info.recipe.parts[1:]))
     shutil.copytree(made, tmp_path / "moved")
-    write_info(tmp_path / "moved", replace(info, world=other))
+    write_info(tmp_path / "moved", replace(info, recipe=other))
     faults = [str(fault) for fault in verify_dataset(tmp_path / "moved")]
     assert any("is not the planned one of press" in fault for fault in faults)
 
@@ -274,7 +278,7 @@ def test_draws_keep_to_their_distributions():
 
 
 def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
-    field, layout = field_layout(), load_layout()
+    field, layout = dense_layout(), load_layout()
     apart = np.hypot(
         np.subtract.outer(field.x_mm, field.x_mm), np.subtract.outer(field.y_mm, field.y_mm)
     )
@@ -283,7 +287,7 @@ def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
     assert (np.abs(nearest[:, :6] - SPACING_MM) < 2e-4).all(axis=1).sum() > field.size / 2
     cyskin = CySkin()
     contact = cyskin.press(shapes("circle-2"), PressCommand("circle-2", 1.0, -2.0, 0.3, 6.0))
-    counts = field_counts(contact)
+    counts = dense_counts(contact)
     for taxel, count in enumerate(cyskin.counts(contact)):
         at = (field.x_mm == layout.x_mm[taxel]) & (field.y_mm == layout.y_mm[taxel])
         assert abs(int(counts[at][0]) - int(count)) <= 1  # they are rounded apart
@@ -308,7 +312,7 @@ def test_a_wrong_part_is_one_sentence(changed, said, tmp_path, capsys):
     path = tmp_path / "wrong.toml"
     path.write_text(f'format = 1\nname = "wrong"\n[[parts]]\n{changed}\n')
     with pytest.raises(SystemExit) as stop:
-        main(["simdata", "--world", str(path), "--out", str(tmp_path / "out")])
+        main(["simdata", "--recipe", str(path), "--out", str(tmp_path / "out")])
     error = capsys.readouterr().err
     assert stop.value.code == 2 and said in error and len(error.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
@@ -317,14 +321,14 @@ def test_a_wrong_part_is_one_sentence(changed, said, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--world", "nowhere"], "there is no world"),
-        (["--world", "gone.toml"], "there is no file gone.toml"),
-        (["--world", "open", "--scale", "smoke"], "--scale cannot be used with --world"),
-        (["--world", "open", "--layout", "cyskin-63"], "--layout cannot be used with"),
-        (["--world", "open", "--seed", "9999999999"], "at most"),
+        (["--recipe", "nowhere"], "there is no recipe"),
+        (["--recipe", "gone.toml"], "there is no file gone.toml"),
+        (["--recipe", "open", "--scale", "smoke"], "--scale cannot be used with --recipe"),
+        (["--recipe", "open", "--layout", "cyskin-63"], "--layout cannot be used with"),
+        (["--recipe", "open", "--seed", "9999999999"], "at most"),
     ],
 )
-def test_a_wrong_world_is_one_sentence(arguments, said, tmp_path, capsys, monkeypatch):
+def test_a_wrong_recipe_is_one_sentence(arguments, said, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as stop:
         main(["simdata", *arguments, "--out", "out"])
@@ -340,35 +344,35 @@ def test_a_misspelt_draw_is_refused(tmp_path):
         load_recipe(path)
 
 
-def test_a_folder_of_solids_is_a_world_but_not_of_tools(tmp_path, shape_cache, shapes):
+def test_a_folder_of_solids_is_a_recipe_but_not_of_tools(tmp_path, shape_cache, shapes):
     solids = tmp_path / "solids"
     solids.mkdir()
     shapes("circle-2").mesh.export(solids / "mine.stl")
     path = tmp_path / "own.toml"
     path.write_text(
-        f'format = 1\nname = "own"\nfield = false\nuntouched_frames = false\n[[parts]]\n'
+        f'format = 1\nname = "own"\ndense_counts = false\nbackground_frames = false\n[[parts]]\n'
         f'shapes = "{solids}"\npresses = 2\nplace = {{ uniform_mm = 2.0 }}\n'
     )
-    info = make_dataset(tmp_path / "data", world=path, workers=1, cache=shape_cache)
+    info = make_dataset(tmp_path / "data", recipe=path, workers=1, cache=shape_cache)
     assert info.pairs["train"] == 2 and list(info.files or {}) == [str(solids / "mine.stl")]
     assert verify_dataset(tmp_path / "data") == []
     shapes("wrench/shank").mesh.export(solids / "innocent.stl")
     with pytest.raises(T2TwinError, match="is the tool wrench"):
-        make_dataset(tmp_path / "other", world=path, workers=1, cache=shape_cache)
+        make_dataset(tmp_path / "other", recipe=path, workers=1, cache=shape_cache)
     assert not (tmp_path / "other").exists()
 
 
-def test_pyrender_itself_makes_a_worlds_pictures(tmp_path, shape_cache, monkeypatch, capsys):
+def test_pyrender_itself_makes_a_recipes_pictures(tmp_path, shape_cache, monkeypatch, capsys):
     monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 2)
-    part = structs.replace(load_recipe("open").parts[0], count=1, presses=1, untouched_share=0.0,
+    part = structs.replace(load_recipe("open").parts[0], count=1, presses=1, background_share=0.0,
                            val_share=0.0, force_n=4.0)  # fmt: skip
-    world = structs.replace(load_recipe("open-8n"), parts=(part,))
+    recipe = structs.replace(load_recipe("open-8n"), parts=(part,))
     images = {}
-    for optics in ("baked", "pyrender"):
-        recipe = structs.replace(world, light=structs.replace(world.light, optics=optics))
-        make_dataset(tmp_path / optics, world=recipe, workers=1, cache=shape_cache)
-        row = read_split(tmp_path / optics, "train").to_pylist()[0]
-        images[optics] = decode_png(row["image"]["bytes"]).astype(float)
+    for renderer in ("baked", "pyrender"):
+        recipe = structs.replace(recipe, light=structs.replace(recipe.light, renderer=renderer))
+        make_dataset(tmp_path / renderer, recipe=recipe, workers=1, cache=shape_cache)
+        row = read_split(tmp_path / renderer, "train").to_pylist()[0]
+        images[renderer] = decode_png(row["image"]["bytes"]).astype(float)
     assert "pyrender takes 1.1 s" in capsys.readouterr().out
     apart = np.abs(images["baked"] - images["pyrender"])
     assert 0.0 < apart.mean() < 2.0

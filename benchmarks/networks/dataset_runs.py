@@ -1,14 +1,14 @@
-"""Errors and uncertainty of runs that were trained on one world and evaluated on others.
+"""Errors and uncertainty of runs that were trained on one recipe and evaluated on others.
 
-    t2twin simdata --world forces
-    t2twin simdata --world benchmarks/networks/unseen-shapes.toml --out data/unseen-shapes
+    t2twin simdata --recipe forces
+    t2twin simdata --recipe benchmarks/networks/unseen-shapes.toml --out data/unseen-shapes
     for data in paper forces; do
-        t2twin evaluate RUN... --data data/$data --split both --out runs/worlds/$data; done
-    t2twin evaluate RUN... --data data/unseen-shapes --split val --out runs/worlds/unseen-shapes/val
-    python -m benchmarks.networks.world_runs runs/worlds/*
+        t2twin evaluate RUN... --data data/$data --split both --out runs/recipes/$data; done
+    t2twin evaluate RUN... --data data/unseen-shapes --split val --out
+    runs/recipes/unseen-shapes/val python -m benchmarks.networks.dataset_runs runs/recipes/*
 
 The results contain the errors of every row, overall with intervals and by force, and the training
-data of each run. Runs have the name MODEL-of-WORLD; each combination may occur once. Several
+data of each run. Runs have the name MODEL-of-RECIPE; each combination may occur once. Several
 evaluations may be on one dataset.
 
 Field runs also have the coverage of 90 % intervals, overall and by tenths of the predicted standard
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from t2twin.translate.evaluation.records import Evaluation, ModelRow
 
 BENCHMARK = Benchmark(
-    module="benchmarks.networks.world_runs",
-    measures="Errors and uncertainty of runs trained on one world and evaluated on others.",
+    module="benchmarks.networks.dataset_runs",
+    measures="Errors and uncertainty of runs trained on one recipe and evaluated on others.",
     minutes=1,
     sources=("primitives_cad", "sim", "translate"),
     figures=tuple(
@@ -63,12 +63,12 @@ TENTHS = 10
 def measure(options: Namespace) -> dict[str, Any]:
     content: dict[str, Any] = {"runs": {}, "on": {}}
     for folder in options.evaluations:
-        world, splits, runs = _figures(folder)
+        recipe, splits, runs = _figures(folder)
         for split, rows in splits.items():
-            known = content["on"].setdefault(world, {}).setdefault(split, {})
+            known = content["on"].setdefault(recipe, {}).setdefault(split, {})
             if twice := sorted(runs.keys() & known.keys()):
                 raise T2TwinError(
-                    f"{folder} has another evaluation of {twice[0]} on {world}; give one of them"
+                    f"{folder} has another evaluation of {twice[0]} on {recipe}; give one of them"
                 )
             known |= rows
         content["runs"] |= runs
@@ -80,16 +80,16 @@ def _figures(folder: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
     from t2twin.translate.evaluation.predictions import read_predictions
     from t2twin.translate.evaluation.records import read_evaluation
 
-    splits, runs, world = {}, {}, folder.name
+    splits, runs, recipe = {}, {}, folder.name
     for split in SPLITS:
         if not (folder / split).is_dir():
             continue
         evaluation = read_evaluation(folder / split)
-        world = evaluation.world or world
+        recipe = evaluation.recipe or recipe
         names = {name: _name_of(name, row) for name, row in evaluation.runs.items()}
         if len(set(names.values())) < len(names):
             raise T2TwinError(
-                f"{folder} has two runs of one model and one world; evaluate one of them"
+                f"{folder} has two runs of one model and one recipe; evaluate one of them"
             )
         rankings = _rankings(evaluation, read_predictions(folder / split))
         splits[split] = {
@@ -99,12 +99,12 @@ def _figures(folder: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
         runs |= {names[name]: _trained(row) for name, row in evaluation.runs.items()}
     if not splits:
         raise T2TwinError(f"{folder} contains no evaluation; give folders of `t2twin evaluate`")
-    return world, splits, runs
+    return recipe, splits, runs
 
 
 def _name_of(name: str, row: ModelRow) -> str:
     """Evaluations name runs by model, and by folder if several are of one model."""
-    return f"{name.split(' ')[0]}-of-{row.trained_world}"
+    return f"{name.split(' ')[0]}-of-{row.trained_recipe}"
 
 
 def _row(row: ModelRow) -> dict[str, Any]:
@@ -117,7 +117,7 @@ def _row(row: ModelRow) -> dict[str, Any]:
 
 def _trained(row: ModelRow) -> dict[str, Any]:
     return {
-        "world": row.trained_world,
+        "recipe": row.trained_recipe,
         "pairs": row.trained_pairs,
         "steps": row.trained_steps,
     }

@@ -1,1 +1,0 @@
-"""Worlds: recipes of shapes, positions, forces and light, and the presses they define."""
