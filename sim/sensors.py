@@ -53,7 +53,7 @@ class Digit:
     for none. elastomer: the gel that is pressed. It has the optics file's Young's modulus, if the
     file has one and `gel` has the default modulus and law.
 
-    Raises T2TwinError for a file that is not an optics file, and for renderer "pyrender" with a
+    Raises T2TwinError for a file that is not an optics file, and for renderer "pyrender" with an
     optics file, which has no LEDs to render.
     """
 

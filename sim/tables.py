@@ -35,7 +35,7 @@ def read_rows(path: Path, kind: type[Record], what: str) -> tuple[Record, ...]:
     """The rows of a CSV file, in its order.
 
     kind: a dataclass whose fields are the columns; fields without a default are required, other
-    columns are rejected. An empty cell takes the dense counts's default. what: name of the file's
+    columns are rejected. An empty cell takes the field's default. what: name of the file's
     content, for messages. Raises T2TwinError with the file and, if known, the line and the column.
     """
     content = read_file(path)

@@ -24,6 +24,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, temporary_folder, write_csv
 from t2twin.core.machine import installed_version
+from t2twin.core.renamed import NewAttributes
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
@@ -71,7 +72,7 @@ class Notice:
 
 
 @dataclass(frozen=True)
-class Touch:
+class Touch(NewAttributes):
     """One press of one shape into the DIGIT, the CySkin or both.
 
     command: the shape's position, rotation and force. image: (320, 240, 3) uint8, the DIGIT's, RGB.
@@ -141,15 +142,16 @@ class Touch:
 
     @cached_property
     def dense_counts(self) -> np.ndarray:
-        """(n,) uint16: noiseless counts at the dense counts's places (t2twin.sim.cyskin.dense)."""
+        """(n,) uint16: noiseless counts at the places of the dense counts
+        (t2twin.sim.cyskin.dense)."""
         if self.cyskin is None:
             return np.zeros(dense_layout().size, np.uint16)
         return dense_counts(self.cyskin)
 
     @cached_property
     def tractions(self) -> np.ndarray:
-        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the dense counts's
-        places (t2twin.sim.cyskin.dense)."""
+        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the places of
+        the dense counts (t2twin.sim.cyskin.dense)."""
         if self.cyskin is None:
             return np.zeros((3, dense_layout().size), np.float32)
         return dense_tractions(self.cyskin)

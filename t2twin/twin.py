@@ -12,6 +12,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, T2TwinWarning
+from t2twin.core.renamed import new_keywords
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.sim.contact.contact_solver import force_at_depth
@@ -43,9 +44,10 @@ class Twin:
     "baked" in milliseconds, or "pyrender" in seconds and for the default optics only. markers:
     printed on the gel, `t2twin.Markers`; True for the default ones.
     Several threads may use one twin at the same time.
-    Raises T2TwinError for an invalid optics, layout, imperfections or markers.
+    Raises T2TwinError for an invalid optics file, layout, imperfections or markers.
     """
 
+    @new_keywords
     def __init__(
         self,
         optics: str | Path | None = None,

@@ -332,7 +332,7 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
 def test_a_field_run_is_given_the_background_of_the_default_optics(
     small_dataset: Path, tmp_path: Path
 ) -> None:
-    found = evaluate(["dense_counts"], small_dataset, "val", tmp_path / "default")
+    found = evaluate(["field"], small_dataset, "val", tmp_path / "default")
     assert found.background == OF_OPTICS
     run = require(load_run("field"), FieldPredictor, "the test")
     pairs = load_pairs(small_dataset, "val", 96, grey=False)
@@ -348,12 +348,12 @@ def test_a_field_run_is_given_the_background_of_the_default_optics(
 def test_a_given_background_frame_is_used(small_dataset: Path, tmp_path: Path) -> None:
     file = tmp_path / "background.png"
     Image.fromarray(ImageRenderer.load().background).save(file)
-    given = evaluate(["dense_counts"], small_dataset, "val", tmp_path / "given", file)
-    default = evaluate(["dense_counts"], small_dataset, "val", tmp_path / "default")
+    given = evaluate(["field"], small_dataset, "val", tmp_path / "given", file)
+    default = evaluate(["field"], small_dataset, "val", tmp_path / "default")
     assert given.background == str(file)
     assert given.models["field"] == default.models["field"]
     Image.new("RGB", (240, 320), (250, 0, 0)).save(file)
-    other = evaluate(["dense_counts"], small_dataset, "val", tmp_path / "other", file)
+    other = evaluate(["field"], small_dataset, "val", tmp_path / "other", file)
     assert other.models["field"].overall != default.models["field"].overall
 
 

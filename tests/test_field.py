@@ -610,8 +610,8 @@ def test_an_evaluation_says_how_right_it_is_in_that(
     assert sure is not None and sure.force_median_error_percent is not None
     assert evaluation.models["mean-array"].uncertainty is None
     kept = read_predictions(tmp_path / "val")
-    off = np.abs(kept.truth - kept.by_model["dense_counts"])
-    held = (off <= 1.6448536 * kept.std_by_model["dense_counts"]).mean()
+    off = np.abs(kept.truth - kept.by_model["field"])
+    held = (off <= 1.6448536 * kept.std_by_model["field"]).mean()
     assert sure.coverage_at(0.9) == pytest.approx(held)
     assert sure.retained_rmse_counts[0] == pytest.approx(
         evaluation.models["field"].overall.rmse_counts

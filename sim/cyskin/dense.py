@@ -107,7 +107,7 @@ def _nearest(cover: Elastomer, x_mm: tuple[float, ...], y_mm: tuple[float, ...])
 
 
 def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarray:
-    """The matrix (N, F) from the dense counts's counts to the counts of a layout's taxels.
+    """The matrix (N, F) from the dense counts to the counts of a layout's taxels.
 
     Raises T2TwinError for taxels that do not lie on the cover.
     """
@@ -135,7 +135,7 @@ def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarra
 
 @lru_cache(maxsize=4)
 def _inverse(cover: Elastomer) -> np.ndarray:
-    """Inverse of the covariance of the dense counts's places, (F, F)."""
+    """Inverse of the covariance of the places of the dense counts, (F, F)."""
     places = dense_layout(cover)
     covariance = _covariance(_distances(places, places), PAD_DIAMETER_MM, cover)
     return np.linalg.inv(covariance + NOISE_SHARE * covariance[0, 0] * np.eye(places.size))

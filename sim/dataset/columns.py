@@ -43,8 +43,8 @@ SCHEMA = pa.schema(
 """Columns of every dataset."""
 
 UNIT, DENSE_COUNTS, BACKGROUND = "unit", "dense_counts", "background"
-"""Further columns of most recipes: the number of the DIGIT unit in its part, the dense counts's
-counts, and the unit's background frame."""
+"""Further columns of most recipes: the number of the DIGIT unit in its part, the dense counts,
+and the unit's background frame."""
 
 PATH = "path"
 """Column of recipes with motion: index of the press that a path started with. Rows of one shape

@@ -18,6 +18,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
+from t2twin.core.renamed import new_keywords
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape_cache import code_digest
 from t2twin.sim.contact.elastomer import elastomer_json
@@ -77,6 +78,7 @@ MADE_WITH = {
 name."""
 
 
+@new_keywords
 def make_dataset(
     folder: str | Path,
     scale: str | None = None,

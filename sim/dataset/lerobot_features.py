@@ -3,10 +3,9 @@
 observation.images.digit    the image
 observation.images.digit_background    the DIGIT unit's background frame, if any
 observation.taxels          the CySkin's counts
-observation.dense_counts           the dense counts's counts, if any
-observation.cover_pressure_kpa, ...    pressure and shear on the cover at the dense counts's places,
-if any observation.digit_contact, observation.cyskin_contact    depth and force, with motion also
-friction,
+observation.dense_counts    the dense counts, if any
+observation.cover_pressure_kpa, ...    pressure and shear on the cover at their places, if any
+observation.digit_contact, observation.cyskin_contact    depth and force, with motion also friction,
                             shear forces, torque and share of slip
 action                      the commanded pose and force
 digit_settled, ...          flags of the contact solver

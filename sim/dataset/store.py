@@ -241,7 +241,7 @@ def taxels(table: pa.Table) -> np.ndarray:
 
 
 def dense_counts(table: pa.Table) -> np.ndarray:
-    """(n, places) uint16: the dense counts's counts of a table of read_split."""
+    """(n, places) uint16: the dense counts of a table of read_split."""
     return _lists(table, DENSE_COUNTS)
 
 

@@ -100,8 +100,8 @@ class ImageRenderer:
         surface_mm: on t2twin.sim.digit.camera.pinhole.optical_grid(), rows x columns, mm, positive
             into the sensor.
         rng: of the noise; None for none.
-        noise_grey: standard deviation of the noise, grey levels, in every pixel and channel. A
-            optics's own noise is scaled by noise_grey / NOISE_GREY instead.
+        noise_grey: standard deviation of the noise, grey levels, in every pixel and channel. The
+            noise of an optics file is scaled by noise_grey / NOISE_GREY instead.
         shift: lateral displacement of the surface, which moves markers; None for none.
         background: (320, 240, 3) uint8, replaces the optics file's, as of an earlier time.
         Raises T2TwinError for another shape, values that are not finite, and invalid noise.

@@ -19,6 +19,7 @@ from t2twin.attachment.geometry import Geometry
 from t2twin.attachment.sensor import AttachedSensor, SensorName
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
+from t2twin.core.renamed import new_keywords
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
@@ -64,6 +65,7 @@ START_M = 1e-4
 """Depth below the base at which a ray starts, m (assumed)."""
 
 
+@new_keywords
 def attach(
     spec: "mujoco.MjSpec",
     *,

@@ -22,6 +22,7 @@ from t2twin.cli import (
 from t2twin.cli.parser_errors import one_sentence
 from t2twin.core.errors import OUT_OF_MEMORY, T2TwinError, is_out_of_memory
 from t2twin.core.files import NO_SPACE
+from t2twin.core.renamed import check_options
 from t2twin.core.signals import Stopped, report_stop
 
 COMMANDS = {
@@ -85,6 +86,7 @@ def _run(given: list[str]) -> None:
     if given == ["--version"]:
         print(_version())
         return
+    check_options(given)
     with one_sentence(COMMANDS, given):
         tyro.extras.subcommand_cli_from_dict(
             COMMANDS,

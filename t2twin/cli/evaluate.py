@@ -50,17 +50,17 @@ def evaluate(
     first = next(iter(data))
     use_all_cores()
     if len(data) > 1:
-        recipes = evaluation.evaluate_datasets(runs, data, split, folder, background)
+        datasets = evaluation.evaluate_datasets(runs, data, split, folder, background)
     elif split == "both":
-        recipes = {"": evaluation.evaluate_both(runs, first, folder, background)}
+        datasets = {"": evaluation.evaluate_both(runs, first, folder, background)}
     else:
-        recipes = {"": {split: evaluation.evaluate(runs, first, split, folder, background)}}
-    for name, evaluations in recipes.items():
+        datasets = {"": {split: evaluation.evaluate(runs, first, split, folder, background)}}
+    for name, evaluations in datasets.items():
         if name:
             print(f"{name}\n")
         print(results_text(evaluations))
     if len(data) > 1:
-        print(datasets_markdown(recipes))
+        print(datasets_markdown(datasets))
     print(f"written to {folder}")
 
 

@@ -60,8 +60,7 @@ def calibrate_uncertainty(
     Args:
         run: Folder of a trained field run; the calibration is written into its best weights.
         data: Folders of datasets with dense counts, including the run's own. Each contributes the
-        same
-            number of validation presses.
+            same number of validation presses.
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.translate.models.distributed import use_all_cores

@@ -16,6 +16,7 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
+from t2twin.core.renamed import hint
 
 Record = TypeVar("Record")
 
@@ -72,9 +73,9 @@ def read_json(path: Path, kind: type[Record], number: int) -> Record:
 def decode_json(content: bytes | str, kind: type[Record], source: object) -> Record:
     """The record in JSON text. kind: a dataclass; unknown keys are ignored.
 
-    source: origin of the text, for messages. Raises T2TwinError with the source and the dense
-    counts for a missing key, a value of another type or out of bounds, and a ValueError of
-    __post_init__. NaN and infinity are not JSON and are rejected.
+    source: origin of the text, for messages. Raises T2TwinError with the source and the field for
+    a missing key, a value of another type or out of bounds, and a ValueError of __post_init__. NaN
+    and infinity are not JSON and are rejected.
     """
     try:
         return msgspec.json.decode(content, type=kind, dec_hook=_array)
@@ -116,7 +117,7 @@ def _message(error: Exception, kind: type, source: object) -> str:
         return f"{source}: {name} is {unknown[1]}, which is none of the allowed values"
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", reason):
         near = nearest(unknown[1], sorted(_field_names(kind)))
-        meant = f"; did you mean {near}?" if near else ""
+        meant = hint(unknown[1]) or (f"; did you mean {near}?" if near else "")
         return f"{source}: {f'{field} has' if field else 'it has'} no field {unknown[1]}{meant}"
     if reason == "Number out of range":
         return f"{source}: {name} is a number too large to be read"

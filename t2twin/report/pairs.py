@@ -88,8 +88,7 @@ def _figure(dataset: Dataset, split: str, row: int) -> bytes:
 def _draw_pads(
     axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float, float]
 ) -> None:
-    """Draws pads as discs of their diameters, with the dense counts of view of a simulated
-    DIGIT."""
+    """Draws pads as discs of their diameters, with the field of view of a simulated DIGIT."""
     draw_discs(
         axes, dataset.layout.x_mm, dataset.layout.y_mm, dataset.pad_diameter_mm, array=counts,
         cmap=COUNTS_MAP, clim=limits, edgecolors="#444444", linewidths=0.4,

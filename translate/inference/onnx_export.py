@@ -12,8 +12,8 @@ A field run also has
     input    background      (1, 3, S, S), background frame of the same DIGIT; by default the mean
                              frame of the run's dataset
     outputs  counts_std      (B, N) float32, counts, standard deviations
-             dense_counts, dense_counts_std    (B, F) float32, counts, at the places of the dense
-             counts force_n, force_std_n    (B,) float32, N, of a run trained on several forces
+             dense_counts, dense_counts_std    (B, F) float32, counts, at their places
+             force_n, force_std_n    (B,) float32, N, of a run trained on several forces
              shear_n, shear_std_n    (B, 2) float32, N, of a run trained on motion
 
 In place of PyTorch, ONNX Runtime takes half the time per frame. For predictions the file is written

@@ -20,6 +20,7 @@ from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
+from t2twin.core.renamed import hint
 from t2twin.translate.data.images import (
     ONE,
     Images,
@@ -95,7 +96,9 @@ class TrainedTranslator:
             for kind in TrainedTranslator._classes:
                 if name in vars(kind) and not name.startswith("_"):
                     raise not_predicted(self.run_dir, self.config, type(self), name, kind.RUNS)
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            raise AttributeError(
+                f"{type(self).__name__!r} object has no attribute {name!r}{hint(name)}"
+            )
 
 
 @dataclass(frozen=True)

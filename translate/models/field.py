@@ -50,16 +50,16 @@ from t2twin.translate.networks.field_net import SHEAR, FieldNet, FieldOutputs
 from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
 
 ABSOLUTE_WEIGHT = 0.1
-"""Weight of the dense counts's absolute error relative to its squared error, both divided by the
-dense counts's standard deviation (assumed). Squared errors of places without contact are negligible
-next to those of a contact; without this term the network predicts up to 100 counts there."""
+"""Weight of the absolute error of the dense counts relative to the squared one, both divided by
+their standard deviation (assumed). Squared errors of places without contact are negligible next to
+those of a contact; without this term the network predicts up to 100 counts there."""
 
 ROUNDING = 0.01
 """Error, in standard deviations of the dense counts, below which the absolute error is rounded off
 (assumed)."""
 
 FORCE_WEIGHT = 0.3
-"""Weight of the force's squared error relative to the dense counts's, both divided by their
+"""Weight of the force's squared error relative to that of the dense counts, both divided by their
 variance (assumed)."""
 
 MIN_RELATIVE_SHEAR_N = 0.3

@@ -219,8 +219,8 @@ class FieldOutputs(NamedTuple):
 class FieldNet(nn.Module):
     """The network of one grid of dense counts and image size.
 
-    x_mm, y_mm: (F,) the dense counts's places, column by column, mm. view_mm: half the width and
-    half the height of the DIGIT's view, mm. size: S. filters: base width of the ResNet18.
+    x_mm, y_mm: (F,) the places of the dense counts, column by column, mm. view_mm: half the width
+    and half the height of the DIGIT's view, mm. size: S. filters: base width of the ResNet18.
     predicts_shear: whether it predicts the shear force on the DIGIT.
 
     Buffers:
@@ -325,7 +325,8 @@ class FieldNet(nn.Module):
         return outputs._replace(shear=shear, shear_log_spread=_log_add(MIN_SHEAR_SPREAD, spread))
 
     def _resample(self, view_map: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
-        """A map of the view at the dense counts's places, (B, C, D, E), zero outside the view."""
+        """A map of the view at the places of the dense counts, (B, C, D, E), zero outside the
+        view."""
         return (view_map.flatten(2) @ places.to(view_map.dtype)).unflatten(2, self.grid)
 
 
@@ -335,7 +336,7 @@ def _log_add(least: float, log_spread: torch.Tensor) -> torch.Tensor:
 
 
 def grid_of(x_mm: np.ndarray) -> tuple[int, int]:
-    """Number of columns of the dense counts's places, and of places in each.
+    """Number of columns of the places of the dense counts, and of places in each.
 
     Raises T2TwinError for columns of different lengths.
     """

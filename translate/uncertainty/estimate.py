@@ -11,11 +11,12 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
+from t2twin.core.renamed import NewAttributes
 from t2twin.translate.uncertainty.ood import OODClass
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(NewAttributes):
     """The prediction for one image, or for B images with B before every shape.
 
     counts, counts_std: (N,) float32, counts and their standard deviations. dense_counts,
