@@ -409,7 +409,7 @@ def test_another_layout_and_other_pads(run: FieldPredictor, frame: np.ndarray) -
     at_63 = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm)
     told = at_63.estimate(frame)
     assert told.counts.shape == (63,) and at_63.config.data.layout == "cyskin-63"
-    np.testing.assert_array_equal(told.dense_counts, run.estimate(frame).field)
+    np.testing.assert_array_equal(told.dense_counts, run.estimate(frame).dense_counts)
     own = run.config.data
     assert run.at_layout(own.x_mm, own.y_mm, "again") is run
     wide = run.at_layout(own.x_mm, own.y_mm, "wide pads", np.full(20, 8.0))

@@ -14,7 +14,8 @@ def test_exceptions_of_libraries_are_recognized():
     assert is_out_of_memory(MemoryError())
     assert is_out_of_memory(RuntimeError("DefaultCPUAllocator: can't allocate memory"))
     assert is_out_of_memory(RuntimeError("std::bad_alloc"))
-    assert is_out_of_memory(mujoco.FatalError("Could not allocate memory"))
+    fatal = mujoco.FatalError("Could not allocate memory")  # pyright: ignore[reportAttributeAccessIssue]
+    assert is_out_of_memory(fatal)
     assert is_out_of_memory(OSError(errno.ENOMEM, os.strerror(errno.ENOMEM)))
     assert not is_out_of_memory(RuntimeError("another fault"))
     assert not is_out_of_memory(ValueError("cannot allocate"))

@@ -1,7 +1,6 @@
 """t2twin translate, t2twin live, t2twin export"""
 
 import sys
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -75,6 +74,7 @@ def translate(
     from t2twin.translate.inference.batch import find_images, translate_files
     from t2twin.translate.inference.predictor import NO_BACKGROUND
     from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.uncertainty.ood import unlike
 
     _check_no_run(images)
     use_all_cores()
@@ -86,7 +86,8 @@ def translate(
     print(f"written to {out}")
     if result.estimate is not None and options.background is None:
         print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
-    _warn(result, files, options.name)
+    if warning := unlike(result.ood_classes, options.name, files):
+        print(f"t2twin: {warning}", file=sys.stderr)
 
 
 def _print(result: "TranslationResult", files: list[Path]) -> None:
@@ -98,26 +99,6 @@ def _print(result: "TranslationResult", files: list[Path]) -> None:
         print(f"{image}: " + " ".join(str(count) for count in row))
     if len(files) > MAX_PRINTED:
         print(f"and {len(files) - MAX_PRINTED:,} more")
-
-
-def _warn(result: "TranslationResult", files: list[Path], run: str) -> None:
-    """Prints a warning to stderr if images are out of distribution."""
-    from t2twin.translate.uncertainty.ood import OODClass
-
-    found = [
-        (file, ood_class)
-        for file, ood_class in zip(files, result.ood_classes, strict=True)
-        if ood_class != OODClass.IN_DISTRIBUTION
-    ]
-    if found:
-        classes = Counter(ood_class for _, ood_class in found).most_common()
-        print(
-            f"t2twin: {len(found)} of {len(files)} images are unlike all training images of {run}, "
-            f"such as {found[0][0]} ({', '.join(f'{count} {name}' for name, count in classes)}); "
-            "their counts are not reliable: expected upright frames, red before blue, width to "
-            "height 3:4, of the same sensor in the same light, and its own background frame",
-            file=sys.stderr,
-        )
 
 
 def _check_no_run(images: tuple[Path, ...]) -> None:

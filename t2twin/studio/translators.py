@@ -195,7 +195,8 @@ class Translators:
                 raise T2TwinError(f"there is no run {name!r}; reload the page")
             if name not in self._loaded:
                 run = load_run(self._folders[name])
-                run.predict(np.zeros((320, 240, 3), np.uint8))  # warm-up: the first is slow
+                black = np.zeros((320, 240, 3), np.uint8)
+                run.predict_pixels(run.pixels_of(black))  # warm-up: the first is slow
                 self._loaded[name] = run
             return self._loaded[name]
 

@@ -7,6 +7,7 @@ Shape letters: B images, R rows, C columns, N taxels, F places of the dense coun
 the run.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from msgspec import structs
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.progress import Progress
 from t2twin.core.renamed import hint
 from t2twin.translate.data.images import (
@@ -42,6 +43,7 @@ from t2twin.translate.uncertainty.ood import (
     classify_frame,
     combined,
     compare_with_background,
+    unlike,
 )
 
 BATCH_SIZE = 64
@@ -121,11 +123,15 @@ class CountsPredictor(TrainedTranslator):
         tuple of images, whose sizes may differ. All are NumPy arrays of uint8 of any h and w,
         channels red, green, blue. A batch and a list may be empty. background: the background frame
         of the same DIGIT, one image, for a field run; by default the mean frame of its dataset.
-        Returns (N,) float32 for one image, (B, N) for several, between zero and full scale. Raises
+        Returns (N,) float32 for one image, (B, N) for several, between zero and full scale. Warns
+        with T2TwinWarning of images that are out of distribution, see `classify_frames`. Raises
         T2TwinError for other images, and for a background frame with another run.
         """
         frames, is_one = image_list(images)
-        counts = self.predict_pixels(self._pixels(frames, background))
+        pixels = self._pixels(frames, background)
+        counts = self.predict_pixels(pixels)
+        if warning := unlike(self._classes(frames, background, pixels), self.run_dir.name):
+            warnings.warn(warning, T2TwinWarning, stacklevel=2)
         return counts[0] if is_one else counts
 
     def predict_pixels(
@@ -180,8 +186,14 @@ class CountsPredictor(TrainedTranslator):
         Arguments and errors: as for `predict`.
         """
         frames, _ = image_list(images)
+        return self._classes(frames, background, self._pixels(frames, background))
+
+    def _classes(
+        self, frames: Sequence[np.ndarray], background: np.ndarray | None, pixels: np.ndarray
+    ) -> list[OODClass]:
+        """(B,) classes of checked images. pixels: as for `predict_pixels`."""
         own = [classify_frame(frame, background) for frame in frames]
-        return list(map(combined, own, self.classify(self._pixels(frames, background))))
+        return list(map(combined, own, self.classify(pixels)))
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
         """(B,) classes of images, as for `predict_pixels`, by out-of-distribution detection.
@@ -360,9 +372,9 @@ class FieldPredictor(CountsPredictor):
         images for which it is not reliable.
         """
         frames, is_one = image_list(images)
-        estimate = self.estimate_pixels(self._pixels(frames, background))
-        classes = np.array(self.classify_frames(frames, background), dtype=object)
-        estimate = replace(estimate, ood_class=classes)
+        pixels = self._pixels(frames, background)
+        classes = np.array(self._classes(frames, background, pixels), dtype=object)
+        estimate = replace(self.estimate_pixels(pixels), ood_class=classes)
         return estimate.first() if is_one else estimate
 
     def estimate_pixels(

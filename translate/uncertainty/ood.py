@@ -11,7 +11,8 @@ check is of a frame at its own size.
 Shape letters: B images, S image side, c channels, K = CELLS * CELLS * c values.
 """
 
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import Annotated
 
@@ -182,6 +183,24 @@ def classify_frame(frame: np.ndarray, background: np.ndarray | None = None) -> O
     ratios = [each.shape[1] / each.shape[0] / ASPECT for each in both]
     is_digit = all(abs(ratio - 1.0) <= ASPECT_TOLERANCE for ratio in ratios)
     return OODClass.IN_DISTRIBUTION if is_digit else OODClass.OTHER_ASPECT
+
+
+def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) -> str | None:
+    """The warning for images that are out of distribution; None if there are none.
+
+    run: its name. names: of the images, for an example.
+    """
+    found = [n for n, each in enumerate(classes) if each != OODClass.IN_DISTRIBUTION]
+    if not found:
+        return None
+    example = f", such as {names[found[0]]}" if names else ""
+    counted = Counter(classes[n] for n in found).most_common()
+    return (
+        f"{len(found)} of {len(classes)} images are unlike all training images of {run}{example} "
+        f"({', '.join(f'{count} {name}' for name, count in counted)}); their counts are not "
+        "reliable: expected upright frames, red before blue, width to height 3:4, of the same "
+        "sensor in the same light, and its own background frame"
+    )
 
 
 def combined(frame: OODClass, pixels: OODClass) -> OODClass:
