@@ -58,6 +58,10 @@ from t2twin.translate.inference.predictor import FieldPredictor, require
 from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.log import best_epoch, read_log
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"
+)
+
 FULL_SCALE = 40000.0
 
 

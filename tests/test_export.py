@@ -21,6 +21,10 @@ from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.config import load_config
 from t2twin.translate.training.train import train
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"
+)
+
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
 
@@ -151,7 +155,7 @@ def test_cards_lines_of_code_work(
 def test_card_of_pairs_brought_in_gives_no_license_away(data_dir: Path, tmp_path: Path) -> None:
     folder = write_spots(tmp_path / "data")
     info = json.loads((folder / "info.json").read_text())
-    del info["scale"]
+    del info["scale"], info["recipe"]
     (folder / "info.json").write_text(json.dumps(info))
     train("resnet18", folder, "smoke", tmp_path / "run", epochs=1)
     write_card(tmp_path / "run", folder)

@@ -21,6 +21,10 @@ from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.models.touch2touch import Touch2Touch
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"
+)
+
 PITCH_MM = 4.0
 
 

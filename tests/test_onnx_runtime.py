@@ -14,6 +14,10 @@ from t2twin.translate.inference import load as load_runs
 from t2twin.translate.inference import onnx_export
 from t2twin.translate.inference.load import load
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"
+)
+
 pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
 

@@ -1,6 +1,7 @@
 """Pictures unlike those of the training are told."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ from PIL import Image
 from spots import train_smoke, write_spots
 
 from t2twin.cli import main
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.store import read_split
+from t2twin.translate.inference.load import load
 from t2twin.translate.runs.config import CONFIG, load_config
 from t2twin.translate.uncertainty.ood import CELLS, fit_ood_detector
 
@@ -35,6 +37,13 @@ def test_distances_are_in_spreads_of_the_cells():
     off = np.full((1, 61, 61, 3), 150, np.uint8)
     assert known.distances(off)[0] == pytest.approx(40.5 / 10, rel=0.05)
     assert known.in_distribution(pixels).all() and not known.in_distribution(off).any()
+
+
+def test_predict_warns_of_images_that_are_out_of_distribution(run):
+    trained, noise = load(run[1]), np.random.default_rng(0).integers(0, 256, (2, 320, 240, 3))
+    with pytest.warns(T2TwinWarning, match=r"2 of 2 images are unlike .* \(2 noise\)") as warned:
+        trained.predict(noise.astype(np.uint8))
+    assert len(warned) == 1 and Path(warned[0].filename) == Path(__file__)
 
 
 def test_how_a_picture_is_wrong_is_told():

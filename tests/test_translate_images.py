@@ -22,6 +22,10 @@ from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.base import CountsTranslator
 from t2twin.translate.runs.checkpoint import build, load_weights
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"
+)
+
 
 @pytest.fixture(scope="module")
 def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
