@@ -69,9 +69,9 @@ def test_several_datasets_at_once_make_one_table(
     given = ["evaluate", *map(str, runs), "--data", str(data_dir), str(elsewhere)]
     main([*given, "--split", "both", "--out", str(tmp_path)])
     assert sorted(path.name for path in tmp_path.iterdir()) == [
+        DATASETS_TABLE,
         "protocol",
         "random",
-        DATASETS_TABLE,
     ]
     assert not (tmp_path / "random" / "test").exists()
     text = (tmp_path / DATASETS_TABLE).read_text()

@@ -49,6 +49,10 @@ from t2twin.translate.uncertainty.calibration import (
 )
 from t2twin.translate.uncertainty.estimate import Estimate
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"
+)
+
 RECIPE = """
 format = 1
 name = "tiny"
@@ -142,7 +146,7 @@ def test_a_turned_picture_is_told_by_the_background_frame(
 
 
 def test_pairs_without_a_field_are_refused(small_dataset: Path, tmp_path: Path) -> None:
-    with pytest.raises(T2TwinError, match="have no dense counts; make a recipe"):
+    with pytest.raises(T2TwinError, match="have no dense counts; make a dataset with them"):
         train("field", small_dataset, "smoke", tmp_path / "run")
     assert not (tmp_path / "run" / "config.json").exists()
 
@@ -507,7 +511,7 @@ def test_tempered_on_several_recipes(
         torch.testing.assert_close(after[key], before[key], rtol=0.02, atol=0.02)
     with pytest.raises(T2TwinError, match="was trained on is missing"):
         recalibrate(own, [small_dataset])
-    with pytest.raises(T2TwinError, match="have no field"):
+    with pytest.raises(T2TwinError, match="have no dense counts"):
         recalibrate(own, [data_dir, small_dataset])
 
 

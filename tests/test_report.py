@@ -165,7 +165,7 @@ def test_limits_name_the_optics_and_the_law_of_the_elastomer(
     own = replace(report_data, info=info)
     text = render_section(run_report.RUNS, "limits", report=own, **run_report.limits(own))
     assert "not on your sensor" not in text
-    assert "custom optics (SHA-256 0123456789ab)" in " ".join(text.split())
+    assert "custom optics file (SHA-256 0123456789ab)" in " ".join(text.split())
 
 
 def test_summary_says_what_the_evaluation_found(read: Reader, report_data: ReportData) -> None:

@@ -334,7 +334,7 @@ class AttachedSensor:
         if contact is not None:
             found = replace(found, shape=contact.shape, command=contact.command)
         if isinstance(device, Digit):
-            own = {"optics": device.optics, "markers": device.markers}
+            own = {"optics": device.optics_file, "markers": device.markers}
             return replace(found, image=device.image(contact, rng), digit=contact, **own)
         counts, memory = device.read(contact, rng, state.touch, time_s - state.touch_s)
         return replace(found, counts=counts, cyskin=contact, layout=device.layout, memory=memory)

@@ -54,7 +54,7 @@ def new_keywords(function: Callable[P, R]) -> Callable[P, R]:
 
 def check_options(given: Sequence[str]) -> None:
     """Raises T2TwinError for an option of the command line with a former name or meaning."""
-    for word, value in zip(given, [*given[1:], ""], strict=True):
+    for word, value in zip(given, [*given, ""][1:], strict=True):
         name, _, own = word.partition("=")
         if name in NEW_OPTIONS:
             raise T2TwinError(f"there is no option {name}; {name} is now {NEW_OPTIONS[name]}")

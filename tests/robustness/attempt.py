@@ -15,7 +15,7 @@ from cases import REFUSED, Base, Case
 from waiting import no_hang
 
 from t2twin.cli import main
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 
 EXCEPTION = re.compile(r"\b[A-Z]\w*[a-z](?:Error|Exception|Warning)\b")
 """Names of Python's exceptions, which no message may contain."""
@@ -66,6 +66,7 @@ def _run(case: Case, base: Base, box: Path) -> tuple[int, list[str]]:
     status = 0
     with chdir(box), no_hang(), warnings.catch_warnings():
         warnings.simplefilter("always")
+        warnings.filterwarnings("ignore", ".*unlike all training images", T2TwinWarning)
         try:
             if case.call is None:
                 main(case.words(base))

@@ -61,35 +61,39 @@ press circle-1 | --optics => --optics has no value; expected FILE
 press random-3 --out out | --scale 2 => files only
 PRESS | --seed 1 --imperfections some => imperfections | --imperfections all => without --seed
 PRESS --sensor cyskin | --markers => --markers has no effect | --renderer pyrender => --renderer has
-no PRESS --sensor digit | --layout cyskin-63 => --layout has no effect with --sensor digit slide
-circle-1 --dx-mm 1 --sensor cyskin --out out | --marker-pitch-mm 2 => --marker-pitch-mm has simdata
---out out | => --scale is missing | --scale huge => scale | --renderer x => expected baked or
+PRESS --sensor digit | --layout cyskin-63 => --layout has no effect with --sensor digit
+slide circle-1 --dx-mm 1 --sensor cyskin --out out | --marker-pitch-mm 2 => --marker-pitch-mm has
+simdata --out out | => --scale is missing | --scale huge => scale | --renderer x => expected baked
 simdata --verify | => --verify has no value | nowhere => no dataset | /dev/null => no dataset
 simdata --verify {data} | --scale smoke => --scale cannot | --workers 2 => --workers cannot be used
-SIM | --layout none => layout | --imperfections some => imperfections | --optics n.npz => n.npz SIM
-| --scheduler foo => scheduler | --scheduler tcp://127.0.0.1:1 --workers 2 => --workers train | =>
-MODEL and --data are missing; see t2twin train --help | resnet18 => --data is missing train resnet18
---out out --data | nowhere => nowhere | '' => no dataset | {resnet18} => no dataset TRAIN |
---direction cyskin-to-digit => touch2touch has both | --preset huge => preset evaluate --data {data}
---out out | nowhere => nowhere | {data} => config.json evaluate --data {data} --out out | {resnet18}
-{resnet18} => twice | => run evaluate {resnet18} --data | nowhere => nowhere | {data} --split 'train
-set' => val, test or both translate --out out x.png | {touch2touch} => is a run, not an image |
---run ./field => x.png translate --out out --run {resnet18} | => image | '' => image | no.png =>
-no.png | LONG => too long export | field => give a run with --run RUN; see t2twin export --help |
---run => --run has no value export --out x.onnx --run | nowhere => nowhere | {data} => config.json |
-fild => no run fild export --out x.onnx --run {resnet18} | --layout none => layout | --layout
-cyskin-63 => ResNet18 report | --runs => no dataset | --data nowhere => nowhere report --data {data}
-| --runs nowhere => nowhere | --evaluation {evaluation} => --runs report --data {data} --runs
-{resnet18} --out out --evaluation | nowhere => no evaluation import-pairs | x.csv => --out is
-missing import-pairs --out out | nowhere.csv => nowhere.csv | '' => expected a path | /dev/null =>
-csv convert | {data} --out x => --to is missing | {data} --to zarr --out x => lerobot convert --to
-lerobot --out x | nowhere => no dataset | {resnet18} => no dataset | '' => expected a calibrate | =>
---background is missing | --background => --background has no value; expected PNG calibrate --out
-out --background none.png | => none.png | --ball-diameter-mm 4 => --presses CALIBRATE | =>
---ball-diameter-mm is missing ADAPT | --model resnet => model | --init-from gone => gone | --out
-presses => presses ADAPT | --model field --init-from {resnet18} => resnet18 studio | --run nowhere
-=> nowhere | --run {data} => config.json | --source nowhere => no source studio | --host nowhere =>
-cannot listen on shapes | all => unexpected argument 'all'; see t2twin shapes --help
+SIM | --layout none => layout | --imperfections some => imperfections | --optics n.npz => n.npz
+SIM | --scheduler foo => scheduler | --scheduler tcp://127.0.0.1:1 --workers 2 => --workers
+train | => MODEL and --data are missing; see t2twin train --help | resnet18 => --data is missing
+train resnet18 --out out --data | nowhere => nowhere | '' => no dataset | {resnet18} => no dataset
+TRAIN | --direction cyskin-to-digit => touch2touch has both | --preset huge => preset
+evaluate --data {data} --out out | nowhere => nowhere | {data} => config.json
+evaluate --data {data} --out out | {resnet18} {resnet18} => twice | => run
+evaluate {resnet18} --data | nowhere => nowhere | {data} --split 'train set' => val, test or both
+translate --out out x.png | {touch2touch} => is a run, not an image | --run ./field => x.png
+translate --out out --run {resnet18} | => image | '' => image | no.png => no.png | LONG => too long
+export | field => give a run with --run RUN; see t2twin export --help | --run => --run has no value
+export --out x.onnx --run | nowhere => nowhere | {data} => config.json | fild => no run fild
+export --out x.onnx --run {resnet18} | --layout none => layout | --layout cyskin-63 => ResNet18
+report | --runs => no dataset | --data nowhere => nowhere
+report --data {data} | --runs nowhere => nowhere | --evaluation {evaluation} => --runs
+report --data {data} --runs {resnet18} --out out --evaluation | nowhere => no evaluation
+import-pairs | x.csv => --out is missing
+import-pairs --out out | nowhere.csv => nowhere.csv | '' => expected a path | /dev/null => csv
+convert | {data} --out x => --to is missing | {data} --to zarr --out x => lerobot
+convert --to lerobot --out x | nowhere => no dataset | {resnet18} => no dataset | '' => expected a
+calibrate | => --background is missing | --background => --background has no value; expected PNG
+calibrate --out out --background none.png | => none.png | --ball-diameter-mm 4 => --presses
+CALIBRATE | => --ball-diameter-mm is missing
+ADAPT | --model resnet => model | --init-from gone => gone | --out presses => presses
+ADAPT | --model field --init-from {resnet18} => resnet18
+studio | --run nowhere => nowhere | --run {data} => config.json | --source nowhere => no source
+studio | --host nowhere => cannot listen on
+shapes | all => unexpected argument 'all'; see t2twin shapes --help
 """
 """Start of a command line, then ends of it, each with a part of the expected sentence."""
 

@@ -373,8 +373,9 @@ class FieldPredictor(CountsPredictor):
         """
         frames, is_one = image_list(images)
         pixels = self._pixels(frames, background)
+        estimate = self.estimate_pixels(pixels)
         classes = np.array(self._classes(frames, background, pixels), dtype=object)
-        estimate = replace(self.estimate_pixels(pixels), ood_class=classes)
+        estimate = replace(estimate, ood_class=classes)
         return estimate.first() if is_one else estimate
 
     def estimate_pixels(
