@@ -297,4 +297,4 @@ def _cell_means(pixels: np.ndarray) -> np.ndarray:
     sums = np.add.reduceat(sums, ends[:-1], axis=2)
     sizes = np.diff(ends)
     means = sums / (sizes[:, None, None] * sizes[None, :, None])
-    return means.reshape(len(pixels), -1)
+    return means.reshape(len(pixels), CELLS * CELLS * pixels.shape[-1])
