@@ -103,6 +103,9 @@ ROUNDING = 1e-3
 """Share of the whole force by which the force along the sensor may differ where a body falls
 asleep."""
 
+MIN_MASS_KG = 1e-3
+"""Of bodies that press by their weight, kg (assumed: MuJoCo refuses thin bodies of less)."""
+
 CHUNK = 25
 """Random scenes that a process does at once."""
 
@@ -264,7 +267,11 @@ def random_scene(number: int) -> tuple[Counter[str], list[dict[str, Any]]]:
     sleeps = rng.random() < 0.1
     if sleeps:  # weights press instead of forces on the joints, which would wake the bodies
         bodies = [
-            replace(body, mass_kg=-body.force_n[2] / GRAVITY, force_n=(0.0, 0.0, 0.0))
+            replace(
+                body,
+                mass_kg=max(MIN_MASS_KG, -body.force_n[2] / GRAVITY),
+                force_n=(0.0, 0.0, 0.0),
+            )
             for body in bodies
         ]
     chances = {body: rng.random() for body in range(len(bodies))}
