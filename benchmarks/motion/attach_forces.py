@@ -348,7 +348,7 @@ def random_body(rng: np.random.Generator, sensor: SensorName) -> Body:
         shape = catalogue.load(catalogue.PRIMITIVES[rng.integers(len(catalogue.PRIMITIVES))])
         return mesh_body(shape, **options)
     if rng.random() < 0.15:  # thinner than a cell of the grid
-        a = float(rng.uniform(0.01, 0.15))
+        a = float(rng.uniform(0.05, 0.15))
     return Body([geom(kinds[kind], a, b, c)], **options)
 
 
