@@ -3,7 +3,7 @@ new one."""
 
 from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from t2twin.core.errors import T2TwinError
 
@@ -26,7 +26,7 @@ NEW_OPTIONS = {"--calibration": "--optics", "--world": "--recipe"}
 RENDERERS = ("baked", "pyrender")
 """Former values of optics, which is now a file."""
 
-P, R = ParamSpec("P"), TypeVar("R")
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def hint(name: str) -> str:
@@ -34,11 +34,11 @@ def hint(name: str) -> str:
     return f"; {name} is now {NEW_NAMES[name]}" if name in NEW_NAMES else ""
 
 
-def new_keywords(function: Callable[P, R]) -> Callable[P, R]:
+def new_keywords(function: F) -> F:
     """The function, which raises T2TwinError for a keyword with a former name or meaning."""
 
     @wraps(function)
-    def checked(*args: P.args, **keywords: P.kwargs) -> R:
+    def checked(*args: Any, **keywords: Any) -> Any:
         for name in keywords:
             if name in NEW_NAMES:
                 raise T2TwinError(f"there is no keyword {name}{hint(name)}")
@@ -49,7 +49,7 @@ def new_keywords(function: Callable[P, R]) -> Callable[P, R]:
             )
         return function(*args, **keywords)
 
-    return checked
+    return cast(F, checked)
 
 
 def check_options(given: Sequence[str]) -> None:
