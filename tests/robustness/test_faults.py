@@ -61,7 +61,7 @@ COMMANDS = {
 
 @cache
 def inputs() -> dict[str, Content]:
-    """Pairs, frames, and the recipe of a recipe of a few pairs."""
+    """Pairs, frames, and a recipe of a few pairs."""
     from pictures import PNG, encoded, frame
     from readers import PAIRS, RECIPE
 

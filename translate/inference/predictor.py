@@ -347,7 +347,7 @@ def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
 
 
 MAX_FIELDS = 100_000
-"""Maximum number of fields that one call samples (assumed: 90 MB with 216 places)."""
+"""Maximum number of arrays of dense counts that one call samples (assumed: 90 MB with 216 places)."""
 
 NO_BACKGROUND = (
     "no background frame is given, which makes predictions less accurate; give an image of the "
@@ -406,7 +406,7 @@ class FieldPredictor(CountsPredictor):
         seed: int = 0,
         background: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Fields sampled from the predicted distribution.
+        """Dense counts sampled from the predicted distribution.
 
         images, background: as for `predict`. number: samples per image; at most MAX_FIELDS in all.
         Returns (number, F) float32, counts, for one image, (B, number, F) for several. The F places

@@ -3,7 +3,7 @@
 A translator returns counts for any image. A run therefore stores statistics of its training images.
 These are the mean and the standard deviation of each cell of a coarse grid, and the largest
 distance of a training image from the mean. A second check compares an image with the background
-frame of its DIGIT; it also works for recipes with many lights, where the training statistics are
+frame of its DIGIT; it also works for datasets with many lights, where the training statistics are
 wide. It has two parts. Along the image's border, where most contacts change little, both have
 nearly the same grey levels. And both contain the fixed pattern of the same camera and gel. A third
 check is of a frame at its own size.
