@@ -347,7 +347,7 @@ def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
 
 
 MAX_FIELDS = 100_000
-"""Maximum number of arrays of dense counts that one call samples (assumed: 90 MB with 216 places)."""
+"""Maximum number of arrays that one call samples (assumed: 90 MB with 216 places)."""
 
 NO_BACKGROUND = (
     "no background frame is given, which makes predictions less accurate; give an image of the "
