@@ -34,7 +34,7 @@ from t2twin.attachment.geometry import Region, body_surface
 from t2twin.core.errors import T2TwinError
 from t2twin.rerun_log import RerunLog
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
-from t2twin.sim.cyskin.tactile_image import colored_tactile_image
+from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.translate.uncertainty.estimate import Estimate
 
 GRIP_N, LIFT_M = 8.0, 0.06

@@ -11,19 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.light.illumination import COSINE_TERMS
-from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS, Led
-from t2twin.sim.digit.light.ray_casting import Leds, Rays
-from t2twin.sim.digit.optics import (
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.optical.light.illumination import COSINE_TERMS
+from t2twin.sim.optical.light.leds import AMBIENT, DIGIT_LEDS, Led
+from t2twin.sim.optical.light.ray_casting import Leds, Rays
+from t2twin.sim.optical.optics import (
     DEFAULT_PATH,
     PLACE_TERMS,
     Optics,
     led_columns,
     place_terms,
 )
-from t2twin.sim.digit.pyrender_renderer import GAMMA, ReferenceRenderer
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.pyrender_renderer import GAMMA, ReferenceRenderer
+from t2twin.sim.optical.surface import ball_surface
 
 DARK = 0.05
 """Linear light added to a pixel's in the conversion of errors to grey levels: the ambient's."""

@@ -34,7 +34,7 @@ COMMANDS = (("doctor",), ("press", "square-2", "--sensor", "cyskin"))
 REQUIRED = (
     "t2twin/translate/weights/field/best.safetensors",
     "t2twin/sim/sampling/recipes/open.toml",
-    "t2twin/sim/digit/default_optics.npz",
+    "t2twin/sim/optical/default_optics.npz",
     "t2twin/primitives_cad/bundled/square-2.npz",
     "t2twin/report/templates/page.html",
 )

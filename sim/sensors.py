@@ -22,16 +22,16 @@ from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import Survey
 from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION, advance
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.cyskin import reading, taxels
-from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
-from t2twin.sim.digit.camera.pinhole import optical_grid
-from t2twin.sim.digit.image_renderer import FRAMES, NOISE_GREY, ImageRenderer, Renderer
-from t2twin.sim.digit.light.leds import DIGIT_LEDS
-from t2twin.sim.digit.markers import Markers, surface_shift
-from t2twin.sim.digit.optics import DEFAULT_PATH, Optics
-from t2twin.sim.digit.pyrender_renderer import PyrenderRenderer
-from t2twin.sim.digit.randomization.unit import Unit
-from t2twin.sim.digit.surface import surface_on
+from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.image_renderer import FRAMES, NOISE_GREY, ImageRenderer, Renderer
+from t2twin.sim.optical.light.leds import DIGIT_LEDS
+from t2twin.sim.optical.markers import Markers, surface_shift
+from t2twin.sim.optical.optics import DEFAULT_PATH, Optics
+from t2twin.sim.optical.pyrender_renderer import PyrenderRenderer
+from t2twin.sim.optical.randomization.unit import Unit
+from t2twin.sim.optical.surface import surface_on
+from t2twin.sim.taxels import pads, reading
+from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, Layout, load_layout
 from t2twin.sim.touch import Touch
 
 Sensor = Literal["both", "digit", "cyskin"]
@@ -189,7 +189,7 @@ class CySkin:
         if contact is None:
             noiseless = np.zeros(self.layout.size)
         else:
-            noiseless = taxels.counts(taxels.pad_pressure_mpa(contact, self.layout))
+            noiseless = pads.counts(pads.pad_pressure_mpa(contact, self.layout))
         if rng is None:
             return np.rint(noiseless).astype(np.uint16), None
         memory = self._memory(before)

@@ -30,13 +30,13 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.cyskin.dense import dense_counts, dense_layout, dense_tractions
-from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.cyskin.tactile_image import colored_tactile_image
-from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.digit.image_renderer import Renderer
-from t2twin.sim.digit.markers import Markers, surface_shift
+from t2twin.sim.optical.image_renderer import Renderer
+from t2twin.sim.optical.markers import Markers, surface_shift
+from t2twin.sim.taxels.dense import dense_counts, dense_layout, dense_tractions
+from t2twin.sim.taxels.layout import Layout
+from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
+from t2twin.sim.taxels.phi import Phi
+from t2twin.sim.taxels.tactile_image import colored_tactile_image
 
 VERSIONS = ("t2twin", "mujoco", "numpy")
 """Packages whose versions press.json contains."""
@@ -143,7 +143,7 @@ class Touch(NewAttributes):
     @cached_property
     def dense_counts(self) -> np.ndarray:
         """(n,) uint16: noiseless counts at the places of the dense counts
-        (t2twin.sim.cyskin.dense)."""
+        (t2twin.sim.taxels.dense)."""
         if self.cyskin is None:
             return np.zeros(dense_layout().size, np.uint16)
         return dense_counts(self.cyskin)
@@ -151,7 +151,7 @@ class Touch(NewAttributes):
     @cached_property
     def tractions(self) -> np.ndarray:
         """(3, n) float32, kPa: pressure and shear along x and y on the cover at the places of
-        the dense counts (t2twin.sim.cyskin.dense)."""
+        the dense counts (t2twin.sim.taxels.dense)."""
         if self.cyskin is None:
             return np.zeros((3, dense_layout().size), np.float32)
         return dense_tractions(self.cyskin)

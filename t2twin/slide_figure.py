@@ -11,8 +11,8 @@ from matplotlib.patches import Patch
 
 from t2twin.report.figures import COUNTS_MAP
 from t2twin.sim.contact.types import Contact
-from t2twin.sim.cyskin.phi import PX_PER_MM
-from t2twin.sim.digit.optics import DEFAULT_PATH, Optics
+from t2twin.sim.optical.optics import DEFAULT_PATH, Optics
+from t2twin.sim.taxels.phi import PX_PER_MM
 from t2twin.sim.touch import Touch
 
 NAMES = {"digit": "DIGIT's gel", "cyskin": "CySkin's cover"}

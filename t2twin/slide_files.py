@@ -32,9 +32,9 @@ from t2twin.core.files import (
 )
 from t2twin.report.figures import figure
 from t2twin.sim.contact.types import Contact
-from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.cyskin.tactile_image import colored_tactile_image
+from t2twin.sim.taxels.layout import Layout
+from t2twin.sim.taxels.phi import Phi
+from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.sim.touch import MARKER_COLUMNS, MARKERS_CSV, Touch, marker_rows
 from t2twin.slide_figure import SHOWN, draw_slide, page_size
 

@@ -18,9 +18,8 @@ from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.types import PressCommand, check_force
-from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
-from t2twin.sim.digit.image_renderer import Renderer
-from t2twin.sim.digit.markers import Markers, as_markers
+from t2twin.sim.optical.image_renderer import Renderer
+from t2twin.sim.optical.markers import Markers, as_markers
 from t2twin.sim.sampling.protocol import FORCE_N
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.sim.slide import (
@@ -30,6 +29,7 @@ from t2twin.sim.slide import (
     straight_path,
     touches_along,
 )
+from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, Layout
 from t2twin.sim.touch import Touch
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.optical.surface import ball_surface
 
 BALL_MM = 4.7
 POSES = np.array(

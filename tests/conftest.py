@@ -74,7 +74,7 @@ def egl():
     """Skips what renders with pyrender on macOS, which has no EGL."""
     with pytest.MonkeyPatch.context() as patch:
         if sys.platform == "darwin":
-            renderer = "t2twin.sim.digit.pyrender_renderer._import_pyrender"
+            renderer = "t2twin.sim.optical.pyrender_renderer._import_pyrender"
             patch.setattr(renderer, lambda: pytest.skip("macOS has no EGL"))
         yield
 
@@ -110,7 +110,7 @@ def unit(products):
 @pytest.fixture(scope="session")
 def calibrated(unit, products):
     """What is fitted to the unit's frames, with its uncertainty."""
-    from t2twin.sim.digit.calibrate.calibrate import calibrate
+    from t2twin.sim.optical.calibrate.calibrate import calibrate
 
     def build(folder):
         folder.mkdir()
@@ -177,8 +177,8 @@ def untrained_runs(products):
 
 def write_untrained(folder):
     """Writes the run of the model that the folder is named after."""
-    from t2twin.sim.cyskin.layout import load_layout
-    from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+    from t2twin.sim.taxels.layout import load_layout
+    from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
     from t2twin.translate.data.pairs import DataInfo
     from t2twin.translate.models.presets import PRESETS
     from t2twin.translate.runs.checkpoint import build, save_weights
@@ -222,8 +222,8 @@ def protocol_dataset(products):
 @pytest.fixture(scope="module")
 def phi():
     """phi of the layout that ships."""
-    from t2twin.sim.cyskin.layout import load_layout
-    from t2twin.sim.cyskin.phi import Phi
+    from t2twin.sim.taxels.layout import load_layout
+    from t2twin.sim.taxels.phi import Phi
 
     layout = load_layout()
     return Phi(layout.x_mm, layout.y_mm)
@@ -232,7 +232,7 @@ def phi():
 @pytest.fixture(scope="module")
 def true():
     """(6, 20) counts: Gaussian responses about places in the middle of the array."""
-    from t2twin.sim.cyskin.layout import load_layout
+    from t2twin.sim.taxels.layout import load_layout
 
     layout = load_layout()
     rng = np.random.default_rng(0)

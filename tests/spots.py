@@ -14,13 +14,13 @@ import pyarrow as pa
 import pytest
 
 from t2twin.core.images import encode_png
-from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.columns import SCHEMA
 from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.sampling.plan import shard_path
 from t2twin.sim.sampling.recipe import PAPER, load_recipe
+from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
 from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import Trainer
 

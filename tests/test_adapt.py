@@ -28,11 +28,11 @@ from t2twin.adaptation.record import PRESSES, RECORD, read_fitted
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.export import write_ball
-from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.store import read_info
-from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE
-from t2twin.sim.digit.camera.pinhole import Camera
+from t2twin.sim.optical.calibrate.calibrate import DEFAULT_TOLERANCE
+from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.sensors import SensorPair
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.runs.config import HOME
 from t2twin.translate.training.train import train
 

@@ -12,12 +12,12 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import LOG, read_info, read_split, sha256_of
-from t2twin.sim.digit.camera.response import linear
-from t2twin.sim.digit.image_renderer import ImageRenderer
-from t2twin.sim.digit.optics import Optics
-from t2twin.sim.digit.randomization.artifacts import Artifacts, with_artifacts
-from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.camera.response import linear
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
+from t2twin.sim.optical.randomization.unit import Unit, UnitRanges, sample_unit
+from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors import Digit

@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.models.base import weight_average
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model

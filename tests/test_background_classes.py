@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from t2twin.sim.digit.image_renderer import NOISE_GREY
-from t2twin.sim.digit.randomization.artifacts import Artifacts, with_artifacts
-from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
+from t2twin.sim.optical.image_renderer import NOISE_GREY
+from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
+from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.sensors import Digit
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.uncertainty.ood import (

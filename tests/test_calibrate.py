@@ -13,19 +13,19 @@ from PIL import Image
 from benchmarks.optics.fitted_optics import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate, cut_and_paste, score
-from t2twin.sim.digit.calibrate.fit import BallFit
-from t2twin.sim.digit.calibrate.frames import (
+from t2twin.sim.optical.calibrate.calibrate import _check_explains, calibrate, cut_and_paste, score
+from t2twin.sim.optical.calibrate.fit import BallFit
+from t2twin.sim.optical.calibrate.frames import (
     clean_background,
     contact_patch,
     crop,
     upright_frame,
 )
-from t2twin.sim.digit.calibrate.ridge import MAX_TERMS, Sums, Terms, select_terms
-from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
-from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.digit.optics import DEFAULT_PATH, Optics
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.calibrate.ridge import MAX_TERMS, Sums, Terms, select_terms
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.optical.optics import DEFAULT_PATH, Optics
+from t2twin.sim.optical.surface import ball_surface
 
 ONE_PIXEL_MM = 1 / DIGIT_CAMERA.scale_px_per_mm
 

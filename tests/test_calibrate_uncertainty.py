@@ -12,15 +12,15 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.fit import START, BallFit, State
-from t2twin.sim.digit.calibrate.measurements import FORCES, Tolerance, read_measurements
-from t2twin.sim.digit.calibrate.ridge import FIRST_TERMS
-from t2twin.sim.digit.calibrate.uncertainty import ball_forces_n, fit_young_mpa, uncertainty_lines
-from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.digit.optics import DEFAULT_PATH, Optics
-from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.calibrate.calibrate import calibrate
+from t2twin.sim.optical.calibrate.fit import START, BallFit, State
+from t2twin.sim.optical.calibrate.measurements import FORCES, Tolerance, read_measurements
+from t2twin.sim.optical.calibrate.ridge import FIRST_TERMS
+from t2twin.sim.optical.calibrate.uncertainty import ball_forces_n, fit_young_mpa, uncertainty_lines
+from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.optical.optics import DEFAULT_PATH, Optics
+from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
+from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors import Digit
 
 SCALE, YOUNG_MPA = 18.0, 0.42

@@ -8,9 +8,9 @@ from scipy.spatial import KDTree
 from benchmarks.contact.solids import ball, punch
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin import reading, taxels
-from t2twin.sim.cyskin.layout import Layout, load_layout
 from t2twin.sim.sensors import CySkin
+from t2twin.sim.taxels import pads, reading
+from t2twin.sim.taxels.layout import Layout, load_layout
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def dense(pitch):
 def test_pads_that_tile_the_cover_feel_the_whole_force(sensor):
     layout = dense(1.0)
     contact = sensor.press(ball(5.0), PressCommand("ball", 1.0, 2.0, 0.0, 8.0))
-    pressure = taxels.pad_pressure_mpa(contact, layout)
+    pressure = pads.pad_pressure_mpa(contact, layout)
     assert pressure.sum() * 1.0**2 == pytest.approx(8.0, rel=0.01)
 
 
@@ -48,11 +48,11 @@ def test_one_pitch_further_is_one_taxel_further(sensor):
 
 def test_counts_rise_with_force_and_flatten_at_saturation(sensor):
     pressure = np.linspace(0.0, 5.0, 200)
-    read = taxels.counts(pressure)
-    assert read[0] == 0 and read[-1] == taxels.FULL_SCALE_COUNTS
-    below = read < taxels.FULL_SCALE_COUNTS
+    read = pads.counts(pressure)
+    assert read[0] == 0 and read[-1] == pads.FULL_SCALE_COUNTS
+    below = read < pads.FULL_SCALE_COUNTS
     assert (np.diff(read[below]) > 0).all()
-    assert (read <= taxels.FULL_SCALE_COUNTS).all()
+    assert (read <= pads.FULL_SCALE_COUNTS).all()
 
 
 def test_untouched_readings_scatter_as_the_real_ones_do():
@@ -87,7 +87,7 @@ def test_every_imperfection_does_what_it_says():
 def test_saturated_readings_stay_at_full_scale():
     flaws = reading.imperfections("white")
     found = reading.read(np.full(20, 60_000.0), load_layout(), flaws, np.random.default_rng(0))
-    assert (found == taxels.FULL_SCALE_COUNTS).all()
+    assert (found == pads.FULL_SCALE_COUNTS).all()
 
 
 def test_the_default_layout_is_a_triangular_grid():
@@ -143,7 +143,7 @@ def test_taxels_outside_the_cover_are_an_error(sensor):
     far = Layout("far", np.array([0.0, 5.0, 40.0]), np.zeros(3), np.full(3, 4.0))
     contact = sensor.press(ball(5.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0))
     with pytest.raises(T2TwinError, match="outside the cover"):
-        taxels.pad_pressure_mpa(contact, far)
+        pads.pad_pressure_mpa(contact, far)
 
 
 def test_a_force_within_a_cell_acts_at_its_center_of_pressure(sensor):
@@ -163,5 +163,5 @@ def test_a_force_within_a_cell_acts_at_its_center_of_pressure(sensor):
         assert center_mm / contact.pressure_kpa.sum() == pytest.approx(
             [off_mm, 0.5 * off_mm], abs=0.02
         )
-        found.append(taxels.pad_pressure_mpa(contact, moved))
+        found.append(pads.pad_pressure_mpa(contact, moved))
     assert np.abs(np.array(found) - found[0]).max() < 0.02 * found[0].max()

@@ -20,7 +20,6 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import (
@@ -35,6 +34,7 @@ from t2twin.sim.dataset.timing import STAGES
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors import CySkin, SensorPair
+from t2twin.sim.taxels.reading import DATASET_DEFAULT
 
 SHAPES = ("square-1", "square-3", "circle-2", "pliers/teeth")
 

@@ -5,7 +5,7 @@ import pytest
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL
-from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
 
 
 def test_one_millimeter_at_the_apex_is_the_stated_scale():

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibrate.frames import measure_noise
-from t2twin.sim.digit.camera.noise import Noise
-from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, optical_grid
-from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.digit.optics import Optics
+from t2twin.sim.optical.calibrate.frames import measure_noise
+from t2twin.sim.optical.camera.noise import Noise
+from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS, optical_grid
+from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.optical.optics import Optics
 
 TAPS = np.array([0.2, 0.5, 0.7, 0.5, 0.2])
 MIX = np.array([[2.6, 0.0, 0.0], [-0.7, 1.4, 0.0], [0.2, -1.3, 2.7]])

@@ -6,13 +6,13 @@ from skimage.metrics import structural_similarity
 
 from maintenance.bake_optics import block, ring
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.image_renderer import ImageRenderer
-from t2twin.sim.digit.light import shadows
-from t2twin.sim.digit.light.leds import DIGIT_LEDS
-from t2twin.sim.digit.optics import Optics
-from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.light import shadows
+from t2twin.sim.optical.light.leds import DIGIT_LEDS
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
+from t2twin.sim.optical.surface import ball_surface
 
 X_MM, Y_MM = np.meshgrid(*optical_grid())
 FLAT = np.zeros(X_MM.shape)

@@ -20,11 +20,11 @@ from benchmarks.documents import figures, markers, reference
 from benchmarks.evidence.record import find_benchmarks
 from t2twin import cli
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.digit.calibrate.measurements import read_measurements
-from t2twin.sim.digit.optics import Optics
+from t2twin.sim.optical.calibrate.measurements import read_measurements
+from t2twin.sim.optical.optics import Optics
 from t2twin.sim.sampling.recipe import Light, Motion, Part, Recipe, load_recipe
 from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path
+from t2twin.sim.taxels.layout import load_layout
 
 NOT_RUN = {
     "source ": "changes the shell",

@@ -16,9 +16,9 @@ from spots import write_spots
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.tables import text
-from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.store import read_info
-from t2twin.sim.digit.image_renderer import ImageRenderer
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,

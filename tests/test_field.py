@@ -15,12 +15,12 @@ from safetensors.torch import load_file, save_file
 from t2twin.core.errors import T2TwinError
 from t2twin.report.run_report import write_report
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin import taxels
-from t2twin.sim.cyskin.dense import dense_counts, dense_layout, reading_matrix
-from t2twin.sim.cyskin.layout import Layout, load_layout
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors import CySkin
+from t2twin.sim.taxels import pads
+from t2twin.sim.taxels.dense import dense_counts, dense_layout, reading_matrix
+from t2twin.sim.taxels.layout import Layout, load_layout
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
@@ -159,7 +159,7 @@ def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float, part: float
     for name, yaw in (("square-2", 0.3), ("pliers/teeth", 1.0)):
         shape = shapes(name)
         contact = CySkin().press(shape, PressCommand(shape.name, 1.5, -2.0, yaw, 8.0))
-        true = taxels.counts(taxels.pad_pressure_mpa(contact, layout))
+        true = pads.counts(pads.pad_pressure_mpa(contact, layout))
         read = reading_matrix(layout) @ dense_counts(contact).astype(float)
         assert np.sqrt(np.square(read - true).mean()) < part * true.max()
 

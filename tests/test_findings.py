@@ -13,17 +13,17 @@ from benchmarks.networks.irreducible_error import (
     floor_of,
     noise_distance_grey,
 )
-from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.cyskin.reading import (
+from t2twin.sim.dataset.generate import make_dataset
+from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.store import read_info
+from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.reading import (
     DATASET_DEFAULT,
     Imperfections,
     expected_reading,
     imperfections,
     read,
 )
-from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.info import DatasetInfo
-from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation import array_errors
 from t2twin.translate.evaluation.array_errors import GroupedFigures, PairFigures

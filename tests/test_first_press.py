@@ -15,8 +15,8 @@ from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import cached_array
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
-from t2twin.sim.cyskin.tactile_image import _colors
 from t2twin.sim.splines import CubicSpline
+from t2twin.sim.taxels.tactile_image import _colors
 
 SLOW = (
     "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "scipy.interpolate",

@@ -6,18 +6,18 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.sim.digit.calibrate.calibrate import (
+from t2twin.sim.optical.calibrate.calibrate import (
     RANGES,
     crop_scores,
     mean_light,
     mean_score,
     sample_lights,
 )
-from t2twin.sim.digit.camera.pinhole import Camera
-from t2twin.sim.digit.image_renderer import ImageRenderer
-from t2twin.sim.digit.optics import Optics
-from t2twin.sim.digit.randomization.unit import sample_unit
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.randomization.unit import sample_unit
+from t2twin.sim.optical.surface import ball_surface
 
 FEW = 60
 

@@ -12,11 +12,11 @@ from spots import write_spots
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
-from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.card import CARD
 from t2twin.sim.dataset.import_pairs import import_pairs, read_table
 from t2twin.sim.dataset.store import read_info, read_split, taxels
 from t2twin.sim.dataset.verify import verify_dataset
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.training.train import train

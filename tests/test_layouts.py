@@ -10,7 +10,7 @@ import torch
 from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.evaluation.baselines import (
     LAYOUT_FLOOR,
     representable,

@@ -8,16 +8,16 @@ from ball_frames import BALL_MM, POSES
 
 from benchmarks.optics.fitted_optics import rim_steepness
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibrate.calibrate import score
-from t2twin.sim.digit.calibrate.fit import START, BallFit
-from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch, crop
-from t2twin.sim.digit.calibrate.ridge import Terms
-from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
-from t2twin.sim.digit.image_renderer import ImageRenderer
-from t2twin.sim.digit.light.leds import DIGIT_LEDS
-from t2twin.sim.digit.light.lobe import LOBE_PLACES, LOBE_TERMS
-from t2twin.sim.digit.optics import Optics
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.calibrate.calibrate import score
+from t2twin.sim.optical.calibrate.fit import START, BallFit
+from t2twin.sim.optical.calibrate.frames import clean_background, contact_patch, crop
+from t2twin.sim.optical.calibrate.ridge import Terms
+from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.light.leds import DIGIT_LEDS
+from t2twin.sim.optical.light.lobe import LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.surface import ball_surface
 
 DRIFT_GREY = np.array([4, -3, 5])
 HOLD, SKIRT = 0.8, 1.0

@@ -13,12 +13,12 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import SurfaceShift
-from t2twin.sim.digit import pyrender_renderer
-from t2twin.sim.digit.camera import response
-from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.image_renderer import ImageRenderer
-from t2twin.sim.digit.markers import INK_REFLECTANCE, MarkerImage
-from t2twin.sim.digit.optics import Optics
+from t2twin.sim.optical import pyrender_renderer
+from t2twin.sim.optical.camera import response
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.markers import INK_REFLECTANCE, MarkerImage
+from t2twin.sim.optical.optics import Optics
 from t2twin.sim.sensors import Digit
 
 X_MM, Y_MM = optical_grid()

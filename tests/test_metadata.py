@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from t2twin.core.images import decode_png
-from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.card import CROISSANT
 from t2twin.sim.dataset.columns import BACKGROUND, schema_of
 from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of
+from t2twin.sim.taxels.layout import load_layout
 
 KEY = ("split", "shape", "index")
 """Columns that together have another value in every row."""

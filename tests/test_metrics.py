@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.evaluation.array_errors import compare
 from t2twin.translate.evaluation.ssim import image_scores
 

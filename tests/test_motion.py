@@ -15,7 +15,6 @@ from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin.dense import CELL_MM2
 from t2twin.sim.dataset.columns import MOTION, PATH, SENSORS, TRACTIONS
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
@@ -24,6 +23,7 @@ from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.presses import MotionPath, sample_commands, sample_paths
 from t2twin.sim.sampling.recipe import Motion, load_recipe
+from t2twin.sim.taxels.dense import CELL_MM2
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ PRESS = "import t2twin; t2twin.attach; print(t2twin.press('hemisphere-4').digit.
 
 RENDER = """
 import numpy as np
-from t2twin.sim.digit.camera.pinhole import optical_grid
-from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
+from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 x, y = optical_grid()
 with ReferenceRenderer() as renderer:
     assert renderer.render(np.zeros((y.size, x.size))).max() > 0

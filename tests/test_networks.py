@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.inference.load import fold_batchnorm
 from t2twin.translate.models.base import adamw

@@ -10,7 +10,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import base_stress, compliance_mm_per_mpa
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.taxels.layout import load_layout
 
 E, NU = 0.5, 0.47
 MODULUS = E / (1 - NU**2)

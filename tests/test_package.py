@@ -36,8 +36,8 @@ def test_a_wheel_has_one_top_level_name_and_everything_in_it(wheel):
     templates = {p.relative_to(ROOT) for p in (ROOT / "t2twin").rglob("templates/**/*.*")}
     assert templates and {str(path) for path in templates} <= set(names)
     assert {"t2twin/sim/dataset/card.md", "t2twin/translate/runs/card.md"} <= set(names)
-    assert "t2twin/sim/digit/default_optics.npz" in names
-    assert "t2twin/sim/cyskin/layouts/cyskin-20.json" in names
+    assert "t2twin/sim/optical/default_optics.npz" in names
+    assert "t2twin/sim/taxels/layouts/cyskin-20.json" in names
 
 
 def test_citation_and_changelog_are_of_this_version(wheel):
@@ -57,7 +57,7 @@ def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path):
         (folder / "__init__.py").write_text("raise ImportError('not ours')\n")
     script = work / "script.py"
     script.write_text(
-        "import t2twin, t2twin.sim.sensors, t2twin.sim.cyskin.phi\n"
+        "import t2twin, t2twin.sim.sensors, t2twin.sim.taxels.phi\n"
         "print(t2twin.__file__, len(t2twin.shapes()))\n"
     )
     environment = os.environ | {"PYTHONPATH": str(site)}

@@ -3,8 +3,8 @@ import pytest
 import torch
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.cyskin.phi import TACTILE_SHAPE, Phi, barycentric
+from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.phi import TACTILE_SHAPE, Phi, barycentric
 
 
 @pytest.fixture(scope="module")

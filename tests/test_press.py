@@ -27,7 +27,7 @@ from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.mujoco_pins import MujocoPins
 from t2twin.sim.contact.solver_loops import Anderson, spring_depth
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.digit.surface import surface_on
+from t2twin.sim.optical.surface import surface_on
 from t2twin.sim.sampling import protocol
 from t2twin.sim.splines import on_lines
 

@@ -13,8 +13,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin.dense import SPACING_MM, dense_counts, dense_layout
-from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import SPLITS
@@ -27,7 +25,7 @@ from t2twin.sim.dataset.store import (
     write_info,
 )
 from t2twin.sim.dataset.verify import verify_dataset
-from t2twin.sim.digit import pyrender_renderer
+from t2twin.sim.optical import pyrender_renderer
 from t2twin.sim.sampling import presses
 from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.presses import (
@@ -39,6 +37,8 @@ from t2twin.sim.sampling.presses import (
 )
 from t2twin.sim.sampling.recipe import ForceRange, Place, bundled_recipes, load_recipe
 from t2twin.sim.sensors import CySkin
+from t2twin.sim.taxels.dense import SPACING_MM, dense_counts, dense_layout
+from t2twin.sim.taxels.layout import load_layout
 
 MINE = """
 format = 1

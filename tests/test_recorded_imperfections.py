@@ -10,15 +10,15 @@ import t2twin
 from benchmarks.taxels import recordings
 from benchmarks.taxels.recordings import REAL
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin import reading
-from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.cyskin.reading import FRAME_S, SAMPLE_S, Imperfections, read_after
 from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of
 from t2twin.sim.dataset.timing import Stopwatch
 from t2twin.sim.sampling.presses import PressSample
 from t2twin.sim.slide import path_commands, touches_along
+from t2twin.sim.taxels import reading
+from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.reading import FRAME_S, SAMPLE_S, Imperfections, read_after
 from t2twin.translate.evaluation.predictions import as_readings
 from t2twin.translate.uncertainty.estimate import Estimate
 

@@ -7,7 +7,6 @@ import pytest
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.generate import build_info
 from t2twin.sim.dataset.info import DatasetInfo, Shard
 from t2twin.sim.dataset.shard import ShardContext
@@ -16,6 +15,7 @@ from t2twin.sim.dataset.verify import planned_shards
 from t2twin.sim.sampling.plan import Batch, plan
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors import SensorPair
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config

@@ -15,8 +15,8 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.report.page import PAGE
 from t2twin.report.run_report import SECTIONS, write_report
-from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.import_pairs import import_pairs
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.evaluation.records import FINDINGS, read_evaluation
 
 ROWS, COLUMNS = 24, 48

@@ -11,7 +11,7 @@ from benchmarks.evidence.results import Provenance, Results, write_results
 from benchmarks.evidence.stale import BASELINE, changed_sources
 from t2twin.core.errors import T2TwinError
 
-SMALL = Benchmark("benchmarks.small", "Nothing.", 0.0, sources=("sim/contact", "sim/digit"))
+SMALL = Benchmark("benchmarks.small", "Nothing.", 0.0, sources=("sim/contact", "sim/optical"))
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def repository(tmp_path, monkeypatch):
         (root / folder).mkdir(parents=True)
     git(root, "init", "-q")
     commits = []
-    for number, name in enumerate(("sim/digit/a.py", "sim/digit/b.py", "sim/contact/c.py")):
+    for number, name in enumerate(("sim/optical/a.py", "sim/optical/b.py", "sim/contact/c.py")):
         (root / name).write_text(str(number))
         git(root, "add", ".")
         git(root, "-c", "user.name=x", "-c", "user.email=x@x", "commit", "-q", "-m", name)
@@ -52,23 +52,23 @@ def test_results_of_the_present_commit_are_up_to_date(repository):
     root, commits = repository
     measure_at(commits[2])
     assert changed_sources(SMALL, root, commits[1]) == []
-    (root / "sim/digit/a.py").write_text("uncommitted")
-    assert changed_sources(SMALL, root, commits[1]) == ["sim/digit"]
+    (root / "sim/optical/a.py").write_text("uncommitted")
+    assert changed_sources(SMALL, root, commits[1]) == ["sim/optical"]
 
 
 @pytest.mark.parametrize(
     ("text", "changed"),
     [
         ('"""New."""\n\nA = 1  # new\n"""A value."""\n', []),
-        ('"""Text."""\nA = 2\n', ["sim/digit"]),
-        ('"""Text."""\nA = (\n', ["sim/digit"]),
-        (None, ["sim/digit"]),
+        ('"""Text."""\nA = 2\n', ["sim/optical"]),
+        ('"""Text."""\nA = (\n', ["sim/optical"]),
+        (None, ["sim/optical"]),
     ],
     ids=["text", "code", "broken", "deleted"],
 )
 def test_changes_of_comments_and_docstrings_do_not_count(repository, text, changed):
     root, commits = repository
-    path = root / "sim/digit/a.py"
+    path = root / "sim/optical/a.py"
     path.write_text('"""Text."""\nA = 1\n')
     git(root, "-c", "user.name=x", "-c", "user.email=x@x", "commit", "-qam", "a")
     measure_at(git(root, "rev-parse", "--short=12", "HEAD"))

@@ -20,8 +20,8 @@ from t2twin.sim.contact.tangential.kernels import shear_kernels, spectra
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer, cached_shear_layer, domed_layer
 from t2twin.sim.contact.tangential.traction import solve_traction
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
-from t2twin.sim.cyskin.taxels import pad_pressure_mpa
-from t2twin.sim.digit.surface import surface_on
+from t2twin.sim.optical.surface import surface_on
+from t2twin.sim.taxels.pads import pad_pressure_mpa
 
 YOUNG, THICK = 1.0, 200.0
 """Modulus, MPa, and thickness of a layer that is a half-space for contacts of 1 mm."""

@@ -14,13 +14,13 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import convert
 from t2twin.sim.contact.elastomer import DIGIT_GEL
-from t2twin.sim.digit import pyrender_renderer
-from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
-from t2twin.sim.digit.image_renderer import FRAMES, ImageRenderer
-from t2twin.sim.digit.light.ray_casting import Rays
-from t2twin.sim.digit.optics import Optics
-from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical import pyrender_renderer
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+from t2twin.sim.optical.image_renderer import FRAMES, ImageRenderer
+from t2twin.sim.optical.light.ray_casting import Rays
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
+from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors import Digit
 
 DRAW = UnitRanges()

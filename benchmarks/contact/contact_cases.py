@@ -37,8 +37,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
-from t2twin.sim.cyskin.taxels import pad_pressure_mpa
+from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, load_layout
+from t2twin.sim.taxels.pads import pad_pressure_mpa
 
 CASES = 200
 
@@ -46,7 +46,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.contact.contact_cases",
     measures="Accuracy of the contact solver on 200 difficult shapes.",
     minutes=12,
-    sources=("primitives_cad", "sim/contact", "sim/cyskin"),
+    sources=("primitives_cad", "sim/contact", "sim/taxels"),
     figures=(
         Figure("sensors.*.within_percent", "%", least=95.0),
         Figure("sensors.*.beyond", most=0),

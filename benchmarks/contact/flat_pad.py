@@ -20,7 +20,7 @@ from t2twin.core.cached_files import cached_array
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin.layout import Layout
+from t2twin.sim.taxels.layout import Layout
 
 DEEPEST_MM = 10.0
 """How far below a shape's top it is still looked at, mm: deeper than every layer."""

@@ -37,15 +37,15 @@ from t2twin.sim.contact import pin_layout
 from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
-from t2twin.sim.cyskin.taxels import pad_pressure_mpa
 from t2twin.sim.sampling import protocol
+from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, load_layout
+from t2twin.sim.taxels.pads import pad_pressure_mpa
 
 BENCHMARK = Benchmark(
     module="benchmarks.contact.press",
     measures="Accuracy of the contact solver against an independent solution, and its time.",
     minutes=12,
-    sources=("primitives_cad", "sim/contact", "sim/cyskin", "sim/sampling"),
+    sources=("primitives_cad", "sim/contact", "sim/taxels", "sim/sampling"),
     figures=(
         Figure("sensors.*.worst.depth_error", most=0.013),
         Figure("sensors.*.worst.surface_error", most=0.04),

@@ -37,12 +37,12 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.shard import press_until_accepted
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.presses import PressSample, press_attempts, random_name, sample_force
 from t2twin.sim.sampling.recipe import Part, load_recipe
 from t2twin.sim.sensors import SensorPair
+from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
 from t2twin.sim.touch import Touch
 
 if TYPE_CHECKING:

@@ -48,7 +48,7 @@ from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact import pin_layout
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
 from t2twin.sim.touch import Touch
 
 BENCHMARK = Benchmark(

@@ -25,7 +25,7 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
-from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.sensors import Digit
 
 if TYPE_CHECKING:

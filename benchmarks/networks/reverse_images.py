@@ -10,8 +10,8 @@ from matplotlib.patches import Rectangle
 
 from benchmarks import ROOT
 from t2twin.report.figures import draw_tactile_image, draw_taxels, figure
-from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import DataInfo, Pairs
 
 PICTURE = ROOT / "docs" / "pictures" / "reverse.png"

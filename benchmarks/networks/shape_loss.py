@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.taxels.phi import Phi
 
 if TYPE_CHECKING:
     from t2twin.translate.data.pairs import Pairs

@@ -116,7 +116,7 @@ def _shear(estimate: Estimate, pairs: Pairs, which: np.ndarray) -> dict[str, Any
 
 def _counts(estimate: Estimate, pairs: Pairs, run: FieldPredictor) -> dict[str, Any]:
     """Errors of the counts of still and of moving pairs."""
-    from t2twin.sim.cyskin.phi import Phi
+    from t2twin.sim.taxels.phi import Phi
     from t2twin.translate.evaluation.array_errors import by_motion, compare
 
     data = run.config.data

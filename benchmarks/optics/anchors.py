@@ -21,20 +21,20 @@ from PIL import Image
 from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.contact.elastomer import DIGIT_GEL
-from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch
-from t2twin.sim.digit.calibrate.measurements import FORCES, Measurements, Presses, fit_presses
-from t2twin.sim.digit.calibrate.uncertainty import Bounds, OpticsUncertainty, ball_forces_n
-from t2twin.sim.digit.camera.pinhole import Camera
-from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.digit.optics import Optics
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.calibrate.calibrate import calibrate
+from t2twin.sim.optical.calibrate.frames import clean_background, contact_patch
+from t2twin.sim.optical.calibrate.measurements import FORCES, Measurements, Presses, fit_presses
+from t2twin.sim.optical.calibrate.uncertainty import Bounds, OpticsUncertainty, ball_forces_n
+from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.surface import ball_surface
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.anchors",
     measures="Accuracy of an optics file with known displacements, forces and a second ball.",
     minutes=6,
-    sources=("primitives_cad", "sim/contact", "sim/digit"),
+    sources=("primitives_cad", "sim/contact", "sim/optical"),
     figures=tuple(
         figure
         for balls in ("one_ball", "two_balls")

@@ -25,7 +25,7 @@ from scipy.optimize import nnls
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
-from t2twin.sim.digit.calibrate.calibrate import (
+from t2twin.sim.optical.calibrate.calibrate import (
     Score,
     calibrate,
     crop_scores,
@@ -33,19 +33,19 @@ from t2twin.sim.digit.calibrate.calibrate import (
     mean_score,
     sample_lights,
 )
-from t2twin.sim.digit.calibrate.frames import contact_patch, read_frames
-from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
-from t2twin.sim.digit.camera.response import linear
-from t2twin.sim.digit.image_renderer import ImageRenderer
-from t2twin.sim.digit.optics import Optics
-from t2twin.sim.digit.randomization.lighting import SampledLight, light_at_rest
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.calibrate.frames import contact_patch, read_frames
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.optical.camera.response import linear
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.randomization.lighting import SampledLight, light_at_rest
+from t2twin.sim.optical.surface import ball_surface
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.background_frames",
     measures="Accuracy of lights estimated from the background frame of a real DIGIT.",
     minutes=2,
-    sources=("sim/digit",),
+    sources=("sim/optical",),
     figures=(
         Figure("held_out_presses.*.psnr_db", "dB"),
         Figure("held_out_presses.*.ssim"),

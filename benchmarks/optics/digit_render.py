@@ -22,10 +22,10 @@ from t2twin.primitives_cad.catalogue import NAMES, load
 from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.image_renderer import ImageRenderer
-from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
-from t2twin.sim.digit.surface import surface_on
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
+from t2twin.sim.optical.surface import surface_on
 
 MIN_PSNR_DB, MIN_SSIM = 32.0, 0.95
 """Limits for the baked image in the contact, compared with the rendered one."""
@@ -34,7 +34,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.optics.digit_render",
     measures="Accuracy and speed of the baked DIGIT image, against the rendered reference.",
     minutes=8,
-    sources=("primitives_cad", "sim/contact", "sim/digit"),
+    sources=("primitives_cad", "sim/contact", "sim/optical"),
     figures=(
         Figure("least_psnr_db", "dB", least=MIN_PSNR_DB),
         Figure("median_psnr_db", "dB"),

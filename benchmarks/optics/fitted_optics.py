@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_gradient_magnitude
 
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from t2twin.sim.digit.calibrate.calibrate import (
+from t2twin.sim.optical.calibrate.calibrate import (
     Inputs,
     Score,
     calibrate,
@@ -25,15 +25,15 @@ from t2twin.sim.digit.calibrate.calibrate import (
     read_inputs,
     score,
 )
-from t2twin.sim.digit.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
-from t2twin.sim.digit.calibrate.measurements import fit_presses
-from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.optical.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
+from t2twin.sim.optical.calibrate.measurements import fit_presses
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.fitted_optics",
     measures="Accuracy of an optics file on frames of a real DIGIT that it was not fitted to.",
     minutes=4,
-    sources=("sim/digit",),
+    sources=("sim/optical",),
     figures=(
         Figure("rotations.mean.psnr_db", "dB", least=30.5),
         Figure("rotations.mean.ssim", least=0.87),

@@ -18,11 +18,11 @@ from benchmarks.evidence.run import main
 from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.cyskin.tactile_image import colored_tactile_image
-from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.sampling.protocol import FORCE_N
 from t2twin.sim.sensors import SensorPair
+from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
+from t2twin.sim.taxels.phi import Phi
+from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.sim.touch import Touch
 
 BENCHMARK = Benchmark(

@@ -23,18 +23,18 @@ from benchmarks.evidence.run import main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from maintenance.bake_optics import block
 from t2twin.core.files import atomic_write
-from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.digit.optics import Optics
-from t2twin.sim.digit.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
-from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
-from t2twin.sim.digit.surface import ball_surface
+from t2twin.sim.optical.calibrate.calibrate import calibrate
+from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
+from t2twin.sim.optical.randomization.unit import Unit, UnitRanges, sample_unit
+from t2twin.sim.optical.surface import ball_surface
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.units",
     measures="A real DIGIT compared with randomly sampled units, and the cost of a unit.",
     minutes=2,
-    sources=("sim/digit",),
+    sources=("sim/optical",),
     figures=(
         Figure("made_best_ms", "ms", most=10.0),
         Figure("parameters.*.real.percentile", "%"),

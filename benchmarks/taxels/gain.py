@@ -3,7 +3,7 @@
     python -m benchmarks.taxels.gain [SCALE]
 
 Presses the training shapes of a scale (default: paper). Returns the gain for
-t2twin.sim.cyskin.taxels.GAIN_COUNTS, and the share of saturated samples with the present gain.
+t2twin.sim.taxels.pads.GAIN_COUNTS, and the share of saturated samples with the present gain.
 """
 
 from argparse import Namespace
@@ -15,9 +15,9 @@ from tqdm import tqdm
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.cyskin import taxels
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors import CySkin
+from t2twin.sim.taxels import pads
 
 BENCHMARK = Benchmark(
     module="benchmarks.taxels.gain",
@@ -54,19 +54,19 @@ def largest_pad_pressures_mpa(scale: str) -> np.ndarray:
         shape = catalogue.load(name)
         for index in protocol.indices(name, protocol.scale_of(scale)):
             contact = sensor.press(shape, protocol.press_at(shape, index))
-            largest.append(taxels.pad_pressure_mpa(contact, sensor.layout).max())
+            largest.append(pads.pad_pressure_mpa(contact, sensor.layout).max())
     return np.array(largest)
 
 
 def measure(options: Namespace) -> dict[str, Any]:
     pressures = largest_pad_pressures_mpa(options.scale)
-    per_gain = taxels.counts(pressures, gain=1.0)
-    saturated = (taxels.counts(pressures) >= taxels.FULL_SCALE_COUNTS).mean()
+    per_gain = pads.counts(pressures, gain=1.0)
+    saturated = (pads.counts(pressures) >= pads.FULL_SCALE_COUNTS).mean()
     return {
         "scale": options.scale,
         "presses": pressures.size,
-        "gain_counts": taxels.FULL_SCALE_COUNTS / float(np.percentile(per_gain, PERCENTILE)),
-        "gain_counts_in_use": taxels.GAIN_COUNTS,
+        "gain_counts": pads.FULL_SCALE_COUNTS / float(np.percentile(per_gain, PERCENTILE)),
+        "gain_counts_in_use": pads.GAIN_COUNTS,
         "saturated_share_in_use": float(saturated),
         "largest_pad_pressure_kpa": {
             name: float(1e3 * np.percentile(pressures, percentile))

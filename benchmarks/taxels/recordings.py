@@ -20,9 +20,9 @@ from benchmarks.contact.solids import ball
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin import reading
-from t2twin.sim.cyskin.reading import FRAME_S, Imperfections
 from t2twin.sim.sensors import CySkin
+from t2twin.sim.taxels import reading
+from t2twin.sim.taxels.reading import FRAME_S, Imperfections
 
 REAL: dict[str, dict[str, float]] = {
     "untouched_noise_counts": {"10": 6, "25": 26, "50": 74, "75": 160, "90": 262, "99": 448},
@@ -49,7 +49,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.taxels.recordings",
     measures="Simulated recordings of the array against figures of real ones.",
     minutes=1,
-    sources=("sim/cyskin", "sim/contact"),
+    sources=("sim/taxels", "sim/contact"),
     figures=(
         Figure("largest_counts.*", "counts"),
         *(

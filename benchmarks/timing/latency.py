@@ -25,8 +25,8 @@ from PIL import Image
 from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.sim.cyskin.dense import dense_layout
-from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.taxels.dense import dense_layout
+from t2twin.sim.taxels.layout import load_layout
 
 if TYPE_CHECKING:
     from t2twin.translate.models.presets import Model, Preset
@@ -36,7 +36,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.timing.latency",
     measures="Time from one DIGIT frame to its counts on one core, against PyTorch.",
     minutes=2,
-    sources=("sim/cyskin", "translate"),
+    sources=("sim/taxels", "translate"),
     figures=(
         Figure("presets.touch2touch-cpu.median_ms", "ms", most=30.0),
         Figure("presets.resnet18-cpu.median_ms", "ms", most=16.0),

@@ -11,7 +11,7 @@ from PIL import Image
 from torch import nn
 from torch.utils.data import Dataset
 
-from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.presets import Preset

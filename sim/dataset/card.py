@@ -12,10 +12,10 @@ from typing import Any
 import pyarrow as pa
 
 from t2twin.core.templates import render
-from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
 from t2twin.sim.dataset.columns import DENSE_COUNTS, IMAGE_TYPE, TRACTIONS, schema_of, type_name
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import write_whole
+from t2twin.sim.taxels.layout import PAD_DIAMETER_MM
 
 CARD, CROISSANT = "README.md", "croissant.json"
 

@@ -58,7 +58,7 @@ MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
 
 TRACTIONS = ("cover_pressure_kpa", "cover_shear_x_kpa", "cover_shear_y_kpa")
 """Further columns of recipes with motion and dense counts:
-t2twin.sim.cyskin.dense.dense_tractions."""
+t2twin.sim.taxels.dense.dense_tractions."""
 
 
 def schema_of(recipe: Recipe | None) -> pa.Schema:

@@ -23,9 +23,6 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape_cache import code_digest
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.layer import cached_layer
-from t2twin.sim.cyskin import reading, taxels
-from t2twin.sim.cyskin.dense import dense_layout
-from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.info import (
@@ -48,13 +45,16 @@ from t2twin.sim.dataset.store import (
     write_whole,
 )
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, peak_memory, process_name, summary
-from t2twin.sim.digit.image_renderer import NOISE_GREY
-from t2twin.sim.digit.pyrender_renderer import FRAME_SECONDS
+from t2twin.sim.optical.image_renderer import NOISE_GREY
+from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.held_out import check_held_out
 from t2twin.sim.sampling.plan import Batch, plan
 from t2twin.sim.sampling.recipe import NAMED, PAPER, RANDOM, Recipe, checked, load_recipe
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
+from t2twin.sim.taxels import pads, reading
+from t2twin.sim.taxels.dense import dense_layout
+from t2twin.sim.taxels.reading import DATASET_DEFAULT
 
 SECONDS_PER_PAIR, SECONDS_PER_SAMPLED_PAIR, SECONDS_PER_SHAPE = 0.015, 0.024, 0.75
 """Time of one pair of the protocol, of one with a sampled press or light, and of preparing one
@@ -149,7 +149,7 @@ def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -
         layout=layout.name,
         layout_x_mm=tuple(layout.x_mm.tolist()),
         layout_y_mm=tuple(layout.y_mm.tolist()),
-        full_scale_counts=taxels.FULL_SCALE_COUNTS,
+        full_scale_counts=pads.FULL_SCALE_COUNTS,
         versions=versions(),
         shards={},
         image_shape=(rows, columns, channels),
@@ -176,7 +176,7 @@ def _parameters(sensors: SensorPair, shapes: dict[str, tuple[int, ...]]) -> Para
         cyskin=CySkinParameters(
             **elastomer_json(cyskin.cover),
             pitch_mm=cyskin.pitch_mm,
-            gain_counts=taxels.GAIN_COUNTS,
+            gain_counts=pads.GAIN_COUNTS,
             pad_diameter_mm=tuple(cyskin.layout.pad_diameter_mm.tolist()),
             readings=reading.READINGS,
             imperfections=cyskin.flaws,

@@ -34,14 +34,14 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import new_folder, open_regular, read_file
 from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names
-from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.columns import BACKGROUND, DENSE_COUNTS, POSE, SCHEMA, UNIT
 from t2twin.sim.dataset.info import FORMAT, MAX_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.sampling.plan import file_stem, shard_path
 from t2twin.sim.tables import ERRORS, read_csv, row_labels
+from t2twin.sim.taxels.layout import Layout
+from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
 
 ORIGIN = "imported"
 SHARES = (0.8, 0.1, 0.1)

@@ -12,9 +12,9 @@ from msgspec import Meta
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import installed_version
-from t2twin.sim.cyskin.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
-from t2twin.sim.cyskin.reading import Imperfections
 from t2twin.sim.sampling.recipe import PAPER, Recipe
+from t2twin.sim.taxels.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
+from t2twin.sim.taxels.reading import Imperfections
 
 FORMAT = 1
 """Version of the dataset's folders, columns and info.json."""

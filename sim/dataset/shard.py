@@ -30,10 +30,10 @@ from t2twin.sim.dataset.columns import (
 )
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
-from t2twin.sim.digit.markers import Markers
-from t2twin.sim.digit.randomization.artifacts import with_artifacts
-from t2twin.sim.digit.randomization.ranges import log_uniform
-from t2twin.sim.digit.randomization.unit import sample_unit
+from t2twin.sim.optical.markers import Markers
+from t2twin.sim.optical.randomization.artifacts import with_artifacts
+from t2twin.sim.optical.randomization.ranges import log_uniform
+from t2twin.sim.optical.randomization.unit import sample_unit
 from t2twin.sim.sampling.plan import Batch, load_shape, name_of, paths_of
 from t2twin.sim.sampling.presses import (
     FRAME_STREAM,

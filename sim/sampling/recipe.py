@@ -32,11 +32,11 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 from t2twin.core.records import convert
 from t2twin.sim.contact.types import FORCE_RANGE_N
-from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
-from t2twin.sim.cyskin.reading import DATASET_DEFAULT
-from t2twin.sim.digit.image_renderer import FRAMES
-from t2twin.sim.digit.randomization.artifacts import Artifacts
-from t2twin.sim.digit.randomization.ranges import UnitRanges
+from t2twin.sim.optical.image_renderer import FRAMES
+from t2twin.sim.optical.randomization.artifacts import Artifacts
+from t2twin.sim.optical.randomization.ranges import UnitRanges
+from t2twin.sim.taxels.layout import DEFAULT_LAYOUT
+from t2twin.sim.taxels.reading import DATASET_DEFAULT
 
 RECIPES = Path(__file__).parent / "recipes"
 PAPER = "paper"
@@ -215,8 +215,8 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
     touches of a path after its press. force_change: force at the end over the force at the start.
     gel_friction, cover_friction: coefficients of friction, sampled for each shape. All are sampled
     uniformly in the logarithm, steps uniformly. markers: share of the DIGIT units that have markers
-    (t2twin.sim.digit.markers), on grids of sampled pitch and diameter. The defaults of friction are
-    those of t2twin.sim.contact.sliding; the others are assumed.
+    (t2twin.sim.optical.markers), on grids of sampled pitch and diameter. The defaults of friction
+    are those of t2twin.sim.contact.sliding; the others are assumed.
     """
 
     still: MotionShare = 0.4
@@ -246,7 +246,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     """What is sampled into a dataset.
 
     name: for tables. seed: of all samples. layout, imperfections: the CySkin's. dense_counts:
-    whether pairs contain the dense counts (t2twin.sim.cyskin.dense). background_frames: whether
+    whether pairs contain the dense counts (t2twin.sim.taxels.dense). background_frames: whether
     pairs contain the background frame of their DIGIT unit. motion: of the sampled presses; without
     it all stay still, and info.json does not contain it.
     """

@@ -46,10 +46,10 @@ from t2twin.primitives_cad.export import write_ball
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.pool import check_workers
-from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE, Inputs, calibrate, read_inputs
-from t2twin.sim.digit.calibrate.measurements import Tolerance
-from t2twin.sim.digit.camera.pinhole import Camera
-from t2twin.sim.digit.image_renderer import NOISE_GREY
+from t2twin.sim.optical.calibrate.calibrate import DEFAULT_TOLERANCE, Inputs, calibrate, read_inputs
+from t2twin.sim.optical.calibrate.measurements import Tolerance
+from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.image_renderer import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
 from t2twin.translate.models.presets import Preset, find_preset
 from t2twin.translate.runs.checkpoint import average_runs

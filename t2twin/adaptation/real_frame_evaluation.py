@@ -23,8 +23,8 @@ from t2twin.core.templates import render
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import SensorPair
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.evaluation.reliability import REPORTED_LEVEL
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor

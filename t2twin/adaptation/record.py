@@ -22,13 +22,13 @@ from t2twin.core.records import read_json
 from t2twin.core.tables import Table
 from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import Section, write_page
-from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.digit.calibrate.calibrate import OpticsReport
-from t2twin.sim.digit.calibrate.uncertainty import (
+from t2twin.sim.optical.calibrate.calibrate import OpticsReport
+from t2twin.sim.optical.calibrate.uncertainty import (
     Bounds,
     OpticsUncertainty,
     uncertainty_sentences,
 )
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.inference.predictor import CountsPredictor
 
 OPTICS, PRESSES, RECORD = "optics.npz", "presses.json", "adapted.json"

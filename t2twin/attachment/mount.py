@@ -22,9 +22,9 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.renamed import new_keywords
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.sliding import MAX_FRICTION
-from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
-from t2twin.sim.digit.markers import Markers, as_markers
+from t2twin.sim.optical.markers import Markers, as_markers
 from t2twin.sim.sensors import CySkin, Digit
+from t2twin.sim.taxels.layout import DEFAULT_LAYOUT
 
 MASS_KG = {"digit": 0.02, "cyskin": 0.0034}
 """Masses of the sensors, kg. DIGIT: Lambeta et al., DIGIT, IEEE RA-L 2020. CySkin: its cover of

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from t2twin.sim.digit.calibrate.calibrate import OpticsReport
-    from t2twin.sim.digit.calibrate.measurements import Tolerance
+    from t2twin.sim.optical.calibrate.calibrate import OpticsReport
+    from t2twin.sim.optical.calibrate.measurements import Tolerance
 if TYPE_CHECKING:
     from t2twin.adaptation.record import AdaptationResult
 
@@ -44,7 +44,7 @@ class FitOptions:
     @property
     def tolerance(self) -> "Tolerance":
         """The tolerances. Raises T2TwinError for a value that is negative or not finite."""
-        from t2twin.sim.digit.calibrate.measurements import Tolerance
+        from t2twin.sim.optical.calibrate.measurements import Tolerance
 
         return Tolerance(
             self.ball_tolerance_mm, self.scale_tolerance_px_per_mm, self.depth_tolerance_mm,
@@ -74,9 +74,9 @@ def calibrate(
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import check_replaceable, locked
-    from t2twin.sim.digit.calibrate.calibrate import calibrate as calibrate_optics
-    from t2twin.sim.digit.calibrate.calibrate import guess_light
-    from t2twin.sim.digit.camera.pinhole import Camera
+    from t2twin.sim.optical.calibrate.calibrate import calibrate as calibrate_optics
+    from t2twin.sim.optical.calibrate.calibrate import guess_light
+    from t2twin.sim.optical.camera.pinhole import Camera
 
     camera = Camera(fit.scale_px_per_mm)
     if presses is None:
@@ -113,8 +113,8 @@ def _write(report: "OpticsReport", out: Path) -> None:
     from PIL import Image
 
     from t2twin.core.files import atomic_write
-    from t2twin.sim.digit.calibrate.calibrate import write_record
-    from t2twin.sim.digit.calibrate.uncertainty import uncertainty_lines
+    from t2twin.sim.optical.calibrate.calibrate import write_record
+    from t2twin.sim.optical.calibrate.uncertainty import uncertainty_lines
 
     simulated, noise, rng = report.simulated, report.optics.noise, np.random.default_rng(0)
     if noise is not None:
@@ -185,7 +185,7 @@ def adapt(
         workers: Processes that press at once; one per core unless given.
     """
     from t2twin.adaptation.pipeline import adapt as run_adaptation
-    from t2twin.sim.digit.camera.pinhole import Camera
+    from t2twin.sim.optical.camera.pinhole import Camera
 
     result = run_adaptation(
         background, presses, ball_diameter_mm, out, fit.held_out, minutes,
@@ -196,7 +196,7 @@ def adapt(
 
 
 def _print(result: "AdaptationResult") -> None:
-    from t2twin.sim.digit.calibrate.uncertainty import uncertainty_lines
+    from t2twin.sim.optical.calibrate.uncertainty import uncertainty_lines
 
     for line in uncertainty_lines(result.uncertainty):
         print(line)

@@ -59,8 +59,8 @@ def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
         sys.exit(_verify(options.verify))
 
     import t2twin
-    from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
-    from t2twin.sim.cyskin.reading import DATASET_DEFAULT
+    from t2twin.sim.taxels.layout import DEFAULT_LAYOUT
+    from t2twin.sim.taxels.reading import DATASET_DEFAULT
 
     sensors = None
     if options.scale is not None:

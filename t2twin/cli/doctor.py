@@ -137,8 +137,8 @@ def _rendering() -> str:
         return "not on macOS, which has no EGL; only the optics pyrender need it"
     import numpy as np
 
-    from t2twin.sim.digit.camera.pinhole import optical_grid
-    from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
+    from t2twin.sim.optical.camera.pinhole import optical_grid
+    from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 
     x, y = optical_grid()
     with ReferenceRenderer() as renderer:

@@ -126,7 +126,7 @@ class TouchOptions:
     def sensors(self, renderer: Renderer = "baked") -> "SensorPair":
         """The sensors. renderer: what renders the DIGIT's image."""
         from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
-        from t2twin.sim.digit.markers import Markers
+        from t2twin.sim.optical.markers import Markers
         from t2twin.twin import Twin, other_elastomer
 
         self._check_effects()
@@ -240,7 +240,7 @@ class SlideOptions(TouchOptions):
 
 def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     """Press one shape into one sensor or both, and write the image, counts and contacts."""
-    from t2twin.sim.digit.compile_ahead import compile_optics_ahead
+    from t2twin.sim.optical.compile_ahead import compile_optics_ahead
     from t2twin.sim.touch import scene_path
     from t2twin.twin import generator
 
@@ -270,7 +270,7 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     """Press a shape and slide or turn it with friction; write images, counts and shear."""
     from t2twin.core.progress import Progress
     from t2twin.rerun_log import RerunLog, recorded
-    from t2twin.sim.digit.compile_ahead import compile_optics_ahead
+    from t2twin.sim.optical.compile_ahead import compile_optics_ahead
     from t2twin.sim.slide import check_friction, touches_along
     from t2twin.slide_files import FRAME_MS, write_slide
     from t2twin.twin import generator
@@ -326,7 +326,7 @@ def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
 
 def pyrender_duration() -> str:
     """The time that pyrender takes, as a message."""
-    from t2twin.sim.digit.pyrender_renderer import FIRST_SECONDS
+    from t2twin.sim.optical.pyrender_renderer import FIRST_SECONDS
 
     return f"pyrender takes about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
 

@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
-from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
-from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import read_info, read_split, split_shards, taxels
+from t2twin.sim.taxels.layout import PAD_DIAMETER_MM
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import DataInfo, load_info
 
 COLUMNS = [

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import FixedLocator, LogFormatter, NullLocator
 
-from t2twin.sim.cyskin.phi import TACTILE_SHAPE, Phi
+from t2twin.sim.taxels.phi import TACTILE_SHAPE, Phi
 
 STYLE = {
     "axes.edgecolor": "#666666",

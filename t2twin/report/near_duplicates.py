@@ -15,8 +15,8 @@ from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import figure
-from t2twin.sim.cyskin.reading import expected_reading
 from t2twin.sim.dataset.store import iter_images, split_shards
+from t2twin.sim.taxels.reading import expected_reading
 
 BLOCK_PX = 8
 """Side of the blocks over which images are averaged, pixels: reduces the noise to an eighth."""

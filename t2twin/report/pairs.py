@@ -21,8 +21,8 @@ from t2twin.report.figures import (
     extent_mm,
     figure,
 )
-from t2twin.sim.cyskin.phi import TACTILE_SHAPE
-from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.taxels.phi import TACTILE_SHAPE
 
 PAIRS = 12
 SEED = 0

@@ -15,9 +15,9 @@ from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import SPLIT_NAMES, Section, name_of, write_page
 from t2twin.report.pairs import example
-from t2twin.sim.cyskin.taxels import DIELECTRIC_MODULUS_MPA
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.sim.digit.optics import DEFAULT_PATH
+from t2twin.sim.optical.optics import DEFAULT_PATH
+from t2twin.sim.taxels.pads import DIELECTRIC_MODULUS_MPA
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import Evaluation
 from t2twin.translate.evaluation.table import (

@@ -6,8 +6,8 @@ from html import escape
 
 import numpy as np
 
-from t2twin.sim.cyskin.phi import PX_PER_MM, TACTILE_SHAPE
-from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
+from t2twin.sim.taxels.phi import PX_PER_MM, TACTILE_SHAPE
 from t2twin.sim.touch import Touch
 from t2twin.studio.charts import (
     PERCENT,

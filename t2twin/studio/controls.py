@@ -14,9 +14,9 @@ from t2twin.primitives_cad import catalogue, primitive_parameters
 from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION
-from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.sampling.presses import MAX_SHAPE_SEED
 from t2twin.sim.sampling.protocol import SCALES
+from t2twin.sim.taxels.reading import PRESETS
 from t2twin.studio.press_state import (
     Motion,
     PressState,

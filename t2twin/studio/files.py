@@ -17,9 +17,9 @@ from viser import _messages
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.mesh_io import read
-from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.cyskin.taxels import pad_pressure_mpa
-from t2twin.sim.digit.optics import Optics
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.pads import pad_pressure_mpa
 from t2twin.studio.controls import Controls, Inputs
 from t2twin.studio.press_state import file_name
 from t2twin.studio.session import PATH_FILE, PressResult

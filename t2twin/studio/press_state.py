@@ -15,10 +15,10 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import check_force
-from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, LAYOUTS
-from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.sampling.protocol import FORCE_N, indices, press_of, scale_of
 from t2twin.sim.slide import check_friction
+from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, LAYOUTS
+from t2twin.sim.taxels.reading import PRESETS
 
 FIRST_SHAPE = "square-2"
 """Shape of a new page."""

@@ -17,8 +17,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import PressCommand, check_force
-from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.digit.markers import Markers
+from t2twin.sim.optical.markers import Markers
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.slide import (
     MAX_SLIDE_STEPS,
@@ -29,6 +28,7 @@ from t2twin.sim.slide import (
     PathRow,
     slide_to,
 )
+from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.touch import Touch
 from t2twin.studio.press_state import PressState
 from t2twin.studio.translators import Translation, Translators

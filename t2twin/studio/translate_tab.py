@@ -9,7 +9,7 @@ from threading import Event, Thread
 import numpy as np
 import viser
 
-from t2twin.sim.digit.image_renderer import NOISE_GREY
+from t2twin.sim.optical.image_renderer import NOISE_GREY
 from t2twin.studio.cards import frame_html
 from t2twin.studio.controls import Inputs, markdown_safe
 from t2twin.studio.session import PressResult

@@ -17,7 +17,7 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
-    from t2twin.sim.cyskin.layout import Layout
+    from t2twin.sim.taxels.layout import Layout
     from t2twin.sim.touch import Touch
     from t2twin.translate.inference.predictor import CountsPredictor
     from t2twin.translate.uncertainty.estimate import Estimate
@@ -156,7 +156,7 @@ class Translators:
     def _translate(
         self, name: str, image: np.ndarray, background: np.ndarray | None, touch: "Touch | None"
     ) -> Translation:
-        from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
+        from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
         from t2twin.translate.inference.predictor import FieldPredictor
         from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
 
@@ -233,10 +233,10 @@ def _model_of(folder: Path) -> str:
 def _truth(touch: "Touch", layout: "Layout") -> np.ndarray:
     """True counts at the taxels of a layout; of the touch's own layout with its noise, of any other
     without."""
-    from t2twin.sim.cyskin import taxels
+    from t2twin.sim.taxels import pads
 
     own = np.stack([touch.layout.x_mm, touch.layout.y_mm])
     other = np.stack([layout.x_mm, layout.y_mm])
     if own.shape == other.shape and np.allclose(own, other):
         return touch.counts.astype(float)
-    return taxels.counts(taxels.pad_pressure_mpa(touch.cyskin, layout))
+    return pads.counts(pads.pad_pressure_mpa(touch.cyskin, layout))

@@ -54,7 +54,7 @@ IN_THE_WAY: dict[str, Callable[[Path], object]] = {
 
 
 def _save_optics(place: str, box: Path, base: Base) -> None:
-    from t2twin.sim.digit.optics import Optics
+    from t2twin.sim.optical.optics import Optics
 
     Optics.load().save(Path(place))
 

@@ -19,7 +19,7 @@ from PIL import Image
 from safetensors.numpy import load_file, save
 from solids import SOLIDS
 
-from t2twin.sim.digit.optics import DEFAULT_PATH
+from t2twin.sim.optical.optics import DEFAULT_PATH
 
 # Valid files
 

@@ -28,7 +28,6 @@ from t2twin.core.cached_files import cached_file
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
-from t2twin.sim.cyskin.layout import LARGEST_PAD_MM, PAD_DIAMETER_MM, Layout
 from t2twin.sim.dataset.columns import BACKGROUND, DENSE_COUNTS, PATH, POSE
 from t2twin.sim.dataset.info import MAX_COUNTS, DatasetInfo, check_layout, is_sha256
 from t2twin.sim.dataset.store import (
@@ -41,6 +40,7 @@ from t2twin.sim.dataset.store import (
     split_shards,
     taxels,
 )
+from t2twin.sim.taxels.layout import LARGEST_PAD_MM, PAD_DIAMETER_MM, Layout
 from t2twin.translate.data.images import to_pixels
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
-from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import Pairs
 from t2twin.translate.evaluation.baselines import GROUPS, ForceBin
 from t2twin.translate.evaluation.records import (

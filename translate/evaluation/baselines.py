@@ -19,11 +19,11 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from t2twin.core.progress import Progress
-from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.cyskin.phi import barycentric
-from t2twin.sim.cyskin.reading import expected_reading, read
 from t2twin.sim.dataset.info import DatasetInfo
-from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera
+from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA, Camera
+from t2twin.sim.taxels.layout import Layout
+from t2twin.sim.taxels.phi import barycentric
+from t2twin.sim.taxels.reading import expected_reading, read
 from t2twin.translate.data.pairs import DataInfo, ImageFile, Pairs
 from t2twin.translate.evaluation.predictions import EvaluationInputs
 from t2twin.translate.evaluation.records import MeanOf, PaperRow

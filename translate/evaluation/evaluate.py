@@ -14,9 +14,9 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked
-from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.store import sha256_of
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_pairs, usable_cache
 from t2twin.translate.evaluation import array_errors
 from t2twin.translate.evaluation.array_errors import by_force, by_motion

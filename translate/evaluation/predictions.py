@@ -20,11 +20,11 @@ from PIL import Image
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
-from t2twin.sim.cyskin.reading import expected_reading
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info, sha256_of
-from t2twin.sim.digit.image_renderer import ImageRenderer
-from t2twin.sim.digit.optics import DEFAULT_PATH
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.optics import DEFAULT_PATH
+from t2twin.sim.taxels.reading import expected_reading
 from t2twin.translate.data.images import open_image, to_pixels
 from t2twin.translate.data.pairs import (
     DataInfo,

@@ -23,7 +23,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, temporary_folder
 from t2twin.core.progress import Progress
-from t2twin.sim.cyskin.tactile_image import colored_tactile_image
+from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.translate.data.images import check_image, open_image, to_pixels
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import (

@@ -14,7 +14,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.inference.onnx_export import OnnxEngine
 from t2twin.translate.inference.predictor import (
     CountsPredictor,

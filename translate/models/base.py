@@ -18,7 +18,7 @@ import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
-from t2twin.sim.cyskin.layout import Layout
+from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models.presets import Preset

@@ -29,10 +29,10 @@ import torch
 from torch import nn
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.dense import reading_matrix
-from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
-from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.taxels.dense import reading_matrix
+from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.base import CountsTranslator, adamw, weight_average

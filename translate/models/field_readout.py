@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from t2twin.sim.cyskin.phi import PX_PER_MM, TACTILE_SHAPE, barycentric
+from t2twin.sim.taxels.phi import PX_PER_MM, TACTILE_SHAPE, barycentric
 from t2twin.translate.networks.field_net import KNOTS, FieldNet, FieldOutputs
 from t2twin.translate.uncertainty.calibration import interpolate_scale, standard_deviation
 

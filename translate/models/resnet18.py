@@ -10,7 +10,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.models.base import CountsTranslator, adamw, weight_average

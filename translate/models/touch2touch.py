@@ -28,8 +28,8 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.cyskin.phi import TACTILE_SHAPE, Phi
+from t2twin.sim.taxels.layout import Layout
+from t2twin.sim.taxels.phi import TACTILE_SHAPE, Phi
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.models.base import CountsTranslator, Translator, adamw, weight_average

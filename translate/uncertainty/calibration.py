@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from scipy.optimize import isotonic_regression
 
-from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
 
 LEVEL = 0.9
 """Coverage that the calibrated intervals reach."""

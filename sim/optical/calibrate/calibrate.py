@@ -1,0 +1,404 @@
+"""Calibrates the DIGIT's optics to a user's sensor: fits some presses, scores on others.
+
+From a background frame alone, an optics file is the mean light of sampled units. The background
+frame does not determine how LEDs shade and shadow a press. The sampled units whose LEDs explain it
+best predict a real unit's presses no better than the others. The mean over many units predicts them
+better than any one unit.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, astuple, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from skimage.metrics import structural_similarity
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import write_json
+from t2twin.sim.optical.calibrate.fit import GAMMA
+from t2twin.sim.optical.calibrate.frames import (
+    clean_background,
+    contact_patch,
+    crop,
+    measure_noise,
+    read_frame,
+    read_frames,
+    upright_frame,
+)
+from t2twin.sim.optical.calibrate.measurements import (
+    FORCES,
+    Fit,
+    Measurements,
+    Presses,
+    Tolerance,
+    fit_presses,
+    read_measurements,
+)
+from t2twin.sim.optical.calibrate.uncertainty import (
+    OpticsUncertainty,
+    check_tolerance,
+    estimate_uncertainty,
+)
+from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.randomization.ranges import UnitRanges
+from t2twin.sim.optical.randomization.unit import sample_unit
+
+MIN_TRAINING = 6
+"""Smallest number of presses to fit to: each LED's light varies over the gel."""
+HELD_OUT_SHARE = 3
+"""By default one in so many presses is held out, the last ones."""
+DEFAULT_TOLERANCE = Tolerance()
+UNIT_COUNT = 300
+"""Number of units that are averaged (assumed: twice as many change the mean by little)."""
+RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
+"""Ranges of the units: their gamma is the one of a fit. Only responses of one gamma can be
+averaged."""
+FORMAT = 1
+"""Format of optics.json."""
+
+Report = Callable[[str], object]
+"""Called with progress messages."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """l1: mean absolute difference, grey levels. psnr_db: peak signal-to-noise ratio."""
+
+    l1: float
+    ssim: float
+    psnr_db: float
+
+
+@dataclass(frozen=True)
+class OpticsScores:
+    """Mean scores on the contact crops of the held-out frames.
+
+    calibrated: of the simulated frames. cut_and_paste: of the training presses' mean change, moved
+    to the held-out positions. do_nothing: of the background frame.
+    """
+
+    calibrated: Score
+    cut_and_paste: Score
+    do_nothing: Score
+
+
+@dataclass(frozen=True)
+class OpticsReport:
+    """A fitted optics file and its evaluation. All arrays but training_poses are over the held-out
+    presses.
+
+    optics: fitted to all presses, with their noise. scored_by: fitted without the held-out
+    presses; `simulated` and the scores are of this one.
+    trained, held_out: names of the frames. repeated: names of duplicates, which are excluded.
+    training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each fitted to its own frame. surfaces_mm:
+    (n, grid) deflections at the poses, on optical_grid(). real, simulated: (n, ROWS, COLUMNS, 3)
+    uint8. scores: means. each: the score of each press. uncertainty: bounds of depths and forces.
+    """
+
+    optics: Optics
+    scored_by: Optics
+    trained: list[str]
+    training_poses: np.ndarray
+    held_out: list[str]
+    repeated: list[str]
+    poses: np.ndarray
+    surfaces_mm: np.ndarray
+    real: np.ndarray
+    simulated: np.ndarray
+    scores: OpticsScores
+    each: list[Score]
+    uncertainty: OpticsUncertainty | None
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The validated inputs of an optics file.
+
+    background: (ROWS, COLUMNS, 3) uint8. frames: (n, ROWS, COLUMNS, 3) uint8, the presses, and
+    names, their files. patches: (n, 2) row and column of each contact, px. train, test: indices of
+    the presses to fit to and of those held out.
+    """
+
+    background: np.ndarray
+    frames: np.ndarray
+    names: list[str]
+    measurements: Measurements
+    patches: np.ndarray
+    train: list[int]
+    test: list[int]
+
+    def presses(self, indices: list[int], clean: np.ndarray | None = None) -> Presses:
+        """Some presses. clean: the cleaned background; None to clean it with their frames."""
+        frames = self.frames[indices]
+        clean = clean_background(self.background, frames) if clean is None else clean
+        return Presses(clean, frames, self.patches[indices], self.measurements.subset(indices))
+
+    def names_of(self, indices: list[int]) -> list[str]:
+        return [self.names[index] for index in indices]
+
+
+def read_inputs(
+    background: Path,
+    presses: Path,
+    ball_diameter_mm: float,
+    held_out: int | None,
+    camera: Camera,
+    tolerance: Tolerance | None,
+) -> Inputs:
+    """Read the inputs of `calibrate`. Raises T2TwinError for invalid frames or numbers."""
+    background_frame, frames, names = read_frames(background, presses)
+    measurements = read_measurements(presses, names, ball_diameter_mm)
+    if tolerance is not None:
+        check_tolerance(measurements, camera, tolerance)
+    count = len(frames) // HELD_OUT_SHARE if held_out is None else held_out
+    first: dict[bytes, int] = {}  # of each different frame
+    for index, frame in enumerate(frames):
+        first.setdefault(frame.tobytes(), index)
+    train = [index for index in first.values() if index < len(frames) - count]
+    test = [index for index in first.values() if index >= len(frames) - count]
+    if len(train) < MIN_TRAINING or not test:
+        copies = len(frames) - len(first)
+        raise T2TwinError(
+            f"{presses} holds {len(frames)} presses, of which {count} are held out and {copies} "
+            f"are copies of others; at least {MIN_TRAINING} different ones must be left to fit to, "
+            "and at least 1 held out"
+        )
+    patches = _patches(frames, background_frame, names)
+    if measurements.has_depths and not measurements.subset(train).has_depths:
+        raise T2TwinError(
+            f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
+            "presses"
+        )
+    return Inputs(background_frame, frames, names, measurements, patches, train, test)
+
+
+def calibrate(
+    background: str | Path,
+    presses: str | Path,
+    ball_diameter_mm: float,
+    held_out: int | None = None,
+    camera: Camera | None = None,
+    report: Report = lambda line: None,
+    tolerance: Tolerance | None = DEFAULT_TOLERANCE,
+) -> OpticsReport:
+    """Fit the presses, score on the last held_out of them by name, then fit all of them.
+
+    background: a background frame. presses: folder of frames of a ball, 240 wide, 320 high, PNG or
+    JPEG, and optionally `forces.csv` (see measurements). camera: its scale and distance; measured
+    displacements replace the scale. report: called with progress messages. tolerance: of the
+    inputs; None skips the uncertainty, which takes most of the time, and the gel's modulus.
+    Frames that equal an earlier one are excluded.
+    Raises T2TwinError for invalid frames or numbers, and for a fit no better than the background.
+    """
+    camera = Camera() if camera is None else arguments.instance(camera, "camera", Camera)
+    if held_out is not None:
+        arguments.whole_number(held_out, "held_out")
+    if tolerance is not None:
+        arguments.instance(tolerance, "tolerance", Tolerance)
+    arguments.function(report, "report")
+    inputs = read_inputs(
+        arguments.path(background, "background"), arguments.path(presses, "presses"),
+        ball_diameter_mm, held_out, camera, tolerance,
+    )  # fmt: skip
+    report(f"fitting to {len(inputs.train)} presses")
+    training = inputs.presses(inputs.train)
+    fit = fit_presses(training, camera)
+    evaluated = evaluate(inputs, training, fit)
+    optics, uncertainty = _fit_all(inputs, fit, tolerance, report)
+    return replace(evaluated, optics=optics, uncertainty=uncertainty)
+
+
+def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
+    """The report of a fit without the held-out presses, which are only located.
+
+    Raises T2TwinError for a fit no better than the background.
+    """
+    train, test = inputs.train, inputs.test
+    held_out = inputs.presses(test, training.background)
+    model = held_out.model(fit.model.camera)
+    poses = np.array([model.pose(fit.state, index) for index in range(len(test))])
+    surfaces_mm = np.array(
+        [model.surface(fit.state, index, pose) for index, pose in enumerate(poses)]
+    )
+    optics = fit.model.optics(fit.state)
+    renderer = ImageRenderer(optics)
+    simulated = np.array([renderer.render(surface_mm) for surface_mm in surfaces_mm])
+    from_px, to_px = (_pixels(each, fit.model.camera) for each in (fit.state.poses, poses))
+    pasted = cut_and_paste(inputs.background, training.frames, from_px, to_px)
+    still = np.broadcast_to(inputs.background, held_out.frames.shape)
+    each, *baselines = (
+        crop_scores(held_out.frames, other, held_out.patches)
+        for other in (simulated, pasted, still)
+    )
+    scores = OpticsScores(*(mean_score(scored) for scored in (each, *baselines)))
+    _check_explains(scores)
+    return OpticsReport(
+        optics=optics,
+        scored_by=optics,
+        trained=inputs.names_of(train),
+        training_poses=fit.state.poses,
+        held_out=inputs.names_of(test),
+        repeated=[name for i, name in enumerate(inputs.names) if i not in (*train, *test)],
+        poses=poses,
+        surfaces_mm=surfaces_mm,
+        real=held_out.frames,
+        simulated=simulated,
+        scores=scores,
+        each=each,
+        uncertainty=None,
+    )
+
+
+def _fit_all(
+    inputs: Inputs, first: Fit, tolerance: Tolerance | None, report: Report
+) -> tuple[Optics, OpticsUncertainty | None]:
+    """The optics from all presses, with noise and modulus, and its uncertainty."""
+    indices = [*inputs.train, *inputs.test]
+    report(f"fitting again, to all {len(indices)}")
+    presses = inputs.presses(indices)
+    fit = fit_presses(presses, first.model.camera, first.state)
+    uncertainty = None
+    if tolerance is not None:
+        names = inputs.names_of(indices)
+        uncertainty = estimate_uncertainty(presses, names, fit, tolerance, report)
+    young = None if uncertainty is None else uncertainty.young_mpa
+    optics = replace(
+        fit.model.optics(fit.state),
+        noise=measure_noise(presses.background, presses.frames, inputs.background),
+        young_mpa=None if young is None else young.value,
+    )
+    return optics, uncertainty
+
+
+def _check_explains(scores: OpticsScores) -> None:
+    """Raises T2TwinError if the fit is no better than the background, as without a ball."""
+    fitted, still = scores.calibrated.psnr_db, scores.do_nothing.psnr_db
+    if fitted <= still:
+        raise T2TwinError(
+            f"the fit does not explain the held-out presses: its PSNR is {fitted:.1f} dB, and "
+            f"{still:.1f} dB for the background; use frames of one ball, pressed into the sensor "
+            "of the background"
+        )
+
+
+def _patches(frames: np.ndarray, background: np.ndarray, names: list[str]) -> np.ndarray:
+    """(n, 2) the contact of each frame. Raises T2TwinError with the names of frames without."""
+    patches = [contact_patch(frame, background) for frame in frames]
+    empty = [name for name, patch in zip(names, patches, strict=True) if patch is None]
+    if empty:
+        raise T2TwinError(
+            f"no contact is visible in {', '.join(empty)}, which do not differ from the "
+            "background; remove these frames"
+        )
+    return np.array(patches)
+
+
+def _pixels(poses: np.ndarray, camera: Camera) -> np.ndarray:
+    """(n, 2) rows and columns, px, of poses (n, 3)."""
+    rows, columns = camera.project(poses[:, 0], poses[:, 1], np.zeros(len(poses)))
+    return np.stack([rows, columns], axis=1)
+
+
+def score(real: np.ndarray, other: np.ndarray) -> Score:
+    """The score of two uint8 images of one shape (rows, columns, 3)."""
+    difference = real.astype(float) - other
+    error = max(float(np.mean(difference**2)), 1e-12)
+    return Score(
+        l1=float(np.abs(difference).mean()),
+        ssim=float(np.mean(structural_similarity(real, other, channel_axis=2, data_range=255))),
+        psnr_db=float(10.0 * np.log10(255.0**2 / error)),
+    )
+
+
+def mean_score(scores: Sequence[Score]) -> Score:
+    """The mean of each metric."""
+    return Score(*np.mean([astuple(each) for each in scores], axis=0).tolist())
+
+
+def crop_scores(real: np.ndarray, other: np.ndarray, places: np.ndarray) -> list[Score]:
+    """Scores of frames (n, ...) on the crops around places (n, 2), row and column."""
+    return [
+        score(crop(a, place), crop(b, place))
+        for a, b, place in zip(real, other, places, strict=True)
+    ]
+
+
+def cut_and_paste(
+    background: np.ndarray, training: np.ndarray, from_px: np.ndarray, to_px: np.ndarray
+) -> np.ndarray:
+    """(m, ...) uint8: the background with the training presses' mean change, moved to other places.
+
+    from_px, to_px: (n, 2), (m, 2) rows and columns of the presses. Moves are whole pixels.
+    """
+    rows, columns = background.shape[:2]
+    wide = np.zeros((3 * rows, 3 * columns, 3))
+    seen = np.zeros((3 * rows, 3 * columns, 1))
+    for frame, (row, column) in zip(training, np.rint(from_px).astype(int), strict=True):
+        top, left = rows + rows // 2 - row, columns + columns // 2 - column
+        wide[top : top + rows, left : left + columns] += frame.astype(float) - background
+        seen[top : top + rows, left : left + columns] += 1.0
+    mean = wide / np.maximum(seen, 1.0)
+    pasted = []
+    for row, column in np.rint(to_px).astype(int):
+        top, left = rows + rows // 2 - row, columns + columns // 2 - column
+        pasted.append(background + mean[top : top + rows, left : left + columns])
+    return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
+
+
+def write_record(path: Path, report: OpticsReport) -> None:
+    """Write optics.json: names, scores, each held-out press, the uncertainty.
+
+    Raises T2TwinError where it cannot be written.
+    """
+    held_out = [
+        {"name": name, "x_mm": pose[0], "y_mm": pose[1], "depth_mm": pose[2], **asdict(score)}
+        for name, pose, score in zip(
+            report.held_out, report.poses.tolist(), report.each, strict=True
+        )
+    ]
+    content = {
+        "format": FORMAT,
+        "trained": report.trained,
+        "repeated": report.repeated,
+        "held_out": held_out,
+        "scores": asdict(report.scores),
+        "uncertainty": None if report.uncertainty is None else asdict(report.uncertainty),
+    }
+    write_json(path, content)
+
+
+def guess_light(
+    background: str | Path,
+    camera: Camera | None = None,
+    report: Callable[[str], object] = lambda line: None,
+) -> Optics:
+    """An optics file with the user's background and the mean light of sampled units.
+
+    background: a background frame, 240 wide, 320 high, PNG or JPEG, whose noise is kept. camera:
+    scale and distance, which a frame does not determine. report: called with progress messages.
+    Raises T2TwinError for an invalid frame.
+    """
+    camera = Camera() if camera is None else arguments.instance(camera, "camera", Camera)
+    arguments.function(report, "report")
+    frame = upright_frame(read_frame(arguments.path(background, "background")))
+    report(f"sampling {UNIT_COUNT} DIGIT units, some seconds")
+    return mean_light(sample_lights(frame, camera))
+
+
+def sample_lights(background: np.ndarray, camera: Camera, count: int = UNIT_COUNT) -> list[Optics]:
+    """Sampled units, all with one camera and one background (ROWS, COLUMNS, 3) uint8."""
+    units = (sample_unit(np.random.default_rng((0, n)), RANGES).optics for n in range(count))
+    return [replace(unit, background=background, **asdict(camera)) for unit in units]
+
+
+def mean_light(units: Sequence[Optics]) -> Optics:
+    """The mean LED positions and response, and the geometric mean of the LED sizes."""
+    return replace(
+        units[0],
+        leds_mm=np.mean([unit.leds_mm for unit in units], axis=0),
+        sizes_mm=np.exp(np.mean([np.log(unit.sizes_mm) for unit in units], axis=0)),
+        response=np.mean([unit.response for unit in units], axis=0),
+    )

@@ -1,0 +1,428 @@
+"""Fits the baked model to frames of ball presses at unknown positions and depths.
+
+The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry that all presses
+share, and the response of each LED in each color, which is linear. GEOMETRY is that of the LEDs,
+and the gel's profile around a ball. All are fitted jointly to the grey levels around the contacts
+by the method of Levenberg and Marquardt (Marquardt 1963); the response is solved for after each
+step.
+Between two such fits ridge.select_terms selects the response's terms.
+
+A lobe can replace a tenth of the depths (measured on a real unit), so these are fitted without it.
+
+A sample is a block of 2 x 2 pixels; an image has (ROWS / 2, COLUMNS / 2). A press is fitted to the
+samples in a square around it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.optical.calibrate.ridge import (
+    FIRST_TERMS,
+    LEDS,
+    MAX_TERMS,
+    Sums,
+    Terms,
+    select_terms,
+    solve_ridge,
+    solve_step,
+)
+from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS, Camera
+from t2twin.sim.optical.camera.response import linear
+from t2twin.sim.optical.light.illumination import COSINE_TERMS
+from t2twin.sim.optical.light.lobe import lobe_columns, normal_terms
+from t2twin.sim.optical.light.ray_casting import Leds, Rays
+from t2twin.sim.optical.optics import PLACE_TERMS, Optics, led_columns, place_terms
+from t2twin.sim.optical.surface import ball_surface
+
+GAMMA = 1.0
+"""Exponent between light and grey levels of a real unit (measured by cross-validation)."""
+MAX_STEPS = 8
+"""Largest number of steps of the joint fit."""
+MIN_GAIN = 2e-3
+"""The fit ends when a step lowers the error by less than this fraction (assumed)."""
+MAX_UNEXPLAINED = 0.25
+"""Largest part of the change of the light, in mean square, that the first light and poses may leave
+(assumed). It is 0.01 to 0.07 on a real unit and sampled ones, and 0.4 on a GelSight Mini."""
+POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3
+"""Step of the difference quotients of a pose, and its longest step in the fit, mm."""
+PRIOR = 2e-5
+"""Weight of the priors: one standard deviation of a parameter costs as much as this mean square
+error over one press, in (grey / 255)^2 (assumed)."""
+HALF_SAMPLES = 36
+"""Half side of the square around a press, samples: 7.5 mm, which contains the shadows."""
+SHALLOWEST_MM, DEEPEST = 0.1, 0.93
+"""Bounds of a press's depth: mm, and in parts of the ball's radius."""
+
+Profile = tuple[float, float, float]
+"""Radius of a ball, mm, and the gel's profile around it: hold and skirt of ball_surface."""
+
+Square = tuple[slice, slice]
+"""Rows and columns of samples."""
+
+# name, start, step of the difference quotient, standard deviation of the prior
+GEOMETRY = (
+    ("azimuth_0_deg", 30.0, 0.7, 10.0),  # as TACTO's configuration and the maker's notes
+    ("azimuth_1_deg", 150.0, 0.7, 10.0),
+    ("azimuth_2_deg", 270.0, 0.7, 10.0),
+    ("elevation_0_deg", 19.0, 0.5, 6.0),  # assumed from the lengths of real shadows
+    ("elevation_1_deg", 19.0, 0.5, 6.0),
+    ("elevation_2_deg", 13.0, 0.5, 6.0),
+    ("radius_mm", 19.0, 0.5, 1.0),  # assumed: next to the gel
+    ("log_size_0", np.log(2.0), 0.05, 0.5),  # assumed: an LED behind a diffuser, mm
+    ("log_size_1", np.log(2.0), 0.05, 0.5),
+    ("log_size_2", np.log(3.0), 0.05, 0.5),
+    ("hold", 0.75, 0.01, 0.1),  # assumed; t2twin.sim.optical.surface
+    ("skirt", 1.0, 0.03, 0.3),
+)
+START = np.array([row[1] for row in GEOMETRY])
+NUDGE = np.array([row[2] for row in GEOMETRY])
+SPREAD = np.array([row[3] for row in GEOMETRY])
+
+
+@dataclass(frozen=True)
+class State:
+    """Fitted parameters.
+
+    geometry: (12,) as in GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms). error:
+    mean square error with the priors.
+    """
+
+    geometry: np.ndarray
+    poses: np.ndarray
+    terms: Terms
+    response: np.ndarray
+    error: float
+
+
+def samples_of(image: np.ndarray) -> np.ndarray:
+    """(ROWS / 2, COLUMNS / 2, 3): the block means of an image (ROWS, COLUMNS, 3)."""
+    return image.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3))
+
+
+def square_about(patch: np.ndarray) -> Square:
+    """The square of samples around a contact (row, column), px, moved into the image."""
+    row = round(min(max(patch[0] / 2, HALF_SAMPLES), ROWS // 2 - HALF_SAMPLES))
+    column = round(min(max(patch[1] / 2, HALF_SAMPLES), COLUMNS // 2 - HALF_SAMPLES))
+    return (
+        slice(row - HALF_SAMPLES, row + HALF_SAMPLES),
+        slice(column - HALF_SAMPLES, column + HALF_SAMPLES),
+    )
+
+
+def inner(square: Square) -> Square:
+    """The same square on the lattice of samples, which has one more row and column at each edge."""
+    rows, columns = (slice(side.start + 1, side.stop + 1) for side in square)
+    return rows, columns
+
+
+def surface_at(pose: np.ndarray, profile: Profile) -> np.ndarray:
+    """The deflection by a ball at a pose within the bounds, mm, on optical_grid()."""
+    radius_mm, hold, skirt = profile
+    depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
+    hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
+    return ball_surface(pose[0], pose[1], depth, radius_mm, hold, skirt)
+
+
+def leds_of(geometry: np.ndarray) -> Leds:
+    """The LEDs of a geometry, (12,) in the order of GEOMETRY."""
+    azimuth, elevation = np.radians(geometry[0:3]), np.radians(geometry[3:6])
+    radius = geometry[6]
+    places = np.stack(
+        [radius * np.cos(azimuth), -radius * np.sin(azimuth), -radius * np.tan(elevation)], axis=1
+    )
+    return Leds(places, np.exp(geometry[7:10]))
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """What one press is computed with: the LEDs, its ball's profile, its square of samples."""
+
+    leds: Leds
+    profile: Profile
+    square: Square
+
+
+class BallFit:
+    """The model of some frames of balls.
+
+    background: (ROWS, COLUMNS, 3) uint8, cleaned. frames: (n, ROWS, COLUMNS, 3) uint8.
+    patches: (n, 2) row and column of each contact, px. radii_mm: (n,) of the balls.
+    """
+
+    def __init__(
+        self,
+        background: np.ndarray,
+        frames: np.ndarray,
+        patches: np.ndarray,
+        radii_mm: np.ndarray,
+        camera: Camera,
+    ) -> None:
+        self.background, self.camera, self.radii_mm = background, camera, radii_mm
+        self._rays = Rays(camera)
+        self._places = place_terms(*self._rays.places_mm)
+        light = linear(background, GAMMA)
+        self._changes = [samples_of(linear(frame, GAMMA) - light) for frame in frames]
+        self._squares = [square_about(patch) for patch in patches]
+        # At the middles of the contacts, at a medium depth.
+        middle_px = np.array([(ROWS - 1) / 2, (COLUMNS - 1) / 2])
+        y_mm, x_mm = ((patches - middle_px) / camera.scale_px_per_mm).T
+        self._start_poses = np.stack([x_mm, y_mm, 0.45 * np.asarray(radii_mm)], axis=1)
+
+    def fit(self, start: State | None = None) -> State:
+        """Fit all parameters. start: state of another fit, for the initial LEDs and the terms.
+
+        Raises T2TwinError for frames that are no presses of such balls into a DIGIT.
+        """
+        if start is None:
+            state = self._solved(START, self._start_poses, FIRST_TERMS)
+            poses = [self.pose(state, index, pose) for index, pose in enumerate(state.poses)]
+            state = self._solved(state.geometry, np.array(poses), state.terms)
+            self._check_explains(state)
+            state = self._refined(state)
+            terms = self._selected(state)
+        else:
+            poses = [self.pose(start, index) for index in range(len(self._changes))]
+            state, terms = replace(start, poses=np.array(poses)), start.terms
+        state = self._refined(self._solved(state.geometry, state.poses, replace(terms, lobe=False)))
+        terms = terms if start else self._selected(state)
+        if not terms.lobe:
+            return state
+        return self._refined(self._solved(state.geometry, state.poses, terms))
+
+    def _check_explains(self, state: State) -> None:
+        """Raises T2TwinError for a first state that leaves most of the presses unexplained."""
+        changes = [np.mean(self._target(index) ** 2) for index in range(len(state.poses))]
+        left = state.error / float(np.mean(changes))
+        if left > MAX_UNEXPLAINED:
+            raise T2TwinError(
+                f"the light of a DIGIT's LEDs leaves {100 * left:.0f} % of the presses' change of "
+                f"the background unexplained, more than {100 * MAX_UNEXPLAINED:.0f} %; use frames "
+                "of one ball of the given diameter, pressed into the DIGIT of the background"
+            )
+
+    def _selected(self, state: State) -> Terms:
+        return select_terms(self._sums(state.geometry, state.poses, MAX_TERMS))
+
+    def _refined(self, state: State) -> State:
+        """The joint fit, from an initial state."""
+        damping = 1e-2
+        for _ in range(MAX_STEPS):
+            before, (state, damping) = state.error, self._step(state, damping)
+            if before - state.error < MIN_GAIN * before:
+                break
+        return state
+
+    def pose(self, state: State, index: int, start: np.ndarray | None = None) -> np.ndarray:
+        """(x_mm, y_mm, depth_mm) of one frame, the model fixed.
+
+        start: the initial pose; None for several initial depths.
+        """
+        middle, radius_mm = self._start_poses[index], self.radii_mm[index]
+        starts = (
+            [start]
+            if start is not None
+            else [np.array([*middle[:2], share * radius_mm]) for share in (0.25, 0.45, 0.65)]
+        )
+        low = np.array([middle[0] - 1.5, middle[1] - 1.5, SHALLOWEST_MM])
+        high = np.array([middle[0] + 1.5, middle[1] + 1.5, DEEPEST * radius_mm])
+        setting = self._setting(state.geometry, index)
+        gain = self._gain(state, setting.square)
+        target = self._light(setting, None, gain) + self._target(index)
+
+        def residual(pose: np.ndarray) -> np.ndarray:
+            return (self._light(setting, pose, gain) - target).ravel()
+
+        fits = [
+            least_squares(
+                residual, np.clip(pose, low + 1e-6, high - 1e-6), bounds=(low, high),
+                x_scale=0.3, diff_step=0.02, ftol=1e-4, xtol=1e-4, max_nfev=12,
+            )
+            for pose in starts
+        ]  # fmt: skip
+        return min(fits, key=lambda fit: fit.cost).x
+
+    def optics(self, state: State) -> Optics:
+        """The fitted optics, without noise and modulus."""
+        leds = leds_of(state.geometry)
+        response = np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS))
+        table, lobe = state.terms.tables(state.response)
+        response[:, :, : state.terms.places] = table.transpose(1, 0, 2, 3)
+        return Optics(
+            background=self.background,
+            leds_mm=leds.places_mm,
+            sizes_mm=leds.sizes_mm,
+            response=response,
+            gamma=GAMMA,
+            scale_px_per_mm=self.camera.scale_px_per_mm,
+            distance_mm=self.camera.distance_mm,
+            lobe=None if lobe is None else lobe.transpose(1, 0, 2, 3),
+        )
+
+    def surface(self, state: State, index: int, pose: np.ndarray) -> np.ndarray:
+        """The deflection by one frame's ball at a pose, mm, on optical_grid()."""
+        return surface_at(pose, self._setting(state.geometry, index).profile)
+
+    def _setting(self, geometry: np.ndarray, index: int) -> _Setting:
+        profile = self.radii_mm[index], geometry[10], geometry[11]
+        return _Setting(leds_of(geometry), profile, self._squares[index])
+
+    def _target(self, index: int) -> np.ndarray:
+        """(samples, RGB) change of the light in a press's square."""
+        return self._changes[index][self._squares[index]].reshape(-1, 3)
+
+    def _incidence(
+        self, setting: _Setting, pose: np.ndarray | None, lobe: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Cosines and weights (samples, LEDs), and for a lobe normals (samples, 2).
+
+        pose: None for the gel at rest.
+        """
+        if pose is None:
+            surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
+        else:
+            surface = surface_at(pose, setting.profile)
+        rows, columns = part = inner(setting.square)
+        region = (rows.start, rows.stop, columns.start, columns.stop)
+        coated = self._rays.coated(surface)
+        cosine, weight = self._rays.incidence(coated, setting.leds, region)
+        normals = None
+        if lobe:
+            normals = self._rays.normals(coated, region)[:, rows, columns].reshape(2, -1).T
+        return cosine[part].reshape(-1, LEDS), weight[part].reshape(-1, LEDS), normals
+
+    def _columns(self, setting: _Setting, pose: np.ndarray | None, terms: Terms) -> np.ndarray:
+        """(samples, entries) light per unit of each of the response's entries."""
+        cosine, weight, normals = self._incidence(setting, pose, terms.lobe)
+        places = self._place_terms(setting.square, terms)
+        entries = [led_columns(cosine[:, k], weight[:, k], places) for k in range(LEDS)]
+        if normals is not None:
+            entries += [lobe_columns(normals, weight[:, k], places) for k in range(LEDS)]
+        return np.concatenate(entries, axis=-1)
+
+    def _place_terms(self, square: Square, terms: Terms) -> np.ndarray:
+        """(samples, places) polynomials of the place."""
+        places = self._places[inner(square)]
+        return places.reshape(-1, places.shape[-1])[:, : terms.places]
+
+    def _changed(self, setting: _Setting, pose: np.ndarray, terms: Terms) -> np.ndarray:
+        """(samples, entries) the columns of a pose minus those at rest."""
+        return self._columns(setting, pose, terms) - self._columns(setting, None, terms)
+
+    def _gain(self, state: State, square: Square) -> list[np.ndarray]:
+        """The response and, if fitted, the lobe at each sample's place, for _light: (samples, LEDs,
+        COSINE_TERMS or LOBE_TERMS, RGB)."""
+        places = self._place_terms(square, state.terms)
+        return [
+            np.einsum("sp,ckpj->skjc", places[:, : table.shape[2]], table, optimize=True)
+            for table in state.terms.tables(state.response)
+            if table is not None
+        ]
+
+    def _light(
+        self, setting: _Setting, pose: np.ndarray | None, gain: list[np.ndarray]
+    ) -> np.ndarray:
+        """(samples, RGB) light of a pose: _columns times the response, computed without them."""
+        cosine, weight, normals = self._incidence(setting, pose, len(gain) > 1)
+        powers = weight[..., None] * cosine[..., None] ** np.arange(COSINE_TERMS)
+        light = np.einsum("skj,skjc->sc", powers, gain[0], optimize=True)
+        if normals is not None:
+            powers = weight[..., None] * normal_terms(normals)[:, None, :]
+            light += np.einsum("skj,skjc->sc", powers, gain[1], optimize=True)
+        return light
+
+    def _sums(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> list[Sums]:
+        """Of each press, for the fit of the response."""
+        return [
+            Sums.of(
+                self._changed(self._setting(geometry, index), pose, terms).astype(float),
+                self._target(index),
+            )
+            for index, pose in enumerate(poses)
+        ]
+
+    def _solved(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> State:
+        """The state with the best response of these terms."""
+        sums = self._sums(geometry, poses, terms)
+        squares = np.sum([press.squares for press in sums], axis=0)
+        products = np.sum([press.products for press in sums], axis=0)
+        response = solve_ridge(squares, products, terms)
+        everything = np.arange(terms.entries)
+        error = float(np.mean([press.error(response, everything) for press in sums]))
+        deviation = (geometry - START) / SPREAD
+        error += PRIOR / len(poses) * float(deviation @ deviation)
+        return State(geometry, poses, terms, response, error)
+
+    def _step(self, state: State, damping: float) -> tuple[State, float]:
+        """One step of the joint fit: the better state, or the same one, and the next damping."""
+        matrix, gradient = self._normal_equations(state)
+        linear_part = state.response.size
+        for _ in range(4):
+            damped = matrix.copy()
+            rest = np.arange(linear_part, len(gradient))
+            damped[rest, rest] *= 1.0 + damping
+            move = -solve_step(damped, gradient, self.radii_mm)[linear_part:]
+            by_pose = move[: state.poses.size].reshape(-1, 3)
+            poses = state.poses + np.clip(by_pose, -POSE_REACH_MM, POSE_REACH_MM)
+            poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radii_mm)
+            geometry = state.geometry + np.clip(move[state.poses.size :], -SPREAD, SPREAD)
+            moved = self._solved(geometry, poses, state.terms)
+            if moved.error < state.error:
+                return moved, damping / 5.0
+            damping *= 8.0
+        return state, damping
+
+    def _normal_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Matrix and gradient of the Gauss-Newton step over (response, poses, geometry)."""
+        count, entries = len(state.poses), state.response.shape[1]
+        size = 3 * entries + 3 * count + len(START)
+        matrix, gradient = np.zeros((size, size)), np.zeros(size)
+        of_geometry = np.arange(size - len(START), size)
+        samples = 0
+        for index in range(count):
+            columns, residual, derivatives = self._linearized(state, index)
+            samples = residual.size
+            at = np.concatenate([3 * entries + 3 * index + np.arange(3), of_geometry])
+            gram = columns.T @ columns
+            for c in range(3):
+                own = slice(c * entries, (c + 1) * entries)
+                by_parameter = derivatives[:, :, c].T
+                matrix[own, own] += gram
+                cross = columns.T @ by_parameter
+                matrix[own, at] += cross
+                matrix[at, own] += cross.T
+                matrix[np.ix_(at, at)] += by_parameter.T @ by_parameter
+                gradient[own] += columns.T @ residual[:, c]
+                gradient[at] += by_parameter.T @ residual[:, c]
+        for c in range(3):
+            own = slice(c * entries, (c + 1) * entries)
+            ridge = state.terms.penalty(matrix[own, own])
+            matrix[own, own] += ridge
+            gradient[own] += ridge @ state.response[c]
+        prior = samples * PRIOR / SPREAD**2
+        matrix[of_geometry, of_geometry] += prior
+        gradient[of_geometry] += prior * (state.geometry - START)
+        if state.terms.lobe:  # the depths stay
+            depths = 3 * entries + 3 * np.arange(count) + 2
+            matrix[depths], matrix[:, depths] = 0.0, 0.0
+            matrix[depths, depths], gradient[depths] = 1.0, 0.0
+        return matrix, gradient
+
+    def _linearized(self, state: State, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Linearization of one press: columns (samples, entries), residual (samples, RGB), and
+        derivatives of the light (3 + 12, samples, RGB) by its pose and the geometry."""
+        setting, pose = self._setting(state.geometry, index), state.poses[index]
+        columns = self._changed(setting, pose, state.terms).astype(float)
+        shown = columns @ state.response.T
+        gain = self._gain(state, setting.square)
+        lit = self._light(setting, pose, gain)
+        derivatives = []
+        for nudged in pose + POSE_NUDGE_MM * np.eye(3):
+            derivatives.append((self._light(setting, nudged, gain) - lit) / POSE_NUDGE_MM)
+        for geometry, nudge in zip(state.geometry + np.diag(NUDGE), NUDGE, strict=True):
+            other = self._setting(geometry, index)
+            moved = self._light(other, pose, gain) - self._light(other, None, gain)
+            derivatives.append((moved - shown) / nudge)
+        return columns, shown - self._target(index), np.array(derivatives)

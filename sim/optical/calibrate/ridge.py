@@ -1,0 +1,164 @@
+"""Ridge regression of the response, with its degree and ridge chosen by cross-validation.
+
+The response is linear in its entries, (LED, place, power) in this order: polynomials of the place
+times powers of the cosine of incidence. High degrees need many presses.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.optical.light.illumination import COSINE_TERMS
+from t2twin.sim.optical.light.lobe import LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.optical.optics import PLACE_DEGREE, place_degrees
+
+LEDS = 3
+LOBE_ENTRIES = LEDS * LOBE_PLACES * LOBE_TERMS
+GROWTH = 2.0
+"""Factor of the ridge from one degree to the next (2 to 8 are equal on a real unit)."""
+DEGREES = (2, 3, PLACE_DEGREE)
+RIDGES = (1e-4, 3e-4, 1e-3, 3e-3)
+"""Candidate degrees in the place and weights of the ridge."""
+TIE_DB = 0.15
+"""Difference in validation error that counts as a tie, dB (assumed): poses and LEDs were fitted to
+the left-out presses too, which favors weak ridges."""
+GROUPS = 4
+"""Folds of the cross-validation: every fourth press is left out in turn (assumed)."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """degree: the highest in the place. ridge: weight of a term of degree zero, in parts of the
+    columns' mean square; GROWTH times as much for each further degree. lobe: whether the response's
+    entries are followed by those of the lobe, (LED, place, normal term) in this order."""
+
+    degree: int
+    ridge: float
+    lobe: bool = False
+
+    @property
+    def place_degrees(self) -> np.ndarray:
+        """(places,) degree of each polynomial."""
+        return place_degrees(self.degree)
+
+    @property
+    def places(self) -> int:
+        return len(self.place_degrees)
+
+    @property
+    def entries(self) -> int:
+        return self.cosine_entries + (LOBE_ENTRIES if self.lobe else 0)
+
+    @property
+    def cosine_entries(self) -> int:
+        """Number of the response's entries without the lobe."""
+        return LEDS * self.places * COSINE_TERMS
+
+    def penalty(self, squares: np.ndarray) -> np.ndarray:
+        """(entries, entries) diagonal matrix, added to the columns' squares."""
+        weights = np.tile(np.repeat(GROWTH**self.place_degrees, COSINE_TERMS), LEDS)
+        if self.lobe:
+            of_lobe = np.repeat(GROWTH ** place_degrees(LOBE_DEGREE), LOBE_TERMS)
+            weights = np.concatenate([weights, np.tile(of_lobe, LEDS)])
+        return np.diag(self.ridge * np.trace(squares) / len(squares) * weights)
+
+    def tables(self, response: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """A response (RGB, entries) as (RGB, LEDS, places, COSINE_TERMS), and its lobe as (RGB,
+        LEDS, LOBE_PLACES, LOBE_TERMS); None without."""
+        cosines, lobe = np.split(response, [self.cosine_entries], axis=1)
+        table = cosines.reshape(3, LEDS, self.places, COSINE_TERMS)
+        return table, lobe.reshape(3, LEDS, LOBE_PLACES, LOBE_TERMS) if self.lobe else None
+
+    def among(self, all_terms: "Terms") -> np.ndarray:
+        """(entries,) indices of its entries among those of terms of a higher degree."""
+        is_own = np.arange(all_terms.places) < self.places
+        of_lobe = np.full(all_terms.entries - all_terms.cosine_entries, self.lobe)
+        cosines = np.tile(np.repeat(is_own, COSINE_TERMS), LEDS)
+        return np.flatnonzero(np.concatenate([cosines, of_lobe]))
+
+
+FIRST_TERMS = Terms(DEGREES[0], RIDGES[0])
+"""Terms of the first fit of poses and LEDs."""
+MAX_TERMS = Terms(DEGREES[-1], RIDGES[0], lobe=True)
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums over a press's samples for least squares: squares (entries, entries) and products
+    (entries, RGB) of the columns, and the sum of squares of the target."""
+
+    squares: np.ndarray
+    products: np.ndarray
+    target_square: float
+    samples: int
+
+    @classmethod
+    def of(cls, columns: np.ndarray, target: np.ndarray) -> "Sums":
+        """columns: (samples, entries). target: (samples, RGB) change of the light."""
+        return cls(
+            columns.T @ columns,
+            columns.T @ target,
+            float(np.sum(target**2)),
+            target.size,
+        )
+
+    def error(self, response: np.ndarray, entries: np.ndarray) -> float:
+        """Mean square error of a response (RGB, n), for n indices of entries."""
+        squares, products = self.squares[np.ix_(entries, entries)], self.products[entries]
+        fitted = np.sum((response @ squares) * response) - 2.0 * np.sum(response.T * products)
+        return max(float(fitted + self.target_square), 0.0) / self.samples
+
+
+def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.ndarray:
+    """(RGB, entries): the response with the least penalized error."""
+    return np.linalg.solve(squares + terms.penalty(squares), products).T
+
+
+def select_terms(presses: Sequence[Sums]) -> Terms:
+    """The terms with the least cross-validation error.
+
+    Among those within TIE_DB of the least error: the strongest ridge, and of it the best.
+    presses: with the entries of MAX_TERMS.
+    """
+    candidates = [
+        Terms(degree, ridge, lobe)
+        for ridge in reversed(RIDGES) for degree in DEGREES for lobe in (False, True)
+    ]  # fmt: skip
+    errors = [cross_validation_error(presses, terms) for terms in candidates]
+    near = [(terms, error) for terms, error in zip(candidates, errors, strict=True)
+            if error <= min(errors) + TIE_DB]  # fmt: skip
+    strongest = near[0][0].ridge
+    smoothest = [(error, terms) for terms, error in near if terms.ridge == strongest]
+    return min(smoothest, key=lambda candidate: candidate[0])[1]
+
+
+def cross_validation_error(presses: Sequence[Sums], terms: Terms) -> float:
+    """Mean over the left-out presses of the mean square error in dB."""
+    entries = terms.among(MAX_TERMS)
+    inner = np.ix_(entries, entries)
+    errors = []
+    for group in range(min(GROUPS, len(presses))):
+        left_out = presses[group::GROUPS]
+        fitted = [press for at, press in enumerate(presses) if at % GROUPS != group]
+        squares = sum(press.squares[inner] for press in fitted)
+        products = sum(press.products[entries] for press in fitted)
+        response = solve_ridge(np.asarray(squares), np.asarray(products), terms)
+        errors += [press.error(response, entries) for press in left_out]
+    return float(np.mean(10.0 * np.log10(np.maximum(errors, 1e-12))))
+
+
+def solve_step(matrix: np.ndarray, gradient: np.ndarray, radii_mm: np.ndarray) -> np.ndarray:
+    """The solution of the normal equations of a joint fit.
+
+    Raises T2TwinError where they are singular, which a depth at its limit causes.
+    """
+    try:
+        return np.linalg.solve(matrix, gradient)
+    except np.linalg.LinAlgError as error:
+        raise T2TwinError(
+            f"the ball of {2.0 * radii_mm.min():g} mm is too small for the contacts in the frames, "
+            "which are nearly as wide as the ball; give the diameter of the ball, the scale of the "
+            "image, and frames of one ball on the sensor of the background"
+        ) from error

@@ -1,0 +1,280 @@
+"""Bounds of the presses' depths and forces, from the tolerances of the inputs.
+
+Frames fit almost as well with a smaller ball, or at a smaller scale, pressed deeper. So all presses
+are fitted twice more: with all inputs at the end of their tolerances where presses come out
+deepest, and at the end where they come out shallowest.
+"""
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.export import write_ball
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, force_at_depth, solve_contact
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
+from t2twin.sim.optical.calibrate.measurements import (
+    FORCES,
+    SCALES_PX_PER_MM,
+    Fit,
+    Measurements,
+    Presses,
+    Tolerance,
+    check_ball,
+    fit_presses,
+)
+from t2twin.sim.optical.camera.pinhole import Camera
+
+SHALLOWEST, DEEPEST = 1.0, -1.0
+"""Signs of the errors of ball diameter and scale that give such depths."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """A value, and the bounds of the true value if all errors are within the tolerances."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class PressBounds:
+    """Bounds of one press, from the fit to all presses.
+
+    force_n: the twin's at the depth, in a gel of the fitted modulus, or of the default one without
+    measured forces; None where no allowed force reaches the depth.
+    """
+
+    name: str
+    ball_diameter_mm: float
+    depth_mm: Bounds
+    force_n: Bounds | None
+
+
+@dataclass(frozen=True)
+class OpticsUncertainty:
+    """Bounds of all presses, the scale and the modulus.
+
+    presses: in the order of their names. scale_px_per_mm: the given scale, or the fitted one if
+    displacements are measured. young_mpa: the gel's modulus, if forces are measured.
+    depth_measurements, force_measurements: how many presses have one. depth_residual_mm,
+    force_residual_n: root mean square error of the fit on them; None where there are none.
+    """
+
+    tolerance: Tolerance
+    presses: tuple[PressBounds, ...]
+    scale_px_per_mm: Bounds
+    depth_measurements: int
+    depth_residual_mm: float | None
+    young_mpa: Bounds | None
+    force_measurements: int
+    force_residual_n: float | None
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """Result of one fit. depths_mm, forces_n: (n,), the latter NaN where there is none."""
+
+    depths_mm: np.ndarray
+    forces_n: np.ndarray
+    scale_px_per_mm: float
+    young_mpa: float
+
+
+def check_tolerance(measurements: Measurements, camera: Camera, tolerance: Tolerance) -> None:
+    """Raises T2TwinError if a ball, scale or modulus within its tolerance would be out of range."""
+    for diameter_mm in measurements.diameters_mm:
+        check_ball(float(diameter_mm) - tolerance.ball_mm)
+        check_ball(float(diameter_mm) + tolerance.ball_mm)
+    scale, error = camera.scale_px_per_mm, tolerance.scale_px_per_mm
+    if error and not SCALES_PX_PER_MM[0] <= scale - error <= scale + error <= SCALES_PX_PER_MM[1]:
+        raise T2TwinError(
+            f"a scale of {scale:g} px/mm, {error:g} either way, reaches beyond "
+            f"{SCALES_PX_PER_MM[0]:g} to {SCALES_PX_PER_MM[1]:g} px/mm"
+        )
+    if not tolerance.young_mpa < DIGIT_GEL.young_mpa:
+        raise T2TwinError(
+            f"the tolerance of the modulus is {tolerance.young_mpa:g} MPa; it must be less than "
+            f"the default modulus, {DIGIT_GEL.young_mpa:g} MPa"
+        )
+
+
+def estimate_uncertainty(
+    presses: Presses,
+    names: list[str],
+    fit: Fit,
+    tolerance: Tolerance,
+    report: Callable[[str], object],
+) -> OpticsUncertainty:
+    """Bounds around a fit to all presses, (n,) names. report: called with progress messages."""
+    measurements = presses.measurements
+    nominal = _estimate(measurements, fit, DIGIT_GEL.young_mpa)
+    estimates = [nominal]
+    for sign, word in ((DEEPEST, "deepest"), (SHALLOWEST, "shallowest")):
+        report(f"fitting within the tolerances, {word}")
+        shifted, camera = _shifted(presses, fit.model.camera, tolerance, sign)
+        young_mpa = DIGIT_GEL.young_mpa - sign * tolerance.young_mpa
+        shifted_fit = fit_presses(shifted, camera, fit.state)
+        estimates.append(_estimate(shifted.measurements, shifted_fit, young_mpa))
+    depths_mm, forces_n = (
+        np.array([getattr(each, name) for each in estimates]) for name in ("depths_mm", "forces_n")
+    )
+    press_bounds = (
+        PressBounds(
+            name,
+            float(measurements.diameters_mm[i]),
+            _bounds(depths_mm[:, i]),
+            _bounds(forces_n[:, i]) if np.isfinite(forces_n[:, i]).all() else None,
+        )
+        for i, name in enumerate(names)
+    )
+    return OpticsUncertainty(
+        tolerance=tolerance,
+        presses=tuple(press_bounds),
+        scale_px_per_mm=_bounds([each.scale_px_per_mm for each in estimates]),
+        depth_measurements=int(np.isfinite(measurements.depths_mm).sum()),
+        depth_residual_mm=_residual(nominal.depths_mm, measurements.depths_mm),
+        young_mpa=(
+            _bounds([each.young_mpa for each in estimates]) if measurements.has_forces else None
+        ),
+        force_measurements=int(np.isfinite(measurements.forces_n).sum()),
+        force_residual_n=_residual(nominal.forces_n, measurements.forces_n),
+    )
+
+
+def _shifted(
+    presses: Presses, camera: Camera, tolerance: Tolerance, sign: float
+) -> tuple[Presses, Camera]:
+    """The presses and camera with every input at one end of its tolerance."""
+    given = presses.measurements
+    measurements = Measurements(
+        diameters_mm=given.diameters_mm + sign * tolerance.ball_mm,
+        depths_mm=np.maximum(given.depths_mm - sign * tolerance.depth_mm, tolerance.depth_mm),
+        forces_n=np.maximum(given.forces_n + sign * tolerance.force_n, FORCE_RANGE_N[0]),
+    )
+    if not given.has_depths:
+        scale = camera.scale_px_per_mm + sign * tolerance.scale_px_per_mm
+        camera = replace(camera, scale_px_per_mm=scale)
+    return replace(presses, measurements=measurements), camera
+
+
+def _estimate(measurements: Measurements, fit: Fit, young_mpa: float) -> _Estimate:
+    """young_mpa: used where no force is measured."""
+    forces_n = ball_forces_n(fit.state.poses, measurements.diameters_mm)
+    if measurements.has_forces:
+        young_mpa = fit_young_mpa(measurements.forces_n, forces_n)
+    forces_n = forces_n * young_mpa / DIGIT_GEL.young_mpa
+    return _Estimate(fit.depths_mm, forces_n, fit.model.camera.scale_px_per_mm, young_mpa)
+
+
+def _bounds(values: Sequence[float] | np.ndarray) -> Bounds:
+    """The first of these values, their minimum and their maximum."""
+    return Bounds(float(values[0]), float(min(values)), float(max(values)))
+
+
+def _residual(fitted: np.ndarray, measured: np.ndarray) -> float | None:
+    """Root mean square difference where both are finite; None where they never are."""
+    residual = (fitted - measured)[np.isfinite(fitted - measured)]
+    return float(np.sqrt(np.mean(residual**2))) if residual.size else None
+
+
+def ball_forces_n(poses: np.ndarray, diameters_mm: np.ndarray) -> np.ndarray:
+    """(n,) N: forces of balls in the default gel; NaN where no allowed force reaches the depth.
+
+    poses: (n, 3) x_mm, y_mm, depth_mm.
+    """
+    return np.array([_force_n(*each) for each in zip(poses, diameters_mm.tolist(), strict=True)])
+
+
+def _force_n(pose: np.ndarray, diameter_mm: float) -> float:
+    ball = _ball(diameter_mm)
+    command = PressCommand(ball.name, float(pose[0]), float(pose[1]), 0.0, 1.0)
+    press = partial(solve_contact, ball, elastomer=DIGIT_GEL, pitch_mm=DIGIT_PITCH_MM)
+    try:
+        return force_at_depth(press, command, float(pose[2]))
+    except T2TwinError:
+        return float("nan")
+
+
+@lru_cache(maxsize=16)
+def _ball(diameter_mm: float) -> Shape:
+    with tempfile.TemporaryDirectory() as folder:
+        return write_ball(Path(folder) / "ball.step", diameter_mm)
+
+
+def fit_young_mpa(measured_n: np.ndarray, default_n: np.ndarray) -> float:
+    """The gel's modulus, MPa, by least squares over the presses with both forces.
+
+    measured_n: (n,), NaN where not measured. default_n: (n,) the twin's at the same depths, in
+    DIGIT_GEL. At a given depth the force of a frictionless contact is proportional to the modulus,
+    since the layer's stiffening depends on its strain alone. Raises T2TwinError where no press has
+    both.
+    """
+    both = np.isfinite(measured_n) & np.isfinite(default_n)
+    if not both.any():
+        raise T2TwinError("no press with a measured force can be pressed that deep in the twin")
+    measured, default = measured_n[both], default_n[both]
+    return float(DIGIT_GEL.young_mpa * (measured @ default) / (default @ default))
+
+
+def uncertainty_lines(uncertainty: OpticsUncertainty) -> list[str]:
+    """The summary: sentences and a table of the presses, one line each."""
+    lines = [
+        *uncertainty_sentences(uncertainty),
+        "",
+        f"{'press':34s} {'deep mm':>7s} {'from':>6s} {'to':>6s} {'force N':>8s} {'from':>6s} "
+        f"{'to':>6s}",
+    ]
+    for press in uncertainty.presses:
+        depth, force = press.depth_mm, press.force_n
+        line = f"{press.name:34s} {depth.value:7.2f} {depth.low:6.2f} {depth.high:6.2f}"
+        if force is not None:
+            line += f" {force.value:8.2f} {force.low:6.2f} {force.high:6.2f}"
+        lines.append(line)
+    return [*lines, ""]
+
+
+def uncertainty_sentences(uncertainty: OpticsUncertainty) -> list[str]:
+    """The assumptions of the bounds: balls, scale, modulus."""
+    ball_mm = uncertainty.tolerance.ball_mm
+    balls = f"The balls' diameters are assumed to be correct within {ball_mm:g} mm."
+    return [balls, _scale_sentence(uncertainty), _modulus_sentence(uncertainty)]
+
+
+def _scale_sentence(uncertainty: OpticsUncertainty) -> str:
+    scale, tolerance = uncertainty.scale_px_per_mm, uncertainty.tolerance
+    if not uncertainty.depth_measurements:
+        return (
+            f"The scale is {scale.value:g} px/mm within {tolerance.scale_px_per_mm:g}, as given; "
+            f"measured displacements in {FORCES} would determine it."
+        )
+    return (
+        f"The scale is {_with_bounds(scale)} px/mm, from {uncertainty.depth_measurements} "
+        f"displacements measured within {tolerance.depth_mm:g} mm; their residual is "
+        f"{uncertainty.depth_residual_mm:.3f} mm (root mean square)."
+    )
+
+
+def _modulus_sentence(uncertainty: OpticsUncertainty) -> str:
+    young, tolerance = uncertainty.young_mpa, uncertainty.tolerance
+    if young is None:
+        return (
+            f"The gel's modulus is the default, {DIGIT_GEL.young_mpa:g} MPa, within "
+            f"{tolerance.young_mpa:g}; measured forces in {FORCES} would determine it."
+        )
+    return (
+        f"The gel's modulus is {_with_bounds(young)} MPa, from {uncertainty.force_measurements} "
+        f"forces measured within {tolerance.force_n:g} N; their residual is "
+        f"{uncertainty.force_residual_n:.2f} N. A DIGIT with this optics have such a gel."
+    )
+
+
+def _with_bounds(bounds: Bounds) -> str:
+    return f"{bounds.value:.2f} ({bounds.low:.2f} to {bounds.high:.2f})"

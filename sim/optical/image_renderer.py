@@ -1,0 +1,269 @@
+"""Images of a DIGIT by the baked model: the image's light in closed form, in milliseconds.
+
+For a point p of the gel with unit normal n (towards the camera), the light of LED k in color c is
+
+    L_kc = V_k m_k (REACH / d_k)^2 sum_i P_i(x, y) (sum_j R_kcij m_k^j + sum_q S_kciq N_q(n)),
+    m_k = max(n . l_k, 0)
+
+with l_k, d_k the direction and distance to the LED. P are the polynomials of degree four in the
+place where the pixel's ray meets the gel at rest. R is the fitted response, a constant for a
+Lambertian surface and a uniform LED. S is the fitted lobe (t2twin.sim.optical.light.lobe), of
+degree two in the place; the default optics have none. N are n_x, n_y, n_x^2, n_x n_y and n_y^2.
+V_k is the visible fraction of the LED's disc. It is computed from a ray over the height map to the
+disc's middle: the ray's smallest clearance, projected on to the disc, cuts the disc.
+
+The image is background + L(deformed) - L(rest), each where the pixel's ray meets that surface. So a
+gel at rest gives the background exactly, and features of the background besides the LEDs' light
+(scattered light, specks) stay in place. Light is sampled at every second pixel, the optical grid's
+pitch, and interpolated. grey = 255 light^(1 / gamma), with the optics file's gamma.
+
+The camera sees the gel's reflective coating, whose thickness rounds edges: this model and the
+reference smooth the deflection by a Gaussian of 0.1 mm (assumed).
+"""
+
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.types import SurfaceShift
+from t2twin.sim.optical.camera import gaussian_noise, response
+from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS
+from t2twin.sim.optical.light import illumination, lobe
+from t2twin.sim.optical.light.illumination import COSINE_TERMS
+from t2twin.sim.optical.light.ray_casting import Leds, Rays, Region
+from t2twin.sim.optical.markers import NO_SHADE, MarkerImage, Markers
+from t2twin.sim.optical.optics import DEFAULT_PATH, Optics, place_terms
+
+NOISE_GREY = 2.8
+"""Standard deviation of one frame's noise, grey levels. The mean absolute difference of two real
+frames away from the contact is 3.2, which is 2.8 for each, sqrt(pi) / 2 of it (measured on real
+frames); TACTO uses 7."""
+
+FRAMES = 30
+"""DIGIT frames averaged for one image: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
+
+Renderer = Literal["baked", "pyrender"]
+"""What renders images: the baked model, in milliseconds, or pyrender, in about
+t2twin.sim.optical.pyrender_renderer.FRAME_SECONDS."""
+
+Noise = tuple[gaussian_noise.Keys, np.float32, np.ndarray]
+"""Keys and standard deviation of white noise, or the factor of the noise of a frame, which is
+empty for white noise: arguments of response.encode."""
+
+NO_NOISE: Noise = (
+    (np.uint32(0), np.uint32(0)),
+    np.float32(0.0),
+    np.zeros((0, 0, 0), dtype=np.float32),
+)
+
+
+class ImageRenderer:
+    """Images in the format of the maker's interface, for one set of optics and one gel.
+
+    The background of a gel with another dome is computed from the optics file's background and
+    LEDs. shadows: whether LEDs cast shadows. markers: printed on the gel; None for none.
+    """
+
+    def __init__(
+        self,
+        optics: Optics,
+        shadows: bool = True,
+        gel: Elastomer = DIGIT_GEL,
+        markers: Markers | None = None,
+    ) -> None:
+        self.optics = optics
+        self._leds = Leds(optics.leds_mm, optics.sizes_mm)
+        self._table = response.encoding_table(optics.gamma)
+        self._light = response.light_of_greys(optics.gamma)
+        self._shadows, self._gel, self._markers = shadows, gel, markers
+
+    @classmethod
+    def load(cls, optics: Path | str | None = None, gel: Elastomer = DIGIT_GEL) -> "ImageRenderer":
+        """From an optics file, None for the default. Raises T2TwinError for any other file."""
+        path = DEFAULT_PATH if optics is None else optics
+        return ImageRenderer(Optics.load(path), gel=gel)
+
+    def render(
+        self,
+        surface_mm: np.ndarray,
+        rng: np.random.Generator | None = None,
+        noise_grey: float = NOISE_GREY,
+        shift: SurfaceShift | None = None,
+        background: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(320, 240, 3) uint8: the image of the gel deflected by surface_mm.
+
+        surface_mm: on t2twin.sim.optical.camera.pinhole.optical_grid(), rows x columns, mm,
+            positive into the sensor.
+        rng: of the noise; None for none.
+        noise_grey: standard deviation of the noise, grey levels, in every pixel and channel. The
+            noise of an optics file is scaled by noise_grey / NOISE_GREY instead.
+        shift: lateral displacement of the surface, which moves markers; None for none.
+        background: (320, 240, 3) uint8, replaces the optics file's, as of an earlier time.
+        Raises T2TwinError for another shape, values that are not finite, and invalid noise.
+        """
+        if not 0.0 <= noise_grey <= 255.0:
+            raise T2TwinError(f"noise_grey is {noise_grey:g}; it must lie between 0 and 255")
+        coated_mm = self._rays.coated(surface_mm)
+        under = self._unmarked if background is None else self._on_gel(background)
+        image = self._marker_image
+        shade = NO_SHADE if image is None else image.shade(coated_mm, shift)
+        return self._image(
+            surface_mm, coated_mm, under, shade, None if noise_grey == 0 else rng, noise_grey
+        )
+
+    @cached_property
+    def background(self) -> np.ndarray:
+        """(320, 240, 3) uint8: the background frame of this gel, with markers, without noise."""
+        if self._markers is None:
+            return self._unmarked
+        return self.render(np.zeros_like(self._rays.rest_mm))
+
+    def _image(
+        self,
+        surface_mm: np.ndarray,
+        coated_mm: np.ndarray,
+        background: np.ndarray,
+        shade: np.ndarray,
+        rng: np.random.Generator | None,
+        noise_grey: float,
+    ) -> np.ndarray:
+        """The image of a deflection, of which coated_mm is that of the coating, on a background
+        frame. shade: factors of the grey levels, of markers. rng: None for no noise."""
+        change, pixels = self._change(coated_mm)
+        return self._encoded(background, change, pixels, shade, self._noise(rng, noise_grey))
+
+    def _noise(self, rng: np.random.Generator | None, noise_grey: float) -> Noise:
+        no_keys, _, no_frame = NO_NOISE
+        if rng is None:
+            return NO_NOISE
+        if self.optics.noise is None:
+            return gaussian_noise.keys(rng), np.float32(noise_grey), no_frame
+        return no_keys, np.float32(noise_grey / NOISE_GREY), self.optics.noise.sample(rng)
+
+    # Computed at the first image: many presses need none, and compiling the loops takes long.
+
+    @cached_property
+    def _rays(self) -> Rays:
+        return Rays(self.optics.camera, self._gel, self._shadows)
+
+    @cached_property
+    def _gain(self) -> np.ndarray:
+        return _gains(self._rays, self.optics.response)
+
+    @cached_property
+    def _lobe_gain(self) -> np.ndarray | None:
+        if self.optics.lobe is None:
+            return None
+        places = place_terms(*self._rays.places_mm, lobe.LOBE_DEGREE)
+        return lobe.lobe_gain(self.optics.lobe, places)
+
+    @cached_property
+    def _rest_light(self) -> np.ndarray:
+        return self._light_at_rest(self._rays)
+
+    @cached_property
+    def _marker_image(self) -> MarkerImage | None:
+        if self._markers is None:
+            return None
+        camera, gamma = self.optics.camera, self.optics.gamma
+        return MarkerImage(self._markers, camera, self._gel, self._rays.rest_mm, gamma)
+
+    @cached_property
+    def _unmarked(self) -> np.ndarray:
+        """(ROWS, COLUMNS, 3) uint8: the background frame without markers."""
+        return self._on_gel(self.optics.background)
+
+    def _on_gel(self, background: np.ndarray) -> np.ndarray:
+        """(ROWS, COLUMNS, 3) uint8: a background frame of the DIGIT's gel, on this gel."""
+        of_own_gel = np.ascontiguousarray(background)
+        if self._gel == DIGIT_GEL:
+            return of_own_gel
+        own_rays = Rays(self.optics.camera, DIGIT_GEL, self._shadows)
+        if np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
+            return of_own_gel
+        # the optics file's background is of the DIGIT's gel: add the change of the LEDs' light
+        own = self._light_at_rest(own_rays)
+        change = self._reflected(self._rest_light - own)
+        return self._encoded(of_own_gel, change, (0, ROWS, 0, COLUMNS))
+
+    def _light_at_rest(self, rays: Rays) -> np.ndarray:
+        flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
+        cosine, weight = (np.moveaxis(values, -1, 0) for values in rays.incidence(flat, self._leds))
+        light = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
+        everywhere = rays.everywhere
+        illumination.light(cosine, weight, self._gain, np.zeros_like(light), everywhere, light)
+        self._add_lobe(rays, flat, weight, everywhere, light)
+        return light
+
+    def _add_lobe(
+        self,
+        rays: Rays,
+        coated_mm: np.ndarray,
+        weight: np.ndarray,
+        samples: Region,
+        light: np.ndarray,
+    ) -> None:
+        if self._lobe_gain is not None:
+            normals = rays.normals(coated_mm, samples)
+            lobe.add_lobe(normals, weight, self._lobe_gain, samples, light)
+
+    def _encoded(
+        self,
+        background: np.ndarray,
+        change: np.ndarray,
+        pixels: Region,
+        shade: np.ndarray = NO_SHADE,
+        noise: Noise = NO_NOISE,
+    ) -> np.ndarray:
+        """Grey levels of a background and a change of its light (RGB, S) in a region, shaded."""
+        out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
+        keys, sigma, frame = noise
+        response.encode(
+            change, background, self._light, self._table, pixels, shade, keys,
+            gaussian_noise.quantiles(), sigma, frame, out,
+        )  # fmt: skip
+        return out
+
+    def _change(self, coated_mm: np.ndarray) -> tuple[np.ndarray, Region]:
+        """Change of the light (RGB, S) by a deflection, and its region of pixels."""
+        cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
+        if pixels[1] <= pixels[0]:
+            return self._rest_light, pixels
+        change = np.zeros_like(self._rest_light)
+        illumination.light(cosine, weight, self._gain, self._rest_light, samples, change)
+        self._add_lobe(self._rays, coated_mm, weight, samples, change)
+        return self._reflected(change), pixels
+
+    @cached_property
+    def _albedo(self) -> np.ndarray | None:
+        """(S) of the optics file's coating; None for an even one."""
+        albedo = self.optics.albedo
+        if albedo is None:
+            return None
+        samples = albedo.reshape(ROWS // 2, 2, COLUMNS // 2, 2).mean(axis=(1, 3))
+        return np.pad(samples, 1, mode="edge").astype(np.float32)
+
+    def _reflected(self, change: np.ndarray) -> np.ndarray:
+        """A change of the light (RGB, S), reflected by the optics file's coating."""
+        return change if self._albedo is None else change * self._albedo
+
+
+def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
+    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, for illumination.light."""
+    used = np.flatnonzero(np.any(response != 0, axis=(0, 1, 3)))
+    degree = 0
+    while used.size and used[-1] >= (degree + 1) * (degree + 2) // 2:
+        degree += 1  # high powers are slow to compute, and many responses have none
+    rows_of_gain = illumination.gain_rows(rays.places_mm[0].shape[0])
+    x_mm, y_mm = (places[rows_of_gain] for places in rays.places_mm)
+    terms = place_terms(x_mm, y_mm, degree)
+    rows, columns, count = terms.shape
+    gain = np.empty((rows, 3, 3, COSINE_TERMS, columns), dtype=np.float32)
+    response = np.ascontiguousarray(response[:, :, :count], dtype=np.float64)
+    illumination.gains(terms, response, gain)
+    return gain

@@ -1,0 +1,227 @@
+"""Markers printed on the gel's coating: dark dots that move with the surface.
+
+A point at X on the surface at rest moves to X + u(X), where u is the lateral displacement by
+pressure and shear. A marker's center and four points of its outline move so. The camera sees these
+points on the deflected surface, and the marker as the ellipse through the four.
+
+In linear light, a pixel's value is multiplied by 1 - c (1 - INK_REFLECTANCE), where c is the part
+of the pixel that markers cover. So the grey level is multiplied by that to the power of 1 / gamma.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import floor
+
+import numpy as np
+
+from t2twin.core import arguments
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.types import Contact, SurfaceShift
+from t2twin.sim.optical.camera.compiled import at_place, jit
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+
+PITCH_MM = 1.4
+"""Default distance of neighboring markers, mm: 27 px at 19.58 px/mm, the DIGIT with markers of FOTS
+(Zhao et al., IEEE RA-L 2024)."""
+
+DIAMETER_MM = 0.5
+"""Default diameter of a marker, mm (assumed: about a third of the pitch)."""
+
+INK_REFLECTANCE = 0.05
+"""Light that black ink reflects, relative to the coating without ink (assumed)."""
+
+PRINTED_MARGIN_MM = 2.0
+"""Width of the printed area outside the image, mm: markers that shear or a camera's shift move into
+the image (assumed)."""
+
+MIN_PITCH_MM, MAX_PITCH_MM = 0.5, 8.0
+"""Allowed pitches, mm: ten pixels, and one marker at each side of the middle (assumed)."""
+
+MIN_DIAMETER_MM = 0.05
+"""Smallest diameter, mm: a pixel."""
+
+LINES = 3
+"""Lines per row of pixels on which the covered length is computed (assumed). The sum over a row is
+exact."""
+
+SHADES = 1025
+"""Entries of the table of factors over the clear part of a pixel, less than a grey level apart."""
+
+OUTLINE = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Center and four points of the outline of a marker of radius 1."""
+
+NO_SHADE = np.ones((0, 0), dtype=np.float32)
+"""The shade of a gel without markers."""
+
+
+@dataclass(frozen=True)
+class Markers:
+    """A grid of round markers on the part of the gel that the image shows, and around it.
+
+    pitch_mm: distance of neighboring markers along x and along y, 0.5 to 8. diameter_mm: 0.05 to
+    the pitch. jitter_mm: largest offset of a marker from the grid along x and along y, uniformly
+    distributed, 0 to half of the distance between two markers' outlines. seed: of the jitter.
+    Raises T2TwinError for values out of range.
+    """
+
+    pitch_mm: float = PITCH_MM
+    diameter_mm: float = DIAMETER_MM
+    jitter_mm: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        pitch = arguments.number(self.pitch_mm, "the markers' pitch_mm", MIN_PITCH_MM, MAX_PITCH_MM)
+        diameter = arguments.number(
+            self.diameter_mm, "the markers' diameter_mm", MIN_DIAMETER_MM, pitch
+        )
+        most = (pitch - diameter) / 2
+        jitter = arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, most)
+        arguments.check_seed(self.seed)
+        values = {"pitch_mm": pitch, "diameter_mm": diameter, "jitter_mm": jitter}
+        for name, value in (values | {"seed": int(self.seed)}).items():
+            object.__setattr__(self, name, value)  # plain numbers, for JSON
+
+    @cached_property
+    def rest_mm(self) -> np.ndarray:
+        """(n, 2) x and y of the centers on the gel at rest, row by row; read-only."""
+        seen = DIGIT_CAMERA.seen_half_extent_mm()
+        counts = (floor((half + PRINTED_MARGIN_MM) / self.pitch_mm) for half in seen)
+        x, y = (self.pitch_mm * np.arange(-count, count + 1) for count in counts)
+        centers = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        rng = np.random.default_rng(self.seed)
+        centers += rng.uniform(-self.jitter_mm, self.jitter_mm, centers.shape)
+        centers.flags.writeable = False
+        return centers
+
+    def moved_mm(self, shift: SurfaceShift | None) -> np.ndarray:
+        """(n, 2) x and y of the centers on a surface that is displaced; None is the gel at rest."""
+        return self.rest_mm if shift is None else _moved(self.rest_mm, shift)
+
+    def seen_px(self, camera: Camera, contact: Contact) -> tuple[np.ndarray, np.ndarray]:
+        """Where a camera sees the centers at rest and under a contact: (n, 2) rows and columns."""
+        displacement = _displacement(self.rest_mm, surface_shift(contact))
+        x, y = self.rest_mm.T
+        z = contact.elastomer.rest_surface_mm(x, y) + camera.tilt_mm(x, y)
+        along_x, along_y, into = displacement.T
+        rest, moved = camera.project(x, y, z), camera.project(x + along_x, y + along_y, z - into)
+        return np.stack(rest, axis=-1), np.stack(moved, axis=-1)
+
+
+def surface_shift(contact: Contact) -> SurfaceShift:
+    """The displacement of a contact's surface by pressure and shear."""
+    return SurfaceShift(contact.x_mm, contact.y_mm, contact.displacement_mm)
+
+
+def as_markers(markers: "Markers | bool | None") -> Markers | None:
+    """The default markers for True, and none for False and None.
+
+    Raises T2TwinError for anything else that is not Markers.
+    """
+    if markers is None or isinstance(markers, bool | np.bool_):
+        return Markers() if markers else None
+    return arguments.instance(markers, "markers", Markers)
+
+
+class MarkerImage:
+    """How the camera sees the markers of one gel.
+
+    rest_mm: (G) float32 z of the gel at rest on optical_grid(gel). gamma: of the camera's response.
+    """
+
+    def __init__(
+        self, markers: Markers, camera: Camera, gel: Elastomer, rest_mm: np.ndarray, gamma: float
+    ) -> None:
+        self._camera, self._rest_mm, self._axes = camera, rest_mm, optical_grid(gel)
+        points = markers.rest_mm[:, None] + markers.diameter_mm / 2 * OUTLINE
+        self._points_mm = points.reshape(-1, 2)
+        light = np.linspace(INK_REFLECTANCE, 1.0, SHADES)
+        self._factors = (light ** (1.0 / gamma)).astype(np.float32)
+
+    def shade(self, coated_mm: np.ndarray, shift: SurfaceShift | None) -> np.ndarray:
+        """(ROWS, COLUMNS) float32 factors of the grey levels of the image without markers.
+
+        coated_mm: (G) float32 deflection of the coating. shift: lateral displacement of the
+        surface; None for none.
+        """
+        points = self._points_mm if shift is None else _moved(self._points_mm, shift)
+        z_mm = _bilinear((self._rest_mm - coated_mm)[None], *self._axes, points)[:, 0]
+        seen = np.stack(self._camera.project(points[:, 0], points[:, 1], z_mm), axis=-1)
+        center, right, left, below, above = np.moveaxis(seen.reshape(-1, len(OUTLINE), 2), 1, 0)
+        out = np.empty((ROWS, COLUMNS), dtype=np.float32)
+        _rasterize(center.copy(), (right - left) / 2, (below - above) / 2, self._factors, out)
+        return out
+
+
+def _moved(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
+    """(n, 2) points of a surface, (n, 2), where a shift has moved them."""
+    return points_mm + _displacement(points_mm, shift)[:, :2]
+
+
+def _displacement(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
+    """(n, 2 or 3) displacement of points of a surface, (n, 2)."""
+    values = np.ascontiguousarray(shift.values_mm, dtype=np.float32)
+    return _bilinear(values, shift.x_mm, shift.y_mm, points_mm)
+
+
+@jit
+def _bilinear(grids, x_mm, y_mm, points):
+    """(n, k) values of grids (k, y, x) at points (n, 2), linear between the grid's points.
+
+    Beyond the grid, the values are those of its rim.
+    """
+    out = np.empty((points.shape[0], grids.shape[0]))
+    per_x, per_y = 1.0 / (x_mm[1] - x_mm[0]), 1.0 / (y_mm[1] - y_mm[0])
+    for n in range(points.shape[0]):
+        across, down = (points[n, 0] - x_mm[0]) * per_x, (points[n, 1] - y_mm[0]) * per_y
+        for k in range(grids.shape[0]):
+            out[n, k] = at_place(grids[k], down, across)
+    return out
+
+
+@jit
+def _rasterize(center, one, other, factors, out):
+    """Fill out (P) with the factors of the part of each pixel that is clear of markers.
+
+    center: (n, 2) rows and columns of the markers, px. one, other: (n, 2) conjugate half diameters
+    of their ellipses. factors: of parts from 0 to 1.
+    """
+    rows, columns = out.shape
+    out[:] = np.float32(1.0)
+    marked = np.zeros(rows, dtype=np.bool_)
+    for n in range(center.shape[0]):
+        height = np.hypot(one[n, 0], other[n, 0])
+        if not height > 0.0:
+            continue
+        skew = (one[n, 0] * one[n, 1] + other[n, 0] * other[n, 1]) / height
+        width = abs(one[n, 0] * other[n, 1] - one[n, 1] * other[n, 0]) / height
+        # a pixel extends from its index to the next integer in these coordinates
+        middle, across = center[n, 0] + 0.5, center[n, 1] + 0.5
+        first = max(int(np.floor(middle - height)), 0)
+        last = min(int(np.ceil(middle + height)), rows)
+        top = min(max((first - middle) / height, -1.0), 1.0)
+        area_above = np.arcsin(top) + top * np.sqrt(1.0 - top * top)
+        for i in range(first, last):
+            bottom = min(max((i + 1.0 - middle) / height, -1.0), 1.0)
+            area = np.arcsin(bottom) + bottom * np.sqrt(1.0 - bottom * bottom)
+            step, chords = (bottom - top) / LINES, 1e-12
+            for k in range(LINES):
+                chords += np.sqrt(1.0 - (top + (k + 0.5) * step) ** 2)
+            part = np.float32(0.5 * height * (area - area_above) / chords)
+            marked[i], row = True, out[i]
+            for k in range(LINES):
+                at = top + (k + 0.5) * step
+                half = width * np.sqrt(1.0 - at * at)
+                left = max(across + skew * at - half, 0.0)
+                right = min(across + skew * at + half, float(columns))
+                if left < right:
+                    start, end = int(left), min(int(right), columns - 1)
+                    row[start] += part * np.float32(left - start)
+                    row[end] += part * np.float32(end + 1.0 - right)
+                    for j in range(start, end + 1):
+                        row[j] -= part
+            top, area_above = bottom, area
+    last_factor = np.float32(factors.size - 1)
+    for i in np.flatnonzero(marked):
+        for j in range(columns):
+            clear = min(max(out[i, j], np.float32(0.0)), np.float32(1.0))
+            out[i, j] = factors[int(clear * last_factor + np.float32(0.5))]

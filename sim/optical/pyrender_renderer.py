@@ -1,0 +1,377 @@
+"""Images of a DIGIT by pyrender: the deformed gel as a mesh, lit by three LEDs.
+
+As in the baked model, the image is background + L(deformed) - L(rest), but pyrender renders L. So a
+gel at rest gives the background exactly. Gamma and noise are the same.
+
+pyrender gets a sampled unit's LEDs with their places, sizes and colors in the image's middle
+(t2twin.sim.optical.randomization.lighting). Each LED's light varies over the image and with the
+cosine of incidence as a default LED's does on a Lambertian surface. Negative leaks are omitted.
+
+A process has one renderer, which is created at the first image, so that PyrenderRenderer can be
+pickled. OpenGL belongs to one thread, which renders all images.
+
+No other module imports pyrender, which is unmaintained. This one sets the GL platform before the
+import and restores a name that NumPy 2 removed. It registers a type with PyOpenGL whose name Python
+3.12 changed. The scene is in millimeters: pyrender's shadow bias is an absolute number that removes
+all shadows of a scene in meters. The LEDs are spot lights, since pyrender has shadows for spot and
+directional lights only.
+
+For soft shadows, each LED has several points on its disc. One image with hard shadows is rendered
+per point, and the images are averaged in linear light.
+"""
+
+import os
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.optical.camera import response
+from t2twin.sim.optical.camera.gaussian_noise import standard_normal
+from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.light.coating import coated
+from t2twin.sim.optical.light.leds import AMBIENT, DIGIT_LEDS, REACH_MM, Led
+from t2twin.sim.optical.light.shadows import MIN_CASTER_MM
+from t2twin.sim.optical.markers import Markers
+from t2twin.sim.optical.optics import Optics
+
+FRAME_SECONDS = 1.1
+"""Time of an image with software OpenGL on two idle cores, s (benchmark `digit_render`). It uses
+all cores, so more processes are hardly faster."""
+FIRST_SECONDS = 6.0
+"""Time of the first image of a process, including the start of OpenGL, s (measured)."""
+LED_POINTS = 8
+"""Points per LED, each a render pass: the default of ReferenceRenderer."""
+GAMMA = 2.2
+"""Exponent of pyrender's output encoding."""
+MESH_STRIDE = 2
+"""Cells of the optical grid per cell of the mesh: triangles below 4 pixels take seconds with
+software OpenGL and change the image invisibly."""
+CASTER_DEPTH_MM = 0.06
+"""Distance of the surface that casts shadows behind the gel's surface, mm: twice a texel of the
+shadow map at the far end of the gel, which avoids self-shadowing."""
+SEEN_MARGIN_MM = 0.3
+"""Margin of the receiving mesh around the visible region, mm: a cell and a half."""
+ALBEDO = 0.96
+"""Fraction of the light that pyrender's rough dielectric scatters diffusely (its constant)."""
+
+PLATFORM = "PYOPENGL_PLATFORM"
+"""Environment variable with the platform of PyOpenGL. MuJoCo sets it to that of MUJOCO_GL."""
+
+
+def _import_pyrender() -> Any:
+    os.environ[PLATFORM] = os.environ.get(PLATFORM) or "egl"
+    np.__dict__.setdefault("infty", np.inf)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            _name_ctypes_parameters()
+            import pyrender
+    except (ImportError, OSError, AttributeError) as error:
+        raise T2TwinError(_no_gl(error)) from error
+    return pyrender
+
+
+@cache
+def _name_ctypes_parameters() -> None:
+    """Register the type of ctypes.byref with PyOpenGL 3.1.0, which pyrender requires.
+
+    It finds types by name, and this one was builtins.CArgObject before Python 3.12.
+    """
+    from OpenGL.plugins import FormatHandler
+
+    handler = "OpenGL.arrays.ctypesparameters.CtypesParameterHandler"
+    FormatHandler("byref", handler, ["_ctypes.CArgObject"])
+
+
+def _no_gl(error: Exception) -> str:
+    platform = os.environ[PLATFORM]
+    help_ = "on Debian: apt-get install libegl1 libgl1-mesa-dri libgl1"
+    if platform != "egl":
+        help_ = f"unset {PLATFORM}, which is {platform!r}, and MUJOCO_GL, or set both to egl"
+    return (
+        "the reference renderer needs OpenGL through EGL, which does not start here "
+        f"({type(error).__name__}: {error}); {help_}"
+    )
+
+
+def _destroy_context(platform: Any) -> None:
+    """Destroys the context of a pyrender platform, which is current."""
+    from OpenGL import EGL
+
+    display = platform._egl_display
+    EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
+    EGL.eglDestroyContext(display, platform._egl_context)
+
+
+class ReferenceRenderer:
+    """Renders the gel from inside.
+
+    leds, ambient: the LEDs and the undirected light. shadows: whether LEDs cast shadows.
+    led_points: points per LED, one render pass each; 1 gives hard shadows.
+    Raises T2TwinError if there is no EGL or OpenGL library.
+    """
+
+    def __init__(
+        self,
+        leds: tuple[Led, ...] = DIGIT_LEDS,
+        ambient: tuple[float, float, float] = AMBIENT,
+        shadows: bool = True,
+        led_points: int = 8,
+        camera: Camera = DIGIT_CAMERA,
+        gel: Elastomer = DIGIT_GEL,
+    ) -> None:
+        if led_points < 1:
+            raise T2TwinError(f"led_points is {led_points}; it must be at least 1")
+        self.camera = camera
+        self._pyrender = pyrender = _import_pyrender()
+        self._poses = [
+            [_spot_pose(point, np.array(led.aim_mm)) for point in led.points_mm(led_points)]
+            for led in leds
+        ]
+        self._passes = led_points if leds else 1
+        self._x_mm, self._y_mm = optical_grid(gel)
+        grid = np.meshgrid(self._x_mm, self._y_mm)
+        self._rest_mm = gel.rest_surface_mm(*grid) + camera.tilt_mm(*grid)
+        ny, nx = (size // MESH_STRIDE for size in self._rest_mm.shape)
+        self._faces = _grid_faces(ny, nx)
+        self._seen_faces = self._faces[self._is_seen()[self._faces].all(axis=1), ::-1]
+        self._gel_material = pyrender.MetallicRoughnessMaterial(
+            metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
+        )
+        self._caster_material = pyrender.MetallicRoughnessMaterial()
+        self._scene = pyrender.Scene(bg_color=(0, 0, 0, 1), ambient_light=ambient)
+        self._scene.add(
+            pyrender.IntrinsicsCamera(
+                camera.focal_px,
+                camera.focal_px,
+                COLUMNS / 2 + camera.shift_x_px,
+                ROWS / 2 + camera.shift_y_px,
+                znear=5.0,
+                zfar=100.0,
+            ),
+            pose=_camera_pose(camera),
+        )
+        self._leds = [
+            self._scene.add(
+                pyrender.SpotLight(
+                    color=np.array(led.color),
+                    intensity=np.pi * REACH_MM**2 / ALBEDO,
+                    innerConeAngle=led.beam_rad[0],
+                    outerConeAngle=led.beam_rad[1],
+                )
+            )
+            for led in leds
+        ]
+        self._mesh_node: Any = None
+        flags = pyrender.RenderFlags
+        self._flags = flags.SHADOWS_SPOT if shadows and leds else flags.NONE
+        try:
+            self._renderer = pyrender.OffscreenRenderer(COLUMNS, ROWS)
+        except Exception as error:  # the type depends on the missing library
+            raise T2TwinError(_no_gl(error)) from error
+
+    def render(self, surface_mm: np.ndarray) -> np.ndarray:
+        """(ROWS, COLUMNS, 3) uint8: the image of the gel deflected by surface_mm.
+
+        surface_mm: on optical_grid(), rows x columns, positive into the sensor.
+        """
+        return encode(self.render_linear(surface_mm))
+
+    def render_linear(self, surface_mm: np.ndarray) -> np.ndarray:
+        """The same image as linear light, float64, in parts of white."""
+        self._place_gel(surface_mm)
+        total = np.zeros((ROWS, COLUMNS, 3))
+        for index in range(self._passes):
+            for led, poses in zip(self._leds, self._poses, strict=True):
+                self._scene.set_pose(led, poses[index])
+            picture, _ = self._renderer.render(self._scene, flags=self._flags)
+            total += (picture / 255.0) ** GAMMA
+        return total / self._passes
+
+    def close(self) -> None:
+        """Free the GL context. Other renderers of the process stay usable, also those of MuJoCo."""
+        platform = self._renderer._platform
+        # pyrender's own function also terminates the display, which all contexts share.
+        platform.delete_context = partial(_destroy_context, platform)
+        self._renderer.delete()
+
+    def __enter__(self) -> "ReferenceRenderer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _is_seen(self) -> np.ndarray:
+        """(vertices,) whether the image can contain them; the rim outside would shade the rest."""
+        x, y = np.meshgrid(self._x_mm, self._y_mm)
+        highest_mm = float(self._rest_mm.max())
+        xy = _blocks(np.stack([x, y], axis=-1))
+        inside = self.camera.is_seen(xy[:, 0], xy[:, 1], SEEN_MARGIN_MM, highest_mm)
+        return np.logical_and(*inside)
+
+    def _place_gel(self, surface_mm: np.ndarray) -> None:
+        if surface_mm.shape != self._rest_mm.shape:
+            raise T2TwinError(
+                f"surface_mm has shape {surface_mm.shape}; it must be {self._rest_mm.shape}, "
+                "on t2twin.sim.optical.camera.pinhole.optical_grid()"
+            )
+        surface_mm = coated(np.ascontiguousarray(surface_mm, dtype=np.float32))
+        z = self._rest_mm - surface_mm
+        along_y, along_x = np.gradient(z, self._y_mm, self._x_mm)
+        x, y = np.meshgrid(self._x_mm, self._y_mm)
+        normals = _blocks(np.stack([along_x, along_y, -np.ones_like(z)], axis=-1))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        points = _blocks(np.stack([x, y, z], axis=-1))
+        # pyrender's shadow maps omit back faces: the gel, facing away from the LEDs, only receives
+        # shadows; a copy behind it, invisible to the camera, casts them
+        primitives = [self._primitive(points, normals, self._seen_faces, self._gel_material)]
+        deep = _blocks(surface_mm[..., None]).ravel() > MIN_CASTER_MM
+        casting = self._faces[deep[self._faces].all(axis=1)]
+        if casting.size:
+            behind = points - CASTER_DEPTH_MM * normals
+            primitives.append(self._primitive(behind, normals, casting, self._caster_material))
+        mesh = self._pyrender.Mesh(primitives)
+        if self._mesh_node is not None:
+            self._scene.remove_node(self._mesh_node)
+        self._mesh_node = self._scene.add(mesh)
+
+    def _primitive(
+        self, points: np.ndarray, normals: np.ndarray, faces: np.ndarray, material: Any
+    ) -> Any:
+        return self._pyrender.Primitive(
+            positions=points, normals=normals, indices=faces, material=material
+        )
+
+
+class PyrenderRenderer(ImageRenderer):
+    """As ImageRenderer, but pyrender renders each image, in about FRAME_SECONDS.
+
+    leds: in the order of the optics file's. optics: for camera, background and gamma. markers:
+    printed on the gel; None for none. Raises T2TwinError at the first image if there is no OpenGL.
+    """
+
+    def __init__(
+        self,
+        optics: Optics,
+        leds: tuple[Led, ...],
+        gel: Elastomer = DIGIT_GEL,
+        markers: Markers | None = None,
+    ) -> None:
+        super().__init__(optics, gel=gel, markers=markers)
+        self._lit_by = leds
+
+    def _image(
+        self,
+        surface_mm: np.ndarray,
+        coated_mm: np.ndarray,
+        background: np.ndarray,
+        shade: np.ndarray,
+        rng: np.random.Generator | None,
+        noise_grey: float,
+    ) -> np.ndarray:
+        grey = self._grey(surface_mm, background)
+        if shade.size:
+            grey *= shade[..., None]
+        if rng is not None:
+            grey += noise_grey * standard_normal(rng, grey.shape)
+        return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
+
+    def _grey(self, surface_mm: np.ndarray, background: np.ndarray) -> np.ndarray:
+        """(320, 240, 3) float64 grey levels on a background frame, without markers and noise."""
+        if not surface_mm.any():
+            return background.astype(float)
+        light, thread = self.optics, _thread(os.getpid())
+        change = thread.submit(_change, self._lit_by, light.camera, self._gel, surface_mm).result()
+        if light.albedo is not None:
+            change = change * light.albedo[..., None]
+        total = response.linear(background, light.gamma) + change
+        return 255.0 * np.clip(total, 0.0, 1.0) ** (1.0 / light.gamma)
+
+
+@cache
+def _thread(process: int) -> ThreadPoolExecutor:
+    """The thread of a process for OpenGL; the argument distinguishes forks."""
+    return ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"pyrender-{process}")
+
+
+def _change(
+    leds: tuple[Led, ...], camera: Camera, gel: Elastomer, surface_mm: np.ndarray
+) -> np.ndarray:
+    """(ROWS, COLUMNS, RGB) change of the light by a deflection."""
+    renderer, rest_light = _renderer_cache(os.getpid()).renderer(leds, camera, gel)
+    return renderer.render_linear(surface_mm) - rest_light
+
+
+class _RendererCache:
+    """The last renderer, and its light of the gel at rest."""
+
+    def __init__(self) -> None:
+        self._parameters: tuple = ()
+        self._renderer: ReferenceRenderer | None = None
+        self._rest_light = np.zeros(0)
+
+    def renderer(
+        self, leds: tuple[Led, ...], camera: Camera, gel: Elastomer
+    ) -> tuple[ReferenceRenderer, np.ndarray]:
+        if self._renderer is not None and self._parameters != (leds, camera, gel):
+            self._renderer.close()
+            self._renderer = None
+        if self._renderer is None:
+            self._renderer = ReferenceRenderer(
+                leds, AMBIENT, led_points=LED_POINTS, camera=camera, gel=gel
+            )
+            x, y = optical_grid(gel)
+            self._rest_light = self._renderer.render_linear(np.zeros((y.size, x.size)))
+            self._parameters = (leds, camera, gel)
+        return self._renderer, self._rest_light
+
+
+@cache
+def _renderer_cache(process: int) -> _RendererCache:
+    """The cache of a process; the argument distinguishes forks."""
+    return _RendererCache()
+
+
+def encode(linear: np.ndarray) -> np.ndarray:
+    """uint8 grey levels of linear light (the camera's gamma is assumed to be pyrender's)."""
+    return np.round(255.0 * np.clip(linear, 0.0, 1.0) ** (1.0 / GAMMA)).astype(np.uint8)
+
+
+def _blocks(grid: np.ndarray) -> np.ndarray:
+    """(n, k) averages over blocks of MESH_STRIDE x MESH_STRIDE cells of a (ny, nx, k) grid."""
+    ny, nx = (size // MESH_STRIDE for size in grid.shape[:2])
+    cut = grid[: ny * MESH_STRIDE, : nx * MESH_STRIDE]
+    return cut.reshape(ny, MESH_STRIDE, nx, MESH_STRIDE, -1).mean(axis=(1, 3)).reshape(ny * nx, -1)
+
+
+def _grid_faces(ny: int, nx: int) -> np.ndarray:
+    """(2 (ny - 1) (nx - 1), 3) triangles of a grid of vertices, facing the camera (-z)."""
+    corner = np.arange(ny * nx, dtype=np.uint32).reshape(ny, nx)
+    a, b = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel()
+    c, d = corner[1:, :-1].ravel(), corner[1:, 1:].ravel()
+    return np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
+
+
+def _camera_pose(camera: Camera) -> np.ndarray:
+    """(4, 4): pyrender's cameras look along -z with +y up, this one along +z with y down."""
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = -camera.distance_mm
+    return pose
+
+
+def _spot_pose(position_mm: np.ndarray, aim_mm: np.ndarray) -> np.ndarray:
+    """(4, 4) pose of a spot light at one point, aimed at another along its -z."""
+    back = position_mm - aim_mm
+    back = back / np.linalg.norm(back)
+    sideways = np.cross([0.0, 0.0, 1.0], back)
+    sideways /= np.linalg.norm(sideways)
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2] = sideways, np.cross(back, sideways), back
+    pose[:3, 3] = position_mm
+    return pose

@@ -1,0 +1,193 @@
+"""Samples the LEDs of a unit and their light in each color.
+
+Relative to an LED's own light in the image's middle at MIDDLE_COSINE, the light of LED k in color c
+is
+
+    F_kc(p, m) = own_kc B_k(p) S(m) + leak_kc + irregular_kc(p, m),
+
+with p the place over PLACE_MM, B_k a paraboloid, S a parabola, own_kc 1 for c = k and else 0. All
+is quadratic in the place and in the cosine, as a response of t2twin.sim.optical.image_renderer is.
+
+For pyrender, equivalent_leds gives lamps of the same places, sizes and colors. Each has the lobe of
+the default LED in its place, rotated and moved with it, since the resolution of pyrender's shadow
+maps depends on the width of the lobe. Its color gives the sampled light in the image's middle.
+Negative light, as of a negative leak, is omitted.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.light.illumination import COSINE_TERMS
+from t2twin.sim.optical.light.leds import DIGIT_LEDS, REACH_MM, Led
+from t2twin.sim.optical.optics import PLACE_TERMS, place_terms
+from t2twin.sim.optical.randomization.ranges import UnitRanges, log_uniform, uniform
+
+AZIMUTHS_DEG = np.array([30.0, 150.0, 270.0])
+"""Of the red, green and blue LED around the gel (TACTO's configuration, maker's notes)."""
+ACROSS_SIGNS = np.array([-1.0, 1.0, 0.0])
+"""Sign of the gradient of each LED's light across its direction: the upper two cross the middle."""
+MIDDLE_COSINE = 0.4
+"""Cosine of incidence at which relative light is defined (assumed: flanks of a press)."""
+DEGREE = 2
+"""Degree of the responses in the place (assumed: as determined by a dozen presses)."""
+TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
+IRREGULAR = np.array([[0.0, 0.5, 0.5, 1.0, 1.0, 1.0], [0.2, 1.2, 1.2, 2.0, 2.0, 2.0]])
+"""Standard deviations of an irregular light's coefficients in the place, and of their slopes with
+the cosine, for an amount of 1 (assumed: about those of one real unit's fit)."""
+GAMMA_EXPONENT = -1.5
+"""Exponent of gamma in leaks and irregularity (assumed): they are largest in the one real unit's
+fit, of gamma 1, and 0 in the rendered light, of gamma 2.2."""
+LARGEST_SIZE = 0.95
+"""Largest radius of an LED's disc, in parts of its height over the apex. A larger disc would be
+partly below the gel's horizon and cut off near a press only."""
+FACING_COSINE = 0.9
+"""Cosine of incidence at the brightest place of a bulge (assumed)."""
+MIN_IN_BEAM = 0.2
+"""Lower bound of the fraction of a lobe's light in the middle, which bounds an LED's brightness."""
+SLOPE_STEP_MM = 0.01
+"""Step of difference quotients of the surface at rest, mm."""
+
+
+@dataclass(frozen=True)
+class SampledLight:
+    """LEDs and their linear light. places_mm: (3, 3). sizes_mm: (3,) radii. response: (3 LEDs, RGB,
+    PLACE_TERMS, COSINE_TERMS)."""
+
+    places_mm: np.ndarray
+    sizes_mm: np.ndarray
+    response: np.ndarray
+
+
+def sample_light(rng: np.random.Generator, ranges: UnitRanges, gamma: float) -> SampledLight:
+    """The light of a unit of this gamma."""
+    azimuth = np.radians(AZIMUTHS_DEG + uniform(rng, ranges.led_turn_deg, 3))
+    distance_mm = float(log_uniform(rng, ranges.led_distance_mm))
+    elevation_deg = float(uniform(rng, ranges.led_elevation_deg))
+    elevation = np.radians(elevation_deg + uniform(rng, ranges.led_elevation_off_deg, 3))
+    towards = np.stack([np.cos(azimuth), -np.sin(azimuth)], axis=1)
+    heights = -distance_mm * np.tan(elevation)
+    places_mm = np.concatenate([distance_mm * towards, heights[:, None]], axis=1)
+    response = _relative(rng, ranges, towards, gamma**GAMMA_EXPONENT)
+    facing = (uniform(rng, ranges.facing_grey, 3) / 255.0) ** gamma
+    # in the middle, an LED's light falls with the square of its distance to the apex
+    reach = REACH_MM**2 / (places_mm**2).sum(axis=1) * FACING_COSINE
+    response *= (facing / reach)[None, :, None, None]
+    sizes_mm = np.minimum(log_uniform(rng, ranges.led_size_mm, 3), LARGEST_SIZE * -heights)
+    return SampledLight(places_mm, sizes_mm, response)
+
+
+def _relative(
+    rng: np.random.Generator, ranges: UnitRanges, towards: np.ndarray, mixed: float
+) -> np.ndarray:
+    """(3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS) light relative to the color's own LED.
+
+    mixed: factor of leaks and irregularity.
+    """
+    by_power = np.zeros((3, 3, 3, TERMS))  # LED, color, power of the cosine, place
+    leaks = mixed * float(uniform(rng, ranges.leak_amount)) * uniform(rng, ranges.leak_part, (3, 3))
+    amount = mixed * float(uniform(rng, ranges.irregular_amount))
+    patterns = amount * rng.standard_normal((3, 3, *IRREGULAR.shape)) * IRREGULAR
+    by_power[:, :, 0, 0] = leaks
+    by_power[:, :, : len(IRREGULAR)] += patterns
+    slopes = uniform(rng, ranges.cosine_slope_part, 3)
+    bends = uniform(rng, ranges.cosine_bend_part, 3)
+    for k in range(3):
+        beam = _beam(rng, ranges, towards[k], ACROSS_SIGNS[k])
+        # an LED's own light is irregular too, except for its level
+        own = by_power[k, k]
+        own[0] += beam - leaks[k, k] * np.eye(TERMS)[0]
+        own[1] += slopes[k] * beam
+        own[2] += bends[k] * beam
+    response = np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS))
+    value, rise, bend = by_power[:, :, 0], by_power[:, :, 1], by_power[:, :, 2]
+    response[:, :, :TERMS, 0] = value - MIDDLE_COSINE * rise + MIDDLE_COSINE**2 * bend
+    response[:, :, :TERMS, 1] = rise - 2.0 * MIDDLE_COSINE * bend
+    response[:, :, :TERMS, 2] = bend
+    return response
+
+
+def _beam(
+    rng: np.random.Generator, ranges: UnitRanges, towards: np.ndarray, across_sign: float
+) -> np.ndarray:
+    """(TERMS,) coefficients of an LED's light in the place. towards: (2,) direction."""
+    along, across = uniform(rng, ranges.beam_along_part), uniform(rng, ranges.beam_across_part)
+    curves, twist = uniform(rng, ranges.beam_curve_part, 2), uniform(rng, ranges.beam_twist_part)
+    sideways = np.array([-towards[1], towards[0]])
+    rise = along * towards + across_sign * across * sideways
+    return np.array([1.0, rise[0], rise[1], curves[0], twist, curves[1]])
+
+
+def light_at_rest(
+    light: SampledLight, camera: Camera, columns: np.ndarray, rows: np.ndarray
+) -> np.ndarray:
+    """(rows, columns, RGB) light of the LEDs on the DIGIT's gel at rest.
+
+    columns, rows: pixel coordinates, which may be fractional and outside the image.
+    """
+    x, y, z = camera.gel_points(columns, rows)
+    slope_x = (_surface_mm(camera, x + SLOPE_STEP_MM, y) - z) / SLOPE_STEP_MM
+    slope_y = (_surface_mm(camera, x, y + SLOPE_STEP_MM) - z) / SLOPE_STEP_MM
+    terms = place_terms(x, y, DEGREE)
+    steep2 = 1.0 + slope_x**2 + slope_y**2
+    seen = np.zeros((*x.shape, 3))
+    for place, response in zip(light.places_mm, light.response, strict=True):
+        dx, dy, dz = place[0] - x, place[1] - y, place[2] - z
+        far2 = dx**2 + dy**2 + dz**2
+        m = np.maximum(slope_x * dx + slope_y * dy - dz, 0.0) / np.sqrt(steep2 * far2)
+        weight = m * REACH_MM**2 / far2
+        powers = m[..., None] ** np.arange(COSINE_TERMS)
+        by_power = np.einsum("rsi,cij->rscj", terms, response[:, :TERMS])
+        seen += weight[..., None] * np.einsum("rscj,rsj->rsc", by_power, powers)
+    return seen
+
+
+def _surface_mm(camera: Camera, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    return DIGIT_GEL.rest_surface_mm(x_mm, y_mm) + camera.tilt_mm(x_mm, y_mm)
+
+
+def at_middle(response: np.ndarray) -> np.ndarray:
+    """(3 LEDs, RGB) light of a response in the image's middle at MIDDLE_COSINE."""
+    return np.einsum("kcj,j->kc", response[:, :, 0], MIDDLE_COSINE ** np.arange(COSINE_TERMS))
+
+
+def equivalent_leds(light: SampledLight) -> tuple[Led, ...]:
+    """LEDs for t2twin.sim.optical.pyrender_renderer, in the order of the light's LEDs."""
+    colors = np.maximum(at_middle(light.response), 0.0)
+    return tuple(
+        _equivalent_led(default, place, float(size), color)
+        for default, place, size, color in zip(
+            DIGIT_LEDS, light.places_mm, light.sizes_mm, colors, strict=True
+        )
+    )
+
+
+def _equivalent_led(default: Led, place_mm: np.ndarray, size_mm: float, color: np.ndarray) -> Led:
+    """A default LED moved to another place, with another size and color."""
+    angle = np.arctan2(-place_mm[1], place_mm[0])
+    radius_mm = float(np.hypot(place_mm[0], place_mm[1]))
+    turn, stretch = angle - np.radians(default.angle_deg), radius_mm / default.radius_mm
+    cos, sin = stretch * np.cos(turn), stretch * np.sin(turn)
+    aim_x, aim_y, aim_z = default.aim_mm
+    # angles increase against y, which points down in the image
+    aim_mm = (float(cos * aim_x + sin * aim_y), float(cos * aim_y - sin * aim_x), aim_z)
+    color = color / max(_in_beam(place_mm, np.array(aim_mm), default.beam_rad), MIN_IN_BEAM)
+    return Led(
+        color=(float(color[0]), float(color[1]), float(color[2])),
+        angle_deg=float(np.degrees(angle)),
+        radius_mm=radius_mm,
+        z_mm=float(place_mm[2]),
+        size_mm=size_mm,
+        aim_mm=aim_mm,
+        beam_rad=default.beam_rad,
+    )
+
+
+def _in_beam(place_mm: np.ndarray, aim_mm: np.ndarray, beam_rad: tuple[float, float]) -> float:
+    """Fraction of a lobe's light at the gel's apex, by glTF's spot light as in pyrender."""
+    axis, middle = aim_mm - place_mm, -place_mm
+    cosine = np.dot(axis, middle) / (np.linalg.norm(axis) * np.linalg.norm(middle))
+    inner, outer = np.cos(beam_rad)
+    return float(np.clip((cosine - outer) / (inner - outer), 0.0, 1.0) ** 2)

@@ -1,0 +1,268 @@
+"""Readings of a real array, with noise, wandering baselines and other imperfections.
+
+Shape letters: R readings, N taxels, M terms of the memory.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.taxels.layout import Layout
+from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
+
+READINGS = 5
+"""Readings averaged into a sample: 0.5 s (Grella et al. 2023) at about 10 Hz (measured on real
+recordings)."""
+
+FRAME_S = 0.1
+"""Time between two readings, s: about 10 Hz (measured on real recordings)."""
+
+SAMPLE_S = READINGS * FRAME_S
+"""Duration of a sample, s."""
+
+FAR_FROM_ZERO = 40.0
+"""Level over its standard deviation at which clipping to 0 has no effect in float64."""
+
+ARRAY_STREAM = 19
+"""Random stream of an array's seed: the taxels' noise, offsets and memory."""
+
+Percentiles = tuple[tuple[float, float], ...]
+"""Percentages of the taxels, rising, and the values at them, counts. Values are interpolated
+linearly between them, and constant beyond the first and the last."""
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """Deviations of an array from an ideal one. Zero, or an empty tuple, disables a term.
+
+    white_counts: standard deviation of the noise of each reading, counts. Half of the real readings
+        without contact lie within 7 counts, which 8.6 reproduces together with the drift below.
+    drift_share, drift_counts: share of taxels with a wandering baseline, and its standard
+        deviation, counts. With 0.15 and 620, 95 % lie within 600 counts, as measured.
+    hysteresis: largest share of a count that is missing after loading (assumed).
+    crosstalk: share of each nearest neighbor's count that is added (assumed).
+    gain_spread: standard deviation of the taxels' gains around 1, fixed for an array (assumed).
+    dead: indices of taxels that read 0.
+    noise_counts: standard deviation of the noise of each reading over the taxels, counts.
+    offset_counts: offset over the taxels, counts. A taxel has the same rank in both. They are those
+        before the reading is clipped to 0, which raises the mean and lowers the deviation.
+    load_noise_counts, load_noise_spread, load_noise_level_counts: noise under load. Its standard
+        deviation at a level s is a (1 - exp(-s / b)), with b the level. The median of a is the
+        first, counts, and the standard deviation of its logarithm over the taxels the spread.
+    memory_shares, memory_s: the part of a level that remains after release, sum of m exp(-t / T)
+        over the shares m and the time constants T, s.
+    memory_rise_s: time constant with which the memory follows a rising level, s.
+    memory_spread: standard deviation of the logarithm of the taxels' shares; memory_shares are the
+        medians.
+    """
+
+    white_counts: float = 0.0
+    drift_share: float = 0.0
+    drift_counts: float = 0.0
+    hysteresis: float = 0.0
+    crosstalk: float = 0.0
+    gain_spread: float = 0.0
+    dead: tuple[int, ...] = ()
+    noise_counts: Percentiles = ()
+    offset_counts: Percentiles = ()
+    load_noise_counts: float = 0.0
+    load_noise_spread: float = 0.0
+    load_noise_level_counts: float = 1.0
+    memory_shares: tuple[float, ...] = ()
+    memory_s: tuple[float, ...] = ()
+    memory_rise_s: float = 1.0
+    memory_spread: float = 0.0
+
+    def check_dead(self, taxels: int) -> None:
+        """Raises T2TwinError for a dead taxel that is not one of this number."""
+        for index in self.dead:
+            if not (isinstance(index, int) and 0 <= index < taxels):
+                raise T2TwinError(
+                    f"dead contains taxel {index!r}; the layout has taxels 0 to {taxels - 1}"
+                )
+
+
+PRESETS = {
+    "none": Imperfections(),
+    "white": Imperfections(white_counts=8.6),
+    "baseline": Imperfections(white_counts=8.6, drift_share=0.15, drift_counts=620.0),
+    "all": Imperfections(
+        white_counts=8.6,
+        drift_share=0.15,
+        drift_counts=620.0,
+        hysteresis=0.05,
+        crosstalk=0.02,
+        gain_spread=0.1,
+    ),
+    "recorded": Imperfections(
+        noise_counts=(
+            (3.0, 0.0),
+            (10.0, 10.3),
+            (25.0, 44.5),
+            (50.0, 127.0),
+            (75.0, 185.0),
+            (90.0, 306.0),
+            (99.0, 468.0),
+        ),
+        offset_counts=((50.0, 0.0), (90.0, 291.0), (99.0, 771.0)),
+        load_noise_counts=440.0,
+        load_noise_spread=0.55,
+        load_noise_level_counts=1500.0,
+        memory_shares=(0.0195, 0.0315),
+        memory_s=(0.3, 3.0),
+        memory_rise_s=0.036,
+        memory_spread=0.8,
+    ),
+}
+"""Presets by name. The values of "recorded" are fitted to figures of 373 public recordings of
+fingers on a robot's skin (repository ladylou899/ros2_ws_cyskin_project), which
+the benchmark `recordings` lists and compares with simulated ones."""
+
+DATASET_DEFAULT: Literal["none", "white", "baseline", "all", "recorded"] = "recorded"
+"""Imperfections of a dataset whose scale or recipe has none of its own."""
+
+
+def imperfections(name: str, dead: tuple[int, ...] = ()) -> Imperfections:
+    """A preset by name, with dead taxels added. Raises T2TwinError for an unknown name."""
+    if arguments.text(name, "imperfections") not in PRESETS:
+        raise T2TwinError(f"no imperfections called {name!r}; allowed are {', '.join(PRESETS)}")
+    return replace(PRESETS[name], dead=dead)
+
+
+def read(
+    true_counts: np.ndarray,
+    layout: Layout,
+    flaws: Imperfections,
+    rng: np.random.Generator,
+    array_seed: int = 0,
+) -> np.ndarray:
+    """One sample of the array: the rounded mean of READINGS readings, (N,) uint16.
+
+    true_counts: (N,) noiseless. array_seed: identifies the array, whose gains, noise, offsets and
+    memory are the same in all samples. Readings are clipped to 0 and FULL_SCALE_COUNTS.
+    """
+    return read_after(None, true_counts, layout, flaws, rng, array_seed)[0]
+
+
+def read_after(
+    memory: np.ndarray | None,
+    true_counts: np.ndarray,
+    layout: Layout,
+    flaws: Imperfections,
+    rng: np.random.Generator,
+    array_seed: int = 0,
+    seconds: float = SAMPLE_S,
+    readings: int = READINGS,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """One sample as by `read`, and the memory after it.
+
+    memory: (M, N) after the sample before; None for an array that has long had these counts.
+    seconds: since that sample; the readings divide them evenly. readings: number of them.
+    """
+    n = layout.size
+    gains = 1 + flaws.gain_spread * np.random.default_rng(array_seed).standard_normal(n)
+    signal = gains * (true_counts + flaws.crosstalk * (_neighbors(layout) @ true_counts))
+    signal *= 1 - flaws.hysteresis * rng.random(n)
+    signal[list(flaws.dead)] = 0.0
+    taxels = _taxels(flaws, n, array_seed)
+    levels, memory = _remember(signal, memory, taxels, flaws, seconds / readings, readings)
+    wandered = rng.random(n) < flaws.drift_share
+    signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n) + taxels.offset_counts
+    found = signals + _deviation(flaws, taxels, levels) * rng.standard_normal((readings, n))
+    counts = np.rint(np.clip(found, 0, FULL_SCALE_COUNTS).mean(axis=0)).astype(np.uint16)
+    return counts, memory
+
+
+def expected_reading(
+    flaws: Imperfections, true_counts: np.ndarray, array_seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation of readings of a static contact, (..., N) each.
+
+    true_counts: (..., N) noiseless. Offsets and noise are included, with the mean of a normal
+    distribution that is clipped to 0. Wandering, hysteresis, crosstalk and gains are not.
+    """
+    array = _taxels(flaws, true_counts.shape[-1], array_seed)
+    deviation = _deviation(flaws, array, true_counts)
+    level = true_counts + array.offset_counts
+    far = np.full_like(level, FAR_FROM_ZERO)
+    score = np.divide(level, deviation, where=deviation > 0, out=far)
+    density = np.exp(-(score**2) / 2) / np.sqrt(2 * np.pi)
+    mean = level * ndtr(score) + deviation * density
+    square = (level**2 + deviation**2) * ndtr(score) + level * deviation * density
+    std = np.sqrt(np.maximum(square - mean**2, 0.0) / READINGS)
+    return np.minimum(mean, FULL_SCALE_COUNTS), std
+
+
+def _deviation(flaws: Imperfections, taxels: "_Taxels", levels: np.ndarray) -> np.ndarray:
+    """Standard deviation of one reading's noise at levels, (..., N)."""
+    under_load = -np.expm1(-np.maximum(levels, 0.0) / flaws.load_noise_level_counts)
+    deviation = np.hypot(flaws.white_counts, taxels.noise_counts)
+    return np.hypot(deviation, taxels.load_noise_counts * under_load)
+
+
+@dataclass(frozen=True)
+class _Taxels:
+    """Permanent properties of an array's taxels, (N,) each. memory: factor of memory_shares."""
+
+    noise_counts: np.ndarray
+    offset_counts: np.ndarray
+    load_noise_counts: np.ndarray
+    memory: np.ndarray
+
+
+@lru_cache(maxsize=64)
+def _taxels(flaws: Imperfections, n: int, array_seed: int) -> _Taxels:
+    """The taxels of an array. Their ranks are evenly spread, so that each array has the whole
+    distribution."""
+    rng = np.random.default_rng((array_seed, ARRAY_STREAM))
+    at_rest, loaded, memory = ((rng.permutation(n) + rng.random(n)) / n for _ in range(3))
+    is_alive = np.ones(n)
+    is_alive[list(flaws.dead)] = 0.0
+    return _Taxels(
+        is_alive * _percentiles(at_rest, flaws.noise_counts),
+        is_alive * _percentiles(at_rest, flaws.offset_counts),
+        is_alive * flaws.load_noise_counts * np.exp(flaws.load_noise_spread * ndtri(loaded)),
+        np.exp(flaws.memory_spread * ndtri(memory)),
+    )
+
+
+def _percentiles(ranks: np.ndarray, at: Percentiles) -> np.ndarray:
+    return np.interp(100 * ranks, *np.transpose(at)) if at else np.zeros(ranks.size)
+
+
+def _remember(
+    signal: np.ndarray,
+    memory: np.ndarray | None,
+    taxels: _Taxels,
+    flaws: Imperfections,
+    seconds: float,
+    readings: int,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """The levels of readings that are some seconds apart, (R, N), and the memory after them.
+
+    Each term of the memory follows the signal (N,): fast when it rises, with memory_s when it
+    falls. A level is the signal plus memory_shares of the distances of the memory from it.
+    """
+    if not flaws.memory_shares:
+        return np.broadcast_to(signal, (readings, signal.size)), None
+    shares, falling_s = (np.array(each)[:, None] for each in (flaws.memory_shares, flaws.memory_s))
+    ahead = np.zeros((shares.size, signal.size)) if memory is None else memory - signal
+    time_s = np.where(ahead > 0, falling_s, flaws.memory_rise_s)
+    times_s = seconds * np.arange(1, readings + 1)[:, None, None]
+    decayed = ahead * np.exp(-times_s / time_s)
+    levels = signal + taxels.memory * (shares * decayed).sum(axis=1)
+    return levels, signal + decayed[-1]
+
+
+def _neighbors(layout: Layout) -> np.ndarray:
+    """(n, n), 1 for nearest neighbors: taxels within 1.2 times the layout's least distance."""
+    distance = np.hypot(
+        layout.x_mm[:, None] - layout.x_mm[None], layout.y_mm[:, None] - layout.y_mm[None]
+    )
+    distance[np.diag_indices(layout.size)] = np.inf
+    return (distance < 1.2 * distance.min()).astype(float)
