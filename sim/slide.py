@@ -16,7 +16,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
-from t2twin.sim.sensors import Sensor, SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.touch import Touch
 
 
@@ -121,17 +121,17 @@ def touches_along(
     commands: Sequence[PressCommand],
     friction: float | None,
     rng: np.random.Generator | None,
-    sensor: Sensor = "both",
+    only: str | None = None,
 ) -> Iterator[Touch]:
     """The touches of a path, one for each command.
 
-    friction: as for `check_friction`. rng: as for `SensorPair.press`. sensor: what is touched.
+    friction: as for `check_friction`. rng, only: as for `SensorPair.press`.
     Raises T2TwinError as `solve_contact` does, before the first slide if a row leaves a pad.
     """
     touch, is_checked = None, False
     for number, command in enumerate(commands, start=1):
         if touch is None or not touch.contacts or command.force_n == 0:
-            touch = sensors.press(shape, command, rng, sensor=sensor, before=touch)
+            touch = sensors.press(shape, command, rng, only=only, before=touch)
         else:
             moved = slide_to(sensors, touch, command, friction)
             touch = sensors.with_readings(moved, rng, before=touch)
@@ -144,9 +144,12 @@ def touches_along(
 
 
 def slide_to(
-    sensors: SensorPair, touch: Touch, command: PressCommand, friction: float | None
+    sensors: SensorPair,
+    touch: Touch,
+    command: PressCommand,
+    friction: float | dict[str, float] | None,
 ) -> Touch:
-    """Slide the shape of a touch to another pose and force; without image and counts.
+    """Slide the shape of a touch to another pose and force; without images and counts.
 
     The motion is divided into steps of at most MAX_STEP_MM and MAX_STEP_DEG.
     Raises T2TwinError as `solve_contact` does.

@@ -1,24 +1,23 @@
 """The result of a press, and the folder that it is saved to.
 
-press.json                       the command, what each contact came to, versions, an attached
-                                 sensor's pose
-digit.png, contact_digit.npz     the DIGIT's image, its surface and pressure
-cyskin.json, contact_cyskin.npz  the CySkin's counts, its surface and pressure
-tactile_image.png                the counts as an image, 16 bits a pixel
-tactile_picture.png              the same in colors, with the taxels
-markers.csv                      centers of the DIGIT's markers, if its gel has any
-scene_digit.xml, scene_cyskin.xml    each contact as a MuJoCo scene
+press.json                 the command, what each contact came to, versions, an attached sensor's pose
+CAMERA.png                 a gel camera's image; CAMERA is its name, such as digit
+ARRAY.json                 a taxel array's counts, such as cyskin-20.json
+contact_SENSOR.npz         surface and pressure of each contact
+tactile_image.png          the counts as an image, 16 bits a pixel
+tactile_picture.png        the same in colors, with the taxels
+markers.csv                centers of the markers, if the gel has any
+scene_SENSOR.xml           each contact as a MuJoCo scene
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from math import hypot
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -30,13 +29,18 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.optical.image_renderer import Renderer
-from t2twin.sim.optical.markers import Markers, surface_shift
-from t2twin.sim.taxels.dense import dense_counts, dense_layout, dense_tractions
+from t2twin.sim.optical.gel_camera import GelCamera, ImageReading
+from t2twin.sim.optical.markers import Markers
+from t2twin.sim.optical.spec import KIND as GEL_CAMERA
 from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
-from t2twin.sim.taxels.phi import Phi
-from t2twin.sim.taxels.tactile_image import colored_tactile_image
+from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
+from t2twin.sim.taxels.taxel_array import CountsReading, TaxelArray
+
+Sensor = GelCamera | TaxelArray
+"""A simulated sensor: `spec`, `name`, `elastomer`, `friction`, `press` and `read`."""
+
+Reading = ImageReading | CountsReading
+"""A sensor's reading: the sensor, its contact, and its image or counts."""
 
 VERSIONS = ("t2twin", "mujoco", "numpy")
 """Packages whose versions press.json contains."""
@@ -73,34 +77,30 @@ class Notice:
 
 @dataclass(frozen=True)
 class Touch(NewAttributes):
-    """One press of one shape into the DIGIT, the CySkin or both.
+    """One press of one shape into one sensor or two.
 
-    command: the shape's position, rotation and force. image: (320, 240, 3) uint8, the DIGIT's, RGB.
-    counts: (n,) uint16, one for each taxel of the layout. digit, cyskin: the contacts, with
-    depth_mm, force_n, surface_mm, pressure_kpa and more. layout: the CySkin's taxels. optics:
-    file of the DIGIT's light, None for the default optics. renderer: what rendered the image.
-    markers: those on the DIGIT's gel, None for none.
+    command: the shape's position, rotation and force. readings: those of the sensors by their
+    names, the source's first; touch["digit"] is the reading of a sensor, with its contact.
     sensor_to_world: (4, 4) transform, m, of a sensor in a MuJoCo model; None without a model.
-    memory: (m, n) state of the CySkin's memory after the counts, counts; None without a memory.
     notices: what the contacts lack of the forces in a MuJoCo model, and where they are approximate.
 
-    The fields of a sensor that was not pressed are None. A press of 0 N, which datasets contain,
-    has an image and counts but no contacts.
+    The attributes of one kind, such as `image` and `counts`, are those of the first sensor of that
+    kind, and None without one. A press of 0 N, which datasets contain, has readings but no
+    contacts.
     """
 
     shape: Shape
     command: PressCommand
-    image: np.ndarray | MaybeNone
-    counts: np.ndarray | MaybeNone
-    digit: Contact | MaybeNone
-    cyskin: Contact | MaybeNone
-    layout: Layout | MaybeNone
-    optics: str | None = None
-    renderer: Renderer = "baked"
-    markers: Markers | None = None
+    readings: dict[str, Reading] = field(default_factory=dict)
     sensor_to_world: np.ndarray | None = None
-    memory: np.ndarray | MaybeNone = None
     notices: tuple[Notice, ...] = ()
+
+    def __getitem__(self, sensor: str) -> Reading | MaybeNone:
+        """The reading of a sensor. Raises T2TwinError for one that was not pressed."""
+        if sensor not in self.readings:
+            there = ", ".join(self.readings) or "none"
+            raise T2TwinError(f"the touch has no reading of {sensor!r}; it has: {there}")
+        return self.readings[sensor]
 
     def __repr__(self) -> str:
         parts = [f"{sensor}: {contact.summary}" for sensor, contact in self.contacts.items()]
@@ -114,47 +114,93 @@ class Touch(NewAttributes):
 
     @cached_property
     def contacts(self) -> dict[str, Contact]:
-        """The contacts there are, by sensor: "digit", then "cyskin"."""
-        contacts = {"digit": self.digit, "cyskin": self.cyskin}
-        return {sensor: contact for sensor, contact in contacts.items() if contact is not None}
+        """The contacts there are, by sensor, the source's first."""
+        of_all = {sensor: reading.contact for sensor, reading in self.readings.items()}
+        return {sensor: contact for sensor, contact in of_all.items() if contact is not None}
 
-    @cached_property
+    def _first(self, kind: str) -> Reading | MaybeNone:
+        """The reading of the first sensor of a kind; None without one."""
+        of_kind = (each for each in self.readings.values() if each.sensor.spec.kind == kind)
+        return next(of_kind, None)
+
+    @property
+    def of_camera(self) -> ImageReading | MaybeNone:
+        """The reading of the first gel camera."""
+        return self._first(GEL_CAMERA)
+
+    @property
+    def of_array(self) -> CountsReading | MaybeNone:
+        """The reading of the first taxel array."""
+        return self._first(TAXEL_ARRAY)
+
+    @property
+    def image(self) -> np.ndarray | MaybeNone:
+        """(rows, columns, 3) uint8, RGB: the image of the first gel camera."""
+        return None if self.of_camera is None else self.of_camera.image
+
+    @property
+    def counts(self) -> np.ndarray | MaybeNone:
+        """(n,) uint16: the counts of the first taxel array, in the order of `layout`."""
+        return None if self.of_array is None else self.of_array.counts
+
+    @property
+    def digit(self) -> Contact | MaybeNone:
+        """The contact of the first gel camera, with depth_mm, force_n, pressure_kpa and more."""
+        return None if self.of_camera is None else self.of_camera.contact
+
+    @property
+    def cyskin(self) -> Contact | MaybeNone:
+        """The contact of the first taxel array."""
+        return None if self.of_array is None else self.of_array.contact
+
+    @property
+    def layout(self) -> Layout | MaybeNone:
+        """The taxels of the first taxel array."""
+        return None if self.of_array is None else self.of_array.sensor.layout
+
+    @property
+    def markers(self) -> Markers | None:
+        """The markers on the gel of the first gel camera; None for none."""
+        return None if self.of_camera is None else self.of_camera.sensor.markers
+
+    @property
+    def memory(self) -> np.ndarray | None:
+        """(m, n) state of the first taxel array's memory after the counts; None without one."""
+        return None if self.of_array is None else self.of_array.memory
+
+    @property
     def markers_mm(self) -> np.ndarray:
         """(n, 2) x and y of the markers' centers on the deformed gel, mm, x right and y down.
 
         They are in the order of `markers.rest_mm`, and some are outside the image.
-        Raises T2TwinError if the gel has no markers, or the DIGIT was not pressed.
+        Raises T2TwinError if there are no markers.
         """
-        if self.markers is None:
+        if self.of_camera is None:
             raise T2TwinError("the touch has no markers; expected a twin with markers=True")
-        return self.markers.moved_mm(None if self.digit is None else surface_shift(self.digit))
+        return self.of_camera.markers_mm
 
-    @cached_property
+    @property
     def tactile_image(self) -> np.ndarray:
-        """(396, 240) float32, counts: barycentric interpolation between the taxels.
+        """(rows, columns) float32, counts: barycentric interpolation between the taxels.
 
-        Raises T2TwinError if the CySkin was not pressed, and for a layout that phi refuses, such as
+        Raises T2TwinError if no taxel array was pressed, and for a layout that phi refuses, such as
         one with all taxels on a line.
         """
-        if self.layout is None:
-            raise T2TwinError("the CySkin was not pressed, so there is no tactile image")
-        return Phi(self.layout.x_mm, self.layout.y_mm)(self.counts.astype(np.float32))
+        if self.of_array is None:
+            raise T2TwinError("no taxel array was pressed, so there is no tactile image")
+        return self.of_array.tactile_image
 
-    @cached_property
+    @property
     def dense_counts(self) -> np.ndarray:
-        """(n,) uint16: noiseless counts at the places of the dense counts
-        (t2twin.sim.taxels.dense)."""
-        if self.cyskin is None:
-            return np.zeros(dense_layout().size, np.uint16)
-        return dense_counts(self.cyskin)
+        """(n,) uint16: noiseless counts of the first taxel array at the places of its dense
+        counts."""
+        return self.of_array.dense_counts
 
-    @cached_property
+    @property
     def tractions(self) -> np.ndarray:
-        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the places of
-        the dense counts (t2twin.sim.taxels.dense)."""
-        if self.cyskin is None:
-            return np.zeros((3, dense_layout().size), np.float32)
-        return dense_tractions(self.cyskin)
+        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the places of the
+        dense counts."""
+        return self.of_array.tractions
 
     def save(self, folder: str | Path) -> None:
         """Write all files of the folder, or none.
@@ -170,10 +216,8 @@ class Touch(NewAttributes):
                 (temporary / mesh_file).write_bytes(binary_stl(*self.shape.triangles))
             for sensor, contact in self.contacts.items():
                 _write_contact(temporary, sensor, contact, mesh_file)
-            if self.image is not None:
-                Image.fromarray(self.image).save(temporary / "digit.png")
-            if self.layout is not None:
-                _write_cyskin(temporary, self.layout, self.counts, self.tactile_image)
+            for reading in self.readings.values():
+                reading.save(temporary)
             if self.markers is not None:
                 write_csv(temporary / MARKERS_CSV, MARKER_COLUMNS, marker_rows(self))
             move_into(folder, sorted(temporary.iterdir()))
@@ -187,7 +231,7 @@ def marker_rows(touch: Touch) -> list[list[Any]]:
 
 
 def scene_path(folder: Path, sensor: str) -> Path:
-    """The scene of a sensor, "digit" or "cyskin", in the folder of a saved touch."""
+    """The scene of a sensor, by its name, in the folder of a saved touch."""
     return folder / f"scene_{sensor}.xml"
 
 
@@ -202,30 +246,7 @@ def _write_contact(folder: Path, sensor: str, contact: Contact, mesh_file: str |
     scene_path(folder, sensor).write_text(scene.scene(contact, mesh_file))
 
 
-def _write_cyskin(folder: Path, layout: Layout, counts: np.ndarray, image: np.ndarray) -> None:
-    content = {
-        "layout": layout.name,
-        "counts": counts.tolist(),
-        "x_mm": layout.x_mm.tolist(),
-        "y_mm": layout.y_mm.tolist(),
-        "full_scale_counts": FULL_SCALE_COUNTS,
-    }
-    (folder / "cyskin.json").write_text(json.dumps(content, indent=1) + "\n")
-    # 16 bits a pixel, so that the counts can be read back from the image.
-    Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
-    # The color scale ends at the image's maximum: a light press would be black at full scale.
-    brightest = max(float(image.max()), 1.0)
-    picture = colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest)
-    picture.save(folder / "tactile_picture.png")
-
-
 def _press_json(touch: Touch) -> dict[str, Any]:
-    setup: dict[str, dict[str, Any]] = {
-        "digit": {"optics": touch.optics or "default", "renderer": touch.renderer},
-        "cyskin": {} if touch.layout is None else {"layout": touch.layout.name},
-    }
-    if touch.markers is not None:
-        setup["digit"]["markers"] = asdict(touch.markers)
     command = touch.command
     to_world = touch.sensor_to_world
     attached: dict[str, Any] = {}
@@ -252,6 +273,6 @@ def _press_json(touch: Touch) -> dict[str, Any]:
             "milliseconds": contact.milliseconds,
             "elastomer": elastomer_json(contact.elastomer),
         }
-        | setup[sensor]
+        | touch[sensor].setup
         for sensor, contact in touch.contacts.items()
     }

@@ -16,12 +16,14 @@ from t2twin.core.renamed import new_keywords
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.sim.contact.contact_solver import force_at_depth
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.optical.image_renderer import Renderer
-from t2twin.sim.optical.markers import Markers, as_markers
+from t2twin.sim.optical.markers import Markers
 from t2twin.sim.sampling.protocol import FORCE_N
-from t2twin.sim.sensors import CySkin, Digit, SensorPair
+from t2twin.sim.sensors.defaults import SOURCE, TARGET
+from t2twin.sim.sensors.files import Sensor
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import (
     check_friction,
     path_commands,
@@ -29,51 +31,66 @@ from t2twin.sim.slide import (
     straight_path,
     touches_along,
 )
-from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, Layout
+from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.touch import Touch
 
 
 class Twin:
-    """Both simulated sensors.
+    """Two simulated sensors, a source and a target.
 
-    optics: the DIGIT's light and, if it was fitted, its gel's modulus: a file written by
-    `t2twin calibrate`. None is the default optics.
-    layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
-    imperfections: the CySkin's errors in a press with a seed: "none", "white", "baseline", "all" or
-    "recorded". gel, cover: the sensors' elastomers. renderer: what renders the DIGIT's images:
-    "baked" in milliseconds, or "pyrender" in seconds and for the default optics only. markers:
-    printed on the gel, `t2twin.Markers`; True for the default ones.
+    source, target: names of bundled sensors (`t2twin.sensors()`), or sensor files. The options hold
+    for each of the two that has them; None is the sensor's own value.
+    optics, gel, renderer, markers: of gel cameras. optics: the light and, if it was fitted, the
+    gel's modulus: a file written by `t2twin calibrate`. renderer: what renders the images: "baked"
+    in milliseconds, or "pyrender" in seconds and without an optics file only. markers: printed on
+    the gel, `t2twin.Markers`; True for the sensor's own.
+    layout, imperfections, cover: of taxel arrays. layout: a name ("cyskin-20", "cyskin-63") or a
+    JSON or CSV file. imperfections: the errors in a press with a seed, such as "none", "white" or
+    "recorded". gel, cover: the elastomers that are pressed.
     Several threads may use one twin at the same time.
-    Raises T2TwinError for an invalid optics file, layout, imperfections or markers.
+    Raises T2TwinError for an invalid sensor, option or file, and for an option that neither sensor
+    has.
     """
 
     @new_keywords
     def __init__(
         self,
         optics: str | Path | None = None,
-        layout: str | Path = DEFAULT_LAYOUT,
-        imperfections: str = "white",
-        gel: Elastomer = DIGIT_GEL,
-        cover: Elastomer = CYSKIN_COVER,
-        renderer: Renderer = "baked",
+        layout: str | Path | None = None,
+        imperfections: str | None = None,
+        gel: Elastomer | None = None,
+        cover: Elastomer | None = None,
+        renderer: Renderer | None = None,
         markers: Markers | bool | None = None,
+        *,
+        source: str | Path = SOURCE,
+        target: str | Path = TARGET,
     ) -> None:
-        light = None if optics is None else str(arguments.path(optics, "optics"))
-        taxels = str(arguments.path(layout, "layout"))
-        self.sensors = SensorPair(
-            Digit(gel=gel, optics_file=light, renderer=renderer, markers=as_markers(markers)),
-            CySkin(cover=cover, layout_source=taxels, imperfections=imperfections),
+        self.sensors = SensorPair.of(
+            source,
+            target,
+            optics=optics,
+            layout=layout,
+            imperfections=imperfections,
+            gel=gel,
+            cover=cover,
+            renderer=renderer,
+            markers=markers,
         )
 
     @property
     def layout(self) -> Layout:
-        """The CySkin's taxels: name, x_mm, y_mm and pad_diameter_mm, (n,) each."""
-        return self.sensors.cyskin.layout
+        """The taxels of the first taxel array: name, x_mm, y_mm and pad_diameter_mm, (n,) each.
+
+        Raises T2TwinError for a twin without one.
+        """
+        return self.sensors.array.layout
 
     @property
     def background(self) -> np.ndarray:
-        """(320, 240, 3) uint8: the DIGIT's background frame, with markers, without noise."""
-        return self.sensors.digit.image_renderer.background
+        """(rows, columns, 3) uint8: the background frame of the first gel camera, with markers,
+        without noise. Raises T2TwinError for a twin without one."""
+        return self.sensors.camera.image_renderer.background
 
     def press(
         self,
@@ -91,15 +108,15 @@ class Twin:
         """Press a shape into both sensors.
 
         shape, scale, center: as for `load_shape`. force_n: 0.01 to 100, default 8. depth_mm:
-        instead of a force, the depth in the DIGIT's gel from first contact; the CySkin is pressed
-        with the resulting force. x_mm, y_mm: position of the shape's origin, right and down in the
-        image. yaw_deg: rotation, clockwise in the image. seed: of the camera noise and the CySkin's
+        instead of a force, the depth in the source's layer from first contact; the target is
+        pressed with the resulting force. x_mm, y_mm: position of the shape's origin, right and down in the
+        image. yaw_deg: rotation, clockwise in the image. seed: of the camera noise and the
         imperfections; None for neither.
         Raises T2TwinError for an invalid shape, number or position.
         """
         rng = generator(seed)
         solid = load_shape(shape, scale, center)
-        command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, self.sensors.digit)
+        command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, self.sensors.source)
         return self.sensors.press(solid, command, rng)
 
     def slide(
@@ -119,9 +136,9 @@ class Twin:
         dx_mm, dy_mm: motion of the shape's origin, right and down in the image. dyaw_deg: rotation
         about it, clockwise in the image. steps: number of touches along the way. force_n: force at
         the end, reached evenly; None keeps the touch's. friction: coefficient of friction of both
-        elastomers; None is 0.8 for the gel and 1.0 for the cover (assumed). seed: as for `press`.
+        sensors; None is each one's own. seed: as for `press`.
 
-        The contacts of the touches, `touch.digit` and `touch.cyskin`, have the tangential force
+        The contacts of the touches, such as `touch["digit"].contact`, have the tangential force
         shear_n, torque_nmm, slip_share, and the fields shear_kpa, slipping and motion.
         Raises T2TwinError for invalid numbers, for a touch without contact, and where the shape
         leaves a pad.
@@ -238,7 +255,7 @@ def press_command(
     y_mm: float,
     yaw_deg: float,
     depth_mm: float | None,
-    sensor: Digit | CySkin,
+    sensor: Sensor,
 ) -> PressCommand:
     """The validated command of a force, FORCE_N where it is None, or of a depth in a sensor, mm.
 

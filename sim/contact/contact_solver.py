@@ -45,12 +45,6 @@ from t2twin.sim.contact.types import (
     check_force,
 )
 
-DIGIT_PITCH_MM = 0.25
-"""Grid of the DIGIT's gel, mm: fine enough for features of 1 mm seen at 0.05 mm a pixel."""
-
-CYSKIN_PITCH_MM = 0.5
-"""Grid of the CySkin's cover, mm: an eighth of a taxel's pad."""
-
 BASE_TOLERANCE_MM = 1e-3
 """Tolerance on the height of the base plate's top when it is tested for contact, mm."""
 

@@ -99,28 +99,6 @@ def _sag(distance_mm: np.ndarray, radius_mm: float) -> np.ndarray:
     return radius_mm - np.sqrt(radius_mm**2 - inside**2)
 
 
-DIGIT_GEL = Elastomer(
-    name="digit",
-    thickness_mm=4.07,  # maker's published CAD
-    young_mpa=0.5,  # assumed, between Gent's 0.41 (Shore 10A) and 0.57 (Shore 15A)
-    poisson=0.47,  # assumed, range 0.45 to 0.49
-    width_mm=18.4,  # maker's published CAD
-    length_mm=25.0,  # maker's published CAD
-    dome_width_radius_mm=21.0,  # maker's published CAD
-    dome_length_radius_mm=30.0,  # assumed: "rounding off" beyond the flat, no radius published
-    dome_flat_mm=3.5,  # maker's published CAD
-)
-
-CYSKIN_COVER = Elastomer(
-    name="cyskin",
-    thickness_mm=2.5,  # assumed, range 2 to 3 mm
-    young_mpa=0.1,  # Ecoflex 00-10 at small strain, 0.05 to 0.1 MPa
-    poisson=0.47,  # assumed, range 0.45 to 0.49
-    width_mm=28.0,  # assumed: the layout's 19.5 mm and a margin
-    length_mm=46.0,  # assumed: the layout's 41.25 mm and a margin
-)
-
-
 def elastomer_json(elastomer: Elastomer) -> dict[str, Any]:
     """All properties by name, for JSON: an infinite radius is None."""
     return {key: None if value == np.inf else value for key, value in asdict(elastomer).items()}

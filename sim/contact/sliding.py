@@ -61,12 +61,6 @@ PREDICTION_TOLERANCE = 3e-3
 """As t2twin.sim.contact.tangential.traction.TOLERANCE, of the traction under the pressure before a
 step, from which the step starts (assumed)."""
 
-GEL_FRICTION = 0.8
-"""Coefficient of friction of the DIGIT's gel (assumed, range 0.4 to 1.5)."""
-
-COVER_FRICTION = 1.0
-"""Coefficient of friction of the CySkin's cover (assumed, range 0.5 to 1.5)."""
-
 MAX_FRICTION = 5.0
 """Largest allowed coefficient of friction (assumed: above any rubber's on a dry solid)."""
 

@@ -29,7 +29,7 @@ def compile_optics_ahead() -> bool:
     if _helper is not None or folder is None or cores() < 2:
         return False
     cached = Path(given) if given else folder / "numba"  # as in t2twin.core.jit
-    if any(cached.glob("digit-*/*/*/*.nbi")):
+    if any(cached.glob("optical-*/*/*/*.nbi")):
         return False
     _helper = subprocess.Popen(
         [sys.executable, "-m", f"{PACKAGE}.compile_ahead"],

@@ -1,4 +1,4 @@
-"""Images of a DIGIT by the baked model: the image's light in closed form, in milliseconds.
+"""Images of a gel camera by the baked model: the image's light in closed form, in milliseconds.
 
 For a point p of the gel with unit normal n (towards the camera), the light of LED k in color c is
 
@@ -22,29 +22,19 @@ reference smooth the deflection by a Gaussian of 0.1 mm (assumed).
 """
 
 from functools import cached_property
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.optical.camera import gaussian_noise, response
-from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS
 from t2twin.sim.optical.light import illumination, lobe
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.ray_casting import Leds, Rays, Region
 from t2twin.sim.optical.markers import NO_SHADE, MarkerImage, Markers
-from t2twin.sim.optical.optics import DEFAULT_PATH, Optics, place_terms
-
-NOISE_GREY = 2.8
-"""Standard deviation of one frame's noise, grey levels. The mean absolute difference of two real
-frames away from the contact is 3.2, which is 2.8 for each, sqrt(pi) / 2 of it (measured on real
-frames); TACTO uses 7."""
-
-FRAMES = 30
-"""DIGIT frames averaged for one image: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
+from t2twin.sim.optical.optics import Optics, place_terms
 
 Renderer = Literal["baked", "pyrender"]
 """What renders images: the baked model, in milliseconds, or pyrender, in about
@@ -64,48 +54,48 @@ NO_NOISE: Noise = (
 class ImageRenderer:
     """Images in the format of the maker's interface, for one set of optics and one gel.
 
-    The background of a gel with another dome is computed from the optics file's background and
-    LEDs. shadows: whether LEDs cast shadows. markers: printed on the gel; None for none.
+    gel: that the optics are of. noise_grey: standard deviation of one frame's noise, grey levels.
+    other_gel: the gel in the images; None for the same. The background of a gel with another dome
+    is computed from the optics' background and LEDs. shadows: whether LEDs cast shadows. markers:
+    printed on the gel; None for none.
     """
 
     def __init__(
         self,
         optics: Optics,
-        shadows: bool = True,
-        gel: Elastomer = DIGIT_GEL,
+        gel: Elastomer,
+        noise_grey: float,
+        other_gel: Elastomer | None = None,
         markers: Markers | None = None,
+        shadows: bool = True,
     ) -> None:
-        self.optics = optics
+        self.optics, self.noise_grey = optics, noise_grey
+        self._own_gel = gel
         self._leds = Leds(optics.leds_mm, optics.sizes_mm)
         self._table = response.encoding_table(optics.gamma)
         self._light = response.light_of_greys(optics.gamma)
-        self._shadows, self._gel, self._markers = shadows, gel, markers
-
-    @classmethod
-    def load(cls, optics: Path | str | None = None, gel: Elastomer = DIGIT_GEL) -> "ImageRenderer":
-        """From an optics file, None for the default. Raises T2TwinError for any other file."""
-        path = DEFAULT_PATH if optics is None else optics
-        return ImageRenderer(Optics.load(path), gel=gel)
+        self._shadows, self._gel, self._markers = shadows, other_gel or gel, markers
 
     def render(
         self,
         surface_mm: np.ndarray,
         rng: np.random.Generator | None = None,
-        noise_grey: float = NOISE_GREY,
+        noise_grey: float | None = None,
         shift: SurfaceShift | None = None,
         background: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(320, 240, 3) uint8: the image of the gel deflected by surface_mm.
+        """(rows, columns, 3) uint8: the image of the gel deflected by surface_mm.
 
-        surface_mm: on t2twin.sim.optical.camera.pinhole.optical_grid(), rows x columns, mm,
+        surface_mm: on t2twin.sim.optical.camera.pinhole.optical_grid(gel), rows x columns, mm,
             positive into the sensor.
         rng: of the noise; None for none.
-        noise_grey: standard deviation of the noise, grey levels, in every pixel and channel. The
-            noise of an optics file is scaled by noise_grey / NOISE_GREY instead.
+        noise_grey: standard deviation of the noise, grey levels, in every pixel and channel; None
+            for that of one frame. Measured noise of the optics is scaled in the same ratio.
         shift: lateral displacement of the surface, which moves markers; None for none.
-        background: (320, 240, 3) uint8, replaces the optics file's, as of an earlier time.
+        background: (rows, columns, 3) uint8, replaces the optics file's, as of an earlier time.
         Raises T2TwinError for another shape, values that are not finite, and invalid noise.
         """
+        noise_grey = self.noise_grey if noise_grey is None else noise_grey
         if not 0.0 <= noise_grey <= 255.0:
             raise T2TwinError(f"noise_grey is {noise_grey:g}; it must lie between 0 and 255")
         coated_mm = self._rays.coated(surface_mm)
@@ -118,10 +108,18 @@ class ImageRenderer:
 
     @cached_property
     def background(self) -> np.ndarray:
-        """(320, 240, 3) uint8: the background frame of this gel, with markers, without noise."""
+        """(rows, columns, 3) uint8: the background frame of this gel, without noise."""
         if self._markers is None:
             return self._unmarked
         return self.render(np.zeros_like(self._rays.rest_mm))
+
+    def background_in(self, ambient: np.ndarray) -> np.ndarray:
+        """(rows, columns, 3) uint8: the gel at rest in the LEDs' light and undirected light (RGB,)
+        alone, without the optics' background."""
+        black = np.zeros((*self._shape, 3), dtype=np.uint8)
+        light = self._rest_light + ambient.astype(np.float32)[:, None, None]
+        rows, columns = self._shape
+        return self._encoded(black, light, (0, rows, 0, columns))
 
     def _image(
         self,
@@ -143,7 +141,14 @@ class ImageRenderer:
             return NO_NOISE
         if self.optics.noise is None:
             return gaussian_noise.keys(rng), np.float32(noise_grey), no_frame
-        return no_keys, np.float32(noise_grey / NOISE_GREY), self.optics.noise.sample(rng)
+        share = np.float32(noise_grey / self.noise_grey)
+        return no_keys, share, self.optics.noise.sample(rng, *self._shape)
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        """Rows and columns of an image."""
+        rows, columns, _ = self.optics.background.shape
+        return rows, columns
 
     # Computed at the first image: many presses need none, and compiling the loops takes long.
 
@@ -175,21 +180,22 @@ class ImageRenderer:
 
     @cached_property
     def _unmarked(self) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) uint8: the background frame without markers."""
+        """(rows, columns, 3) uint8: the background frame without markers."""
         return self._on_gel(self.optics.background)
 
     def _on_gel(self, background: np.ndarray) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) uint8: a background frame of the DIGIT's gel, on this gel."""
+        """(rows, columns, 3) uint8: a background frame of the optics' gel, on this gel."""
         of_own_gel = np.ascontiguousarray(background)
-        if self._gel == DIGIT_GEL:
+        if self._gel == self._own_gel:
             return of_own_gel
-        own_rays = Rays(self.optics.camera, DIGIT_GEL, self._shadows)
+        own_rays = Rays(self.optics.camera, self._own_gel, self._shadows)
         if np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
             return of_own_gel
-        # the optics file's background is of the DIGIT's gel: add the change of the LEDs' light
+        # add the change of the LEDs' light to the background of the optics' gel
         own = self._light_at_rest(own_rays)
         change = self._reflected(self._rest_light - own)
-        return self._encoded(of_own_gel, change, (0, ROWS, 0, COLUMNS))
+        rows, columns = self._shape
+        return self._encoded(of_own_gel, change, (0, rows, 0, columns))
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
@@ -221,7 +227,7 @@ class ImageRenderer:
         noise: Noise = NO_NOISE,
     ) -> np.ndarray:
         """Grey levels of a background and a change of its light (RGB, S) in a region, shaded."""
-        out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
+        out = np.empty((*self._shape, 3), dtype=np.uint8)
         keys, sigma, frame = noise
         response.encode(
             change, background, self._light, self._table, pixels, shade, keys,
@@ -245,7 +251,8 @@ class ImageRenderer:
         albedo = self.optics.albedo
         if albedo is None:
             return None
-        samples = albedo.reshape(ROWS // 2, 2, COLUMNS // 2, 2).mean(axis=(1, 3))
+        rows, columns = self._shape
+        samples = albedo.reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
         return np.pad(samples, 1, mode="edge").astype(np.float32)
 
     def _reflected(self, change: np.ndarray) -> np.ndarray:
@@ -254,7 +261,10 @@ class ImageRenderer:
 
 
 def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
-    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, for illumination.light."""
+    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, for illumination.light.
+
+    response: (LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
+    """
     used = np.flatnonzero(np.any(response != 0, axis=(0, 1, 3)))
     degree = 0
     while used.size and used[-1] >= (degree + 1) * (degree + 2) // 2:
@@ -263,7 +273,7 @@ def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
     x_mm, y_mm = (places[rows_of_gain] for places in rays.places_mm)
     terms = place_terms(x_mm, y_mm, degree)
     rows, columns, count = terms.shape
-    gain = np.empty((rows, 3, 3, COSINE_TERMS, columns), dtype=np.float32)
+    gain = np.empty((rows, *response.shape[:2], COSINE_TERMS, columns), dtype=np.float32)
     response = np.ascontiguousarray(response[:, :, :count], dtype=np.float64)
     illumination.gains(terms, response, gain)
     return gain

@@ -8,17 +8,18 @@ In linear light, a pixel's value is multiplied by 1 - c (1 - INK_REFLECTANCE), w
 of the pixel that markers cover. So the grey level is multiplied by that to the power of 1 / gamma.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import floor
 
 import numpy as np
 
 from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import Contact, SurfaceShift
 from t2twin.sim.optical.camera.compiled import at_place, jit
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
 
 PITCH_MM = 1.4
 """Default distance of neighboring markers, mm: 27 px at 19.58 px/mm, the DIGIT with markers of FOTS
@@ -36,6 +37,9 @@ the image (assumed)."""
 
 MIN_PITCH_MM, MAX_PITCH_MM = 0.5, 8.0
 """Allowed pitches, mm: ten pixels, and one marker at each side of the middle (assumed)."""
+
+MAX_ALONG = 200
+"""Limit on the markers along a side (assumed)."""
 
 MIN_DIAMETER_MM = 0.05
 """Smallest diameter, mm: a pixel."""
@@ -61,6 +65,8 @@ class Markers:
     pitch_mm: distance of neighboring markers along x and along y, 0.5 to 8. diameter_mm: 0.05 to
     the pitch. jitter_mm: largest offset of a marker from the grid along x and along y, uniformly
     distributed, 0 to half of the distance between two markers' outlines. seed: of the jitter.
+    grid: columns and rows of markers; None for as many as cover the image. half_mm: half extents of
+    the area without a grid, which a sensor sets, see `printed`.
     Raises T2TwinError for values out of range.
     """
 
@@ -68,6 +74,8 @@ class Markers:
     diameter_mm: float = DIAMETER_MM
     jitter_mm: float = 0.0
     seed: int = 0
+    grid: tuple[int, int] | None = None
+    half_mm: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         pitch = arguments.number(self.pitch_mm, "the markers' pitch_mm", MIN_PITCH_MM, MAX_PITCH_MM)
@@ -77,16 +85,34 @@ class Markers:
         most = (pitch - diameter) / 2
         jitter = arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, most)
         arguments.check_seed(self.seed)
+        for count in self.grid or ():
+            arguments.whole_number(count, "the markers' columns and rows", 1, MAX_ALONG)
         values = {"pitch_mm": pitch, "diameter_mm": diameter, "jitter_mm": jitter}
         for name, value in (values | {"seed": int(self.seed)}).items():
             object.__setattr__(self, name, value)  # plain numbers, for JSON
 
+    def printed(self, camera: Camera) -> "Markers":
+        """These markers on what a camera sees and PRINTED_MARGIN_MM around it."""
+        if self.grid is not None:
+            return self
+        half_x, half_y = (half + PRINTED_MARGIN_MM for half in camera.seen_half_extent_mm())
+        return replace(self, half_mm=(half_x, half_y))
+
     @cached_property
     def rest_mm(self) -> np.ndarray:
-        """(n, 2) x and y of the centers on the gel at rest, row by row; read-only."""
-        seen = DIGIT_CAMERA.seen_half_extent_mm()
-        counts = (floor((half + PRINTED_MARGIN_MM) / self.pitch_mm) for half in seen)
-        x, y = (self.pitch_mm * np.arange(-count, count + 1) for count in counts)
+        """(n, 2) x and y of the centers on the gel at rest, row by row; read-only.
+
+        Raises T2TwinError for markers without a grid that are on no sensor.
+        """
+        if self.grid is not None:
+            counts = self.grid
+        elif self.half_mm is not None:
+            counts = (2 * floor(half / self.pitch_mm) + 1 for half in self.half_mm)
+        else:
+            raise T2TwinError(
+                "the markers are on no sensor; expected those of a touch, touch.markers"
+            )
+        x, y = (self.pitch_mm * (np.arange(count) - (count - 1) / 2) for count in counts)
         centers = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         rng = np.random.default_rng(self.seed)
         centers += rng.uniform(-self.jitter_mm, self.jitter_mm, centers.shape)
@@ -138,7 +164,7 @@ class MarkerImage:
         self._factors = (light ** (1.0 / gamma)).astype(np.float32)
 
     def shade(self, coated_mm: np.ndarray, shift: SurfaceShift | None) -> np.ndarray:
-        """(ROWS, COLUMNS) float32 factors of the grey levels of the image without markers.
+        """(rows, columns) float32 factors of the grey levels of the image without markers.
 
         coated_mm: (G) float32 deflection of the coating. shift: lateral displacement of the
         surface; None for none.
@@ -147,7 +173,7 @@ class MarkerImage:
         z_mm = _bilinear((self._rest_mm - coated_mm)[None], *self._axes, points)[:, 0]
         seen = np.stack(self._camera.project(points[:, 0], points[:, 1], z_mm), axis=-1)
         center, right, left, below, above = np.moveaxis(seen.reshape(-1, len(OUTLINE), 2), 1, 0)
-        out = np.empty((ROWS, COLUMNS), dtype=np.float32)
+        out = np.empty((self._camera.rows, self._camera.columns), dtype=np.float32)
         _rasterize(center.copy(), (right - left) / 2, (below - above) / 2, self._factors, out)
         return out
 

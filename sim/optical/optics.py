@@ -1,4 +1,4 @@
-"""A DIGIT unit's optics: the parameters of the baked model, and their file."""
+"""A unit's optics: the parameters of the baked model, and their file."""
 
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -11,14 +11,12 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import REMARKS
 from t2twin.sim.optical.camera.noise import Noise
-from t2twin.sim.optical.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
+from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.lobe import LOBE_PLACES, LOBE_TERMS
 
-DEFAULT_PATH = Path(__file__).with_name("default_optics.npz")
-"""The default optics, written by maintenance/bake_optics.py."""
 PLACE_MM = 8.0
-"""Unit of length of the response's polynomials, mm: half the image."""
+"""Unit of length of the response's polynomials, mm: half the image of a DIGIT."""
 PLACE_DEGREE = 4
 """Degree of the response's polynomials in the place."""
 PLACE_TERMS = (PLACE_DEGREE + 1) * (PLACE_DEGREE + 2) // 2
@@ -26,6 +24,8 @@ PLACE_TERMS = (PLACE_DEGREE + 1) * (PLACE_DEGREE + 2) // 2
 FARTHEST_LED_MM = 500.0
 """Largest distance of an LED from the gel's apex along any axis, mm (assumed: a DIGIT's are 22 mm
 from its axis)."""
+MAX_LEDS = 24
+"""Limit on the LEDs (assumed: a ring of single ones)."""
 LARGEST_LED_MM = 100.0
 """Largest radius of an LED's disc, mm (assumed: a DIGIT's is 1.8 mm)."""
 MAX_RESPONSE = 1e4
@@ -72,16 +72,16 @@ def led_columns(cosine: np.ndarray, weight: np.ndarray, places: np.ndarray) -> n
 class Optics:
     """Parameters of the baked model (t2twin.sim.optical.image_renderer).
 
-    background: (ROWS, COLUMNS, 3) uint8, the background frame.
-    leds_mm: (3, 3) places of the LEDs in the sensor frame. sizes_mm: (3,) radii of their discs.
-    response: (3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
-    lobe: (3 LEDs, RGB, LOBE_PLACES, LOBE_TERMS), optional in the file; None for no lobe.
+    background: (rows, columns, 3) uint8, the background frame.
+    leds_mm: (LEDs, 3) places of the LEDs in the sensor frame. sizes_mm: (LEDs,) radii of their
+    discs. response: (LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
+    lobe: (LEDs, RGB, LOBE_PLACES, LOBE_TERMS), optional in the file; None for no lobe.
     gamma: exponent between light and grey levels.
     scale_px_per_mm, distance_mm, shift_x_px, shift_y_px, tilt_x_deg, tilt_y_deg: the camera. The
     last four are optional in the file and default to 0.
     noise: of one frame, if it was measured; noise_mix and noise_taps in the file.
     young_mpa: the gel's modulus, if it was fitted to forces.
-    albedo: (ROWS, COLUMNS) of a worn coating, relative to a new one; None for an even one. It
+    albedo: (rows, columns) of a worn coating, relative to a new one; None for an even one. It
     multiplies changes of the light. The background already contains it.
     Raises T2TwinError for arrays of other shapes and values out of range.
     """
@@ -103,11 +103,13 @@ class Optics:
     albedo: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        for name, (shape, low, high) in _LIMITS.items():
+        sizes = _sizes(np.asarray(self.background), np.asarray(self.leds_mm))
+        for name, (dimensions, low, high) in _LIMITS.items():
             given = getattr(self, name)
             if given is None:
                 continue
             value, key = np.asarray(given), _KEYS[name]
+            shape = tuple(sizes.get(each, each) for each in dimensions)
             if value.shape != shape:
                 raise T2TwinError(
                     f"the optics file's {key} has shape {value.shape}; it must be {shape}"
@@ -130,7 +132,9 @@ class Optics:
 
     @property
     def camera(self) -> Camera:
-        return Camera(**{field.name: getattr(self, field.name) for field in fields(Camera)})
+        rows, columns = self.background.shape[:2]
+        names = ("scale_px_per_mm", "distance_mm", *MAX_MISALIGNMENT)
+        return Camera(rows, columns, **{name: getattr(self, name) for name in names})
 
     def save(self, path: Path) -> None:
         """Write as .npz, atomically. Raises T2TwinError where it cannot be written."""
@@ -147,7 +151,7 @@ class Optics:
         return {key: value for key, value in values.items() if value is not None}
 
     @classmethod
-    def load(cls, path: Path | str = DEFAULT_PATH) -> "Optics":
+    def load(cls, path: Path | str) -> "Optics":
         """Read a file of save. Raises T2TwinError for any other file."""
         if not Path(path).is_file():
             raise T2TwinError(f"{path} does not exist; `t2twin calibrate` writes an optics file")
@@ -181,18 +185,31 @@ def _read(path: Path | str) -> dict[str, Any]:
     return values | ({"noise": Noise(*noise)} if noise else {})
 
 
-_LIMITS: dict[str, tuple[tuple[int, ...], float, float]] = {
-    "background": ((ROWS, COLUMNS, 3), 0, 255),
-    "leds_mm": ((3, 3), -FARTHEST_LED_MM, FARTHEST_LED_MM),
-    "sizes_mm": ((3,), 0.0, LARGEST_LED_MM),
-    "response": ((3, 3, PLACE_TERMS, COSINE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
+def _sizes(background: np.ndarray, leds_mm: np.ndarray) -> dict[int | str, int]:
+    """Rows, columns and number of LEDs. Raises T2TwinError for arrays of other dimensions."""
+    if background.ndim != 3 or 0 in background.shape or any(n % 2 for n in background.shape[:2]):
+        raise T2TwinError(
+            f"the optics file's background has shape {background.shape}; it must be (rows, "
+            "columns, 3), of even numbers"
+        )
+    leds = leds_mm.shape[0] if leds_mm.ndim else 0
+    if not 1 <= leds <= MAX_LEDS:
+        raise T2TwinError(f"the optics file has {leds} LEDs; it must have 1 to {MAX_LEDS}")
+    return {"rows": background.shape[0], "columns": background.shape[1], "leds": leds}
+
+
+_LIMITS: dict[str, tuple[tuple[int | str, ...], float, float]] = {
+    "background": (("rows", "columns", 3), 0, 255),
+    "leds_mm": (("leds", 3), -FARTHEST_LED_MM, FARTHEST_LED_MM),
+    "sizes_mm": (("leds",), 0.0, LARGEST_LED_MM),
+    "response": (("leds", 3, PLACE_TERMS, COSINE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
     "gamma": ((), *GAMMAS),
     "scale_px_per_mm": ((), *SCALES_PX_PER_MM),
     "distance_mm": ((), *DISTANCES_MM),
     **{name: ((), -limit, limit) for name, limit in MAX_MISALIGNMENT.items()},
     "young_mpa": ((), *YOUNGS_MPA),
-    "lobe": ((3, 3, LOBE_PLACES, LOBE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
-    "albedo": ((ROWS, COLUMNS), *ALBEDOS),
+    "lobe": (("leds", 3, LOBE_PLACES, LOBE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
+    "albedo": (("rows", "columns"), *ALBEDOS),
 }
 """Shape, least and largest value of each field but the noise."""
 _KEYS = {name: name for name in _LIMITS} | {"leds_mm": "lamps_mm"}

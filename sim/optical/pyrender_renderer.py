@@ -1,4 +1,4 @@
-"""Images of a DIGIT by pyrender: the deformed gel as a mesh, lit by three LEDs.
+"""Images of a gel camera by pyrender: the deformed gel as a mesh, lit by LEDs.
 
 As in the baked model, the image is background + L(deformed) - L(rest), but pyrender renders L. So a
 gel at rest gives the background exactly. Gamma and noise are the same.
@@ -29,13 +29,13 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera import response
 from t2twin.sim.optical.camera.gaussian_noise import standard_normal
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.light.coating import coated
-from t2twin.sim.optical.light.leds import AMBIENT, DIGIT_LEDS, REACH_MM, Led
+from t2twin.sim.optical.light.leds import REACH_MM, Led
 from t2twin.sim.optical.light.shadows import MIN_CASTER_MM
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.optics import Optics
@@ -119,12 +119,12 @@ class ReferenceRenderer:
 
     def __init__(
         self,
-        leds: tuple[Led, ...] = DIGIT_LEDS,
-        ambient: tuple[float, float, float] = AMBIENT,
+        leds: tuple[Led, ...],
+        ambient: tuple[float, float, float],
+        camera: Camera,
+        gel: Elastomer,
         shadows: bool = True,
-        led_points: int = 8,
-        camera: Camera = DIGIT_CAMERA,
-        gel: Elastomer = DIGIT_GEL,
+        led_points: int = LED_POINTS,
     ) -> None:
         if led_points < 1:
             raise T2TwinError(f"led_points is {led_points}; it must be at least 1")
@@ -150,8 +150,8 @@ class ReferenceRenderer:
             pyrender.IntrinsicsCamera(
                 camera.focal_px,
                 camera.focal_px,
-                COLUMNS / 2 + camera.shift_x_px,
-                ROWS / 2 + camera.shift_y_px,
+                camera.columns / 2 + camera.shift_x_px,
+                camera.rows / 2 + camera.shift_y_px,
                 znear=5.0,
                 zfar=100.0,
             ),
@@ -172,21 +172,21 @@ class ReferenceRenderer:
         flags = pyrender.RenderFlags
         self._flags = flags.SHADOWS_SPOT if shadows and leds else flags.NONE
         try:
-            self._renderer = pyrender.OffscreenRenderer(COLUMNS, ROWS)
+            self._renderer = pyrender.OffscreenRenderer(camera.columns, camera.rows)
         except Exception as error:  # the type depends on the missing library
             raise T2TwinError(_no_gl(error)) from error
 
     def render(self, surface_mm: np.ndarray) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) uint8: the image of the gel deflected by surface_mm.
+        """(rows, columns, 3) uint8: the image of the gel deflected by surface_mm.
 
-        surface_mm: on optical_grid(), rows x columns, positive into the sensor.
+        surface_mm: on optical_grid(gel), rows x columns, positive into the sensor.
         """
         return encode(self.render_linear(surface_mm))
 
     def render_linear(self, surface_mm: np.ndarray) -> np.ndarray:
         """The same image as linear light, float64, in parts of white."""
         self._place_gel(surface_mm)
-        total = np.zeros((ROWS, COLUMNS, 3))
+        total = np.zeros((self.camera.rows, self.camera.columns, 3))
         for index in range(self._passes):
             for led, poses in zip(self._leds, self._poses, strict=True):
                 self._scene.set_pose(led, poses[index])
@@ -252,19 +252,23 @@ class ReferenceRenderer:
 class PyrenderRenderer(ImageRenderer):
     """As ImageRenderer, but pyrender renders each image, in about FRAME_SECONDS.
 
-    leds: in the order of the optics file's. optics: for camera, background and gamma. markers:
-    printed on the gel; None for none. Raises T2TwinError at the first image if there is no OpenGL.
+    leds, ambient: the LEDs, in the order of the optics', and the undirected light. optics: for
+    camera, background and gamma. gel, noise_grey, other_gel, markers: as for ImageRenderer. Raises
+    T2TwinError at the first image if there is no OpenGL.
     """
 
     def __init__(
         self,
         optics: Optics,
         leds: tuple[Led, ...],
-        gel: Elastomer = DIGIT_GEL,
+        ambient: tuple[float, float, float],
+        gel: Elastomer,
+        noise_grey: float,
+        other_gel: Elastomer | None = None,
         markers: Markers | None = None,
     ) -> None:
-        super().__init__(optics, gel=gel, markers=markers)
-        self._lit_by = leds
+        super().__init__(optics, gel, noise_grey, other_gel, markers)
+        self._lit_by, self._ambient = leds, ambient
 
     def _image(
         self,
@@ -283,11 +287,12 @@ class PyrenderRenderer(ImageRenderer):
         return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
 
     def _grey(self, surface_mm: np.ndarray, background: np.ndarray) -> np.ndarray:
-        """(320, 240, 3) float64 grey levels on a background frame, without markers and noise."""
+        """(rows, columns, 3) float64 grey levels on a background frame, without noise."""
         if not surface_mm.any():
             return background.astype(float)
         light, thread = self.optics, _thread(os.getpid())
-        change = thread.submit(_change, self._lit_by, light.camera, self._gel, surface_mm).result()
+        scene = self._lit_by, self._ambient, light.camera, self._gel
+        change = thread.submit(_change, scene, surface_mm).result()
         if light.albedo is not None:
             change = change * light.albedo[..., None]
         total = response.linear(background, light.gamma) + change
@@ -300,11 +305,13 @@ def _thread(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"pyrender-{process}")
 
 
-def _change(
-    leds: tuple[Led, ...], camera: Camera, gel: Elastomer, surface_mm: np.ndarray
-) -> np.ndarray:
-    """(ROWS, COLUMNS, RGB) change of the light by a deflection."""
-    renderer, rest_light = _renderer_cache(os.getpid()).renderer(leds, camera, gel)
+Scene = tuple[tuple[Led, ...], tuple[float, float, float], Camera, Elastomer]
+"""LEDs, undirected light, camera and gel."""
+
+
+def _change(scene: Scene, surface_mm: np.ndarray) -> np.ndarray:
+    """(rows, columns, RGB) change of the light by a deflection."""
+    renderer, rest_light = _renderer_cache(os.getpid()).renderer(scene)
     return renderer.render_linear(surface_mm) - rest_light
 
 
@@ -312,23 +319,19 @@ class _RendererCache:
     """The last renderer, and its light of the gel at rest."""
 
     def __init__(self) -> None:
-        self._parameters: tuple = ()
+        self._scene: Scene | None = None
         self._renderer: ReferenceRenderer | None = None
         self._rest_light = np.zeros(0)
 
-    def renderer(
-        self, leds: tuple[Led, ...], camera: Camera, gel: Elastomer
-    ) -> tuple[ReferenceRenderer, np.ndarray]:
-        if self._renderer is not None and self._parameters != (leds, camera, gel):
+    def renderer(self, scene: Scene) -> tuple[ReferenceRenderer, np.ndarray]:
+        if self._renderer is not None and self._scene != scene:
             self._renderer.close()
             self._renderer = None
         if self._renderer is None:
-            self._renderer = ReferenceRenderer(
-                leds, AMBIENT, led_points=LED_POINTS, camera=camera, gel=gel
-            )
-            x, y = optical_grid(gel)
+            self._renderer = ReferenceRenderer(*scene)
+            x, y = optical_grid(scene[-1])
             self._rest_light = self._renderer.render_linear(np.zeros((y.size, x.size)))
-            self._parameters = (leds, camera, gel)
+            self._scene = scene
         return self._renderer, self._rest_light
 
 

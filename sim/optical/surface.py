@@ -131,6 +131,7 @@ def _rest_surface(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
 
 
 def ball_surface(
+    gel: Elastomer,
     x_mm: float,
     y_mm: float,
     depth_mm: float,
@@ -138,12 +139,12 @@ def ball_surface(
     hold: float = BALL_HOLD,
     skirt: float = BALL_SKIRT,
 ) -> np.ndarray:
-    """Approximate deflection by a ball pressed depth_mm deep, mm, on optical_grid().
+    """Approximate deflection by a ball pressed depth_mm deep, mm, on optical_grid(gel).
 
     The ball's profile within hold times the contact radius, and an exponential skirt outside,
     skirt times as long as one of equal slope.
     """
-    x, y = np.meshgrid(*optical_grid())
+    x, y = np.meshgrid(*optical_grid(gel))
     distance = np.hypot(x - x_mm, y - y_mm)
     chord = np.sqrt(radius_mm**2 - max(radius_mm - depth_mm, 0.0) ** 2)
     held_mm = hold * chord

@@ -1,7 +1,7 @@
-"""Dense counts: counts of a pad at each place of a fine triangular grid over the cover.
+"""Dense counts: counts of a pad at each place of a fine grid over the cover of an array.
 
-Counts of any layout of pads can be computed from it. The grid consists of the places o + i b + j a,
-with the default layout's first taxel o, and contains all 20 taxels of that layout.
+Counts of any layout of pads can be computed from it. The grid, of triangles or of squares, passes
+through the array's first taxel. Taxels on its places have exactly these.
 
 A pad's count is the pressure on the cover, smoothed by the cover and averaged over the pad. The
 pressure is modeled as white noise (assumed: contacts have edges), so that the covariance of two
@@ -10,36 +10,30 @@ that covariance times the inverse of that of the dense counts (Wiener filter, si
 takes the size of a pad into account. A pad of the same size at one of their places has that place's
 count.
 
-Pressures are additive, counts only approximately; the nonlinearity of the dielectric is neglected.
+Pressures are additive, counts only approximately; the nonlinearity of the transducer is neglected.
 
 Shape letters: N taxels, F places of the dense counts.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Annotated, Literal
 
 import numpy as np
+from msgspec import Meta, Struct
 from scipy import special
 from scipy.spatial import KDTree
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, Elastomer
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import base_stress
 from t2twin.sim.contact.types import Contact
-from t2twin.sim.taxels import pads
-from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, PAD_DIAMETER_MM, Layout, load_layout
-
-SPACING_MM = 2.5
-"""Distance of neighboring places, mm: a third of the taxels' pitch (assumed: a cover of some mm
-blurs anything finer)."""
+from t2twin.sim.taxels.layout import MAX_TAXELS, Layout
+from t2twin.sim.taxels.pads import disc_transform
 
 EDGE_MM = 0.25
-"""Least distance of a place from the cover's edge, mm: half a cell of the contact's grid."""
-
-STEPS_MM = np.array([[SPACING_MM * np.sqrt(0.75), SPACING_MM / 2], [0.0, SPACING_MM]])
-"""The grid's two steps b and a, (2, 2), x and y each, mm."""
-
-CELL_MM2 = SPACING_MM**2 * np.sqrt(0.75)
-"""Area of the surface for each place, mm^2."""
+"""Least distance of a place from the cover's edge, mm (assumed: half a cell of the contact's
+grid)."""
 
 SAME_MM = 1e-3
 """Distance within which a taxel lies on a place of the dense counts, mm (assumed: positions are
@@ -57,60 +51,90 @@ RADII = 600
 """Distances at which the transform is computed; it is interpolated between them."""
 
 
-@lru_cache(maxsize=4)
-def dense_layout(cover: Elastomer = CYSKIN_COVER) -> Layout:
-    """The places of the dense counts on the cover as a layout of pads of PAD_DIAMETER_MM.
+class DenseTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The grid of the dense counts."""
 
-    Column by column (i), rising in y (j).
-    """
-    first = load_layout(DEFAULT_LAYOUT)
-    reach_x, reach_y = cover.width_mm / 2, cover.length_mm / 2
-    most = int(np.ceil((cover.width_mm + 2 * cover.length_mm) / SPACING_MM))
-    steps = np.arange(-most, most + 1)
-    i, j = (each.ravel() for each in np.meshgrid(steps, steps, indexing="ij"))
-    x, y = np.array([first.x_mm[0], first.y_mm[0]])[:, None] + STEPS_MM.T @ np.stack([i, j])
-    # The layout is rounded to 0.1 um; its places replace the computed ones.
-    for taxel_x, taxel_y in zip(first.x_mm, first.y_mm, strict=True):
-        nearest = int(np.hypot(x - taxel_x, y - taxel_y).argmin())
-        x[nearest], y[nearest] = taxel_x, taxel_y
-    on = (np.abs(x) <= reach_x - EDGE_MM) & (np.abs(y) <= reach_y - EDGE_MM)
-    return Layout("field", x[on], y[on], np.full(int(on.sum()), PAD_DIAMETER_MM))
+    spacing_mm: Annotated[
+        float, Meta(ge=0.2, le=50.0, description="distance of neighboring places")
+    ]
+    grid: Annotated[
+        Literal["triangular", "square"], Meta(description="triangular or square grid")
+    ] = "triangular"
 
 
-def dense_counts(contact: Contact) -> np.ndarray:
-    """Noiseless counts of a contact at the places of dense_layout, (n,) uint16."""
-    pressure_mpa = pads.pad_pressure_mpa(contact, dense_layout(contact.elastomer))
-    return np.rint(pads.counts(pressure_mpa)).astype(np.uint16)
+@dataclass(frozen=True)
+class DenseGrid:
+    """The dense counts of an array. taxels_mm: x and y of its taxels; the grid passes through the
+    first one. pad_diameter_mm: of the pads at the places."""
+
+    cover: Elastomer
+    table: DenseTable
+    taxels_mm: tuple[tuple[float, float], ...]
+    pad_diameter_mm: float
+
+    @property
+    def cell_mm2(self) -> float:
+        """Area of the surface for each place, mm^2."""
+        share = np.sqrt(0.75) if self.table.grid == "triangular" else 1.0
+        return float(self.table.spacing_mm**2 * share)
+
+    @property
+    def layout(self) -> Layout:
+        """The places as a layout of pads, column by column, rising in y.
+
+        Raises T2TwinError for more than MAX_TAXELS places.
+        """
+        return _places(self)
+
+    def tractions(self, contact: Contact) -> np.ndarray:
+        """Normal pressure and traction along x and y on the cover, (3, F) float32, kPa.
+
+        Each value is the force on the part of the surface that is nearest to a place, over
+        cell_mm2. Their sums times cell_mm2 are the forces on the sensor.
+        """
+        nearest = _nearest(self, tuple(contact.x_mm), tuple(contact.y_mm))
+        share = contact.pitch_mm**2 / self.cell_mm2
+        stresses = (contact.pressure_kpa, *contact.shear_kpa)
+        size = self.layout.size
+        return np.stack(
+            [share * np.bincount(nearest, each.ravel(), size) for each in stresses]
+        ).astype(np.float32)
+
+    def reading_matrix(self, layout: Layout) -> np.ndarray:
+        """The matrix (N, F) from the dense counts to the counts of a layout's taxels.
+
+        Raises T2TwinError for taxels that do not lie on the cover.
+        """
+        check_on_cover(layout, self.cover)
+        places, inverse = self.layout, _inverse(self)
+        matrix = np.empty((layout.size, places.size))
+        distances = _distances(layout, places)
+        for diameter in set(layout.pad_diameter_mm):
+            same = layout.pad_diameter_mm == diameter
+            matrix[same] = self.covariance(distances[same], diameter) @ inverse
+        nearest = distances.argmin(axis=1)
+        is_place = layout.pad_diameter_mm == self.pad_diameter_mm
+        same = (distances.min(axis=1) < SAME_MM) & is_place
+        matrix[same] = np.eye(places.size)[nearest[same]]
+        return matrix
+
+    def covariance(self, distance_mm: np.ndarray, diameter_mm: float) -> np.ndarray:
+        """Covariance of a pad of a diameter and one of the dense counts at distances, same shape.
+
+        The Hankel transform of the product of their spectra, for a white pressure.
+        """
+        cover = self.cover
+        k = np.linspace(1e-4, 25.0 / cover.thickness_mm, WAVENUMBERS)
+        transmission = base_stress(k, cover.thickness_mm, cover.poisson) ** 2
+        own, other = disc_transform(k, diameter_mm), disc_transform(k, self.pad_diameter_mm)
+        spectrum = transmission * own * other * k / (2 * np.pi)
+        radii = np.linspace(0.0, float(distance_mm.max()) + 0.1, RADII)
+        profile = np.trapezoid(spectrum * special.j0(radii[:, None] * k), k, axis=1)
+        return np.interp(distance_mm, radii, profile)
 
 
-def dense_tractions(contact: Contact) -> np.ndarray:
-    """Normal pressure and traction along x and y on the cover, (3, n) float32, kPa.
-
-    Each value is the force on the part of the surface that is nearest to a place of dense_layout,
-    over CELL_MM2. Their sums times CELL_MM2 are the forces on the sensor.
-    """
-    places = dense_layout(contact.elastomer)
-    nearest = _nearest(contact.elastomer, tuple(contact.x_mm), tuple(contact.y_mm))
-    share = contact.pitch_mm**2 / CELL_MM2
-    stresses = (contact.pressure_kpa, *contact.shear_kpa)
-    return np.stack(
-        [share * np.bincount(nearest, each.ravel(), places.size) for each in stresses]
-    ).astype(np.float32)
-
-
-@lru_cache(maxsize=4)
-def _nearest(cover: Elastomer, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> np.ndarray:
-    """(rows * columns,) the place nearest to each cell of a grid."""
-    places = dense_layout(cover)
-    cells = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-    return np.asarray(KDTree(np.column_stack([places.x_mm, places.y_mm])).query(cells)[1])
-
-
-def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarray:
-    """The matrix (N, F) from the dense counts to the counts of a layout's taxels.
-
-    Raises T2TwinError for taxels that do not lie on the cover.
-    """
+def check_on_cover(layout: Layout, cover: Elastomer) -> None:
+    """Raises T2TwinError for a layout with taxels that do not lie on the cover."""
     half_x, half_y = cover.width_mm / 2, cover.length_mm / 2
     outside = (np.abs(layout.x_mm) > half_x) | (np.abs(layout.y_mm) > half_y)
     if outside.any():
@@ -120,24 +144,48 @@ def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarra
             f"taxel {n} at x {layout.x_mm[n]:g} mm, y {layout.y_mm[n]:g} mm; it reaches {half_x:g} "
             f"mm in x and {half_y:g} mm in y from its center"
         )
-    places = dense_layout(cover)
-    inverse = _inverse(cover)
-    matrix = np.empty((layout.size, places.size))
-    distances = _distances(layout, places)
-    for diameter in set(layout.pad_diameter_mm):
-        same = layout.pad_diameter_mm == diameter
-        matrix[same] = _covariance(distances[same], diameter, cover) @ inverse
-    nearest = distances.argmin(axis=1)
-    same = (distances.min(axis=1) < SAME_MM) & (layout.pad_diameter_mm == PAD_DIAMETER_MM)
-    matrix[same] = np.eye(places.size)[nearest[same]]
-    return matrix
 
 
-@lru_cache(maxsize=4)
-def _inverse(cover: Elastomer) -> np.ndarray:
+@lru_cache(maxsize=8)
+def _places(grid: DenseGrid) -> Layout:
+    """The places of a grid on its cover."""
+    spacing, cover = grid.table.spacing_mm, grid.cover
+    is_triangular = grid.table.grid == "triangular"
+    across = (spacing * np.sqrt(0.75), spacing / 2) if is_triangular else (spacing, 0.0)
+    steps_mm = np.array([across, (0.0, spacing)])
+    reach_x, reach_y = cover.width_mm / 2, cover.length_mm / 2
+    most = int(np.ceil((cover.width_mm + 2 * cover.length_mm) / spacing))
+    steps = np.arange(-most, most + 1)
+    i, j = (each.ravel() for each in np.meshgrid(steps, steps, indexing="ij"))
+    x, y = np.array(grid.taxels_mm[0])[:, None] + steps_mm.T @ np.stack([i, j])
+    on = (np.abs(x) <= reach_x - EDGE_MM) & (np.abs(y) <= reach_y - EDGE_MM)
+    if (count := int(on.sum())) > MAX_TAXELS:
+        raise T2TwinError(
+            f"the dense counts of {cover.name} have {count} places, {spacing:g} mm apart; at most "
+            f"{MAX_TAXELS} can be, so use a larger spacing_mm in its table [dense]"
+        )
+    x, y = x[on], y[on]
+    # Layouts are rounded to 0.1 um; their places replace the computed ones.
+    distance, nearest = KDTree(np.column_stack([x, y])).query(np.array(grid.taxels_mm))
+    for place, taxel in zip(nearest[distance < SAME_MM], np.flatnonzero(distance < SAME_MM),
+                            strict=True):  # fmt: skip
+        x[place], y[place] = grid.taxels_mm[taxel]
+    return Layout("dense", x, y, np.full(count, grid.pad_diameter_mm))
+
+
+@lru_cache(maxsize=8)
+def _nearest(grid: DenseGrid, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> np.ndarray:
+    """(rows * columns,) the place nearest to each cell of a contact's grid."""
+    places = grid.layout
+    cells = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    return np.asarray(KDTree(np.column_stack([places.x_mm, places.y_mm])).query(cells)[1])
+
+
+@lru_cache(maxsize=8)
+def _inverse(grid: DenseGrid) -> np.ndarray:
     """Inverse of the covariance of the places of the dense counts, (F, F)."""
-    places = dense_layout(cover)
-    covariance = _covariance(_distances(places, places), PAD_DIAMETER_MM, cover)
+    places = grid.layout
+    covariance = grid.covariance(_distances(places, places), grid.pad_diameter_mm)
     return np.linalg.inv(covariance + NOISE_SHARE * covariance[0, 0] * np.eye(places.size))
 
 
@@ -146,17 +194,3 @@ def _distances(one: Layout, other: Layout) -> np.ndarray:
     return np.hypot(
         one.x_mm[:, None] - other.x_mm[None, :], one.y_mm[:, None] - other.y_mm[None, :]
     )
-
-
-def _covariance(distance_mm: np.ndarray, diameter_mm: float, cover: Elastomer) -> np.ndarray:
-    """Covariance of a pad of a diameter and one of the dense counts at distances, same shape.
-
-    The Hankel transform of the product of their spectra, for a white pressure.
-    """
-    k = np.linspace(1e-4, 25.0 / cover.thickness_mm, WAVENUMBERS)
-    transmission = base_stress(k, cover.thickness_mm, cover.poisson) ** 2
-    own, other = pads.disc_transform(k, diameter_mm), pads.disc_transform(k, PAD_DIAMETER_MM)
-    spectrum = transmission * own * other * k / (2 * np.pi)
-    radii = np.linspace(0.0, float(distance_mm.max()) + 0.1, RADII)
-    profile = np.trapezoid(spectrum * special.j0(radii[:, None] * k), k, axis=1)
-    return np.interp(distance_mm, radii, profile)

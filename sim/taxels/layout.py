@@ -12,7 +12,9 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.records import REMARKS, check_names, read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
-DEFAULT_LAYOUT = "cyskin-20"
+SQUARE_TO_ROUND = 2.0 / np.sqrt(np.pi)
+"""Diameter of the disc with the area of a square, over its side. A square pad is computed as this
+disc (assumed: the cover blurs the difference)."""
 
 PAD_DIAMETER_MM = 4.0
 """Default diameter of a taxel's pad, mm (assumed)."""
@@ -87,15 +89,16 @@ class Layout:
         return self.x_mm.size
 
 
-def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
-    """A layout by its name, or from a JSON or CSV file.
+def load_layout(source: str | Path, folder: Path | None = None) -> Layout:
+    """A layout by its name, or from a JSON or CSV file. folder: that a relative path starts from;
+    None for the working directory.
 
     JSON: {"taxels": [{"x_mm": ..., "y_mm": ..., "pad_diameter_mm": ...}, ...]}, with REMARKS; CSV:
     columns x_mm, y_mm and optionally pad_diameter_mm. Raises T2TwinError for anything else.
     """
     path = LAYOUTS / f"{arguments.path(source, 'layout')}.json"
     if not path.exists():
-        path = Path(source)
+        path = Path(source) if folder is None else folder / source
     if not path.is_file():
         known = ", ".join(sorted(p.stem for p in LAYOUTS.glob("*.json")))
         raise T2TwinError(
@@ -123,3 +126,12 @@ def _check_keys(path: Path) -> None:
     known = [field.name for field in fields(_Taxel)]
     check_names(content, ["taxels", "format", *REMARKS], path, what="key")
     check_names(given, [*known, *REMARKS], f"{path}: a taxel", what="key")
+
+
+def grid_layout(
+    name: str, rows: int, columns: int, pitch_mm: float, pad_diameter_mm: float
+) -> Layout:
+    """A rectangular grid of taxels around the sensor's axis, row by row from the smallest y."""
+    y, x = ((np.arange(count) - (count - 1) / 2) * pitch_mm for count in (rows, columns))
+    x, y = (each.ravel() for each in np.meshgrid(x, y))
+    return Layout(name, x, y, np.full(x.size, pad_diameter_mm))

@@ -1,7 +1,6 @@
-"""Computes taxel counts from the pressure on the cover.
+"""The mean pressure on the pads of taxels under a contact.
 
-The cover spreads the pressure; a pad averages the stress at its base. The dielectric under the pad
-thins, and the count is proportional to the increase of the capacitance, area over gap.
+The cover spreads the pressure of the contact; a pad averages the stress at its base.
 """
 
 from functools import lru_cache, partial
@@ -19,19 +18,6 @@ from t2twin.sim.contact.types import Contact
 from t2twin.sim.taxels.layout import Layout
 
 Force = Literal["normal", "moment", "shear"]
-
-DIELECTRIC_MODULUS_MPA = 0.5
-"""Small-strain compressive modulus of the dielectric, MPa (assumed, range 0.2 to 1)."""
-
-DIELECTRIC_MAX_STRAIN = 0.5
-"""Largest strain of the dielectric (assumed, range 0.3 to 0.7)."""
-
-FULL_SCALE_COUNTS = 40_000
-"""Count at which a taxel saturates (Grella et al. 2023)."""
-
-GAIN_COUNTS = 73_813.0
-"""Counts per doubling of the capacitance: fitted by the benchmark `gain`, scale paper, so that the
-99.5th percentile of the largest taxel over the training set is FULL_SCALE_COUNTS."""
 
 
 def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
@@ -70,17 +56,6 @@ def _add_stress(weights, values, stress):
         if values[cell] != 0.0:
             for n in range(stress.size):
                 stress[n] += weights[cell, n] * values[cell]
-
-
-def counts(pressure_mpa: np.ndarray, gain: float = GAIN_COUNTS) -> np.ndarray:
-    """Noiseless counts before rounding, any shape, saturating at FULL_SCALE_COUNTS.
-
-    strain = m (1 - exp(-p / (M m))) for modulus M and largest strain m. The relative increase of
-    the parallel-plate capacitance is strain / (1 - strain) (Schmitz et al. 2011).
-    """
-    limit = DIELECTRIC_MAX_STRAIN
-    strain = -limit * np.expm1(-np.maximum(pressure_mpa, 0.0) / (DIELECTRIC_MODULUS_MPA * limit))
-    return np.minimum(gain * strain / (1.0 - strain), FULL_SCALE_COUNTS)
 
 
 @lru_cache(maxsize=16)

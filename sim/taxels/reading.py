@@ -3,27 +3,21 @@
 Shape letters: R readings, N taxels, M terms of the memory.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct, structs
 from scipy.special import ndtr, ndtri
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
+from t2twin.sim.taxels.transducer import CountsTable
 
-READINGS = 5
-"""Readings averaged into a sample: 0.5 s (Grella et al. 2023) at about 10 Hz (measured on real
-recordings)."""
-
-FRAME_S = 0.1
-"""Time between two readings, s: about 10 Hz (measured on real recordings)."""
-
-SAMPLE_S = READINGS * FRAME_S
-"""Duration of a sample, s."""
+SAME_LINE_MM = 1e-3
+"""Tolerance of the places of a row or a column, mm."""
 
 FAR_FROM_ZERO = 40.0
 """Level over its standard deviation at which clipping to 0 has no effect in float64."""
@@ -31,21 +25,25 @@ FAR_FROM_ZERO = 40.0
 ARRAY_STREAM = 19
 """Random stream of an array's seed: the taxels' noise, offsets and memory."""
 
-Percentiles = tuple[tuple[float, float], ...]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Level = Annotated[float, Meta(ge=0.0, le=65_535.0)]
+Spread = Annotated[float, Meta(ge=0.0, le=5.0)]
+Seconds = Annotated[float, Meta(gt=0.0, le=1e6)]
+Percentiles = tuple[tuple[Annotated[float, Meta(ge=0.0, le=100.0)], Level], ...]
 """Percentages of the taxels, rising, and the values at them, counts. Values are interpolated
 linearly between them, and constant beyond the first and the last."""
 
 
-@dataclass(frozen=True)
-class Imperfections:
+class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
     """Deviations of an array from an ideal one. Zero, or an empty tuple, disables a term.
 
-    white_counts: standard deviation of the noise of each reading, counts. Half of the real readings
-        without contact lie within 7 counts, which 8.6 reproduces together with the drift below.
+    white_counts: standard deviation of the noise of each reading, counts.
     drift_share, drift_counts: share of taxels with a wandering baseline, and its standard
-        deviation, counts. With 0.15 and 620, 95 % lie within 600 counts, as measured.
+        deviation, counts.
     hysteresis: largest share of a count that is missing after loading (assumed).
     crosstalk: share of each nearest neighbor's count that is added (assumed).
+    line_crosstalk: share of the counts of the other taxels of the same row and of the same column
+        that is added, as in a resistive matrix that is scanned line by line (assumed).
     gain_spread: standard deviation of the taxels' gains around 1, fixed for an array (assumed).
     dead: indices of taxels that read 0.
     noise_counts: standard deviation of the noise of each reading over the taxels, counts.
@@ -61,22 +59,31 @@ class Imperfections:
         medians.
     """
 
-    white_counts: float = 0.0
-    drift_share: float = 0.0
-    drift_counts: float = 0.0
-    hysteresis: float = 0.0
-    crosstalk: float = 0.0
-    gain_spread: float = 0.0
+    white_counts: Level = 0.0
+    drift_share: Share = 0.0
+    drift_counts: Level = 0.0
+    hysteresis: Share = 0.0
+    crosstalk: Share = 0.0
+    line_crosstalk: Share = 0.0
+    gain_spread: Share = 0.0
     dead: tuple[int, ...] = ()
     noise_counts: Percentiles = ()
     offset_counts: Percentiles = ()
-    load_noise_counts: float = 0.0
-    load_noise_spread: float = 0.0
-    load_noise_level_counts: float = 1.0
-    memory_shares: tuple[float, ...] = ()
-    memory_s: tuple[float, ...] = ()
-    memory_rise_s: float = 1.0
-    memory_spread: float = 0.0
+    load_noise_counts: Level = 0.0
+    load_noise_spread: Spread = 0.0
+    load_noise_level_counts: Annotated[float, Meta(gt=0.0, le=65_535.0)] = 1.0
+    memory_shares: tuple[Share, ...] = ()
+    memory_s: tuple[Seconds, ...] = ()
+    memory_rise_s: Seconds = 1.0
+    memory_spread: Spread = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("noise_counts", "offset_counts"):
+            percentages = [percentage for percentage, _ in getattr(self, name)]
+            if percentages != sorted(set(percentages)):
+                raise T2TwinError(f"{name} must have rising percentages")
+        if len(self.memory_shares) != len(self.memory_s):
+            raise T2TwinError("memory_shares and memory_s must have one value for each term")
 
     def check_dead(self, taxels: int) -> None:
         """Raises T2TwinError for a dead taxel that is not one of this number."""
@@ -87,66 +94,27 @@ class Imperfections:
                 )
 
 
-PRESETS = {
-    "none": Imperfections(),
-    "white": Imperfections(white_counts=8.6),
-    "baseline": Imperfections(white_counts=8.6, drift_share=0.15, drift_counts=620.0),
-    "all": Imperfections(
-        white_counts=8.6,
-        drift_share=0.15,
-        drift_counts=620.0,
-        hysteresis=0.05,
-        crosstalk=0.02,
-        gain_spread=0.1,
-    ),
-    "recorded": Imperfections(
-        noise_counts=(
-            (3.0, 0.0),
-            (10.0, 10.3),
-            (25.0, 44.5),
-            (50.0, 127.0),
-            (75.0, 185.0),
-            (90.0, 306.0),
-            (99.0, 468.0),
-        ),
-        offset_counts=((50.0, 0.0), (90.0, 291.0), (99.0, 771.0)),
-        load_noise_counts=440.0,
-        load_noise_spread=0.55,
-        load_noise_level_counts=1500.0,
-        memory_shares=(0.0195, 0.0315),
-        memory_s=(0.3, 3.0),
-        memory_rise_s=0.036,
-        memory_spread=0.8,
-    ),
-}
-"""Presets by name. The values of "recorded" are fitted to figures of 373 public recordings of
-fingers on a robot's skin (repository ladylou899/ros2_ws_cyskin_project), which
-the benchmark `recordings` lists and compares with simulated ones."""
+Presets = dict[str, Imperfections]
+"""Imperfections of an array by name."""
 
-DATASET_DEFAULT: Literal["none", "white", "baseline", "all", "recorded"] = "recorded"
-"""Imperfections of a dataset whose scale or recipe has none of its own."""
+NONE = "none"
+"""Name of the preset without imperfections, which every array has."""
+
+DATASET_DEFAULT = "recorded"
+"""Imperfections of a dataset whose scale or recipe has none of its own, if the array has them."""
 
 
-def imperfections(name: str, dead: tuple[int, ...] = ()) -> Imperfections:
-    """A preset by name, with dead taxels added. Raises T2TwinError for an unknown name."""
-    if arguments.text(name, "imperfections") not in PRESETS:
-        raise T2TwinError(f"no imperfections called {name!r}; allowed are {', '.join(PRESETS)}")
-    return replace(PRESETS[name], dead=dead)
+def chosen(presets: Presets, name: str, dead: tuple[int, ...], taxels: int) -> Imperfections:
+    """A preset by name, with dead taxels added.
 
-
-def read(
-    true_counts: np.ndarray,
-    layout: Layout,
-    flaws: Imperfections,
-    rng: np.random.Generator,
-    array_seed: int = 0,
-) -> np.ndarray:
-    """One sample of the array: the rounded mean of READINGS readings, (N,) uint16.
-
-    true_counts: (N,) noiseless. array_seed: identifies the array, whose gains, noise, offsets and
-    memory are the same in all samples. Readings are clipped to 0 and FULL_SCALE_COUNTS.
+    taxels: number of them. Raises T2TwinError for an unknown name and a taxel that is not there.
     """
-    return read_after(None, true_counts, layout, flaws, rng, array_seed)[0]
+    if arguments.text(name, "imperfections") not in presets and name != NONE:
+        allowed = ", ".join(dict.fromkeys((NONE, *presets)))
+        raise T2TwinError(f"no imperfections called {name!r}; allowed are {allowed}")
+    flaws = structs.replace(presets.get(name, Imperfections()), dead=dead)
+    flaws.check_dead(taxels)
+    return flaws
 
 
 def read_after(
@@ -154,19 +122,27 @@ def read_after(
     true_counts: np.ndarray,
     layout: Layout,
     flaws: Imperfections,
+    counts: CountsTable,
     rng: np.random.Generator,
     array_seed: int = 0,
-    seconds: float = SAMPLE_S,
-    readings: int = READINGS,
+    seconds: float | None = None,
+    readings: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """One sample as by `read`, and the memory after it.
+    """One sample of an array, the rounded mean of its readings, (N,) uint16, and its memory.
 
     memory: (M, N) after the sample before; None for an array that has long had these counts.
-    seconds: since that sample; the readings divide them evenly. readings: number of them.
+    true_counts: (N,) noiseless. array_seed: identifies the array, whose gains, noise, offsets and
+    memory are the same in all samples. seconds: since the sample before; the readings divide them
+    evenly; None for their own duration. readings: number of them; None for that of the counts.
+    Readings are clipped to 0 and full scale.
     """
-    n = layout.size
+    n, readings = layout.size, readings or counts.readings
+    seconds = counts.sample_s if seconds is None else seconds
     gains = 1 + flaws.gain_spread * np.random.default_rng(array_seed).standard_normal(n)
-    signal = gains * (true_counts + flaws.crosstalk * (_neighbors(layout) @ true_counts))
+    mixed = true_counts + flaws.crosstalk * (_neighbors(layout) @ true_counts)
+    if flaws.line_crosstalk:
+        mixed = mixed + flaws.line_crosstalk * (_lines(layout) @ true_counts)
+    signal = gains * mixed
     signal *= 1 - flaws.hysteresis * rng.random(n)
     signal[list(flaws.dead)] = 0.0
     taxels = _taxels(flaws, n, array_seed)
@@ -174,12 +150,12 @@ def read_after(
     wandered = rng.random(n) < flaws.drift_share
     signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n) + taxels.offset_counts
     found = signals + _deviation(flaws, taxels, levels) * rng.standard_normal((readings, n))
-    counts = np.rint(np.clip(found, 0, FULL_SCALE_COUNTS).mean(axis=0)).astype(np.uint16)
-    return counts, memory
+    mean = np.clip(found, 0, counts.full_scale).mean(axis=0)
+    return np.rint(mean).astype(np.uint16), memory
 
 
 def expected_reading(
-    flaws: Imperfections, true_counts: np.ndarray, array_seed: int = 0
+    flaws: Imperfections, counts: CountsTable, true_counts: np.ndarray, array_seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation of readings of a static contact, (..., N) each.
 
@@ -194,8 +170,8 @@ def expected_reading(
     density = np.exp(-(score**2) / 2) / np.sqrt(2 * np.pi)
     mean = level * ndtr(score) + deviation * density
     square = (level**2 + deviation**2) * ndtr(score) + level * deviation * density
-    std = np.sqrt(np.maximum(square - mean**2, 0.0) / READINGS)
-    return np.minimum(mean, FULL_SCALE_COUNTS), std
+    std = np.sqrt(np.maximum(square - mean**2, 0.0) / counts.readings)
+    return np.minimum(mean, counts.full_scale), std
 
 
 def _deviation(flaws: Imperfections, taxels: "_Taxels", levels: np.ndarray) -> np.ndarray:
@@ -266,3 +242,11 @@ def _neighbors(layout: Layout) -> np.ndarray:
     )
     distance[np.diag_indices(layout.size)] = np.inf
     return (distance < 1.2 * distance.min()).astype(float)
+
+
+def _lines(layout: Layout) -> np.ndarray:
+    """(n, n), 1 for other taxels of the same row or column, by their places."""
+    same = [np.abs(v[:, None] - v[None]) < SAME_LINE_MM for v in (layout.x_mm, layout.y_mm)]
+    lines = (same[0] | same[1]).astype(float)
+    lines[np.diag_indices(layout.size)] = 0.0
+    return lines

@@ -10,7 +10,6 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.camera.compiled import jit_finite
 from t2twin.sim.optical.camera.gaussian_noise import choose, keys, quantiles
-from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS
 
 REACH = 2
 """Radius of the smoothing, px: the correlation of real noise is small beyond (0.2 at 3 px, measured
@@ -47,9 +46,9 @@ class Noise:
         """Standard deviation over all colors, grey levels."""
         return float(np.sqrt(np.mean(np.sum(self.mix**2, axis=1))))
 
-    def sample(self, rng: np.random.Generator) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) float32: noise of one frame, grey levels."""
-        out = np.empty((ROWS, COLUMNS, 3), dtype=np.float32)
+    def sample(self, rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
+        """(rows, columns, 3) float32: noise of one frame, grey levels."""
+        out = np.empty((rows, columns, 3), dtype=np.float32)
         taps, mix = self.taps.astype(np.float32), self.mix.astype(np.float32)
         _fill(keys(rng), quantiles(), taps, mix, out)
         return out

@@ -1,4 +1,4 @@
-"""The DIGIT's camera, a pinhole behind the gel, and the grid of the gel's deflection.
+"""A sensor's camera, a pinhole behind the gel, and the grid of the gel's deflection.
 
 Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the image, y down, z out of the
 sensor), with z = 0 at the apex of the gel at rest. The camera is at z = -distance_mm on the axis
@@ -15,14 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2twin.core import arguments
-from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
 
-ROWS = 320
-"""Rows of the image (maker's own Python interface)."""
-COLUMNS = 240
-"""Columns of the image (same)."""
 GRID_PITCH_MM = 0.1
-"""Pitch of the optical grid, mm: two pixels (assumed; half of it changes the image little)."""
+"""Pitch of the optical grid, mm: two pixels of a DIGIT (assumed; half of it changes its image
+little)."""
 PARALLAX_STEPS = 6
 """Fixed-point steps of the intersection of ray and gel. Each multiplies the error by the slopes of
 surface and ray (at most 0.4); the remaining error is below 0.01 mm."""
@@ -36,19 +34,19 @@ MAX_MISALIGNMENT = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0,
 class Camera:
     """A pinhole on the sensor's axis.
 
-    scale_px_per_mm: image scale at the gel's apex; public optics files of single units give
-        17.2 to 19.6.
-    distance_mm: from the pinhole to the gel's apex; public optics files give 20.8 to 22.
-    Both are measured. The vertical field of view in TACTO's configuration, about 60 degrees, does
-    not agree with them: 320 rows at 19.2 px/mm, 21.4 mm away, are 42.6 degrees.
+    rows, columns: of the image, even numbers.
+    scale_px_per_mm: image scale at the gel's apex.
+    distance_mm: from the pinhole to the gel's apex.
     shift_x_px, shift_y_px: position of the axis in the image, right and down from its middle.
     tilt_x_deg, tilt_y_deg: rotation of the gel about the x and the y axis; positive values move the
         gel's lower and right part away from the camera.
     Raises T2TwinError for values out of range.
     """
 
-    scale_px_per_mm: float = 19.2
-    distance_mm: float = 21.4
+    rows: int
+    columns: int
+    scale_px_per_mm: float
+    distance_mm: float
     shift_x_px: float = 0.0
     shift_y_px: float = 0.0
     tilt_x_deg: float = 0.0
@@ -58,6 +56,9 @@ class Camera:
         limits = {name: (-most, most) for name, most in MAX_MISALIGNMENT.items()}
         for name, (low, high) in (LENGTHS | limits).items():
             arguments.number(getattr(self, name), name, low, high)
+        for name in ("rows", "columns"):
+            if getattr(self, name) < 2 or getattr(self, name) % 2:
+                raise T2TwinError(f"{name} is {getattr(self, name)}; expected an even number")
 
     @property
     def focal_px(self) -> float:
@@ -67,7 +68,7 @@ class Camera:
     @property
     def middle(self) -> tuple[float, float]:
         """Row and column of the sensor's axis in the image, px."""
-        return (ROWS - 1) / 2 + self.shift_y_px, (COLUMNS - 1) / 2 + self.shift_x_px
+        return (self.rows - 1) / 2 + self.shift_y_px, (self.columns - 1) / 2 + self.shift_x_px
 
     @property
     def is_level(self) -> bool:
@@ -89,7 +90,7 @@ class Camera:
 
     def seen_half_extent_mm(self) -> tuple[float, float]:
         """(half width, half height), mm, of the image at the height of the apex, without shift."""
-        return COLUMNS / 2 / self.scale_px_per_mm, ROWS / 2 / self.scale_px_per_mm
+        return self.columns / 2 / self.scale_px_per_mm, self.rows / 2 / self.scale_px_per_mm
 
     def is_seen(
         self, x_mm: np.ndarray, y_mm: np.ndarray, margin_mm: float, highest_mm: float = 0.0
@@ -109,9 +110,9 @@ class Camera:
         )
 
     def gel_points(
-        self, columns: np.ndarray, rows: np.ndarray
+        self, gel: Elastomer, columns: np.ndarray, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where rays meet the DIGIT's gel at rest: x, y, z in mm, (rows, columns) each.
+        """Where rays meet a gel at rest: x, y, z in mm, (rows, columns) each.
 
         columns, rows: pixel coordinates, which may be fractional and outside the image.
         """
@@ -121,18 +122,15 @@ class Camera:
         z = np.zeros_like(across)
         for _ in range(PARALLAX_STEPS):
             x, y = across * (self.distance_mm + z), down * (self.distance_mm + z)
-            z = DIGIT_GEL.rest_surface_mm(x, y) + self.tilt_mm(x, y)
+            z = gel.rest_surface_mm(x, y) + self.tilt_mm(x, y)
         return across * (self.distance_mm + z), down * (self.distance_mm + z), z
 
 
-DIGIT_CAMERA = Camera()
-
-
-def optical_grid(gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray]:
+def optical_grid(gel: Elastomer) -> tuple[np.ndarray, np.ndarray]:
     """Axes of the optics' grid of the gel's deflection.
 
     Returns x_mm (nx,) and y_mm (ny,), cell centers, rising, GRID_PITCH_MM apart, symmetric
-    about 0 and covering the gel: 184 and 250 for the DIGIT's.
+    about 0 and covering the gel.
     """
     return _centers(gel.width_mm), _centers(gel.length_mm)
 

@@ -1,4 +1,4 @@
-"""The DIGIT's three LEDs: places, sizes, colors."""
+"""LEDs beside a gel: place, size, color, beam."""
 
 from dataclasses import dataclass
 
@@ -39,6 +39,17 @@ class Led:
             [self.radius_mm * np.cos(angle), -self.radius_mm * np.sin(angle), self.z_mm]
         )
 
+    def in_beam(self, points_mm: np.ndarray) -> np.ndarray:
+        """(...,) share of the LED's light that its beam leaves at points (..., 3), mm.
+
+        glTF's spot light, as in pyrender.
+        """
+        axis = np.array(self.aim_mm) - self.position_mm
+        ahead = points_mm - self.position_mm
+        cosine = ahead @ axis / (np.linalg.norm(axis) * np.linalg.norm(ahead, axis=-1))
+        inner, outer = np.cos(self.beam_rad)
+        return np.clip((cosine - outer) / (inner - outer), 0.0, 1.0) ** 2
+
     def points_mm(self, count: int) -> np.ndarray:
         """(count, 3) points of equal areas of the disc, on Vogel's spiral.
 
@@ -62,20 +73,3 @@ GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 """Angle between consecutive points of the spiral, rad (Vogel 1979)."""
 REACH_MM = 22.0
 """Distance of an LED at which its color is defined, mm: that of the axis."""
-
-RADIUS_MM = 22.0  # assumed: next to the gel, and as far again for the light spread by the plate
-SIZE_MM = 1.8  # assumed: an LED of 1 to 2 mm behind a diffuser, as seen from RADIUS_MM
-BEAM_RAD = (np.radians(4.0), np.radians(26.0))  # assumed: a plain LED's lobe behind its slot
-
-DIGIT_LEDS = (
-    Led((1.20, 0.02, 0.06), 30.0, RADIUS_MM, -6.8, SIZE_MM, (-11.0, 0.5, -1.0), BEAM_RAD),  # red
-    Led((0.03, 1.10, 0.02), 150.0, RADIUS_MM, -6.8, SIZE_MM, (11.0, 0.5, -1.0), BEAM_RAD),  # green
-    Led((0.01, 0.10, 0.85), 270.0, RADIUS_MM, -4.9, SIZE_MM, (0.0, -6.0, -1.0), BEAM_RAD),  # blue
-)
-"""Angles: TACTO's configuration and the maker's notes. Heights: assumed, 12 to 17 degrees over the
-apex, from the lengths of a real unit's shadows. Colors and beams: assumed, so that the background
-resembles a real unit's."""
-
-AMBIENT = (0.024, 0.030, 0.032)
-"""Linear RGB of undirected light, scattered inside the sensor (assumed from the shadows of a real
-unit)."""

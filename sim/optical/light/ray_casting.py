@@ -11,8 +11,8 @@ from functools import lru_cache
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
-from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS, Camera, optical_grid
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
 from t2twin.sim.optical.light import coating, illumination, lobe
 from t2twin.sim.optical.light.leds import REACH_MM
 from t2twin.sim.optical.light.shadows import (
@@ -52,15 +52,15 @@ class Leds:
 class Rays:
     """The rays of one camera on one gel. shadows: whether LEDs cast shadows."""
 
-    def __init__(self, camera: Camera, gel: Elastomer = DIGIT_GEL, shadows: bool = True) -> None:
+    def __init__(self, camera: Camera, gel: Elastomer, shadows: bool = True) -> None:
         self.camera = camera
         self._shadows = shadows
         self.x_mm, self.y_mm = optical_grid(gel)
         self.pitch_mm = float(self.x_mm[1] - self.x_mm[0])
         self.rest_mm = rest_surface_mm(camera, gel)
         self._highest_mm = max(0.0, float(self.rest_mm.max()))
-        self._across = _sample_slopes(COLUMNS, camera.middle[1], camera.focal_px)
-        self._down = _sample_slopes(ROWS, camera.middle[0], camera.focal_px)
+        self._across = _sample_slopes(camera.columns, camera.middle[1], camera.focal_px)
+        self._down = _sample_slopes(camera.rows, camera.middle[0], camera.focal_px)
         self.everywhere: Region = (0, self._down.size, 0, self._across.size)
         self._window = self._visible_window()
         self._coarse_shape = (self.y_mm.size // SHADOW_STRIDE, self.x_mm.size // SHADOW_STRIDE)
@@ -205,8 +205,8 @@ class Rays:
         per_mm = camera.focal_px / (camera.distance_mm + ends)
         edges = []
         for axis, first, last, middle, count in (
-            (self.y_mm, region[0], region[1] - 1, camera.middle[0], ROWS),
-            (self.x_mm, region[2], region[3] - 1, camera.middle[1], COLUMNS),
+            (self.y_mm, region[0], region[1] - 1, camera.middle[0], camera.rows),
+            (self.x_mm, region[2], region[3] - 1, camera.middle[1], camera.columns),
         ):
             places = np.outer([axis[first], axis[last]], per_mm) + middle
             edges += [

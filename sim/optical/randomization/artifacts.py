@@ -1,4 +1,4 @@
-"""Artifacts of used DIGIT units: streaks of light, glare of LEDs, worn gels, drift of the light.
+"""Artifacts of used units: streaks of light, glare of LEDs, worn gels, drift of the light.
 
 A unit's background frame is recorded before its presses. Between the two, the light drifts and the
 streaks move. So a unit with artifacts has two frames without contact: the one of its presses, and
@@ -23,9 +23,11 @@ from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.camera.compiled import jit
-from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS
+from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.randomization.lighting import at_middle
 from t2twin.sim.optical.randomization.ranges import Range, log_uniform, uniform
+from t2twin.sim.optical.randomization.unit import Size as Pixels
 from t2twin.sim.optical.randomization.unit import Unit, cubic_weights
 
 DRIFT_PX = 80
@@ -107,19 +109,30 @@ Lights = tuple[np.ndarray, np.ndarray]
 """Streaks and glares, as for compose."""
 
 
-def with_artifacts(rng: np.random.Generator, unit: Unit, artifacts: Artifacts) -> Unit:
-    """The unit with sampled artifacts and an earlier background frame."""
+def with_artifacts(
+    rng: np.random.Generator, unit: Unit, artifacts: Artifacts, leds: tuple[Led, ...] = ()
+) -> Unit:
+    """The unit with sampled artifacts and an earlier background frame.
+
+    leds: of the sensor; their brightest colors are those of the lights. Where there are other LEDs
+    in the unit, the colors are those of its response.
+    """
     light = unit.optics
     toward_px = light.leds_mm[:, 1::-1] * light.scale_px_per_mm + light.camera.middle
-    now, before = _sample_lights(rng, artifacts, toward_px)
+    size: Pixels = (light.camera.rows, light.camera.columns)
+    if len(leds) == len(toward_px):
+        colors = np.array([led.color for led in leds])
+    else:
+        colors = at_middle(light.response)
+    now, before = _sample_lights(rng, artifacts, toward_px, colors.argmax(axis=1), size)
     nodes = np.zeros((2, 0, 0), dtype=np.float32)
     albedo = None
     if rng.random() < artifacts.worn:
-        albedo_nodes = _sample_albedo(rng, artifacts)
+        albedo_nodes = _sample_albedo(rng, artifacts, size)
         nodes = np.stack([albedo_nodes, albedo_nodes ** (1.0 / light.gamma)]).astype(np.float32)
-        albedo = np.empty((ROWS, COLUMNS), dtype=np.float32)
+        albedo = np.empty(size, dtype=np.float32)
         enlarge(nodes[0], SPECKLE_PX, albedo)
-    drift = sample_drift(rng, artifacts)
+    drift = sample_drift(rng, artifacts, size)
     still = np.zeros((3, 0, 0), dtype=np.float32)
     background = _frame(light, nodes[1], still, now)
     earlier = _frame(light, nodes[1], drift, before)
@@ -130,24 +143,24 @@ def with_artifacts(rng: np.random.Generator, unit: Unit, artifacts: Artifacts) -
     )
 
 
-def sample_drift(rng: np.random.Generator, artifacts: Artifacts) -> np.ndarray:
+def sample_drift(rng: np.random.Generator, artifacts: Artifacts, size: Pixels) -> np.ndarray:
     """(RGB, nodes) float32 drift, grey levels, FINE_DRIFT_PX apart."""
     rms = uniform(rng, artifacts.drift_grey, 3)[:, None, None]
     even = uniform(rng, artifacts.drift_even_part, 3)[:, None, None]
     signs = rng.choice([-1.0, 1.0], (3, 1, 1))
-    down, across = _cubics(DRIFT_PX, FINE_DRIFT_PX)
+    down, across = _cubics(DRIFT_PX, FINE_DRIFT_PX, size)
     samples = rng.standard_normal((3, down.shape[1], across.shape[1]))
     nodes = np.sqrt(even) * signs + np.sqrt(1.0 - even) * (down @ samples @ across.T)
-    of_rows, of_columns = _squares(FINE_DRIFT_PX)
+    of_rows, of_columns = _squares(FINE_DRIFT_PX, size)
     mean_square = (nodes * (of_rows @ nodes @ of_columns)).sum(axis=(1, 2), keepdims=True)
     return (nodes * rms / np.sqrt(mean_square)).astype(np.float32)
 
 
 @cache
-def _cubics(step: int, fine: int) -> tuple[np.ndarray, np.ndarray]:
+def _cubics(step: int, fine: int, size: Pixels) -> tuple[np.ndarray, np.ndarray]:
     """Weights of samples, step px apart, at nodes, fine px apart: of rows and of columns."""
     found = []
-    for count in (ROWS // fine + 1, COLUMNS // fine + 1):
+    for count in (-(-size[0] // fine) + 1, -(-size[1] // fine) + 1):
         at = np.arange(count)
         weights = np.zeros((count, (count - 1) // (step // fine) + 4))
         for shift, column in enumerate(cubic_weights(count, step // fine).T):
@@ -157,21 +170,21 @@ def _cubics(step: int, fine: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @cache
-def _squares(fine: int) -> tuple[np.ndarray, np.ndarray]:
+def _squares(fine: int, size: Pixels) -> tuple[np.ndarray, np.ndarray]:
     """Matrices of the mean square over the image of what is linear between nodes, fine px apart."""
     found = []
-    for count in (ROWS, COLUMNS):
+    for count in size:
         at, part = np.divmod(np.arange(count), fine)
-        weights = np.zeros((count, count // fine + 1))
+        weights = np.zeros((count, -(-count // fine) + 1))
         weights[np.arange(count), at] = 1.0 - part / fine
         weights[np.arange(count), at + 1] = part / fine
         found.append(weights.T @ weights / count)
     return found[0], found[1]
 
 
-def _sample_albedo(rng: np.random.Generator, artifacts: Artifacts) -> np.ndarray:
+def _sample_albedo(rng: np.random.Generator, artifacts: Artifacts, size: Pixels) -> np.ndarray:
     """(nodes) albedo SPECKLE_PX apart, relative to a new coating."""
-    down, across = _cubics(WEAR_PX, SPECKLE_PX)
+    down, across = _cubics(WEAR_PX, SPECKLE_PX, size)
     smooth = rng.standard_normal((down.shape[1], across.shape[1]))
     fine = rng.standard_normal((len(down), len(across)))
     smooth_part, fine_part = uniform(rng, artifacts.wear_part), uniform(rng, artifacts.speckle_part)
@@ -180,20 +193,25 @@ def _sample_albedo(rng: np.random.Generator, artifacts: Artifacts) -> np.ndarray
 
 
 def _sample_lights(
-    rng: np.random.Generator, artifacts: Artifacts, toward_px: np.ndarray
+    rng: np.random.Generator,
+    artifacts: Artifacts,
+    toward_px: np.ndarray,
+    colors_of: np.ndarray,
+    size: Pixels,
 ) -> tuple[Lights, Lights]:
     """Streaks and glares of the presses, and of the background frame before.
 
-    toward_px: (3, 2) rows and columns of the LEDs, outside the image.
+    toward_px: (LEDs, 2) rows and columns of the LEDs, outside the image. colors_of: (LEDs,) index
+    of the brightest color of each.
     """
     count = int(rng.integers(artifacts.streaks[0], artifacts.streaks[1] + 1))
-    leds = rng.integers(3, size=count)
-    places = rng.uniform((0.0, 0.0), (ROWS, COLUMNS), (count, 2))
+    leds = rng.integers(len(toward_px), size=count)
+    places = rng.uniform((0.0, 0.0), size, (count, 2))
     deviation = np.radians(uniform(rng, artifacts.streak_off_deg, count))
     lengths = log_uniform(rng, artifacts.streak_length_px, count)
     widths = log_uniform(rng, artifacts.streak_px, count)
     bends = uniform(rng, artifacts.streak_bend_part, count) * lengths
-    colors = _colors(rng, artifacts, leds, artifacts.streak_grey)
+    colors = _colors(rng, artifacts, colors_of[leds], artifacts.streak_grey)
     aim = toward_px[leds] - places
     angles = np.arctan2(aim[:, 0], aim[:, 1]) + deviation
     sizes = np.stack([np.sin(angles), np.cos(angles), lengths, widths, bends], axis=1)
@@ -203,8 +221,8 @@ def _sample_lights(
     colors_before = colors * (1.0 + uniform(rng, artifacts.changed_part, (count, 1)))
 
     glares = int(rng.integers(artifacts.glares[0], artifacts.glares[1] + 1))
-    leds = rng.integers(3, size=glares)
-    middle = np.array([ROWS / 2, COLUMNS / 2])
+    leds = rng.integers(len(toward_px), size=glares)
+    middle = np.array(size) / 2
     aim = toward_px[leds] - middle
     angles = np.arctan2(aim[:, 0], aim[:, 1]) + np.radians(uniform(rng, GLARE_OFF_DEG, glares))
     direction = np.stack([np.sin(angles), np.cos(angles)], axis=1)
@@ -212,7 +230,7 @@ def _sample_lights(
     reach = to_edge - uniform(rng, GLARE_INSET_PX, glares)
     radii = log_uniform(rng, artifacts.glare_px, (glares, 1))
     blobs = np.concatenate([middle + reach[:, None] * direction, radii], axis=1)
-    glare = _colors(rng, artifacts, leds, artifacts.glare_grey)
+    glare = _colors(rng, artifacts, colors_of[leds], artifacts.glare_grey)
     glare_before = glare * (1.0 + uniform(rng, artifacts.changed_part, (glares, 1)))
     return (
         (_joined(places, sizes, colors), _joined(blobs, glare)),
@@ -225,18 +243,18 @@ def _joined(*columns: np.ndarray) -> np.ndarray:
 
 
 def _colors(
-    rng: np.random.Generator, artifacts: Artifacts, leds: np.ndarray, grey: Range
+    rng: np.random.Generator, artifacts: Artifacts, colors: np.ndarray, grey: Range
 ) -> np.ndarray:
-    """(n, RGB) grey levels of lights of LEDs (n,)."""
-    parts = uniform(rng, artifacts.other_color_part, (leds.size, 3))
-    parts[np.arange(leds.size), leds] = 1.0
-    return log_uniform(rng, grey, (leds.size, 1)) * parts
+    """(n, RGB) grey levels of lights that are brightest in colors (n,)."""
+    parts = uniform(rng, artifacts.other_color_part, (colors.size, 3))
+    parts[np.arange(colors.size), colors] = 1.0
+    return log_uniform(rng, grey, (colors.size, 1)) * parts
 
 
 def _frame(light: Optics, shade: np.ndarray, drift: np.ndarray, lights: Lights) -> np.ndarray:
-    """(ROWS, COLUMNS, 3) uint8: the background frame with artifacts."""
-    out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
+    """(rows, columns, 3) uint8: the background frame with artifacts."""
     background = np.ascontiguousarray(light.background)
+    out = np.empty_like(background)
     compose(background, shade, drift, *lights, out)
     return out
 
@@ -255,7 +273,7 @@ def _enlarge_row(nodes, step, row, out):
     for j in range(nodes.shape[1] - 1):
         left = nodes[i, j] + down * (nodes[i + 1, j] - nodes[i, j])
         right = nodes[i, j + 1] + down * (nodes[i + 1, j + 1] - nodes[i, j + 1])
-        for n in range(step):
+        for n in range(min(step, out.size - j * step)):
             out[j * step + n] = left + np.float32(n) / np.float32(step) * (right - left)
 
 
@@ -299,7 +317,7 @@ def _add_drift(drift, row, grey):
         red_per_px = (line[0, j + 1] - red) * per_step
         green_per_px = (line[1, j + 1] - green) * per_step
         blue_per_px = (line[2, j + 1] - blue) * per_step
-        for n in range(FINE_DRIFT_PX):
+        for n in range(min(FINE_DRIFT_PX, grey.shape[0] - j * FINE_DRIFT_PX)):
             column, far = j * FINE_DRIFT_PX + n, np.float32(n)
             grey[column, 0] += red + far * red_per_px
             grey[column, 1] += green + far * green_per_px

@@ -1,34 +1,34 @@
 """Samples the LEDs of a unit and their light in each color.
 
-Relative to an LED's own light in the image's middle at MIDDLE_COSINE, the light of LED k in color c
-is
+Relative to the light in the image's middle at MIDDLE_COSINE of the LEDs that have color c, the
+light of LED k in it is
 
     F_kc(p, m) = own_kc B_k(p) S(m) + leak_kc + irregular_kc(p, m),
 
-with p the place over PLACE_MM, B_k a paraboloid, S a parabola, own_kc 1 for c = k and else 0. All
+with p the place over PLACE_MM, B_k a paraboloid, S a parabola, own_kc 1 where the LED has at least
+MIN_OWN of its brightest color in color c, and else 0. All
 is quadratic in the place and in the cosine, as a response of t2twin.sim.optical.image_renderer is.
 
 For pyrender, equivalent_leds gives lamps of the same places, sizes and colors. Each has the lobe of
-the default LED in its place, rotated and moved with it, since the resolution of pyrender's shadow
+the sensor's LED in its place, rotated and moved with it, since the resolution of pyrender's shadow
 maps depends on the width of the lobe. Its color gives the sampled light in the image's middle.
 Negative light, as of a negative leak, is omitted.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
-from t2twin.sim.optical.light.leds import DIGIT_LEDS, REACH_MM, Led
+from t2twin.sim.optical.light.leds import REACH_MM, Led
 from t2twin.sim.optical.optics import PLACE_TERMS, place_terms
 from t2twin.sim.optical.randomization.ranges import UnitRanges, log_uniform, uniform
 
-AZIMUTHS_DEG = np.array([30.0, 150.0, 270.0])
-"""Of the red, green and blue LED around the gel (TACTO's configuration, maker's notes)."""
-ACROSS_SIGNS = np.array([-1.0, 1.0, 0.0])
-"""Sign of the gradient of each LED's light across its direction: the upper two cross the middle."""
+MIN_OWN = 0.5
+"""Share of an LED's brightest color from which on it has another color too (assumed: color filters
+of cameras leak less)."""
 MIDDLE_COSINE = 0.4
 """Cosine of incidence at which relative light is defined (assumed: flanks of a press)."""
 DEGREE = 2
@@ -53,60 +53,98 @@ SLOPE_STEP_MM = 0.01
 
 @dataclass(frozen=True)
 class SampledLight:
-    """LEDs and their linear light. places_mm: (3, 3). sizes_mm: (3,) radii. response: (3 LEDs, RGB,
-    PLACE_TERMS, COSINE_TERMS)."""
+    """LEDs and their linear light. places_mm: (LEDs, 3). sizes_mm: (LEDs,) radii. response: (LEDs,
+    RGB, PLACE_TERMS, COSINE_TERMS). leds: those of the sensor, of which these are varied."""
 
     places_mm: np.ndarray
     sizes_mm: np.ndarray
     response: np.ndarray
+    leds: tuple[Led, ...]
 
 
-def sample_light(rng: np.random.Generator, ranges: UnitRanges, gamma: float) -> SampledLight:
-    """The light of a unit of this gamma."""
-    azimuth = np.radians(AZIMUTHS_DEG + uniform(rng, ranges.led_turn_deg, 3))
+def own_colors(leds: tuple[Led, ...]) -> np.ndarray:
+    """(LEDs, RGB) bool: the colors that each LED has."""
+    colors = np.array([led.color for led in leds])
+    return colors >= MIN_OWN * colors.max(axis=1, keepdims=True)
+
+
+def sample_light(
+    rng: np.random.Generator, ranges: UnitRanges, leds: tuple[Led, ...], gamma: float
+) -> SampledLight:
+    """The light of a unit of this gamma. ranges: without None. leds: of the sensor."""
+    assert ranges.led_distance_mm is not None and ranges.led_elevation_deg is not None
+    count = len(leds)
+    azimuths_deg = np.array([led.angle_deg for led in leds])
+    azimuth = np.radians(azimuths_deg + uniform(rng, ranges.led_turn_deg, count))
     distance_mm = float(log_uniform(rng, ranges.led_distance_mm))
     elevation_deg = float(uniform(rng, ranges.led_elevation_deg))
-    elevation = np.radians(elevation_deg + uniform(rng, ranges.led_elevation_off_deg, 3))
+    elevation = np.radians(elevation_deg + uniform(rng, ranges.led_elevation_off_deg, count))
     towards = np.stack([np.cos(azimuth), -np.sin(azimuth)], axis=1)
     heights = -distance_mm * np.tan(elevation)
     places_mm = np.concatenate([distance_mm * towards, heights[:, None]], axis=1)
-    response = _relative(rng, ranges, towards, gamma**GAMMA_EXPONENT)
+    response = _relative(rng, ranges, leds, towards, gamma**GAMMA_EXPONENT)
     facing = (uniform(rng, ranges.facing_grey, 3) / 255.0) ** gamma
     # in the middle, an LED's light falls with the square of its distance to the apex
     reach = REACH_MM**2 / (places_mm**2).sum(axis=1) * FACING_COSINE
-    response *= (facing / reach)[None, :, None, None]
-    sizes_mm = np.minimum(log_uniform(rng, ranges.led_size_mm, 3), LARGEST_SIZE * -heights)
-    return SampledLight(places_mm, sizes_mm, response)
+    response *= (facing / _of_colors(reach, own_colors(leds)))[None, :, None, None]
+    sizes_mm = np.minimum(log_uniform(rng, ranges.led_size_mm, count), LARGEST_SIZE * -heights)
+    return SampledLight(places_mm, sizes_mm, response, leds)
+
+
+def _of_colors(values: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """(RGB,) means of values of LEDs (LEDs,) over those that have a color, else over all.
+
+    own: (LEDs, RGB) bool.
+    """
+    weights = np.where(own.any(axis=0), own, True)
+    return (weights * values[:, None]).sum(axis=0) / weights.sum(axis=0)
 
 
 def _relative(
-    rng: np.random.Generator, ranges: UnitRanges, towards: np.ndarray, mixed: float
+    rng: np.random.Generator,
+    ranges: UnitRanges,
+    leds: tuple[Led, ...],
+    towards: np.ndarray,
+    mixed: float,
 ) -> np.ndarray:
-    """(3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS) light relative to the color's own LED.
+    """(LEDs, RGB, PLACE_TERMS, COSINE_TERMS) light relative to that of the color's own LEDs.
 
-    mixed: factor of leaks and irregularity.
+    towards: (LEDs, 2) directions. mixed: factor of leaks and irregularity.
     """
-    by_power = np.zeros((3, 3, 3, TERMS))  # LED, color, power of the cosine, place
-    leaks = mixed * float(uniform(rng, ranges.leak_amount)) * uniform(rng, ranges.leak_part, (3, 3))
+    count = len(leds)
+    by_power = np.zeros((count, 3, 3, TERMS))  # LED, color, power of the cosine, place
+    leaks = mixed * float(uniform(rng, ranges.leak_amount))
+    leaks = leaks * uniform(rng, ranges.leak_part, (count, 3))
     amount = mixed * float(uniform(rng, ranges.irregular_amount))
-    patterns = amount * rng.standard_normal((3, 3, *IRREGULAR.shape)) * IRREGULAR
+    patterns = amount * rng.standard_normal((count, 3, *IRREGULAR.shape)) * IRREGULAR
     by_power[:, :, 0, 0] = leaks
     by_power[:, :, : len(IRREGULAR)] += patterns
-    slopes = uniform(rng, ranges.cosine_slope_part, 3)
-    bends = uniform(rng, ranges.cosine_bend_part, 3)
-    for k in range(3):
-        beam = _beam(rng, ranges, towards[k], ACROSS_SIGNS[k])
-        # an LED's own light is irregular too, except for its level
-        own = by_power[k, k]
-        own[0] += beam - leaks[k, k] * np.eye(TERMS)[0]
-        own[1] += slopes[k] * beam
-        own[2] += bends[k] * beam
-    response = np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS))
+    slopes = uniform(rng, ranges.cosine_slope_part, count)
+    bends = uniform(rng, ranges.cosine_bend_part, count)
+    colors = own_colors(leds)
+    shares = 1.0 / np.maximum(colors.sum(axis=0), 1)  # of each color's own LEDs
+    for k in range(count):
+        beam = _beam(rng, ranges, towards[k], _across_sign(leds[k].angle_deg))
+        for c in np.flatnonzero(colors[k]):
+            # an LED's own light is irregular too, except for its level
+            own, lit = by_power[k, c], shares[c] * beam
+            own[0] += lit - leaks[k, c] * np.eye(TERMS)[0]
+            own[1] += slopes[k] * lit
+            own[2] += bends[k] * lit
+    response = np.zeros((count, 3, PLACE_TERMS, COSINE_TERMS))
     value, rise, bend = by_power[:, :, 0], by_power[:, :, 1], by_power[:, :, 2]
     response[:, :, :TERMS, 0] = value - MIDDLE_COSINE * rise + MIDDLE_COSINE**2 * bend
     response[:, :, :TERMS, 1] = rise - 2.0 * MIDDLE_COSINE * bend
     response[:, :, :TERMS, 2] = bend
     return response
+
+
+def _across_sign(angle_deg: float) -> float:
+    """Sign of the gradient of an LED's light across its direction.
+
+    The light of LEDs that are to the right or left crosses the middle towards the upper end.
+    """
+    return -float(np.sign(round(float(np.cos(np.radians(angle_deg))), 6)))
 
 
 def _beam(
@@ -121,15 +159,15 @@ def _beam(
 
 
 def light_at_rest(
-    light: SampledLight, camera: Camera, columns: np.ndarray, rows: np.ndarray
+    light: SampledLight, camera: Camera, gel: Elastomer, columns: np.ndarray, rows: np.ndarray
 ) -> np.ndarray:
-    """(rows, columns, RGB) light of the LEDs on the DIGIT's gel at rest.
+    """(rows, columns, RGB) light of the LEDs on a gel at rest.
 
     columns, rows: pixel coordinates, which may be fractional and outside the image.
     """
-    x, y, z = camera.gel_points(columns, rows)
-    slope_x = (_surface_mm(camera, x + SLOPE_STEP_MM, y) - z) / SLOPE_STEP_MM
-    slope_y = (_surface_mm(camera, x, y + SLOPE_STEP_MM) - z) / SLOPE_STEP_MM
+    x, y, z = camera.gel_points(gel, columns, rows)
+    slope_x = (_surface_mm(camera, gel, x + SLOPE_STEP_MM, y) - z) / SLOPE_STEP_MM
+    slope_y = (_surface_mm(camera, gel, x, y + SLOPE_STEP_MM) - z) / SLOPE_STEP_MM
     terms = place_terms(x, y, DEGREE)
     steep2 = 1.0 + slope_x**2 + slope_y**2
     seen = np.zeros((*x.shape, 3))
@@ -144,12 +182,12 @@ def light_at_rest(
     return seen
 
 
-def _surface_mm(camera: Camera, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    return DIGIT_GEL.rest_surface_mm(x_mm, y_mm) + camera.tilt_mm(x_mm, y_mm)
+def _surface_mm(camera: Camera, gel: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    return gel.rest_surface_mm(x_mm, y_mm) + camera.tilt_mm(x_mm, y_mm)
 
 
 def at_middle(response: np.ndarray) -> np.ndarray:
-    """(3 LEDs, RGB) light of a response in the image's middle at MIDDLE_COSINE."""
+    """(LEDs, RGB) light of a response in the image's middle at MIDDLE_COSINE."""
     return np.einsum("kcj,j->kc", response[:, :, 0], MIDDLE_COSINE ** np.arange(COSINE_TERMS))
 
 
@@ -159,13 +197,13 @@ def equivalent_leds(light: SampledLight) -> tuple[Led, ...]:
     return tuple(
         _equivalent_led(default, place, float(size), color)
         for default, place, size, color in zip(
-            DIGIT_LEDS, light.places_mm, light.sizes_mm, colors, strict=True
+            light.leds, light.places_mm, light.sizes_mm, colors, strict=True
         )
     )
 
 
 def _equivalent_led(default: Led, place_mm: np.ndarray, size_mm: float, color: np.ndarray) -> Led:
-    """A default LED moved to another place, with another size and color."""
+    """A sensor's LED moved to another place, with another size and color."""
     angle = np.arctan2(-place_mm[1], place_mm[0])
     radius_mm = float(np.hypot(place_mm[0], place_mm[1]))
     turn, stretch = angle - np.radians(default.angle_deg), radius_mm / default.radius_mm
@@ -173,21 +211,13 @@ def _equivalent_led(default: Led, place_mm: np.ndarray, size_mm: float, color: n
     aim_x, aim_y, aim_z = default.aim_mm
     # angles increase against y, which points down in the image
     aim_mm = (float(cos * aim_x + sin * aim_y), float(cos * aim_y - sin * aim_x), aim_z)
-    color = color / max(_in_beam(place_mm, np.array(aim_mm), default.beam_rad), MIN_IN_BEAM)
-    return Led(
-        color=(float(color[0]), float(color[1]), float(color[2])),
+    led = replace(
+        default,
         angle_deg=float(np.degrees(angle)),
         radius_mm=radius_mm,
         z_mm=float(place_mm[2]),
         size_mm=size_mm,
         aim_mm=aim_mm,
-        beam_rad=default.beam_rad,
     )
-
-
-def _in_beam(place_mm: np.ndarray, aim_mm: np.ndarray, beam_rad: tuple[float, float]) -> float:
-    """Fraction of a lobe's light at the gel's apex, by glTF's spot light as in pyrender."""
-    axis, middle = aim_mm - place_mm, -place_mm
-    cosine = np.dot(axis, middle) / (np.linalg.norm(axis) * np.linalg.norm(middle))
-    inner, outer = np.cos(beam_rad)
-    return float(np.clip((cosine - outer) / (inner - outer), 0.0, 1.0) ** 2)
+    red, green, blue = (color / max(float(led.in_beam(np.zeros(3))), MIN_IN_BEAM)).tolist()
+    return replace(led, color=(red, green, blue))

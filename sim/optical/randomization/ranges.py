@@ -1,4 +1,4 @@
-"""Ranges of the parameters that differ between DIGIT units.
+"""Ranges of the parameters that differ between the units of a gel camera.
 
 Each field is a range (low, high) with a default. Samples are uniform; those of the LEDs' distance
 and sizes and of the noise are log-uniform. "Assumed" ranges were set to contain the default
@@ -35,15 +35,16 @@ Noise = Annotated[float, Meta(ge=0.01, le=50.0)]
 
 @dataclass(frozen=True)
 class UnitRanges:
-    """Ranges of a unit's parameters. Parts are relative to the own LED's light in the image's
+    """Ranges of a unit's parameters; None is that of the sensor's table [units].
+
+    Parts are relative to the own LED's light in the image's
     middle; places are in units of PLACE_MM, 8 mm.
 
     Of the camera:
-        scale_px_per_mm, distance_mm: public optics files of single units.
+        scale_px_per_mm, distance_mm: image scale, and distance from the pinhole to the gel.
         shift_px: along both axes (assumed: half a millimeter). tilt_deg: about both (assumed).
-    Of each of the three LEDs:
-        led_turn_deg: deviation from 30, 150 and 270 degrees around the gel, the angles in TACTO's
-            configuration (assumed).
+    Of each LED:
+        led_turn_deg: deviation from its angle around the gel (assumed).
         led_distance_mm: one value per unit, as the plate spreads the light (assumed).
         led_elevation_deg: over the apex, one value per unit; led_elevation_off_deg: deviation of
             each LED (assumed, from the lengths of shadows).
@@ -51,9 +52,9 @@ class UnitRanges:
             diffuser, 1 to 9 mm).
     Of the light that each LED leaves in each color:
         facing_grey: grey level of gel that faces its own LED (assumed).
-        beam_along_part, beam_across_part: gradient of an LED's light towards it, and of the two
-            upper LEDs' away from the image's lower end (assumed). beam_curve_part, beam_twist_part:
-            half its second derivatives (assumed).
+        beam_along_part, beam_across_part: gradient of an LED's light towards it, and of LEDs at the
+            right and left away from the image's lower end (assumed). beam_curve_part,
+            beam_twist_part: half its second derivatives (assumed).
         cosine_slope_part, cosine_bend_part: deviation from a Lambertian surface, linear and
             quadratic in the cosine of incidence (assumed).
         leak_amount: of an LED's light in the other two channels, multiplied by leak_part of each;
@@ -80,13 +81,13 @@ class UnitRanges:
     Raises T2TwinError for a range that is reversed or out of bounds.
     """
 
-    scale_px_per_mm: tuple[Scale, Scale] = (17.2, 19.6)
-    distance_mm: tuple[Distance, Distance] = (20.8, 22.0)
+    scale_px_per_mm: tuple[Scale, Scale] | None = None
+    distance_mm: tuple[Distance, Distance] | None = None
     shift_px: tuple[Shift, Shift] = (-10.0, 10.0)
     tilt_deg: tuple[Tilt, Tilt] = (-1.5, 1.5)
     led_turn_deg: tuple[Degrees, Degrees] = (-9.0, 9.0)
-    led_distance_mm: tuple[FarLed, FarLed] = (16.0, 25.0)
-    led_elevation_deg: tuple[Degrees, Degrees] = (11.0, 25.0)
+    led_distance_mm: tuple[FarLed, FarLed] | None = None
+    led_elevation_deg: tuple[Degrees, Degrees] | None = None
     led_elevation_off_deg: tuple[Degrees, Degrees] = (-4.0, 4.0)
     led_size_mm: tuple[Size, Size] = (1.0, 9.0)
     facing_grey: tuple[Grey, Grey] = (110.0, 250.0)
@@ -125,6 +126,8 @@ class UnitRanges:
     def __post_init__(self) -> None:
         for field in fields(self):
             value, (low, high) = getattr(self, field.name), _bounds()[field.name]
+            if value is None:
+                continue
             pair = value if isinstance(value, tuple) else (value, value)
             if not all(low <= of <= high for of in pair):
                 raise T2TwinError(
@@ -146,6 +149,7 @@ def _bounds() -> dict[str, tuple[float, float]]:
     """The bounds of each field's numbers, from their types."""
     bounds = {}
     for name, kind in get_type_hints(UnitRanges, include_extras=True).items():
+        kind = get_args(kind)[0] if type(None) in get_args(kind) else kind
         number = get_args(kind)[0] if get_args(kind)[0] not in (int, float) else kind
         meta = number.__metadata__[0]
         bounds[name] = (meta.ge, meta.le)

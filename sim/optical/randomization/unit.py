@@ -1,4 +1,4 @@
-"""Samples DIGIT units: no two DIGITs have the same light.
+"""Samples units of a gel camera: no two units have the same light.
 
 A unit is a complete set of optics: camera, LEDs, the response of each LED in each color, gamma,
 background, noise. It is sampled from ranges, alone or near given optics. It depends on the
@@ -9,14 +9,15 @@ interpolated by cubics (Catmull and Rom 1974). Blotches, a dark side, specks and
 pattern are applied to the grey levels.
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera.compiled import jit
 from t2twin.sim.optical.camera.gaussian_noise import standard_normal
-from t2twin.sim.optical.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
-from t2twin.sim.optical.image_renderer import NOISE_GREY
+from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.optics import (
     DISTANCES_MM,
@@ -34,6 +35,7 @@ from t2twin.sim.optical.randomization.lighting import (
     sample_light,
 )
 from t2twin.sim.optical.randomization.ranges import UnitRanges, log_uniform, uniform
+from t2twin.sim.optical.spec import GelCameraSpec
 
 NODE_PX = 10
 """Distance of neighboring nodes, px."""
@@ -45,9 +47,8 @@ PATTERN = (0.15, 2.0)
 DARKEST = 1e-4
 """Smallest light of a node, in parts of white, so that it has a grey level."""
 
-NODE_ROWS = NODE_PX * (np.arange(ROWS // NODE_PX + 3) - 1.0)
-NODE_COLUMNS = NODE_PX * (np.arange(COLUMNS // NODE_PX + 3) - 1.0)
-"""Pixel coordinates of the nodes; cubics need one beyond each edge of the image."""
+Size = tuple[int, int]
+"""Rows and columns of an image."""
 
 INSIDE = (slice(1, -2), slice(1, -2))
 """The nodes within the image."""
@@ -55,10 +56,10 @@ INSIDE = (slice(1, -2), slice(1, -2))
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """One DIGIT's light.
+    """One unit's light.
 
     optics: complete. noise_grey: standard deviation of one frame, grey levels. leds: for
-    pyrender; None for a unit near an optics file. earlier_background: (ROWS, COLUMNS, 3) uint8, the
+    pyrender; None for a unit near an optics file. earlier_background: (rows, columns, 3) uint8, the
     background frame, recorded before its light drifted; None without drift.
     """
 
@@ -68,17 +69,35 @@ class Unit:
     earlier_background: np.ndarray | None = None
 
 
-def sample_unit(rng: np.random.Generator, ranges: UnitRanges, center: Optics | None = None) -> Unit:
-    """A unit sampled from the ranges; with a center, one near those optics."""
+def nodes(size: Size) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the nodes, px; cubics need one beyond each edge of the image."""
+    down, across = (NODE_PX * (np.arange(-(-count // NODE_PX) + 3) - 1.0) for count in size)
+    return down, across
+
+
+def sample_unit(
+    rng: np.random.Generator,
+    spec: GelCameraSpec,
+    ranges: UnitRanges,
+    center: Optics | None = None,
+) -> Unit:
+    """A unit of a sensor, sampled from the ranges; with a center, one near those optics.
+
+    Raises T2TwinError for a sensor without LEDs or without ranges of its units, if there is no
+    center.
+    """
     if center is not None:
-        return _sample_near(rng, ranges, center)
+        return _sample_near(rng, ranges, center, spec.camera.noise_grey)
+    ranges, leds = _complete(ranges, spec), tuple(each.led for each in spec.light.leds)
+    assert ranges.scale_px_per_mm is not None and ranges.distance_mm is not None
+    size, gel = (spec.camera.rows, spec.camera.columns), spec.gel.elastomer(spec.name)
     scale, distance_mm = uniform(rng, ranges.scale_px_per_mm), uniform(rng, ranges.distance_mm)
     shift, tilt = uniform(rng, ranges.shift_px, 2), uniform(rng, ranges.tilt_deg, 2)
-    camera = Camera(float(scale), float(distance_mm), *shift.tolist(), *tilt.tolist())
+    camera = Camera(*size, float(scale), float(distance_mm), *shift.tolist(), *tilt.tolist())
     is_linear = rng.random() < ranges.linear_amount
     gamma = float(uniform(rng, ranges.linear_gamma if is_linear else ranges.gamma))
-    light = sample_light(rng, ranges, gamma)
-    background, light = sample_background(rng, ranges, light, camera, gamma)
+    light = sample_light(rng, ranges, leds, gamma)
+    background, light = sample_background(rng, ranges, light, camera, gel, gamma)
     noise_grey = float(log_uniform(rng, ranges.noise_grey))
     optics = Optics(
         background=background,
@@ -86,19 +105,38 @@ def sample_unit(rng: np.random.Generator, ranges: UnitRanges, center: Optics | N
         sizes_mm=light.sizes_mm,
         response=light.response,
         gamma=gamma,
-        **asdict(camera),
+        scale_px_per_mm=camera.scale_px_per_mm,
+        distance_mm=camera.distance_mm,
+        **{name: getattr(camera, name) for name in MAX_MISALIGNMENT},
     )
     return Unit(optics, noise_grey, equivalent_leds(light))
 
 
-def _sample_near(rng: np.random.Generator, ranges: UnitRanges, center: Optics) -> Unit:
+def _complete(ranges: UnitRanges, spec: GelCameraSpec) -> UnitRanges:
+    """The ranges, with those of the sensor where they are None."""
+    if not spec.light.leds or spec.units is None:
+        lacking = "LEDs" if not spec.light.leds else "table [units]"
+        raise T2TwinError(
+            f"the file of {spec.name} has no {lacking}, from which units are sampled; give an "
+            "optics file around which to sample them"
+        )
+    own = {name: getattr(spec.units, name) for name in spec.units.__struct_fields__}
+    missing = {name: value for name, value in own.items() if getattr(ranges, name) is None}
+    return replace(ranges, **missing)
+
+
+def _sample_near(
+    rng: np.random.Generator, ranges: UnitRanges, center: Optics, noise_grey: float
+) -> Unit:
+    leds = len(center.leds_mm)
+
     def part(shape: int | tuple = ()) -> np.ndarray:
         return uniform(rng, ranges.around_part, shape)
 
-    leds_mm = center.leds_mm + uniform(rng, ranges.around_led_mm, (3, 3))
+    leds_mm = center.leds_mm + uniform(rng, ranges.around_led_mm, (leds, 3))
     # the colors are mixed, and each LED is a little brighter or dimmer
     mixing = np.eye(3) + part((3, 3))
-    brightness = 1.0 + part((3, 1, 1, 1))
+    brightness = 1.0 + part((leds, 1, 1, 1))
 
     def varied_light(table: np.ndarray) -> np.ndarray:
         mixed = np.einsum("kcij,dc->kdij", table, mixing) * brightness
@@ -109,7 +147,7 @@ def _sample_near(rng: np.random.Generator, ranges: UnitRanges, center: Optics) -
         center,
         background=_varied(center.background, part((3, 3))),
         leds_mm=np.clip(leds_mm, -FARTHEST_LED_MM, FARTHEST_LED_MM),
-        sizes_mm=np.minimum(center.sizes_mm * (1.0 + part(3)), LARGEST_LED_MM),
+        sizes_mm=np.minimum(center.sizes_mm * (1.0 + part(leds)), LARGEST_LED_MM),
         response=varied_light(center.response),
         lobe=None if center.lobe is None else varied_light(center.lobe),
         gamma=_clipped(center.gamma * (1.0 + part() / 2.0), GAMMAS),
@@ -120,17 +158,18 @@ def _sample_near(rng: np.random.Generator, ranges: UnitRanges, center: Optics) -
             for (name, limit), change in zip(MAX_MISALIGNMENT.items(), (*shift, *tilt), strict=True)
         },
     )
-    return Unit(optics, float(NOISE_GREY * (1.0 + part())))
+    return Unit(optics, float(noise_grey * (1.0 + part())))
 
 
 def _varied(background: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """(ROWS, COLUMNS, 3) uint8: a background with other brightness.
+    """(rows, columns, 3) uint8: a background with other brightness.
 
     parts: (3, 3) relative change of each channel, and its gradients to the right and down.
     """
     level, right, down = parts
-    x = ((np.arange(COLUMNS) - COLUMNS / 2) / COLUMNS)[None, :, None]
-    y = ((np.arange(ROWS) - ROWS / 2) / ROWS)[:, None, None]
+    rows, columns = background.shape[:2]
+    x = ((np.arange(columns) - columns / 2) / columns)[None, :, None]
+    y = ((np.arange(rows) - rows / 2) / rows)[:, None, None]
     factor = (1.0 + level + right * x + down * y).astype(np.float32)
     return (np.minimum(background * factor, 255.0) + np.float32(0.5)).astype(np.uint8)
 
@@ -140,31 +179,40 @@ def _clipped(value: np.ndarray | float, bounds: tuple[float, float]) -> float:
 
 
 def sample_background(
-    rng: np.random.Generator, ranges: UnitRanges, light: SampledLight, camera: Camera, gamma: float
+    rng: np.random.Generator,
+    ranges: UnitRanges,
+    light: SampledLight,
+    camera: Camera,
+    gel: Elastomer,
+    gamma: float,
 ) -> tuple[np.ndarray, SampledLight]:
-    """(ROWS, COLUMNS, 3) uint8, and the light, dimmed in channels that would be overexposed."""
-    direct = np.maximum(light_at_rest(light, camera, NODE_COLUMNS, NODE_ROWS), DARKEST)
+    """(rows, columns, 3) uint8, and the light, dimmed in channels that would be overexposed."""
+    size = camera.rows, camera.columns
+    rows, columns = nodes(size)
+    direct = np.maximum(light_at_rest(light, camera, gel, columns, rows), DARKEST)
     mean = direct[INSIDE].mean(axis=(0, 1)) * (1.0 + uniform(rng, ranges.scattered_part, 3))
     low, high = (np.array(ranges.brightness_grey) / 255.0) ** gamma
     exposure = np.minimum(high / mean, 1.0)
     direct = direct * exposure
     follow = float(uniform(rng, ranges.follow_amount))
     mixed = follow * direct / direct[INSIDE].mean(axis=(0, 1))
-    mixed += (1.0 - follow) * _separate_pattern(rng, ranges)
+    mixed += (1.0 - follow) * _separate_pattern(rng, ranges, size)
     mixed = np.clip(mixed, *PATTERN) * np.maximum(mean * exposure, low)
     # the background contains most of the light that a shadow removes; else it would be clipped
     mixed = np.maximum(mixed, np.minimum(direct, PATTERN[1] * mean * exposure))
     grey = _limit_std(255.0 * mixed ** (1.0 / gamma), uniform(rng, ranges.pattern_grey, 3))
-    grey *= _dark_side(rng, ranges)[..., None]
-    grey += blotches(rng, ranges)
+    grey *= _dark_side(rng, ranges, size)[..., None]
+    grey += blotches(rng, ranges, size)
     exposed = replace(light, response=light.response * exposure[:, None, None])
-    return paint(rng, ranges, grey), exposed
+    return paint(rng, ranges, grey, size), exposed
 
 
-def _separate_pattern(rng: np.random.Generator, ranges: UnitRanges) -> np.ndarray:
+def _separate_pattern(rng: np.random.Generator, ranges: UnitRanges, size: Size) -> np.ndarray:
     """(nodes, RGB) light with constant gradients and a mean of about 1."""
-    x = (NODE_COLUMNS - COLUMNS / 2)[None, :, None] / (COLUMNS / 2)
-    y = (NODE_ROWS - ROWS / 2)[:, None, None] / (ROWS / 2)
+    half_rows, half_columns = (count / 2 for count in size)
+    rows, columns = nodes(size)
+    x = (columns - half_columns)[None, :, None] / half_columns
+    y = (rows - half_rows)[:, None, None] / half_rows
     along = uniform(rng, ranges.gradient_part, (2, 3))
     return 1.0 + along[0] * x + along[1] * y
 
@@ -175,30 +223,32 @@ def _limit_std(grey: np.ndarray, limit: np.ndarray) -> np.ndarray:
     return middle + (grey - middle) * np.minimum(limit / (grey[INSIDE].std(axis=(0, 1))), 1.0)
 
 
-def _dark_side(rng: np.random.Generator, ranges: UnitRanges) -> np.ndarray:
+def _dark_side(rng: np.random.Generator, ranges: UnitRanges, size: Size) -> np.ndarray:
     """(nodes) factor that darkens one side of the image."""
     amount, end = float(uniform(rng, ranges.edge_dark_amount)), float(uniform(rng, ranges.edge_px))
     soft, side = float(uniform(rng, ranges.edge_soft_px)), int(rng.integers(4))
+    rows, columns = nodes(size)
     distance = (
-        NODE_ROWS[:, None],
-        ROWS - NODE_ROWS[:, None],
-        NODE_COLUMNS[None, :],
-        COLUMNS - NODE_COLUMNS[None, :],
+        rows[:, None],
+        size[0] - rows[:, None],
+        columns[None, :],
+        size[1] - columns[None, :],
     )[side]
     inside = 0.5 + 0.5 * np.tanh((distance - end) / soft)
-    return np.broadcast_to(1.0 - amount * (1.0 - inside), (NODE_ROWS.size, NODE_COLUMNS.size))
+    return np.broadcast_to(1.0 - amount * (1.0 - inside), (rows.size, columns.size))
 
 
-def blotches(rng: np.random.Generator, ranges: UnitRanges) -> np.ndarray:
+def blotches(rng: np.random.Generator, ranges: UnitRanges, size: Size) -> np.ndarray:
     """(nodes, RGB) grey levels of smooth blotches, coarse and fine."""
     coarse_grey, fine_grey = (
         float(uniform(rng, ranges.uneven_coarse_grey)),
         float(uniform(rng, ranges.uneven_fine_grey)),
     )
-    coarse = rng.standard_normal((ROWS // COARSE_PX + 2, COLUMNS // COARSE_PX + 2, 3))
-    fine = rng.standard_normal((NODE_ROWS.size, NODE_COLUMNS.size, 3))
-    for axis, nodes in ((0, NODE_ROWS), (1, NODE_COLUMNS)):
-        at = np.maximum(nodes, 0.0) / COARSE_PX
+    places = nodes(size)
+    coarse = rng.standard_normal((*(int(at[-1]) // COARSE_PX + 2 for at in places), 3))
+    fine = rng.standard_normal((*(at.size for at in places), 3))
+    for axis, along in enumerate(places):
+        at = np.maximum(along, 0.0) / COARSE_PX
         first = at.astype(int)
         part = at - first
         part = (part * part * (3.0 - 2.0 * part)).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
@@ -206,18 +256,18 @@ def blotches(rng: np.random.Generator, ranges: UnitRanges) -> np.ndarray:
     return coarse_grey * coarse + fine_grey * fine
 
 
-def paint(rng: np.random.Generator, ranges: UnitRanges, grey: np.ndarray) -> np.ndarray:
-    """(ROWS, COLUMNS, 3) uint8: interpolated grey levels, with specks and a fixed pattern."""
+def paint(rng: np.random.Generator, ranges: UnitRanges, grey: np.ndarray, size: Size) -> np.ndarray:
+    """(rows, columns, 3) uint8: interpolated grey levels, with specks and a fixed pattern."""
     count = int(rng.integers(ranges.specks[0], ranges.specks[1] + 1))
-    middles = rng.uniform((0.0, 0.0), (ROWS, COLUMNS), (count, 2))
+    middles = rng.uniform((0.0, 0.0), size, (count, 2))
     radii = uniform(rng, ranges.speck_px, (count, 1))
     colors = uniform(rng, ranges.speck_grey, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
     specks = np.concatenate([middles, radii, colors], axis=1).astype(np.float32)
     texture = np.float32(uniform(rng, ranges.texture_grey))
-    out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
+    out = np.empty((*size, 3), dtype=np.uint8)
     _paint(
         np.ascontiguousarray(grey, dtype=np.float32), NODE_PX, specks,
-        texture * standard_normal(rng, (ROWS, COLUMNS * 3)), out,
+        texture * standard_normal(rng, (size[0], size[1] * 3)), out,
     )  # fmt: skip
     return out
 

@@ -1,0 +1,265 @@
+"""A simulated gel camera: the press of a shape into its gel, and the image of the contact."""
+
+import hashlib
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, get_args
+
+import numpy as np
+from PIL import Image
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.spec import MountTable
+from t2twin.sim.contact.types import Contact, PressCommand
+from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
+from t2twin.sim.optical.image_renderer import ImageRenderer, Renderer
+from t2twin.sim.optical.led_optics import optics_of_leds
+from t2twin.sim.optical.light.leds import Led
+from t2twin.sim.optical.markers import Markers, surface_shift
+from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.pyrender_renderer import PyrenderRenderer
+from t2twin.sim.optical.randomization.unit import Unit
+from t2twin.sim.optical.spec import GelCameraSpec
+from t2twin.sim.optical.surface import surface_on
+
+
+@dataclass(frozen=True)
+class GelCamera:
+    """A gel camera: its file, and what differs from it.
+
+    folder: of the sensor's file. optics_file: replaces the file's light; its Young's modulus, if it
+    has one, is the gel's. renderer: what makes the images. frames: averaged for an image; None is
+    the file's number. markers: printed on the gel; True for the file's, None for none. gel: pressed
+    in place of the file's. unit: a sampled unit, whose light replaces the file's.
+
+    Raises T2TwinError for a file that is not an optics file, and for renderer "pyrender" with an
+    optics file, which has no LEDs to render.
+    """
+
+    OPTIONS: ClassVar = ("optics", "renderer", "frames", "markers", "gel")
+    """Options of `with_options`."""
+
+    spec: GelCameraSpec
+    folder: str = ""
+    optics_file: str | None = None
+    renderer: Renderer = "baked"
+    frames: int | None = None
+    markers: Markers | None = None
+    gel: Elastomer | None = None
+    unit: Unit | None = field(default=None, repr=False)
+    optics: Optics = field(init=False, repr=False, compare=False)
+    image_renderer: ImageRenderer = field(init=False, repr=False, compare=False)
+    elastomer: Elastomer = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        arguments.choice(self.renderer, "renderer", get_args(Renderer))
+        if self.gel is not None:
+            arguments.instance(self.gel, "gel", Elastomer)
+        optics = self.unit.optics if self.unit else self._own_optics()
+        if self.markers is not None:
+            printed = arguments.instance(self.markers, "markers", Markers).printed(self.camera)
+            object.__setattr__(self, "markers", printed)
+        object.__setattr__(self, "optics", optics)
+        object.__setattr__(self, "image_renderer", self._image_renderer(optics))
+        object.__setattr__(self, "elastomer", self._elastomer(optics))
+
+    @property
+    def name(self) -> str:
+        return self.spec.name
+
+    @property
+    def pitch_mm(self) -> float:
+        """Pitch of the contact's grid, mm."""
+        return self.spec.gel.grid_mm
+
+    @property
+    def friction(self) -> float:
+        """Coefficient of friction of the gel."""
+        return self.spec.gel.friction
+
+    @property
+    def mount(self) -> MountTable:
+        return self.spec.mount
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The camera of the sensor's file."""
+        return self.spec.camera.camera
+
+    @property
+    def own_gel(self) -> Elastomer:
+        """The gel of the sensor's file."""
+        return self.spec.gel.elastomer(self.name)
+
+    @property
+    def noise_grey(self) -> float:
+        """Standard deviation of an image's noise, grey levels."""
+        frames = self.spec.camera.frames if self.frames is None else self.frames
+        of_one = self.spec.camera.noise_grey if self.unit is None else self.unit.noise_grey
+        return float(of_one / np.sqrt(frames))
+
+    @property
+    def optics_sha256(self) -> str | None:
+        """SHA-256 of the optics file; None for light of LEDs."""
+        path = self.optics_path
+        return None if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
+
+    @property
+    def optics_path(self) -> Path | None:
+        """The optics file, None for light of LEDs."""
+        if self.optics_file is not None:
+            return Path(self.optics_file)
+        own = self.spec.light.optics
+        return None if own is None else Path(self.folder) / own
+
+    def _own_optics(self) -> Optics:
+        path, light = self.optics_path, self.spec.light
+        if path is None:
+            leds = tuple(each.led for each in light.leds)
+            return optics_of_leds(leds, light.ambient, light.gamma, self.camera, self.own_gel)
+        optics, camera = Optics.load(path), self.camera
+        if (optics.camera.rows, optics.camera.columns) != (camera.rows, camera.columns):
+            raise T2TwinError(
+                f"{path} is of images with {optics.camera.rows} rows and {optics.camera.columns} "
+                f"columns; expected {camera.rows} and {camera.columns}, those of {self.name}"
+            )
+        return optics
+
+    def _image_renderer(self, optics: Optics) -> ImageRenderer:
+        of_optics = optics, self.own_gel, self.spec.camera.noise_grey
+        if self.renderer == "baked":
+            return ImageRenderer(*of_optics, self.gel, self.markers)
+        leds: tuple[Led, ...] | None = None
+        if self.unit is not None:
+            leds = self.unit.leds
+        elif self.optics_file is None:
+            leds = tuple(each.led for each in self.spec.light.leds)
+        if not leds:
+            raise T2TwinError(
+                "pyrender cannot render an optics file, which has no description of single "
+                "LEDs; it renders the default optics and units sampled without an optics file"
+            )
+        ambient = self.spec.light.ambient
+        return PyrenderRenderer(optics, leds, ambient, *of_optics[1:], self.gel, self.markers)
+
+    def _elastomer(self, optics: Optics) -> Elastomer:
+        gel, own = self.gel or self.own_gel, self.own_gel
+        if optics.young_mpa is None or (gel.young_mpa, gel.law) != (own.young_mpa, own.law):
+            return gel
+        return replace(gel, young_mpa=optics.young_mpa)
+
+    def with_options(self, options: dict[str, Any]) -> "GelCamera":
+        """The same sensor with some of OPTIONS, by name; None keeps the present value.
+
+        optics: a file. markers: True for those of the sensor's file. Raises T2TwinError for values
+        that are not allowed.
+        """
+        given = {name: value for name, value in options.items() if value is not None}
+        if "optics" in given:
+            given["optics_file"] = str(arguments.path(given.pop("optics"), "optics"))
+        if "markers" in given:
+            given["markers"] = self._markers(given["markers"])
+        return replace(self, **given)
+
+    def _markers(self, markers: object) -> Markers | None:
+        if isinstance(markers, bool | np.bool_):
+            if not markers:
+                return None
+            if self.spec.markers is None:
+                raise T2TwinError(
+                    f"the file of {self.name} has no table [markers]; give t2twin.Markers(...)"
+                )
+            return self.spec.markers.markers()
+        return arguments.instance(markers, "markers", Markers)
+
+    def with_unit(self, unit: Unit) -> "GelCamera":
+        """The same gel, pitch and renderer with the light and noise of a sampled unit."""
+        return replace(self, unit=unit)
+
+    def press(self, shape: Shape, command: PressCommand) -> Contact:
+        """The contact of a shape with the gel. Raises T2TwinError as solve_contact does."""
+        return solve_contact(shape, command, self.elastomer, self.pitch_mm)
+
+    def prepare(self, contact: Contact) -> None:
+        """Compute what an image needs of a contact."""
+        _ = contact.surface_mm
+
+    def read(
+        self,
+        contact: Contact | None,
+        rng: np.random.Generator | None = None,
+        before: "ImageReading | None" = None,
+        seconds: float | None = None,
+    ) -> "ImageReading":
+        """The reading of a contact, of None without contact. rng: of the camera noise; None for
+        none. before, seconds: not used, since an image does not depend on earlier ones."""
+        return ImageReading(self, contact, self.image(contact, rng))
+
+    def image(self, contact: Contact | None, rng: np.random.Generator | None = None) -> np.ndarray:
+        """(rows, columns, 3) uint8: the image of a contact, of None the background frame.
+
+        rng: of the camera noise; None for none.
+        """
+        if contact is None:
+            return self.image_renderer.render(self._flat, rng, self.noise_grey)
+        surface = surface_on(contact, *optical_grid(self.elastomer))
+        shift = None if self.markers is None else surface_shift(contact)
+        return self.image_renderer.render(surface, rng, self.noise_grey, shift)
+
+    def background_frame(self, rng: np.random.Generator | None = None) -> np.ndarray:
+        """(rows, columns, 3) uint8: the image without contact, of a sampled unit before its light
+        drifted. rng: as for image."""
+        earlier = None if self.unit is None else self.unit.earlier_background
+        return self.image_renderer.render(self._flat, rng, self.noise_grey, background=earlier)
+
+    @property
+    def _flat(self) -> np.ndarray:
+        """The deflection of a gel at rest."""
+        x, y = optical_grid(self.elastomer)
+        return np.zeros((y.size, x.size))
+
+
+@dataclass(frozen=True)
+class ImageReading:
+    """An image of a gel camera. image: (rows, columns, 3) uint8, RGB; None before it is made."""
+
+    sensor: GelCamera
+    contact: Contact | None
+    image: np.ndarray | None
+
+    @cached_property
+    def markers_mm(self) -> np.ndarray:
+        """(n, 2) x and y of the markers' centers on the deformed gel, mm.
+
+        They are in the order of `sensor.markers.rest_mm`, and some are outside the image.
+        Raises T2TwinError if the gel has no markers.
+        """
+        if self.sensor.markers is None:
+            raise T2TwinError("the touch has no markers; expected a twin with markers=True")
+        shift = None if self.contact is None else surface_shift(self.contact)
+        return self.sensor.markers.moved_mm(shift)
+
+    @property
+    def setup(self) -> dict[str, Any]:
+        """What differs from the sensor's file, for JSON."""
+        markers = self.sensor.markers
+        own = {} if markers is None else {"markers": asdict(markers)}
+        return {
+            "optics": self.sensor.optics_file or "default",
+            "renderer": self.sensor.renderer,
+            **own,
+        }
+
+    def save(self, folder: Path) -> None:
+        """Write NAME.png."""
+        if self.image is not None:
+            Image.fromarray(self.image).save(folder / f"{self.sensor.name}.png")
+
+    def without_value(self) -> "ImageReading":
+        """The same without the image, which a moving contact does not need."""
+        return replace(self, image=None)

@@ -1,0 +1,61 @@
+"""Optics of LEDs that a sensor's file describes: a Lambertian coating, lit by spot lights."""
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera, optical_grid
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.light.illumination import COSINE_TERMS
+from t2twin.sim.optical.light.leds import Led
+from t2twin.sim.optical.optics import PLACE_TERMS, Optics, place_terms
+
+STRIDE = 4
+"""Cells of the optical grid between the places to which the beams are fitted (assumed: beams are
+smooth)."""
+
+Color = tuple[float, float, float]
+
+
+def optics_of_leds(
+    leds: tuple[Led, ...], ambient: Color, gamma: float, camera: Camera, gel: Elastomer
+) -> Optics:
+    """The optics of a unit with these LEDs.
+
+    ambient: undirected light, which adds to the background. Raises T2TwinError where the gel at
+    rest would be overexposed everywhere, or dark.
+    """
+    response = np.zeros((len(leds), 3, PLACE_TERMS, COSINE_TERMS))
+    for led, own in zip(leds, response, strict=True):
+        own[:, :, 0] = np.outer(led.color, _beam_terms(led, camera, gel))
+    blank = Optics(
+        background=np.zeros((camera.rows, camera.columns, 3), np.uint8),
+        leds_mm=np.array([led.position_mm for led in leds]),
+        sizes_mm=np.array([max(led.size_mm, 1e-3) for led in leds]),
+        response=response,
+        gamma=gamma,
+        scale_px_per_mm=camera.scale_px_per_mm,
+        distance_mm=camera.distance_mm,
+        **{name: getattr(camera, name) for name in MAX_MISALIGNMENT},
+    )
+    background = ImageRenderer(blank, gel, 0.0).background_in(np.array(ambient))
+    for level, what in ((0, "black"), (255, "white")):
+        if (background == level).all():
+            raise T2TwinError(
+                f"the LEDs leave the background {what} in every pixel and color; change their "
+                "color or the ambient light"
+            )
+    values = {name: getattr(blank, name) for name in blank.__dataclass_fields__}
+    return Optics(**values | {"background": background})
+
+
+def _beam_terms(led: Led, camera: Camera, gel: Elastomer) -> np.ndarray:
+    """(PLACE_TERMS,) polynomial of an LED's beam over the part of the gel that the camera sees."""
+    x, y = (each[::STRIDE] for each in optical_grid(gel))
+    seen_x, seen_y = camera.is_seen(x, y, 0.0)
+    x, y = (each.ravel() for each in np.meshgrid(x[seen_x], y[seen_y]))
+    points = np.stack([x, y, gel.rest_surface_mm(x, y)], axis=-1)
+    terms, inside = place_terms(x, y), led.in_beam(points)
+    if np.ptp(inside) < 1e-6:
+        return inside[0] * np.eye(PLACE_TERMS)[0]
+    return np.linalg.lstsq(terms, inside, rcond=None)[0]

@@ -1,0 +1,186 @@
+"""The record of a gel camera: a soft gel, lit from the side, seen by a camera behind it.
+
+The sensor frame has x along the image's columns, y along its rows and z out of the gel, with the
+origin at the apex of the gel at rest.
+"""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.spec import LayerTable, MountTable
+from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
+from t2twin.sim.optical.light.leds import Led
+from t2twin.sim.optical.markers import Markers
+from t2twin.sim.optical.optics import MAX_LEDS
+
+KIND = "gel-camera"
+
+MAX_PIXELS = 1600
+"""Limit on the rows and on the columns of an image (assumed: makers' interfaces give less)."""
+
+FARTHEST_MM, LARGEST_LED_MM = 200.0, 50.0
+"""Largest distance of an LED from the sensor's axis, and largest radius of one, mm (assumed)."""
+
+Pixels = Annotated[int, Meta(ge=16, le=MAX_PIXELS, multiple_of=2)]
+Radiance = Annotated[float, Meta(ge=0.0, le=100.0)]
+Coordinate = Annotated[float, Meta(ge=-FARTHEST_MM, le=FARTHEST_MM)]
+Beam = Annotated[float, Meta(gt=0.0, le=90.0)]
+Scale = Annotated[float, Meta(ge=LENGTHS["scale_px_per_mm"][0], le=LENGTHS["scale_px_per_mm"][1])]
+Distance = Annotated[float, Meta(ge=LENGTHS["distance_mm"][0], le=LENGTHS["distance_mm"][1])]
+Shift = Annotated[
+    float, Meta(ge=-MAX_MISALIGNMENT["shift_x_px"], le=MAX_MISALIGNMENT["shift_x_px"])
+]
+Tilt = Annotated[float, Meta(ge=-MAX_MISALIGNMENT["tilt_x_deg"], le=MAX_MISALIGNMENT["tilt_x_deg"])]
+LedDistance = Annotated[float, Meta(ge=1.0, le=FARTHEST_MM)]
+Elevation = Annotated[float, Meta(ge=-20.0, le=80.0)]
+
+
+class CameraTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The camera, a pinhole on the sensor's axis, and its images."""
+
+    rows: Annotated[Pixels, Meta(description="rows of an image, along y")]
+    columns: Annotated[Pixels, Meta(description="columns of an image, along x")]
+    scale_px_per_mm: Annotated[Scale, Meta(description="image scale at the gel's apex")]
+    distance_mm: Annotated[Distance, Meta(description="from the pinhole to the gel's apex")]
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1e4, description="frames per second")]
+    frames: Annotated[
+        int, Meta(ge=1, le=10_000, description="frames averaged for an image of a press")
+    ] = 1
+    noise_grey: Annotated[
+        float, Meta(ge=0.0, le=64.0, description="standard deviation of one frame, grey levels")
+    ] = 0.0
+    shift_x_px: Annotated[Shift, Meta(description="position of the axis, right of the middle")] = (
+        0.0
+    )
+    shift_y_px: Annotated[Shift, Meta(description="the same, down")] = 0.0
+    tilt_x_deg: Annotated[Tilt, Meta(description="rotation of the gel about x")] = 0.0
+    tilt_y_deg: Annotated[Tilt, Meta(description="the same about y")] = 0.0
+
+    @property
+    def camera(self) -> Camera:
+        names = ("rows", "columns", *LENGTHS, *MAX_MISALIGNMENT)
+        return Camera(**{name: getattr(self, name) for name in names})
+
+
+class LedTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """One LED beside the gel, after refraction by the plate."""
+
+    color: Annotated[
+        tuple[Radiance, Radiance, Radiance],
+        Meta(description="linear red, green and blue at normal incidence, 22 mm away"),
+    ]
+    angle_deg: Annotated[
+        float,
+        Meta(ge=-360.0, le=360.0, description="around the gel, counterclockwise, 0 to the right"),
+    ]
+    radius_mm: Annotated[LedDistance, Meta(description="distance from the sensor's axis")]
+    z_mm: Annotated[Coordinate, Meta(description="height, negative on the camera's side")]
+    size_mm: Annotated[
+        float, Meta(ge=0.0, le=LARGEST_LED_MM, description="radius of the luminous disc")
+    ]
+    aim_mm: Annotated[
+        tuple[Coordinate, Coordinate, Coordinate],
+        Meta(description="a point on the beam's axis"),
+    ] = (0.0, 0.0, 0.0)
+    beam_deg: Annotated[
+        tuple[Beam, Beam], Meta(description="half angles between which the beam fades out")
+    ] = (80.0, 90.0)
+
+    @property
+    def led(self) -> Led:
+        inner, outer = np.radians(self.beam_deg).tolist()
+        return Led(
+            self.color, self.angle_deg, self.radius_mm, self.z_mm, self.size_mm, self.aim_mm,
+            (inner, outer),
+        )  # fmt: skip
+
+
+class LightTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """The light of one unit: an optics file, LEDs, or both, which then describe the same light."""
+
+    leds: Annotated[
+        tuple[LedTable, ...], Meta(max_length=MAX_LEDS, description="LEDs, one table each")
+    ] = ()
+    ambient: Annotated[
+        tuple[Radiance, Radiance, Radiance],
+        Meta(description="linear red, green and blue of undirected light"),
+    ] = (0.0, 0.0, 0.0)
+    gamma: Annotated[
+        float, Meta(ge=0.5, le=4.0, description="exponent between light and grey levels")
+    ] = 2.2
+    optics: Annotated[
+        str | None, Meta(description="optics file of `t2twin calibrate`, beside the sensor's file")
+    ] = None
+
+    def __post_init__(self) -> None:
+        if not self.leds and self.optics is None:
+            raise T2TwinError("expected at least one of leds and optics")
+
+
+class UnitsTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """Ranges, low and high, in which units of this sensor differ, for recipes that sample them."""
+
+    scale_px_per_mm: Annotated[tuple[Scale, Scale], Meta(description="image scale")]
+    distance_mm: Annotated[tuple[Distance, Distance], Meta(description="camera's distance")]
+    led_distance_mm: Annotated[
+        tuple[LedDistance, LedDistance], Meta(description="distance of the LEDs from the axis")
+    ]
+    led_elevation_deg: Annotated[
+        tuple[Elevation, Elevation], Meta(description="elevation of the LEDs over the gel's apex")
+    ]
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            low, high = getattr(self, name)
+            if low > high:
+                raise T2TwinError(f"{name} is [{low:g}, {high:g}]; expected low first")
+
+
+class MarkersTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """Markers that may be printed on the gel, a grid of round dots."""
+
+    pitch_mm: Annotated[float, Meta(ge=0.5, le=8.0, description="distance of neighbors")]
+    diameter_mm: Annotated[float, Meta(ge=0.05, le=8.0, description="diameter")]
+    columns: Annotated[
+        int | None, Meta(description="dots along x; all that the image shows, without it")
+    ] = None
+    rows: Annotated[int | None, Meta(description="the same along y")] = None
+
+    def __post_init__(self) -> None:
+        self.markers()
+
+    def markers(self) -> Markers:
+        grid = None if self.columns is None or self.rows is None else (self.columns, self.rows)
+        if grid is None and (self.columns, self.rows) != (None, None):
+            raise T2TwinError("columns and rows of markers: expected both or none")
+        return Markers(self.pitch_mm, self.diameter_mm, grid=grid)
+
+
+class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True):
+    """A gel camera's file."""
+
+    kind: Annotated[Literal["gel-camera"], Meta(description="kind of the sensor")]
+    name: Annotated[
+        str, Meta(min_length=1, max_length=40, pattern="^[a-z0-9][a-z0-9_-]*$", description="name")
+    ]
+    gel: Annotated[LayerTable, Meta(description="the gel")]
+    camera: Annotated[CameraTable, Meta(description="the camera")]
+    light: Annotated[LightTable, Meta(description="the light")]
+    mount: Annotated[MountTable, Meta(description="the sensor as a body")]
+    units: Annotated[UnitsTable | None, Meta(description="how units differ")] = None
+    markers: Annotated[MarkersTable | None, Meta(description="markers, if there may be any")] = None
+    about: Annotated[str | None, Meta(description="remark, which is not read")] = None
+
+    def __post_init__(self) -> None:
+        half = self.camera.camera.seen_half_extent_mm()
+        for seen, side, axis in zip(
+            half, (self.gel.width_mm, self.gel.length_mm), ("width", "length"), strict=True
+        ):
+            if 2 * seen > side:
+                raise T2TwinError(
+                    f"the camera sees {2 * seen:.1f} mm of the gel's {axis}, which is {side:g} mm; "
+                    "expected a larger scale_px_per_mm, a smaller image or a larger gel"
+                )

@@ -1,0 +1,1 @@
+"""Sensors: their files, and pairs of them."""

@@ -1,0 +1,218 @@
+"""Reads sensor files: bundled ones by name, a user's own by path.
+
+A file is TOML. `extends` names another sensor, whose values hold where the file has none.
+"""
+
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import Any, get_args
+
+import msgspec
+from msgspec import Struct, structs
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import read_file
+from t2twin.core.records import convert, nearest
+from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.optical.spec import KIND as GEL_CAMERA
+from t2twin.sim.optical.spec import GelCameraSpec
+from t2twin.sim.sensors.defaults import ALIASES
+from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
+from t2twin.sim.taxels.spec import TaxelArraySpec
+from t2twin.sim.taxels.taxel_array import TaxelArray
+
+Spec = GelCameraSpec | TaxelArraySpec
+Sensor = GelCamera | TaxelArray
+
+SPECS = Path(__file__).parent / "specs"
+MAX_BYTES = 1_000_000
+"""Largest sensor file, bytes (assumed: some hundred times a long one)."""
+
+MAX_LISTED = 8
+"""Faults of a file that a message lists at most (assumed)."""
+
+KINDS: dict[str, tuple[type[Spec], type[Sensor]]] = {
+    GEL_CAMERA: (GelCameraSpec, GelCamera),
+    TAXEL_ARRAY: (TaxelArraySpec, TaxelArray),
+}
+"""The record and the simulated sensor of each kind."""
+
+
+def bundled_sensors() -> tuple[str, ...]:
+    """Names of the bundled sensors."""
+    return tuple(sorted(path.stem for path in SPECS.glob("*.toml")))
+
+
+def path_of(source: str | Path) -> Path:
+    """The file of a sensor: a bundled name, or a path to a .toml file.
+
+    Raises T2TwinError for anything else.
+    """
+    name = ALIASES.get(str(source), str(source))
+    if name in bundled_sensors():
+        return SPECS / f"{name}.toml"
+    path = Path(arguments.path(source, "sensor"))
+    if path.suffix != ".toml":
+        near = nearest(name, bundled_sensors())
+        meant = f"; did you mean {near}?" if near else ""
+        raise T2TwinError(
+            f"there is no sensor {str(source)!r}; allowed are {', '.join(bundled_sensors())} and "
+            f".toml files{meant}"
+        )
+    return path
+
+
+def load_sensor(source: str | Path | Sensor) -> Sensor:
+    """A sensor by its name or from a file; a sensor is returned unchanged.
+
+    Raises T2TwinError for an unknown name, an unreadable file, and values that are missing, unknown
+    or not allowed; the message names them all.
+    """
+    if isinstance(source, get_args(Sensor)):
+        return source  # pyright: ignore[reportReturnType]
+    path = path_of(source)
+    return _loaded(path) if path.parent == SPECS else _read(path)
+
+
+@cache
+def _loaded(path: Path) -> Sensor:
+    return _read(path)
+
+
+def _read(path: Path) -> Sensor:
+    content, folder = _content(path, ())
+    return sensor_of(spec_of(content, path), str(folder), path)
+
+
+def sensor_of(spec: Spec, folder: str, source: object) -> Sensor:
+    """The simulated sensor of a record. folder: of its file; source: for messages."""
+    try:
+        return KINDS[spec.kind][1](spec, folder)  # pyright: ignore[reportArgumentType]
+    except T2TwinError as error:
+        raise T2TwinError(f"{source}: {error}") from None
+
+
+def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Path]:
+    """The values of a file over those of the file that it extends, and the folder for its paths."""
+    text = read_file(path, MAX_BYTES)
+    try:
+        content = tomllib.loads(text.decode("utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise T2TwinError(f"{path} is not TOML ({error})") from error
+    extends = content.pop("extends", None)
+    if extends is None:
+        return content, path.parent
+    if path in extended:
+        raise T2TwinError(f"{path} extends itself; remove one `extends`")
+    base, folder = _content(path_of(_beside(path, extends)), (*extended, path))
+    own_files = any(
+        isinstance(content.get(table), dict) and key in content[table]
+        for table, key in (("light", "optics"), ("layout", "file"))
+    )
+    if own_files and folder != path.parent:
+        base = _absolute(base, folder)
+        folder = path.parent
+    return _merged(base, content), folder
+
+
+def _beside(path: Path, extends: object) -> str | Path:
+    """The sensor that a file extends: a name, or a path that starts from the file's folder."""
+    name = arguments.text(extends, f"{path}: extends")
+    return name if not name.endswith(".toml") else path.parent / name
+
+
+def _absolute(content: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """A file's content with the optics file as an absolute path."""
+    light = content.get("light")
+    if isinstance(light, dict) and isinstance(light.get("optics"), str):
+        light = light | {"optics": str((folder / light["optics"]).absolute())}
+        return content | {"light": light}
+    return content
+
+
+REPLACED = ("layout", "transducer", "markers")
+"""Tables that replace the extended file's as a whole, since their keys exclude each other."""
+
+
+def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in own.items():
+        both = isinstance(value, dict) and isinstance(base.get(key), dict) and key not in REPLACED
+        merged[key] = _merged(base[key], value) if both else value
+    return merged
+
+
+def spec_of(content: dict[str, Any], source: object) -> Spec:
+    """The record of a file's content. source: for messages.
+
+    Raises T2TwinError that names all faults, up to MAX_LISTED.
+    """
+    kind = content.get("kind")
+    if kind not in KINDS:
+        given = "missing" if kind is None else repr(kind)
+        raise T2TwinError(f"{source}: kind is {given}; expected {' or '.join(KINDS)}")
+    record = KINDS[kind][0]
+    found = _faults(content, record, "")
+    if found:
+        more = f"; and {len(found) - MAX_LISTED} more" if len(found) > MAX_LISTED else ""
+        raise T2TwinError(f"{source}: {'; '.join(found[:MAX_LISTED])}{more}")
+    return convert(content, record, source)
+
+
+def _faults(content: object, record: type[Struct], place: str) -> list[str]:
+    """One clause for each fault of a table. place: its name, "" for the whole file."""
+    inside = f"{place}." if place else ""
+    if not isinstance(content, dict):
+        return [f"{place} must be a table"]
+    known = {field.encode_name: field for field in structs.fields(record)}
+    found = []
+    for key in content:
+        if key not in known:
+            near = nearest(key, tuple(known))
+            meant = f", did you mean {near}?" if near else f"; allowed are {', '.join(known)}"
+            found.append(f"{inside}{key} is unknown{meant}")
+    for key, field in known.items():
+        if key not in content:
+            if field.required:
+                found.append(f"{inside}{key} is missing")
+            continue
+        table = _table_of(field.type)
+        if table is not None:
+            found += _faults(content[key], table, f"{inside}{key}")
+            continue
+        found += _value_faults(content[key], field.type, f"{inside}{key}")
+    if not found:
+        found += _value_faults(content, record, place or "the file")
+    return found
+
+
+def _value_faults(value: object, kind: Any, place: str) -> list[str]:
+    """The fault of a value, if any."""
+    if _has_nan(value):
+        return [f"{place} is not a number"]
+    try:
+        convert({"value": value}, msgspec.defstruct("Value", [("value", kind)]), "")
+    except T2TwinError as error:
+        text = str(error).removeprefix(": ").replace("value.", f"{place}.")
+        return [text.replace("value", place, 1) if text.startswith("value") else text]
+    return []
+
+
+def _has_nan(value: object) -> bool:
+    if isinstance(value, list):
+        return any(_has_nan(each) for each in value)
+    return isinstance(value, float) and value != value
+
+
+def _table_of(kind: Any) -> type[Struct] | None:
+    """The record of a nested table, None for another type."""
+    for each in (kind, *get_args(kind)):
+        for inner in (each, *get_args(each)):
+            if isinstance(inner, type) and issubclass(inner, Struct):
+                is_list = any(
+                    getattr(part, "__origin__", None) in (tuple, dict) for part in (kind, each)
+                )
+                return None if is_list else inner
+    return None

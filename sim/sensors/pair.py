@@ -1,0 +1,188 @@
+"""Two sensors, and the press of one shape into both."""
+
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.layer import cached_layer
+from t2twin.sim.contact.pin_layout import Survey
+from t2twin.sim.contact.sliding import advance
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.optical.spec import KIND as GEL_CAMERA
+from t2twin.sim.sensors.defaults import ALIASES, SOURCE, TARGET
+from t2twin.sim.sensors.files import Sensor, load_sensor
+from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
+from t2twin.sim.taxels.taxel_array import TaxelArray
+from t2twin.sim.touch import Reading, Touch
+
+ROLES = ("source", "target")
+
+StageTimer = Callable[[str], AbstractContextManager[None]]
+"""Context manager around each stage of a press, named as in t2twin.sim.dataset.timing.STAGES."""
+
+
+def _untimed(stage: str) -> AbstractContextManager[None]:
+    return nullcontext()
+
+
+@dataclass(frozen=True)
+class SensorPair:
+    """A source and a target, to be pressed by the same shape with the same command."""
+
+    source: Sensor = field(default_factory=lambda: load_sensor(SOURCE))
+    target: Sensor = field(default_factory=lambda: load_sensor(TARGET))
+
+    @classmethod
+    def of(
+        cls,
+        source: str | Path | Sensor = SOURCE,
+        target: str | Path | Sensor = TARGET,
+        **options: Any,
+    ) -> "SensorPair":
+        """The pair of two sensors, by name or file, with options of either kind.
+
+        options: see OPTIONS of the kinds; None for the sensor's own. An option holds for each of
+        the two that has it. Raises T2TwinError for an option that neither sensor has.
+        """
+        return cls(load_sensor(source), load_sensor(target)).with_options(**options)
+
+    def with_options(self, **options: Any) -> "SensorPair":
+        """The same pair with options; see `of`."""
+        given = {name: value for name, value in options.items() if value is not None}
+        both = []
+        for sensor in (self.source, self.target):
+            own = {name: value for name, value in given.items() if name in sensor.OPTIONS}
+            both.append(sensor.with_options(own) if own else sensor)
+        for name in given:
+            if all(name not in sensor.OPTIONS for sensor in both):
+                raise T2TwinError(
+                    f"{name} is given, but neither {self.source.name} nor {self.target.name} has it"
+                )
+        return SensorPair(*both)
+
+    @cached_property
+    def by_name(self) -> dict[str, Sensor]:
+        """The sensors by their names in a touch; two of one name are NAME and NAME-2."""
+        first, second = self.source.name, self.target.name
+        return {first: self.source, second if second != first else f"{second}-2": self.target}
+
+    @cached_property
+    def roles(self) -> dict[str, str]:
+        """The roles, source and target, by the sensors' names in a touch."""
+        return dict(zip(self.by_name, ROLES, strict=True))
+
+    @property
+    def camera(self) -> GelCamera:
+        """The first gel camera. Raises T2TwinError for a pair without one."""
+        return self._first(GEL_CAMERA)
+
+    @property
+    def array(self) -> TaxelArray:
+        """The first taxel array. Raises T2TwinError for a pair without one."""
+        return self._first(TAXEL_ARRAY)
+
+    def _first(self, kind: str) -> Any:
+        for sensor in (self.source, self.target):
+            if sensor.spec.kind == kind:
+                return sensor
+        names = f"{self.source.name} and {self.target.name}"
+        raise T2TwinError(f"the sensors are {names}; neither is a {kind.replace('-', ' ')}")
+
+    def named(self, sensor: str) -> str:
+        """The name in a touch of a sensor: of a name, an alias, or a role.
+
+        Raises T2TwinError for another one.
+        """
+        name = ALIASES.get(sensor, sensor)
+        found = {
+            **{role: each for each, role in self.roles.items()},
+            **{n: n for n in self.by_name},
+        }
+        if name not in found:
+            raise T2TwinError(
+                f"there is no sensor {sensor!r} in the twin; allowed are {', '.join(self.by_name)}"
+            )
+        return found[name]
+
+    def press(
+        self,
+        shape: Shape,
+        command: PressCommand,
+        rng: np.random.Generator | None = None,
+        timed: StageTimer = _untimed,
+        only: str | None = None,
+        before: Touch | None = None,
+    ) -> Touch:
+        """Press a shape into both sensors, or into one of them, by its name in a touch.
+
+        command: a force of 0 N gives the readings without contact. rng: of the source's noise or
+        imperfections, then of the target's; None for neither. before: the touch one sample earlier,
+        which memories continue; None for none.
+        Raises T2TwinError as solve_contact does.
+        """
+        readings: dict[str, Reading] = {}
+        for name, sensor in self._chosen(only):
+            contact = None
+            if command.force_n != 0.0:
+                with timed(f"press {self.roles[name]}"):
+                    contact = sensor.press(shape, command)
+                    sensor.prepare(contact)
+            with timed(f"read {self.roles[name]}"):
+                readings[name] = sensor.read(contact, rng, _reading(before, name))
+        return Touch(shape, command, readings)
+
+    def _chosen(self, only: str | None) -> Iterable[tuple[str, Sensor]]:
+        return [(name, sensor) for name, sensor in self.by_name.items() if only in (None, name)]
+
+    def check_over_pads(self, touch: Touch, command: PressCommand) -> None:
+        """Raises OffPadError if the shape of a touch does not lie over its pads at another pose."""
+        for contact in touch.contacts.values():
+            Survey(touch.shape, command, cached_layer(contact.elastomer, contact.pitch_mm))
+
+    def advance(
+        self, touch: Touch, command: PressCommand, friction: float | dict[str, float] | None
+    ) -> Touch:
+        """Move the shape of a touch by a small step, with friction; without images and counts.
+
+        command: the new pose and force. friction: of both sensors, or by their names; None is each
+        one's own. Raises T2TwinError as solve_contact does.
+        """
+        before = touch.command
+        motion = (
+            command.x_mm - before.x_mm,
+            command.y_mm - before.y_mm,
+            command.yaw_rad - before.yaw_rad,
+            command.force_n,
+        )
+        readings = {}
+        for name, reading in touch.readings.items():
+            own = friction.get(name) if isinstance(friction, dict) else friction
+            own = self.by_name[name].friction if own is None else own
+            contact = None
+            if reading.contact is not None:
+                contact = advance(reading.contact, *motion, own)
+            readings[name] = replace(reading.without_value(), contact=contact)
+        return replace(touch, command=command, readings=readings)
+
+    def with_readings(
+        self, touch: Touch, rng: np.random.Generator | None = None, before: Touch | None = None
+    ) -> Touch:
+        """The touch with the images and the counts of its contacts; rng, before as for `press`."""
+        readings = {
+            name: self.by_name[name].read(reading.contact, rng, _reading(before, name))
+            for name, reading in touch.readings.items()
+        }
+        return replace(touch, readings=readings)
+
+
+def _reading(touch: Touch | None, name: str) -> Any:
+    """A sensor's reading in a touch; None without one."""
+    return None if touch is None else touch.readings.get(name)

@@ -1,0 +1,239 @@
+"""A simulated taxel array: the press of a shape into its cover, and the counts of the contact."""
+
+import json
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from PIL import Image
+
+from t2twin.core import arguments
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.spec import MountTable
+from t2twin.sim.contact.types import Contact, PressCommand
+from t2twin.sim.taxels import reading
+from t2twin.sim.taxels.dense import DenseGrid, DenseTable, check_on_cover
+from t2twin.sim.taxels.layout import Layout, load_layout
+from t2twin.sim.taxels.pads import pad_pressure_mpa
+from t2twin.sim.taxels.phi import Phi
+from t2twin.sim.taxels.spec import TaxelArraySpec
+from t2twin.sim.taxels.tactile_image import colored_tactile_image
+
+
+@dataclass(frozen=True)
+class TaxelArray:
+    """A taxel array: its file, and what differs from it.
+
+    folder: of the sensor's file. layout_source: a layout's name or file in place of the file's.
+    imperfections: name of one of the file's. dead: indices of taxels that always count 0. cover:
+    pressed in place of the file's.
+
+    Raises T2TwinError for an unknown layout or name, and for taxels off the cover.
+    """
+
+    OPTIONS: ClassVar = ("layout", "imperfections", "dead", "cover")
+    """Options of `with_options`."""
+
+    spec: TaxelArraySpec
+    folder: str = ""
+    layout_source: str | None = None
+    imperfections: str = "white"
+    dead: tuple[int, ...] = ()
+    cover: Elastomer | None = None
+    layout: Layout = field(init=False, repr=False, compare=False)
+    flaws: reading.Imperfections = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.cover is not None:
+            arguments.instance(self.cover, "cover", Elastomer)
+        if self.layout_source is None:
+            layout = self.spec.layout.layout(self.name, self.folder)
+        else:
+            layout = load_layout(self.layout_source)
+        object.__setattr__(self, "layout", layout)
+        check_on_cover(layout, self.elastomer)
+        flaws = reading.chosen(
+            self.spec.imperfections, self.imperfections, tuple(self.dead), layout.size
+        )
+        object.__setattr__(self, "flaws", flaws)
+
+    @property
+    def name(self) -> str:
+        return self.spec.name
+
+    @property
+    def elastomer(self) -> Elastomer:
+        """The cover that is pressed."""
+        return self.cover or self.spec.cover.elastomer(self.name)
+
+    @property
+    def pitch_mm(self) -> float:
+        """Pitch of the contact's grid, mm."""
+        return self.spec.cover.grid_mm
+
+    @property
+    def friction(self) -> float:
+        """Coefficient of friction of the cover."""
+        return self.spec.cover.friction
+
+    @property
+    def mount(self) -> MountTable:
+        return self.spec.mount
+
+    @property
+    def full_scale(self) -> int:
+        """Count at which a taxel saturates."""
+        return self.spec.counts.full_scale
+
+    @cached_property
+    def dense(self) -> DenseGrid:
+        """The grid of the dense counts, through the first taxel of the sensor's file."""
+        own = self.spec.layout.layout(self.name, self.folder)
+        table = self.spec.dense or DenseTable(max(0.2, self.elastomer.thickness_mm))
+        places = tuple(zip(own.x_mm.tolist(), own.y_mm.tolist(), strict=True))
+        return DenseGrid(self.elastomer, table, places, float(own.pad_diameter_mm[0]))
+
+    def with_options(self, options: dict[str, Any]) -> "TaxelArray":
+        """The same sensor with some of OPTIONS, by name; None keeps the present value.
+
+        layout: a name or a file. Raises T2TwinError for values that are not allowed.
+        """
+        given = {name: value for name, value in options.items() if value is not None}
+        if "layout" in given:
+            given["layout_source"] = str(arguments.path(given.pop("layout"), "layout"))
+        return replace(self, **given)
+
+    def press(self, shape: Shape, command: PressCommand) -> Contact:
+        """The contact of a shape with the cover. Raises T2TwinError as solve_contact does."""
+        return solve_contact(shape, command, self.elastomer, self.pitch_mm)
+
+    def prepare(self, contact: Contact) -> None:
+        """Nothing: counts need the pressure alone."""
+
+    def read(
+        self,
+        contact: Contact | None,
+        rng: np.random.Generator | None = None,
+        before: "CountsReading | None" = None,
+        seconds: float | None = None,
+    ) -> "CountsReading":
+        """The reading of a contact, of None without contact.
+
+        rng: of the imperfections; None for none. before: the reading `seconds` earlier, None for a
+        contact that has lasted long; seconds: None for the duration of a sample.
+        """
+        noiseless = self.noiseless(contact, self.layout)
+        if rng is None:
+            return CountsReading(self, contact, np.rint(noiseless).astype(np.uint16), None)
+        counts, memory = self.imperfect(self._memory(before), noiseless, rng, seconds)
+        return CountsReading(self, contact, counts, memory)
+
+    def noiseless(self, contact: Contact | None, layout: Layout) -> np.ndarray:
+        """(n,) counts of a layout before rounding, without imperfections."""
+        if contact is None:
+            return np.zeros(layout.size)
+        return self.counts_of(pad_pressure_mpa(contact, layout))
+
+    def counts_of(self, pressure_mpa: np.ndarray) -> np.ndarray:
+        """Noiseless counts of mean pressures on pads, any shape, before rounding."""
+        signal = self.spec.transducer.signal(pressure_mpa)
+        return np.minimum(self.spec.counts.gain * signal, self.full_scale)
+
+    def imperfect(
+        self,
+        memory: np.ndarray | None,
+        noiseless: np.ndarray,
+        rng: np.random.Generator,
+        seconds: float | None = None,
+        array_seed: int = 0,
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Counts with the imperfections, and the memory after them: see reading.read_after."""
+        table = self.spec.counts
+        return reading.read_after(
+            memory, noiseless, self.layout, self.flaws, table, rng, array_seed, seconds
+        )
+
+    def expected(self, noiseless: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean and standard deviation of readings of a static contact, (..., N) each."""
+        return reading.expected_reading(self.flaws, self.spec.counts, noiseless)
+
+    def _memory(self, before: "CountsReading | None") -> np.ndarray | None:
+        """The memory of a reading; None for one of another array."""
+        if before is None or before.memory is None:
+            return None
+        layouts = (self.layout, before.sensor.layout)
+        own, other = (np.stack([each.x_mm, each.y_mm]) for each in layouts)
+        is_own = np.array_equal(own, other) and len(before.memory) == len(self.flaws.memory_shares)
+        return before.memory if is_own else None
+
+
+@dataclass(frozen=True)
+class CountsReading:
+    """Counts of a taxel array.
+
+    counts: (n,) uint16, one for each taxel of the layout; None before they are read. memory: (m, n)
+    state of the array's memory after the counts, counts; None without a memory.
+    """
+
+    sensor: TaxelArray
+    contact: Contact | None
+    counts: np.ndarray | None
+    memory: np.ndarray | None = None
+
+    @cached_property
+    def tactile_image(self) -> np.ndarray:
+        """(396, 240) float32, counts: barycentric interpolation between the taxels.
+
+        Raises T2TwinError for a layout that phi refuses, such as one with all taxels on a line.
+        """
+        assert self.counts is not None
+        layout = self.sensor.layout
+        return Phi(layout.x_mm, layout.y_mm)(self.counts.astype(np.float32))
+
+    @cached_property
+    def dense_counts(self) -> np.ndarray:
+        """(n,) uint16: noiseless counts at the places of the dense counts (`sensor.dense`)."""
+        noiseless = self.sensor.noiseless(self.contact, self.sensor.dense.layout)
+        return np.rint(noiseless).astype(np.uint16)
+
+    @cached_property
+    def tractions(self) -> np.ndarray:
+        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the places of the
+        dense counts."""
+        if self.contact is None:
+            return np.zeros((3, self.sensor.dense.layout.size), np.float32)
+        return self.sensor.dense.tractions(self.contact)
+
+    @property
+    def setup(self) -> dict[str, Any]:
+        """What differs from the sensor's file, for JSON."""
+        return {"layout": self.sensor.layout.name}
+
+    def save(self, folder: Path) -> None:
+        """Write NAME.json, tactile_image.png and tactile_picture.png."""
+        if self.counts is None:
+            return
+        layout, image = self.sensor.layout, self.tactile_image
+        content = {
+            "layout": layout.name,
+            "counts": self.counts.tolist(),
+            "x_mm": layout.x_mm.tolist(),
+            "y_mm": layout.y_mm.tolist(),
+            "full_scale_counts": self.sensor.full_scale,
+        }
+        text = json.dumps(content, indent=1)
+        (folder / f"{self.sensor.name}.json").write_text(f"{text}\n")
+        # 16 bits a pixel, so that the counts can be read back from the image.
+        Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
+        # The color scale ends at the image's maximum: a light press would be black at full scale.
+        brightest = max(float(image.max()), 1.0)
+        picture = colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest)
+        picture.save(folder / "tactile_picture.png")
+
+    def without_value(self) -> "CountsReading":
+        """The same without the counts, which a moving contact does not need."""
+        return replace(self, counts=None)
