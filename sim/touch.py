@@ -1,6 +1,6 @@
 """The result of a press, and the folder that it is saved to.
 
-press.json                 the command, what each contact came to, versions, an attached sensor's pose
+press.json                 the command, the contacts, versions, an attached sensor's pose
 CAMERA.png                 a gel camera's image; CAMERA is its name, such as digit
 ARRAY.json                 a taxel array's counts, such as cyskin-20.json
 contact_SENSOR.npz         surface and pressure of each contact

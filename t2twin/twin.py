@@ -109,8 +109,8 @@ class Twin:
 
         shape, scale, center: as for `load_shape`. force_n: 0.01 to 100, default 8. depth_mm:
         instead of a force, the depth in the source's layer from first contact; the target is
-        pressed with the resulting force. x_mm, y_mm: position of the shape's origin, right and down in the
-        image. yaw_deg: rotation, clockwise in the image. seed: of the camera noise and the
+        pressed with the resulting force. x_mm, y_mm: position of the shape's origin, right and down
+        in the image. yaw_deg: rotation, clockwise in the image. seed: of the camera noise and the
         imperfections; None for neither.
         Raises T2TwinError for an invalid shape, number or position.
         """
