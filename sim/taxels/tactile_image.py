@@ -33,12 +33,14 @@ def colored_tactile_image(
     y_mm: np.ndarray,
     full_scale: float,
     std: np.ndarray | None = None,
+    px_per_mm: float = PX_PER_MM,
 ) -> Image.Image:
     """A tactile image in colors, with a color bar.
 
     image: (R, C), counts. x_mm, y_mm: (N,) taxel positions, mm, which are marked with rings. The
     color scale is from zero to full_scale, counts. std: (R, C) standard deviations, counts; colors
-    fade to white with them, half way at HALF_FADED_SHARE of full scale.
+    fade to white with them, half way at HALF_FADED_SHARE of full scale. px_per_mm: scale of the
+    image.
     """
     rows, columns = image.shape[0] * SCALE, image.shape[1] * SCALE
     width = columns + 3 * MARGIN + BAR_WIDTH + LABELS_WIDTH
@@ -50,8 +52,8 @@ def colored_tactile_image(
     rendered.paste(large, (MARGIN, MARGIN))
     pen = ImageDraw.Draw(rendered)
     for x, y in zip(x_mm, y_mm, strict=True):
-        center = (MARGIN + columns / 2 + x * PX_PER_MM * SCALE,
-                  MARGIN + rows / 2 + y * PX_PER_MM * SCALE)  # fmt: skip
+        center = (MARGIN + columns / 2 + x * px_per_mm * SCALE,
+                  MARGIN + rows / 2 + y * px_per_mm * SCALE)  # fmt: skip
         pen.circle(center, TAXEL_RADIUS, outline="white")
     left = columns + 2 * MARGIN
     bar = _colors(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))

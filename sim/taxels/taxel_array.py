@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -37,6 +37,11 @@ class TaxelArray:
 
     OPTIONS: ClassVar = ("layout", "imperfections", "dead", "cover")
     """Options of `with_options`."""
+
+    VALUE: ClassVar = "counts"
+    """Column of its readings in a dataset."""
+    FRICTION: ClassVar = "cover_friction"
+    """Range of its friction in a recipe."""
 
     spec: TaxelArraySpec
     folder: str = ""
@@ -96,6 +101,16 @@ class TaxelArray:
         table = self.spec.dense or DenseTable(max(0.2, self.elastomer.thickness_mm))
         places = tuple(zip(own.x_mm.tolist(), own.y_mm.tolist(), strict=True))
         return DenseGrid(self.elastomer, table, places, float(own.pad_diameter_mm[0]))
+
+    @property
+    def phi(self) -> Phi:
+        """phi of the taxels, in the size and scale of the sensor's tactile image.
+
+        Raises T2TwinError for a layout that phi refuses, such as one with all taxels on a line.
+        """
+        table = self.spec.tactile_image
+        places = tuple(self.layout.x_mm.tolist()), tuple(self.layout.y_mm.tolist())
+        return _phi(*places, (table.rows, table.columns), table.px_per_mm)
 
     def with_options(self, options: dict[str, Any]) -> "TaxelArray":
         """The same sensor with some of OPTIONS, by name; None keeps the present value.
@@ -186,13 +201,12 @@ class CountsReading:
 
     @cached_property
     def tactile_image(self) -> np.ndarray:
-        """(396, 240) float32, counts: barycentric interpolation between the taxels.
+        """(rows, columns) float32, counts: barycentric interpolation between the taxels.
 
         Raises T2TwinError for a layout that phi refuses, such as one with all taxels on a line.
         """
         assert self.counts is not None
-        layout = self.sensor.layout
-        return Phi(layout.x_mm, layout.y_mm)(self.counts.astype(np.float32))
+        return self.sensor.phi(self.counts.astype(np.float32))
 
     @cached_property
     def dense_counts(self) -> np.ndarray:
@@ -213,6 +227,17 @@ class CountsReading:
         """What differs from the sensor's file, for JSON."""
         return {"layout": self.sensor.layout.name}
 
+    def row(self, path: str) -> dict[str, Any]:
+        """The column of the counts. path: not used."""
+        return {"counts": self.counts}
+
+    def dense_row(self, with_tractions: bool) -> dict[str, Any]:
+        """The columns of the dense counts, and of the tractions at their places."""
+        if not with_tractions:
+            return {"dense_counts": self.dense_counts}
+        names = ("pressure_kpa", "shear_x_kpa", "shear_y_kpa")
+        return {"dense_counts": self.dense_counts, **dict(zip(names, self.tractions, strict=True))}
+
     def save(self, folder: Path) -> None:
         """Write NAME.json, tactile_image.png and tactile_picture.png."""
         if self.counts is None:
@@ -231,9 +256,17 @@ class CountsReading:
         Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
         # The color scale ends at the image's maximum: a light press would be black at full scale.
         brightest = max(float(image.max()), 1.0)
-        picture = colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest)
+        scale = self.sensor.spec.tactile_image.px_per_mm
+        picture = colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest, px_per_mm=scale)
         picture.save(folder / "tactile_picture.png")
 
     def without_value(self) -> "CountsReading":
         """The same without the counts, which a moving contact does not need."""
         return replace(self, counts=None)
+
+
+@lru_cache(maxsize=4)
+def _phi(
+    x_mm: tuple[float, ...], y_mm: tuple[float, ...], shape: tuple[int, int], px_per_mm: float
+) -> Phi:
+    return Phi(np.array(x_mm), np.array(y_mm), shape, px_per_mm)
