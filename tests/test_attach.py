@@ -77,10 +77,11 @@ def test_a_pressed_ball_has_the_force_that_presses_it(sensor: Any):
     attached = t2twin.attach(spec, site="pad", sensor=sensor)
     model, data = simulate(spec)
     touch = attached.read(model, data)
-    contact = touch.contacts[sensor]
+    assert attached.name == sensor
+    assert list(touch.contacts) == [attached.sensor]
+    contact = touch.contacts[attached.sensor]
     assert contact.force_n == pytest.approx(FORCE_N, rel=1e-3)
     assert contact.settled
-    assert list(touch.contacts) == [sensor]
     assert (touch.image is None, touch.counts is None) == (sensor == "cyskin", sensor == "digit")
     assert touch.sensor_to_world is not None
     thickness_m = 1e-3 * attached.elastomer.thickness_mm
@@ -109,7 +110,7 @@ def test_the_same_press_as_by_the_twin():
         mesh.userface = faces.ravel()
         attached = t2twin.attach(spec, site="pad", sensor=sensor, geometry="visual")
         touch = attached.read(*simulate(spec))
-        contact, truth = touch.contacts[sensor], expected.contacts[sensor]
+        contact, truth = (each.contacts[attached.sensor] for each in (touch, expected))
         assert contact.depth_mm == pytest.approx(truth.depth_mm, rel=0.01)
         if sensor == "digit":
             error = touch.image.astype(float) - expected.image
@@ -131,7 +132,7 @@ def pushed_scene(sensor: Any = "digit", **options):
 @pytest.mark.parametrize("sensor", ["digit", "cyskin"])
 def test_force_shear_and_torque_are_those_of_mujoco(sensor):
     attached, model, data = pushed_scene(sensor)
-    contact = attached.read(model, data).contacts[sensor]
+    contact = attached.read(model, data).contacts[attached.sensor]
     force, torque = wrench(model, data, attached.pose(model, data))
     assert np.hypot(*force[:2]) > 1.0
     assert contact.force_n == pytest.approx(-force[2], rel=0.01)
@@ -300,11 +301,14 @@ def test_several_sensors_have_names_of_their_own():
         ({"body": "hand"}, "no body 'hand'; expected one of world, pedestal, ball"),
         ({"site": "pad", "body": "ball"}, "both given"),
         ({}, "both missing"),
-        ({"site": "pad", "sensor": "gelsight"}, "one of digit, cyskin"),
-        ({"site": "pad", "layout": "cyskin-20"}, "only a cyskin has it"),
-        ({"site": "pad", "imperfections": "all"}, "only a cyskin has it"),
+        (
+            {"site": "pad", "sensor": "gelsite"},
+            "there is no sensor 'gelsite'; allowed are cyskin-20",
+        ),
+        ({"site": "pad", "layout": "cyskin-20"}, "it has optics and markers"),
+        ({"site": "pad", "imperfections": "all"}, "digit is a gel camera, which does not have it"),
         ({"site": "pad", "sensor": "cyskin", "imperfections": "real"}, "no imperfections called"),
-        ({"site": "pad", "sensor": "cyskin", "markers": True}, "only a digit has it"),
+        ({"site": "pad", "sensor": "cyskin", "markers": True}, "it has layout and imperfections"),
         ({"site": "pad", "pos": [0, 0]}, r"pos has shape \(2,\); expected \(3,\)"),
         ({"site": "pad", "quat": [0, 0, 0, 0]}, "not zero"),
         ({"site": "pad", "friction": -1}, "friction is -1"),
@@ -403,3 +407,22 @@ def test_a_force_above_the_largest_is_limited():
     assert touch.unread_n == pytest.approx(50.0, rel=1e-2)
     assert contact.force_n == pytest.approx(100.0, rel=1e-3)
     assert contact.settled
+
+
+def test_a_sensor_file_gives_mass_color_and_depth_and_the_names(tmp_path):
+    (tmp_path / "thumb.toml").write_text(
+        'extends = "digit"\nname = "soft-thumb"\n[gel]\nyoung_mpa = 0.2\n'
+        "[mount]\nmass_kg = 0.07\ndepth_mm = 3.0\ncolor = [1.0, 0.5, 0.0, 0.75]\n"
+    )
+    spec = scene()
+    attached = t2twin.attach(spec, site="pad", sensor=tmp_path / "thumb.toml")
+    assert (attached.name, attached.sensor) == ("thumb", "soft-thumb")
+    model, data = simulate(spec)
+    geom = model.geom("thumb/surface")
+    assert model.body("thumb/body").mass == pytest.approx(0.07)
+    assert geom.rgba == pytest.approx([1.0, 0.5, 0.0, 0.75])
+    height_mm = 2e3 * model.geom_aabb[geom.id][3:].min()  # the geom is lower than it is wide
+    assert height_mm == pytest.approx(attached.elastomer.thickness_mm + 3.0, abs=0.01)
+    touch = attached.read(model, data)
+    assert touch["soft-thumb"].image.shape == (320, 240, 3)
+    assert touch["soft-thumb"].contact.force_n == pytest.approx(FORCE_N, rel=1e-3)

@@ -67,7 +67,7 @@ def test_a_dropped_body_rests_on_the_sensor(kind, drop_mm, step_s, sensor):
     spec.body("load").pos[2] = 0.0141 + 1e-3 * drop_mm
     model, data = at_rest(spec, round(1.0 / step_s))
     touch = attached.read(model, data)
-    assert touch.contacts[sensor].force_n == pytest.approx(0.05 * GRAVITY, rel=0.01)
+    assert touch.contacts[attached.sensor].force_n == pytest.approx(0.05 * GRAVITY, rel=0.01)
     assert touch.notices == ()
 
 
@@ -164,7 +164,7 @@ def test_a_body_thinner_than_a_cell_is_read(geom, sensor):
     spec, attached = scene(f"<geom {geom} mass='.1'/>", sensor=sensor)
     spec.body("load").pos = [0.0013, 0.0021, 0.0145]
     touch = attached.read(*at_rest(spec))
-    contact = touch.contacts[sensor]
+    contact = touch.contacts[attached.sensor]
     assert contact.force_n == pytest.approx(0.1 * GRAVITY, rel=0.01)
     pressure, total = contact.pressure_kpa, contact.pressure_kpa.sum()
     assert pressure.sum(axis=0) @ contact.x_mm / total == pytest.approx(1.3, abs=0.1)

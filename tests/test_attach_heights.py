@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from t2twin.attachment.geometry import Region, body_surface
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM
-from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.sensors.files import load_sensor
 
 REGION = Region(10.0, 12.0, 6.0, 0.1)
 FACING = np.diag([1.0, -1.0, -1.0])
@@ -136,7 +136,9 @@ def test_a_changed_height_field_is_read_again():
 def test_a_ball_has_its_closed_form():
     model, data = scene("<geom size='.005' pos='.001 .002 .003'/>")
     position = np.array([0.0, 0.0, 9e-3])
-    found = body_surface(model, data, BODY, FACING, position, Region.of(DIGIT_GEL))
+    found = body_surface(
+        model, data, BODY, FACING, position, Region.of(load_sensor("digit").elastomer)
+    )
     assert found is not None
     # The sensor's x is the world's, its y is minus the world's; a map's y is the world's again.
     x, y = np.meshgrid(found.surface.x_mm - 1.0, found.surface.y_mm - 2.0)

@@ -16,22 +16,15 @@ import numpy as np
 
 from t2twin.attachment.contacts import BODY, FRAME, SURFACE, Pose
 from t2twin.attachment.geometry import Geometry
-from t2twin.attachment.sensor import AttachedSensor, SensorName
+from t2twin.attachment.sensor import AttachedSensor
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.renamed import new_keywords
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.sliding import MAX_FRICTION
-from t2twin.sim.optical.markers import Markers, as_markers
-from t2twin.sim.sensors import CySkin, Digit
-from t2twin.sim.taxels.layout import DEFAULT_LAYOUT
-
-MASS_KG = {"digit": 0.02, "cyskin": 0.0034}
-"""Masses of the sensors, kg. DIGIT: Lambeta et al., DIGIT, IEEE RA-L 2020. CySkin: its cover of
-Ecoflex, 1.04 g/cm3 (maker's data sheet)."""
-
-COLOR = {"digit": (0.85, 0.75, 0.6, 1.0), "cyskin": (0.25, 0.3, 0.35, 1.0)}
-"""Colors of the sensors, RGBA."""
+from t2twin.sim.contact.spec import MountTable
+from t2twin.sim.optical.markers import Markers
+from t2twin.sim.sensors.files import Sensor, load_sensor
 
 CONDIM = 4
 """Dimensions of MuJoCo's contacts: a soft surface also resists turning about the normal."""
@@ -45,14 +38,11 @@ OWN_SOLMIX = 1e6
 """Weight of the contact parameters of a sensor's geom; others have 1."""
 
 MESH_PITCH_MM = 1.0
-"""Distance of the vertices of a dome, mm. Its facets are within 0.006 mm of the dome."""
-
-BACKING_M = 0.02
-"""Largest depth of a geom behind its base, m. Assumed: less than a DIGIT's housing, and more than
-a body moves in a time step of 5 ms after a fall of 0.1 m, three times 7 mm."""
+"""Distance of the vertices of a dome, mm. Its facets are within 0.006 mm of a dome whose radius is
+21 mm."""
 
 UNKNOWN_M = 0.008
-"""Depth where the spec does not compile yet, m (assumed: most fingers are thicker)."""
+"""Largest depth where the spec does not compile yet, m (assumed: most fingers are thicker)."""
 
 RAYS = (-0.25, 0.0, 0.25)
 """Places of rays along both sides of the pad, in shares of its sides."""
@@ -69,7 +59,7 @@ START_M = 1e-4
 def attach(
     spec: "mujoco.MjSpec",
     *,
-    sensor: SensorName,
+    sensor: str | Path,
     site: str | None = None,
     body: str | None = None,
     pos: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
@@ -86,20 +76,23 @@ def attach(
 ) -> AttachedSensor:
     """Add a sensor to a MuJoCo model before it is compiled; the spec must be in meters.
 
-    sensor: "digit" or "cyskin". site, body: name of the site or body it is mounted on; body "world"
-    is the world. pos, quat: pose of the sensor's base relative to that, m. The base is the bonded
-    side of the gel or cover, and its center is at the pose. The pose's z axis is the sensor's
-    outward normal. Its x axis is the sensor's x axis, to the right in the DIGIT's image.
-    name: of the sensor; None for "digit" or "cyskin", with a number from the second one on. The
-    model gets the body NAME/body, the geom and mesh NAME/surface, and the site NAME/frame at the
-    apex of the undeformed surface. The geom reaches behind the base, as far as the geoms there, so
-    that no body gets through it. optics, markers: of a DIGIT, as for `Twin`. layout,
-    imperfections: of a CySkin, as for `Twin`. friction: coefficient of the sensor's geom; None for
-    MuJoCo's default. MuJoCo uses the larger coefficient of both geoms in a contact.
+    sensor: name of a bundled sensor (`t2twin.sensors()`), or a sensor file. Its table [mount] gives
+    the mass, the color, and the largest depth of the geom. site, body: name of the site or body it
+    is mounted on; body "world" is the world. pos, quat: pose of the sensor's base relative to that,
+    m. The base is the bonded side of the elastomer, and its center is at the pose. The pose's z
+    axis is the sensor's outward normal. Its x axis is the sensor's x axis, to the right in the
+    image of a gel camera.
+    name: of the elements; None for the given sensor's name or its file's, with a number from the
+    second one on. The model gets the body NAME/body, the geom and mesh NAME/surface, and the site
+    NAME/frame at the apex of the undeformed surface. The geom reaches behind the base, as far as
+    the geoms there, so that no body gets through it. optics, markers: of a gel camera, as for
+    `Twin`. layout, imperfections: of a taxel array, as for `Twin`. friction: coefficient of the
+    sensor's geom; None for MuJoCo's default. MuJoCo uses the larger coefficient of both geoms in a
+    contact.
     geometry: geoms of the touching bodies whose surfaces are pressed into the sensor: "collision",
     or "visual" for those without collision where there are any. rate_hz: readings per second of
     simulated time; None for one whenever the state has changed. seed: of the camera noise or the
-    CySkin's imperfections; None for neither.
+    array's imperfections; None for neither.
     Raises T2TwinError for invalid arguments, and for names that do not exist or clash.
     """
     if not isinstance(spec, mujoco.MjSpec):
@@ -107,10 +100,10 @@ def attach(
             f"spec is {arguments.describe(spec)}; expected a mujoco.MjSpec, for example of "
             "mujoco.MjSpec.from_file"
         )
-    device = _device(sensor, optics, layout, imperfections, markers)
+    device = _device(sensor, optics=optics, layout=layout, imperfections=imperfections,
+                     markers=markers)  # fmt: skip
     mounted = AttachedSensor(
         name=_free_name(spec, name, sensor),
-        sensor=sensor,
         device=device,
         geometry=geometry,
         rate_hz=rate_hz,
@@ -118,8 +111,8 @@ def attach(
     )
     pose = arguments.vector(pos, "pos", 3), _unit(quat)
     place, prefix = _place(spec, site, body), f"{mounted.name}/"
-    depth_m = _backing_m(spec, place.name, site is not None, *pose, mounted.elastomer)
-    own = _own_spec(sensor, mounted.elastomer, friction, depth_m, *pose)
+    depth_m = _backing_m(spec, place.name, site is not None, *pose, device)
+    own = _own_spec(device.mount, mounted.elastomer, friction, depth_m, *pose)
     if site is not None:
         spec.attach(own, site=place, prefix=prefix)
     else:
@@ -142,31 +135,21 @@ def _place(
     return place
 
 
-def _device(
-    sensor: object,
-    optics: str | Path | None,
-    layout: str | Path | None,
-    imperfections: str | None,
-    markers: Markers | bool | None,
-) -> Digit | CySkin:
-    """The simulated sensor. Raises T2TwinError for an argument of the other sensor."""
-    arguments.choice(sensor, "sensor", ("digit", "cyskin"))
-    if sensor == "cyskin":
-        for value, name in ((optics, "optics"), (markers, "markers")):
-            if value is not None:
-                raise T2TwinError(f"{name} is given for a cyskin; only a digit has it")
-        source = DEFAULT_LAYOUT if layout is None else str(arguments.path(layout, "layout"))
-        flaws = CySkin.imperfections if imperfections is None else imperfections
-        return CySkin(layout_source=source, imperfections=flaws)
-    for value, name in ((layout, "layout"), (imperfections, "imperfections")):
-        if value is not None:
-            raise T2TwinError(f"{name} is given for a digit; only a cyskin has it")
-    light = None if optics is None else str(arguments.path(optics, "optics"))
-    return Digit(optics_file=light, markers=as_markers(markers))
+def _device(source: str | Path, **options: object) -> Sensor:
+    """The simulated sensor. Raises T2TwinError for an option that it does not have."""
+    device = load_sensor(source)
+    for option, value in options.items():
+        if value is not None and option not in device.OPTIONS:
+            own = " and ".join(each for each in options if each in device.OPTIONS)
+            raise T2TwinError(
+                f"{option} is given, but {device.name} is a {device.spec.kind.replace('-', ' ')}, "
+                f"which does not have it; it has {own}"
+            )
+    return device.with_options(options)
 
 
 def _own_spec(
-    sensor: str,
+    mount: MountTable,
     elastomer: Elastomer,
     friction: float | None,
     depth_m: float,
@@ -177,7 +160,7 @@ def _own_spec(
     of its geom behind the base."""
     spec, thickness_m = mujoco.MjSpec(), 1e-3 * elastomer.thickness_mm
     body = spec.worldbody.add_body(name=BODY, pos=pos, quat=quat)
-    geom = body.add_geom(name=SURFACE, mass=MASS_KG[sensor], rgba=COLOR[sensor], condim=CONDIM)
+    geom = body.add_geom(name=SURFACE, mass=mount.mass_kg, rgba=mount.color, condim=CONDIM)
     geom.solref, geom.solimp, geom.solmix = SOLREF, SOLIMP, OWN_SOLMIX
     half_m = 0.5e-3 * np.array([elastomer.width_mm, elastomer.length_mm])
     if np.isfinite([elastomer.dome_width_radius_mm, elastomer.dome_length_radius_mm]).any():
@@ -217,15 +200,20 @@ def _named(find, name: object, kind: str, existing: Iterable) -> "mujoco.MjsBody
     return found
 
 
-def _free_name(spec: "mujoco.MjSpec", name: str | None, sensor: str) -> str:
-    """The sensor's name, or the first free one. Raises T2TwinError for one that is in use."""
+def _free_name(spec: "mujoco.MjSpec", name: str | None, sensor: str | Path) -> str:
+    """The given name, or the first free one. Raises T2TwinError for one that is in use.
+
+    sensor: as for `attach`.
+    """
 
     def is_used(name: str) -> bool:
         places = ((spec.body, BODY), (spec.geom, SURFACE), (spec.mesh, SURFACE), (spec.site, FRAME))
         return any(find(f"{name}/{part}") is not None for find, part in places)
 
     if name is None:
-        names = (sensor if n == 1 else f"{sensor}-{n}" for n in count(1))
+        own = str(sensor)
+        own = Path(own).stem if own.endswith(".toml") else own
+        names = (own if n == 1 else f"{own}-{n}" for n in count(1))
         return next(each for each in names if not is_used(each))
     if not arguments.text(name, "name"):
         raise T2TwinError("name is empty; expected a text of at least one character")
@@ -244,18 +232,20 @@ def _unit(quat: object) -> np.ndarray:
 
 def _backing_m(
     spec: "mujoco.MjSpec", parent: str, is_site: bool, pos: np.ndarray, quat: np.ndarray,
-    elastomer: Elastomer,
+    device: Sensor,
 ) -> float:  # fmt: skip
     """Depth behind a sensor's base, m: the least thickness of the geoms that it is welded to, 0 for
     a mount that is narrower than half the pad.
 
     parent: name of the site or body of the mount. pos, quat: pose of the base on it.
-    BACKING_M where there is nothing behind the base, and UNKNOWN_M for a spec that is not complete.
+    The mount's depth where there is nothing behind the base, and at most UNKNOWN_M for a spec that
+    is not complete.
     """
+    elastomer, deepest_m = device.elastomer, 1e-3 * device.mount.depth_mm
     try:
         model = spec.copy().compile()
     except (ValueError, mujoco.FatalError):
-        return UNKNOWN_M
+        return min(UNKNOWN_M, deepest_m)
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     if is_site:
@@ -270,20 +260,22 @@ def _backing_m(
     half_x, half_y = 0.5e-3 * elastomer.width_mm, 0.5e-3 * elastomer.length_mm
     starts = [(2 * x * half_x, 2 * y * half_y, 0.0) for x in RAYS for y in RAYS]
     depths = [
-        _thickness_m(model, data, geoms, frame.position_m + frame.rotation @ start, frame)
+        _thickness_m(
+            model, data, geoms, frame.position_m + frame.rotation @ start, frame, deepest_m
+        )
         for start in starts
     ]
-    return min(depths) if any(depths) else BACKING_M
+    return min(depths) if any(depths) else deepest_m
 
 
 def _thickness_m(
     model: "mujoco.MjModel", data: "mujoco.MjData", geoms: np.ndarray, start_m: np.ndarray,
-    frame: Pose,
+    frame: Pose, deepest_m: float,
 ) -> float:  # fmt: skip
     """Depth below a point up to which there are geoms without a gap, less CLEARANCE_M, at most
-    BACKING_M."""
+    deepest_m."""
     into, depth = -frame.rotation[:, 2], START_M
-    while depth < BACKING_M:
+    while depth < deepest_m:
         point = start_m + depth * into
         ends = [
             ahead
@@ -294,7 +286,7 @@ def _thickness_m(
         if not ends:
             break
         depth += max(ends) + START_M
-    return min(max(depth - START_M - CLEARANCE_M, 0.0), BACKING_M)
+    return min(max(depth - START_M - CLEARANCE_M, 0.0), deepest_m)
 
 
 def _hit_m(

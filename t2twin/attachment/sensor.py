@@ -1,7 +1,7 @@
 """A sensor that is attached to a MuJoCo model.
 
-The sensor frame has its origin at the apex of the undeformed surface. x is to the right in the
-DIGIT's image, y is down, z is out of the sensor.
+The sensor frame has its origin at the apex of the undeformed surface. x is to the right in
+the image, y is down, z is out of the sensor.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
@@ -12,7 +12,7 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from math import floor, inf, isfinite
 from threading import Lock
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 from weakref import WeakKeyDictionary
 
 import mujoco
@@ -40,10 +40,8 @@ from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
-from t2twin.sim.sensors import CySkin, Digit
+from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.touch import Notice, Touch
-
-SensorName = Literal["digit", "cyskin"]
 
 NOTHING = Shape(
     "nothing",
@@ -53,9 +51,7 @@ NOTHING = Shape(
 )
 """The shape of a touch without contact."""
 
-NO_TOUCH = Touch(
-    NOTHING, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0), None, None, None, None, None
-)
+NO_TOUCH = Touch(NOTHING, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0))
 """A touch without contact and without readings."""
 
 MAX_RATE_HZ = 1e6
@@ -124,9 +120,9 @@ class State:
 
 
 class AttachedSensor:
-    """A DIGIT or a CySkin in a MuJoCo model, made by `t2twin.attach`.
+    """A gel camera or a taxel array in a MuJoCo model, made by `t2twin.attach`.
 
-    name: prefix of its elements in the model. sensor: "digit" or "cyskin". device: the simulated
+    name: prefix of its elements in the model. sensor: its name in a touch. device: the simulated
     sensor. geometry, rate_hz, seed: as for `attach`.
     Several threads may use one sensor at the same time.
     Under MUJOCO_GL=egl, import t2twin before mujoco, whose import fails with pyrender's PyOpenGL.
@@ -136,8 +132,7 @@ class AttachedSensor:
     def __init__(
         self,
         name: str,
-        sensor: SensorName,
-        device: Digit | CySkin,
+        device: Sensor,
         geometry: Geometry = "collision",
         rate_hz: float | None = None,
         seed: int | None = None,
@@ -147,17 +142,21 @@ class AttachedSensor:
             rate_hz = arguments.number(rate_hz, "rate_hz", 1 / MAX_RATE_HZ, MAX_RATE_HZ)
         if seed is not None:
             arguments.check_seed(seed)
-        self.name, self.sensor, self.device = name, sensor, device
+        self.name, self.device = name, device
         self.geometry: Geometry = geometry
         self.rate_hz, self.seed = rate_hz, seed
         self._suffix = ""
         self._begin()
 
     @property
+    def sensor(self) -> str:
+        """The sensor's name in a touch."""
+        return self.device.name
+
+    @property
     def elastomer(self) -> Elastomer:
-        """The DIGIT's gel or the CySkin's cover."""
-        device = self.device
-        return device.elastomer if isinstance(device, Digit) else device.cover
+        """The gel or the cover."""
+        return self.device.elastomer
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy has: all but the readings."""
@@ -199,7 +198,7 @@ class AttachedSensor:
         model: compiled from the spec of `attach`, or from one to which that was attached. data:
         after `mj_step`, `mj_step1` and 2, or `mj_forward`, which compute the contact forces.
         Contacts and poses are those at the beginning of the last step, as for MuJoCo's own sensors.
-        The touch has the fields of this sensor, and None for the other's. `sensor_to_world` is the
+        The touch has the reading of this sensor alone. `sensor_to_world` is the
         sensor's pose. `notices` has each force of MuJoCo's contacts that the contact lacks by more
         than 1 % and 0.01 N, with the reason; each reason is also a T2TwinWarning, once. An
         unchanged state gives the same touch again, as does each state before the next period of
@@ -330,14 +329,12 @@ class AttachedSensor:
     def _touch(self, contact: Contact | None, frame: Pose, state: State, time_s: float) -> Touch:
         """The touch of a contact at a time; its noise depends on the number of earlier readings."""
         rng = None if self.seed is None else np.random.default_rng((self.seed, state.reads))
-        device, found = self.device, replace(NO_TOUCH, sensor_to_world=frame.matrix)
-        if contact is not None:
-            found = replace(found, shape=contact.shape, command=contact.command)
-        if isinstance(device, Digit):
-            own = {"optics": device.optics_file, "markers": device.markers}
-            return replace(found, image=device.image(contact, rng), digit=contact, **own)
-        counts, memory = device.read(contact, rng, state.touch, time_s - state.touch_s)
-        return replace(found, counts=counts, cyskin=contact, layout=device.layout, memory=memory)
+        before: Any = None if state.touch is None else state.touch[self.sensor]
+        reading = self.device.read(contact, rng, before, time_s - state.touch_s)
+        found = replace(NO_TOUCH, readings={self.sensor: reading}, sensor_to_world=frame.matrix)
+        if contact is None:
+            return found
+        return replace(found, shape=contact.shape, command=contact.command)
 
 
 def _body_name(model: "mujoco.MjModel", body: int) -> str:
