@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.files import load_sensor
 
 BALL_MM = 4.7
 POSES = np.array(
@@ -26,11 +26,10 @@ def save(picture, path):
 def write_frames(folder: Path) -> None:
     """background.png and press_*.png, with a frame's noise."""
     folder.mkdir(parents=True, exist_ok=True)
-    renderer, rng = ImageRenderer.load(), np.random.default_rng(3)
-    save(
-        renderer.render(ball_surface(0, 0, 1.0) * 0, rng, NOISE_GREY),
-        folder / "background.png",
-    )
+    digit, rng = load_sensor("digit"), np.random.default_rng(3)
+    renderer, gel = digit.image_renderer, digit.own_gel
+    still = ball_surface(gel, 0, 0, 1.0) * 0
+    save(renderer.render(still, rng), folder / "background.png")
     for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):
-        surface = ball_surface(x_mm, y_mm, depth_mm, BALL_MM / 2)
-        save(renderer.render(surface, rng, NOISE_GREY), folder / f"press_{index:02d}.png")
+        surface = ball_surface(gel, x_mm, y_mm, depth_mm, BALL_MM / 2)
+        save(renderer.render(surface, rng), folder / f"press_{index:02d}.png")

@@ -20,10 +20,13 @@ from t2twin.sim.optical.randomization.unit import Unit, UnitRanges, sample_unit
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.recipe import load_recipe
-from t2twin.sim.sensors import Digit
+from t2twin.sim.sensors.files import load_sensor
 
 NO_ARTIFACTS = Artifacts(streaks=(0, 0), glares=(0, 0), worn=0.0, drift_grey=(0.0, 0.0))
-BALL = ball_surface(0.5, -1.0, 1.1)
+DIGIT = load_sensor("digit")
+LEDS = tuple(table.led for table in DIGIT.spec.light.leds)
+NOISE_GREY = DIGIT.spec.camera.noise_grey
+BALL = ball_surface(DIGIT.own_gel, 0.5, -1.0, 1.1)
 
 TOOL = ("allen-key/long-arm",)
 
@@ -51,11 +54,11 @@ each = "press"
 def gray_unit(level: int = 120, gamma: float = 2.0) -> Unit:
     """A unit with an even background frame."""
     background = np.full((320, 240, 3), level, dtype=np.uint8)
-    return Unit(replace(Optics.load(), background=background, gamma=gamma), 2.8)
+    return Unit(replace(DIGIT.optics, background=background, gamma=gamma), 2.8)
 
 
 def used(seed: int, unit: Unit, artifacts: Artifacts) -> Unit:
-    return with_artifacts(np.random.default_rng(seed), unit, artifacts)
+    return with_artifacts(np.random.default_rng(seed), unit, artifacts, LEDS)
 
 
 def earlier(unit: Unit) -> np.ndarray:
@@ -64,11 +67,11 @@ def earlier(unit: Unit) -> np.ndarray:
 
 
 def test_artifacts_of_zero_strength_keep_all_frames() -> None:
-    unit = sample_unit(np.random.default_rng(0), UnitRanges())
+    unit = sample_unit(np.random.default_rng(0), DIGIT.spec, UnitRanges())
     same = used(1, unit, NO_ARTIFACTS)
     for frame in (same.optics.background, earlier(same)):
         np.testing.assert_array_equal(frame, unit.optics.background)
-    plain, again = Digit().with_unit(unit), Digit().with_unit(same)
+    plain, again = DIGIT.with_unit(unit), DIGIT.with_unit(same)
     for image in (lambda digit, rng: digit.background_frame(rng),
                   lambda digit, rng: digit.image_renderer.render(BALL, rng)):  # fmt: skip
         frames = [image(digit, np.random.default_rng(2)) for digit in (plain, again)]
@@ -91,7 +94,7 @@ def test_drift_has_the_stated_rms_in_each_color(even: float) -> None:
 
 def test_drift_is_between_the_background_frame_and_an_untouched_press() -> None:
     only = structs.replace(NO_ARTIFACTS, drift_grey=(3.0, 3.0), drift_even_part=(1.0, 1.0))
-    digit = Digit().with_unit(used(0, gray_unit(), only))
+    digit = DIGIT.with_unit(used(0, gray_unit(), only))
     apart = digit.background_frame().astype(int) - digit.image(None)
     np.testing.assert_array_equal(np.abs(apart), 3)
 
@@ -104,7 +107,10 @@ def test_worn_gel_multiplies_the_light() -> None:
     before = linear(np.full((320, 240), 120), 2.0) * albedo
     shown = linear(unit.optics.background, 2.0)
     np.testing.assert_allclose(shown, before[..., None].repeat(3, axis=2), atol=0.006)
-    new, old = (ImageRenderer(each.optics).render(BALL) for each in (gray_unit(), unit))
+    new, old = (
+        ImageRenderer(each.optics, DIGIT.own_gel, NOISE_GREY).render(BALL)
+        for each in (gray_unit(), unit)
+    )
     inside = (new > 30) & (new < 200)
     wanted = 255 * np.sqrt(np.clip(linear(new, 2.0) * albedo[..., None], 0.0, 1.0))
     assert np.abs(old - wanted)[inside].max() < 3
@@ -165,7 +171,7 @@ def test_glare_lies_at_the_edge_toward_its_led() -> None:
 
 
 def test_the_same_seed_gives_the_same_unit_in_any_thread() -> None:
-    unit = sample_unit(np.random.default_rng(0), UnitRanges())
+    unit = sample_unit(np.random.default_rng(0), DIGIT.spec, UnitRanges())
     with ThreadPoolExecutor(3) as pool:
         again = list(pool.map(lambda seed: used(seed, unit, Artifacts()), [0, 0, 0, 1]))
     frames = [(earlier(each).tobytes(), each.optics.background.tobytes()) for each in again]
@@ -174,8 +180,8 @@ def test_the_same_seed_gives_the_same_unit_in_any_thread() -> None:
 
 
 def test_units_near_an_optics_file_have_artifacts_too() -> None:
-    center = Optics.load()
-    unit = sample_unit(np.random.default_rng(0), UnitRanges(), center)
+    center = DIGIT.optics
+    unit = sample_unit(np.random.default_rng(0), DIGIT.spec, UnitRanges(), center)
     assert np.abs(earlier(used(0, unit, Artifacts())).astype(int) - center.background).max() > 3
 
 
@@ -226,7 +232,7 @@ def test_a_share_of_the_units_is_the_fixed_one_without_artifacts(tmp_path, shape
     light = light.replace("presses = 3", "presses = 8")
     recipe.write_text(light + "[light.artifacts]\nworn = 1.0\n")
     make_dataset(tmp_path / "mixed", recipe=recipe, workers=1, cache=shape_cache, shapes=TOOL)
-    default = Digit(noise_grey=0.0).background_frame()
+    default = DIGIT.background_frame()
     rows = read_split(tmp_path / "mixed", "test").to_pylist()
     frames = [decode_png(row["background"]["bytes"]) for row in rows]
     off = np.array([np.abs(frame.astype(float) - default).mean() for frame in frames])

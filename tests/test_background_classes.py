@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from t2twin.sim.optical.image_renderer import NOISE_GREY
 from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
-from t2twin.sim.sensors import Digit
+from t2twin.sim.sensors.files import load_sensor
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.uncertainty.ood import (
     INVERSE_TRANSFORMS,
@@ -17,6 +16,8 @@ from t2twin.translate.uncertainty.ood import (
     compare_with_background,
 )
 
+DIGIT = load_sensor("digit").with_options({"frames": 1})
+LEDS = tuple(table.led for table in DIGIT.spec.light.leds)
 SIZE, UNITS = 96, 40
 TURNED = {
     OODClass.ROTATED_LEFT: OODClass.ROTATED_RIGHT,
@@ -34,10 +35,10 @@ def units() -> tuple[np.ndarray, np.ndarray]:
     frames, backgrounds = [], []
     for number in range(UNITS):
         rng = np.random.default_rng([8, number])
-        unit = sample_unit(rng, UnitRanges())
+        unit = sample_unit(rng, DIGIT.spec, UnitRanges())
         if number % 2:
-            unit = with_artifacts(rng, unit, Artifacts())
-        digit = Digit(noise_grey=NOISE_GREY).with_unit(unit)
+            unit = with_artifacts(rng, unit, Artifacts(), LEDS)
+        digit = DIGIT.with_unit(unit)
         backgrounds.append(pixels(digit.background_frame(rng)))
         frames.append(pixels(digit.image(None, rng)))
     return np.array(frames), np.array(backgrounds)

@@ -13,23 +13,27 @@ from t2twin import Twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import convert
-from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.optical import pyrender_renderer
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
-from t2twin.sim.optical.image_renderer import FRAMES, ImageRenderer
+from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
+from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.light.ray_casting import Rays
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.optical.surface import ball_surface
-from t2twin.sim.sensors import Digit
+from t2twin.sim.sensors.files import load_sensor
 
+DIGIT = load_sensor("digit")
+GEL, CAMERA, FRAMES = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.camera.frames
+ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
+NOISE_GREY = DIGIT.spec.camera.noise_grey
+OWN = DIGIT.spec.units
 DRAW = UnitRanges()
 DRAWN = 500
-BALL = ball_surface(0.5, -1.0, 1.1)
+BALL = ball_surface(GEL, 0.5, -1.0, 1.1)
 
 
 def unit(seed, draw=DRAW, center=None):
-    return sample_unit(np.random.default_rng(seed), draw, center)
+    return sample_unit(np.random.default_rng(seed), DIGIT.spec, draw, center)
 
 
 def same(one, other):
@@ -53,7 +57,7 @@ def units():
 
 @pytest.fixture(scope="module")
 def shipped():
-    return Optics.load()
+    return DIGIT.optics
 
 
 # Drawing
@@ -74,8 +78,8 @@ def test_units_keep_to_the_ranges(units):
         assert np.ptp(values) > 0.8 * (between[1] - between[0])
 
     optics = [one.optics for one in units]
-    check([c.scale_px_per_mm for c in optics], DRAW.scale_px_per_mm)
-    check([c.distance_mm for c in optics], DRAW.distance_mm)
+    check([c.scale_px_per_mm for c in optics], OWN.scale_px_per_mm)
+    check([c.distance_mm for c in optics], OWN.distance_mm)
     check([c.gamma for c in optics], (DRAW.linear_gamma[0], DRAW.gamma[1]))
     check([(c.shift_x_px, c.shift_y_px) for c in optics], DRAW.shift_px)
     check([(c.tilt_x_deg, c.tilt_y_deg) for c in optics], DRAW.tilt_deg)
@@ -83,7 +87,7 @@ def test_units_keep_to_the_ranges(units):
     sizes = np.array([c.sizes_mm for c in optics])
     assert sizes.max() <= DRAW.led_size_mm[1] and sizes.min() > 0.9 * DRAW.led_size_mm[0]
     places = np.array([c.leds_mm for c in optics])
-    check(np.hypot(places[..., 0], places[..., 1]), DRAW.led_distance_mm)
+    check(np.hypot(places[..., 0], places[..., 1]), OWN.led_distance_mm)
     turns = np.degrees(np.arctan2(-places[..., 1], places[..., 0])) - (30.0, 150.0, -90.0)
     check(turns, DRAW.led_turn_deg)
 
@@ -97,14 +101,14 @@ def test_backgrounds_are_plain_and_hardly_clipped(units):
 
 def test_a_press_is_seen_in_every_unit(units):
     for one in units[:40]:
-        renderer = ImageRenderer(one.optics)
+        renderer = ImageRenderer(one.optics, GEL, NOISE_GREY)
         change = np.abs(renderer.render(BALL).astype(int) - renderer.background).max(axis=-1)
         assert np.percentile(change, 95) > 15
         assert (change > 5).mean() < 0.6
 
 
 def test_a_unit_about_an_optics_file_is_near_it(shipped):
-    own = ImageRenderer(shipped)
+    own = ImageRenderer(shipped, GEL, NOISE_GREY)
     for seed in range(5):
         near = unit(seed, center=shipped).optics
         assert np.abs(near.leds_mm - shipped.leds_mm).max() <= DRAW.around_led_mm[1]
@@ -112,7 +116,7 @@ def test_a_unit_about_an_optics_file_is_near_it(shipped):
         assert near.gamma == pytest.approx(shipped.gamma, rel=0.06)
         light = np.abs(near.background.astype(float) - shipped.background)
         assert 0 < light.mean() < 0.15 * shipped.background.mean()
-        renderer = ImageRenderer(near)
+        renderer = ImageRenderer(near, GEL, NOISE_GREY)
         changes = [(o.render(BALL).astype(float) - o.background).ravel() for o in (renderer, own)]
         assert np.corrcoef(changes)[0, 1] > 0.8
 
@@ -146,12 +150,12 @@ def test_one_range_of_one_number_fixes_it():
 
 
 def test_a_digit_takes_a_units_light_and_noise(units):
-    digit = Digit().with_unit(units[3])
+    digit = DIGIT.with_unit(units[3])
     assert digit.noise_grey == pytest.approx(units[3].noise_grey / np.sqrt(FRAMES))
-    assert digit.gel == DIGIT_GEL
+    assert digit.elastomer == GEL
     background = units[3].optics.background
     np.testing.assert_array_equal(digit.background_frame(), background)
-    grainy = Digit().with_unit(replace(units[3], noise_grey=2.0 * np.sqrt(FRAMES)))
+    grainy = DIGIT.with_unit(replace(units[3], noise_grey=2.0 * np.sqrt(FRAMES)))
     noisy = grainy.background_frame(np.random.default_rng(0)).astype(float)
     inside = (background > 20) & (background < 235)
     wanted = np.hypot(2.0, np.sqrt(1 / 12))
@@ -166,8 +170,10 @@ def test_a_digit_takes_a_units_light_and_noise(units):
 
 
 def test_a_shift_moves_the_picture_by_as_many_pixels(shipped):
-    still = ImageRenderer(replace(shipped, background=np.full_like(shipped.background, 120)))
-    moved = ImageRenderer(replace(still.optics, shift_x_px=12.0, shift_y_px=-20.0))
+    still = ImageRenderer(
+        replace(shipped, background=np.full_like(shipped.background, 120)), GEL, NOISE_GREY
+    )
+    moved = ImageRenderer(replace(still.optics, shift_x_px=12.0, shift_y_px=-20.0), GEL, NOISE_GREY)
     before, after = still.render(BALL), moved.render(BALL)
     middle = before[60:-60, 40:-40].astype(int)
     shifted = after[40:-80, 52:-28].astype(int)
@@ -176,26 +182,26 @@ def test_a_shift_moves_the_picture_by_as_many_pixels(shipped):
 
 
 def test_a_shifted_and_tilted_camera_projects_its_rays_back():
-    camera = Camera(18.0, 21.0, 7.0, -4.0, 2.0, -1.0)
-    x, y, z = camera.gel_points(np.arange(COLUMNS), np.arange(ROWS))
+    camera = Camera(ROWS, COLUMNS, 18.0, 21.0, 7.0, -4.0, 2.0, -1.0)
+    x, y, z = camera.gel_points(GEL, np.arange(COLUMNS), np.arange(ROWS))
     rows, columns = camera.project(x, y, z)
     np.testing.assert_allclose(rows, np.arange(320)[:, None] * np.ones(240), atol=1e-9)
     np.testing.assert_allclose(columns, np.ones((320, 1)) * np.arange(240), atol=1e-9)
-    rest = DIGIT_GEL.rest_surface_mm(x, y) + np.tan(np.radians(2.0)) * y
+    rest = GEL.rest_surface_mm(x, y) + np.tan(np.radians(2.0)) * y
     np.testing.assert_allclose(z, rest - np.tan(np.radians(1.0)) * x, atol=0.01)
-    rays = Rays(camera)
+    rays = Rays(camera, GEL)
     np.testing.assert_allclose(rays.places_mm[0][1:-1, 1:-1], x[::2, ::2], atol=0.06)
 
 
 def test_no_tilt_is_no_tilt_and_a_tilt_keeps_the_apex(shipped):
-    level = ImageRenderer(shipped).render(BALL)
+    level = ImageRenderer(shipped, GEL, NOISE_GREY).render(BALL)
     untilted = replace(replace(shipped, tilt_x_deg=1.0), tilt_x_deg=0.0)
-    np.testing.assert_array_equal(ImageRenderer(untilted).render(BALL), level)
-    tilted = ImageRenderer(replace(shipped, tilt_x_deg=2.0))
+    np.testing.assert_array_equal(ImageRenderer(untilted, GEL, NOISE_GREY).render(BALL), level)
+    tilted = ImageRenderer(replace(shipped, tilt_x_deg=2.0), GEL, NOISE_GREY)
     np.testing.assert_array_equal(tilted.render(BALL * 0), shipped.background)
     assert np.abs(tilted.render(BALL).astype(int) - level).max() > 5
-    rest = Rays(replace(DIGIT_CAMERA, tilt_x_deg=2.0)).rest_mm - Rays(DIGIT_CAMERA).rest_mm
-    y_mm = optical_grid()[1]
+    rest = Rays(replace(CAMERA, tilt_x_deg=2.0), GEL).rest_mm - Rays(CAMERA, GEL).rest_mm
+    y_mm = optical_grid(GEL)[1]
     np.testing.assert_allclose(rest[:, 0], np.tan(np.radians(2.0)) * y_mm, atol=1e-5)
 
 
@@ -215,7 +221,7 @@ def test_shift_and_tilt_are_in_a_file_only_where_there_are_any(shipped, tmp_path
 )
 def test_a_camera_too_far_off_is_refused(shipped, off):
     with pytest.raises(T2TwinError, match="expected a"):
-        Camera(**off)
+        replace(CAMERA, **off)
     with pytest.raises(T2TwinError, match="must lie between"):
         replace(shipped, **off)
 
@@ -225,8 +231,8 @@ def test_a_camera_too_far_off_is_refused(shipped, off):
 
 def test_pyrender_and_the_baked_model_agree_for_the_light_that_ships(monkeypatch):
     monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 5)
-    digit = pickle.loads(pickle.dumps(Digit(renderer="pyrender")))
-    baked = Digit().image_renderer.render(BALL)
+    digit = pickle.loads(pickle.dumps(DIGIT.with_options({"renderer": "pyrender"})))
+    baked = DIGIT.image_renderer.render(BALL)
     rendered = digit.image_renderer.render(BALL)
     crop = (slice(90, 190), slice(80, 180))
     assert psnr(rendered[crop], baked[crop]) > 32
@@ -237,10 +243,10 @@ def test_pyrender_and_the_baked_model_agree_for_the_light_that_ships(monkeypatch
 
 def test_pyrender_renders_a_drawn_unit_in_its_own_light(units, monkeypatch):
     monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 2)
-    digit = Digit(renderer="pyrender").with_unit(units[0])
+    digit = DIGIT.with_options({"renderer": "pyrender"}).with_unit(units[0])
     background = units[0].optics.background
     rendered = digit.image_renderer.render(BALL).astype(float) - background
-    baked = Digit().with_unit(units[0]).image_renderer.render(BALL).astype(float) - background
+    baked = DIGIT.with_unit(units[0]).image_renderer.render(BALL).astype(float) - background
     assert np.corrcoef(rendered.ravel(), baked.ravel())[0, 1] > 0.7
 
 
@@ -250,9 +256,9 @@ def test_pyrender_is_refused_where_no_leds_are_known(shipped, tmp_path, capsys):
     with pytest.raises(T2TwinError, match="cannot render an optics file"):
         Twin(tmp_path / "mine.npz", renderer="pyrender")
     with pytest.raises(T2TwinError, match="cannot render an optics file"):
-        Digit(renderer="pyrender").with_unit(unit(0, center=shipped))
+        DIGIT.with_options({"renderer": "pyrender"}).with_unit(unit(0, center=shipped))
     with pytest.raises(T2TwinError, match="expected one of baked, pyrender"):
-        Digit(renderer="opengl")  # pyright: ignore[reportArgumentType]
+        DIGIT.with_options({"renderer": "opengl"})
     with pytest.raises(SystemExit) as stop:
         given = ["--optics", str(tmp_path / "mine.npz"), "--out", str(tmp_path / "out")]
         main(["press", str(tmp_path / "box.stl"), "--renderer", "pyrender", *given])

@@ -8,9 +8,14 @@ import pytest
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.calibrate.frames import measure_noise
 from t2twin.sim.optical.camera.noise import Noise
-from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS, optical_grid
-from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
+from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
+from t2twin.sim.sensors.files import load_sensor
+
+DIGIT = load_sensor("digit")
+GEL, NOISE_GREY = DIGIT.own_gel, DIGIT.spec.camera.noise_grey
+ROWS, COLUMNS = DIGIT.camera.rows, DIGIT.camera.columns
 
 TAPS = np.array([0.2, 0.5, 0.7, 0.5, 0.2])
 MIX = np.array([[2.6, 0.0, 0.0], [-0.7, 1.4, 0.0], [0.2, -1.3, 2.7]])
@@ -28,7 +33,7 @@ def alike(drawn, rows, columns):
 
 
 def test_noise_has_the_spread_and_the_neighbors_it_says(noise):
-    drawn = noise.sample(np.random.default_rng(0))
+    drawn = noise.sample(np.random.default_rng(0), ROWS, COLUMNS)
     covariance = np.cov(drawn.reshape(-1, 3).T)
     np.testing.assert_allclose(covariance, MIX @ MIX.T, atol=0.25)
     assert noise.grey == pytest.approx(np.sqrt(np.trace(covariance) / 3), rel=0.03)
@@ -45,7 +50,9 @@ def test_noise_has_the_spread_and_the_neighbors_it_says(noise):
 def test_what_is_drawn_is_measured_again(noise):
     rng = np.random.default_rng(0)
     still = np.full((ROWS, COLUMNS, 3), 90.0)
-    frames = np.array([np.rint(still + noise.sample(rng)) for _ in range(6)]).astype(np.uint8)
+    frames = np.array([np.rint(still + noise.sample(rng, ROWS, COLUMNS)) for _ in range(6)]).astype(
+        np.uint8
+    )
     found = measure_noise(still, frames, frames[0])
     assert found is not None
     # what is slow is taken off as drift, and with it a part of noise as smooth as this
@@ -66,10 +73,11 @@ def test_white_noise_is_found_white():
 
 
 def test_pictures_show_it_and_averages_less_of_it(noise):
-    x, y = optical_grid()
+    x, y = optical_grid(GEL)
     surface = np.zeros((y.size, x.size))
-    unit = replace(Optics.load(), noise=noise)
-    renderer, quiet = ImageRenderer(unit), ImageRenderer(unit).background.astype(float)
+    unit = replace(DIGIT.optics, noise=noise)
+    renderer = ImageRenderer(unit, GEL, NOISE_GREY)
+    quiet = renderer.background.astype(float)
     one = renderer.render(surface, np.random.default_rng(1)) - quiet
     mean = renderer.render(surface, np.random.default_rng(1), NOISE_GREY / 2) - quiet
     assert one.std() == pytest.approx(noise.grey, rel=0.05)
@@ -77,18 +85,18 @@ def test_pictures_show_it_and_averages_less_of_it(noise):
     assert alike(one, 0, 1) > 0.6
     again = renderer.render(surface, np.random.default_rng(1)) - quiet
     np.testing.assert_array_equal(one, again)
-    shipped = ImageRenderer.load().render(surface, np.random.default_rng(1)) - quiet
+    shipped = DIGIT.image_renderer.render(surface, np.random.default_rng(1)) - quiet
     assert abs(alike(shipped, 0, 1)) < 0.02
 
 
 def test_the_file_keeps_it(noise, tmp_path):
     path = tmp_path / "unit.npz"
-    replace(Optics.load(), noise=noise).save(path)
+    replace(DIGIT.optics, noise=noise).save(path)
     kept = Optics.load(path).noise
     assert kept is not None
     np.testing.assert_array_equal(kept.mix, noise.mix)
     np.testing.assert_array_equal(kept.taps, noise.taps)
-    Optics.load().save(path)
+    DIGIT.optics.save(path)
     with np.load(path) as file:
         assert "noise_mix" not in file.files
         parts = dict(file)

@@ -6,34 +6,36 @@ from skimage.metrics import structural_similarity
 
 from maintenance.bake_optics import block, ring
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.optical.camera.pinhole import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.light import shadows
-from t2twin.sim.optical.light.leds import DIGIT_LEDS
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.files import load_sensor
 
-X_MM, Y_MM = np.meshgrid(*optical_grid())
+DIGIT = load_sensor("digit")
+GEL, CAMERA, LIGHT = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.light
+ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
+LEDS = tuple(table.led for table in LIGHT.leds)
+X_MM, Y_MM = np.meshgrid(*optical_grid(GEL))
 FLAT = np.zeros(X_MM.shape)
 HALF_CROP = 50
 
 
 @pytest.fixture(scope="module")
 def renderer():
-    return ImageRenderer.load()
+    return DIGIT.image_renderer
 
 
 @pytest.fixture(scope="module")
 def reference():
-    with ReferenceRenderer(led_points=5) as renderer:
+    with ReferenceRenderer(LEDS, LIGHT.ambient, CAMERA, GEL, led_points=5) as renderer:
         yield renderer
 
 
 def crop(picture, x_mm, y_mm):
-    row, column = (
-        int(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (x_mm, y_mm, 0.0)))
-    )
+    row, column = (int(v[0]) for v in CAMERA.project(*(np.array([v]) for v in (x_mm, y_mm, 0.0))))
     row = min(max(row, HALF_CROP), ROWS - HALF_CROP)
     column = min(max(column, HALF_CROP), COLUMNS - HALF_CROP)
     return picture[
@@ -53,7 +55,7 @@ def test_an_untouched_gel_gives_the_background(renderer):
 
 
 def test_far_from_a_press_the_picture_is_the_background(renderer):
-    picture = renderer.render(ball_surface(-3.5, -5.0, 0.6)).astype(int)
+    picture = renderer.render(ball_surface(GEL, -3.5, -5.0, 0.6)).astype(int)
     assert np.abs(picture[200:] - renderer.background[200:]).max() <= 1
     assert np.abs(picture[:200] - renderer.background[:200]).max() > 40
 
@@ -66,7 +68,7 @@ def test_the_shipped_background_is_the_reference(renderer, reference):
 @pytest.mark.parametrize(
     "surface, place",
     [
-        (ball_surface(1.0, -1.4, 1.2), (1.0, -1.4)),
+        (ball_surface(GEL, 1.0, -1.4, 1.2), (1.0, -1.4)),
         (block(-1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
         (ring(0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
     ],
@@ -83,15 +85,15 @@ def test_the_baked_picture_is_the_reference(renderer, reference, surface, place)
 
 
 def test_without_shadows_every_led_is_missed_on_its_far_side(renderer):
-    surface = ball_surface(0.5, 0.5, 1.2)
-    bare = ImageRenderer(Optics.load(), shadows=False)
+    surface = ball_surface(GEL, 0.5, 0.5, 1.2)
+    bare = ImageRenderer(DIGIT.optics, GEL, 0.0, shadows=False)
     lost = bare.render(surface).astype(int) - renderer.render(surface)
     assert lost.min() >= -1
     middle = np.array(
-        [float(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.5, 0.5, -0.5)))]
+        [float(v[0]) for v in CAMERA.project(*(np.array([v]) for v in (0.5, 0.5, -0.5)))]
     )
     rows, columns = np.mgrid[:ROWS, :COLUMNS]
-    for channel, led in enumerate(DIGIT_LEDS):
+    for channel, led in enumerate(LEDS):
         weight = np.clip(lost[..., channel] - 25, 0, None)  # the LED's own channel, mostly
         center = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
         angle = np.radians(led.angle_deg)
@@ -141,7 +143,7 @@ def test_no_generator_or_no_deviation_gives_no_noise(renderer):
 
 
 def test_an_optics_file_survives_its_file(tmp_path):
-    optics = Optics.load()
+    optics = DIGIT.optics
     optics.save(tmp_path / "unit.npz")
     again = Optics.load(tmp_path / "unit.npz")
     np.testing.assert_array_equal(again.background, optics.background)
@@ -161,6 +163,6 @@ def test_bad_input_is_refused(renderer, tmp_path):
         renderer.render(FLAT, np.random.default_rng(0), noise_grey=-1.0)
     (tmp_path / "text.npz").write_text("no optics")
     with pytest.raises(T2TwinError, match="calibrat"):
-        ImageRenderer.load(tmp_path / "text.npz")
+        Optics.load(tmp_path / "text.npz")
     with pytest.raises(T2TwinError, match="calibrat"):
-        ImageRenderer.load(tmp_path / "absent.npz")
+        Optics.load(tmp_path / "absent.npz")

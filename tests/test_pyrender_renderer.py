@@ -6,29 +6,30 @@ import numpy as np
 import pytest
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import DIGIT_GEL
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.optical.camera.pinhole import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.light.leds import AMBIENT, DIGIT_LEDS
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer, encode
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.files import load_sensor
 
-X_MM, Y_MM = np.meshgrid(*optical_grid())
+DIGIT = load_sensor("digit")
+GEL, CAMERA, AMBIENT = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.light.ambient
+ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
+LEDS = tuple(table.led for table in DIGIT.spec.light.leds)
+X_MM, Y_MM = np.meshgrid(*optical_grid(GEL))
 FLAT = np.zeros(X_MM.shape)
-PURE = tuple(
-    replace(led, color=color) for led, color in zip(DIGIT_LEDS, np.eye(3).tolist(), strict=True)
-)
+PURE = tuple(replace(led, color=color) for led, color in zip(LEDS, np.eye(3).tolist(), strict=True))
 GREY_AMBIENT = (0.03, 0.03, 0.03)
 
 
 def render(surface_mm, leds=PURE, ambient=GREY_AMBIENT, shadows=True):
-    with ReferenceRenderer(leds, ambient, shadows, led_points=1) as renderer:
+    with ReferenceRenderer(leds, ambient, CAMERA, GEL, shadows, led_points=1) as renderer:
         return renderer.render(surface_mm).astype(int)
 
 
 @pytest.fixture(scope="module")
 def ball():
-    return ball_surface(0.8, -0.6, 1.2)
+    return ball_surface(GEL, 0.8, -0.6, 1.2)
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +62,7 @@ def test_a_mirrored_press_under_mirrored_leds_gives_the_mirrored_picture(ball, b
 
 
 def test_the_side_of_a_bulge_that_faces_an_led_is_the_bright_one(ball_picture):
-    row, column = (
-        int(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.8, -0.6, -1.0)))
-    )
+    row, column = (int(v[0]) for v in CAMERA.project(*(np.array([v]) for v in (0.8, -0.6, -1.0))))
     for channel, led in enumerate(PURE):
         angle = np.radians(led.angle_deg)
         step = 20 * np.array([-np.sin(angle), np.cos(angle)])  # rows run down
@@ -75,7 +74,7 @@ def test_the_side_of_a_bulge_that_faces_an_led_is_the_bright_one(ball_picture):
 def test_each_led_casts_its_shadow_on_the_far_side(ball, ball_picture):
     lost = render(ball, shadows=False) - ball_picture
     middle = np.array(
-        [float(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.8, -0.6, -0.5)))]
+        [float(v[0]) for v in CAMERA.project(*(np.array([v]) for v in (0.8, -0.6, -0.5)))]
     )
     rows, columns = np.mgrid[:ROWS, :COLUMNS]
     for channel, led in enumerate(PURE):
@@ -88,30 +87,34 @@ def test_each_led_casts_its_shadow_on_the_far_side(ball, ball_picture):
 
 
 def test_a_gel_pressed_flat_everywhere_shows_no_edges():
-    pressed = DIGIT_GEL.rest_surface_mm(X_MM, Y_MM) + 2.5  # a plane 2.5 mm into the sensor
+    pressed = GEL.rest_surface_mm(X_MM, Y_MM) + 2.5  # a plane 2.5 mm into the sensor
     picture = render(pressed)
     for axis in (0, 1):
         assert np.abs(np.diff(picture, n=2, axis=axis)).max() <= 3
 
 
 def test_a_surface_on_another_grid_is_refused():
-    with ReferenceRenderer(led_points=1) as renderer, pytest.raises(T2TwinError, match="shape"):
+    with (
+        ReferenceRenderer(LEDS, AMBIENT, CAMERA, GEL, led_points=1) as renderer,
+        pytest.raises(T2TwinError, match="shape"),
+    ):
         renderer.render(np.zeros((10, 10)))
 
 
 def test_a_closed_renderer_leaves_others_usable(ball, ball_picture):
-    with ReferenceRenderer(PURE, GREY_AMBIENT, led_points=1) as renderer:
+    with ReferenceRenderer(PURE, GREY_AMBIENT, CAMERA, GEL, led_points=1) as renderer:
         render(FLAT)
         np.testing.assert_array_equal(renderer.render(ball), ball_picture)
         render(FLAT)
 
 
 def test_the_baked_model_takes_a_gel_without_a_dome():
-    flat_gel = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
-    own, domed = ImageRenderer.load(gel=flat_gel), ImageRenderer.load()
-    pressed = ball_surface(0.5, -0.5, 0.8)
+    flat_gel = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
+    own = ImageRenderer(DIGIT.optics, GEL, 0.0, flat_gel)
+    domed = DIGIT.image_renderer
+    pressed = ball_surface(GEL, 0.5, -0.5, 0.8)
     middle = (slice(100, 200), slice(80, 180))
-    with ReferenceRenderer(led_points=5, gel=flat_gel) as renderer:
+    with ReferenceRenderer(LEDS, AMBIENT, CAMERA, flat_gel, led_points=5) as renderer:
         pictures = [renderer.render(surface) for surface in (FLAT, pressed)]
 
     def psnr(wanted, given):
