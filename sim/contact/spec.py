@@ -26,7 +26,7 @@ Radius = Annotated[float, Meta(ge=1.0)]
 ColorValue = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
-class LayerTable(Struct, frozen=True, forbid_unknown_fields=True):
+class LayerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The soft layer, a gel or a cover, bonded to a rigid base around the sensor's axis."""
 
     width_mm: Annotated[Side, Meta(description="extent along x")]
@@ -70,7 +70,7 @@ class LayerTable(Struct, frozen=True, forbid_unknown_fields=True):
         return Elastomer(name=name, **{key: getattr(self, key) for key in RANGES}, law=self.law)
 
 
-class MountTable(Struct, frozen=True, forbid_unknown_fields=True):
+class MountTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The sensor as a body of a MuJoCo model."""
 
     mass_kg: Annotated[float, Meta(gt=0.0, le=100.0, description="mass of the whole sensor")]

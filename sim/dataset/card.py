@@ -12,10 +12,9 @@ from typing import Any
 import pyarrow as pa
 
 from t2twin.core.templates import render
-from t2twin.sim.dataset.columns import DENSE_COUNTS, IMAGE_TYPE, TRACTIONS, schema_of, type_name
+from t2twin.sim.dataset.columns import IMAGE_TYPE, schema_of, type_name
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
-from t2twin.sim.dataset.store import write_whole
-from t2twin.sim.taxels.layout import PAD_DIAMETER_MM
+from t2twin.sim.dataset.store import list_limits, write_whole
 
 CARD, CROISSANT = "README.md", "croissant.json"
 
@@ -80,9 +79,8 @@ def write_card(folder: Path, info: DatasetInfo) -> None:
     text = render(
         "sim/dataset/card.md",
         info=info,
-        pad_mm=PAD_DIAMETER_MM,
         splits={HUB_SPLITS[split]: split for split in _present(info)},
-        features=_hub_features(schema_of(info.recipe)),
+        features=_hub_features(schema_of(info.values, info.recipe)),
         size=_size_category(sum(info.pairs.values())),
         download_bytes=sum(sizes.values()),
     )
@@ -127,12 +125,12 @@ def croissant(info: DatasetInfo, sizes: dict[str, int]) -> dict[str, Any]:
         "conformsTo": CONFORMS_TO,
         "name": title,
         "description": (
-            "Images of a camera tactile sensor, paired with the counts of a capacitive array. "
+            "Readings of two tactile sensors that touch the same shapes. "
             "README.md describes the columns."
         ),
         **about,
         "version": version,
-        "keywords": ["tactile", "digit", "cyskin"],
+        "keywords": ["tactile", info.source.name, info.target.name],
         "distribution": [_file(path, info, size) for path, size in sizes.items()]
         + [
             {
@@ -176,14 +174,9 @@ def _splits(info: DatasetInfo) -> dict[str, Any]:
 
 def _pairs(info: DatasetInfo) -> dict[str, Any]:
     """The record set of the pairs, one field a column."""
-    places = len(info.dense_x_mm or ())
-    lengths = {
-        "taxels": len(info.layout_x_mm),
-        DENSE_COUNTS: places,
-        **dict.fromkeys(TRACTIONS, places),
-    }
+    lengths = {name: size for name, (size, _) in list_limits(info).items()}
     fields = []
-    for column in schema_of(info.recipe):
+    for column in schema_of(info.values, info.recipe):
         extract = {"fileSet": {"@id": "shards"}, "extract": {"column": column.name}}
         field = {"@type": "cr:Field", "@id": f"pairs/{column.name}", "name": column.name}
         if column.type == IMAGE_TYPE:

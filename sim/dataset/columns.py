@@ -1,90 +1,118 @@
-"""Columns and rows of a dataset's shards."""
+"""Columns and rows of a dataset's shards.
+
+Columns of a sensor start with its role, "source_" or "target_".
+"""
 
 import json
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from t2twin.sim.sampling.plan import file_stem
 from t2twin.sim.sampling.recipe import Recipe
+from t2twin.sim.sensors.defaults import ROLES
 
 if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
     from t2twin.sim.touch import Touch
-
-SENSORS = ("digit", "cyskin")
 
 POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
 """Columns of the press: fields of PressCommand."""
 
 IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
-SCHEMA = pa.schema(
-    [
-        ("shape", pa.string()),
-        ("family", pa.string()),
-        ("split", pa.string()),
-        ("index", pa.int32()),
-        ("x_mm", pa.float64()),
-        ("y_mm", pa.float64()),
-        ("yaw_rad", pa.float64()),
-        ("force_n", pa.float64()),
-        ("image", IMAGE_TYPE),
-        ("taxels", pa.list_(pa.uint16())),
-        ("digit_depth_mm", pa.float64()),
-        ("digit_force_n", pa.float64()),
-        ("digit_settled", pa.bool_()),
-        ("digit_bottomed", pa.bool_()),
-        ("cyskin_depth_mm", pa.float64()),
-        ("cyskin_force_n", pa.float64()),
-        ("cyskin_settled", pa.bool_()),
-        ("cyskin_bottomed", pa.bool_()),
-    ]
-)
-"""Columns of every dataset."""
+IMAGE, COUNTS = "image", "counts"
+"""Columns of a gel camera's image and of a taxel array's counts, after the role."""
 
-UNIT, DENSE_COUNTS, BACKGROUND = "unit", "dense_counts", "background"
-"""Further columns of most recipes: the number of the DIGIT unit in its part, the dense counts,
-and the unit's background frame."""
+VALUES = {IMAGE: IMAGE_TYPE, COUNTS: pa.list_(pa.uint16())}
+"""Types of the columns of a sensor's value."""
+
+CONTACT = {
+    "depth_mm": pa.float64(),
+    "force_n": pa.float64(),
+    "settled": pa.bool_(),
+    "bottomed": pa.bool_(),
+}
+"""Columns of a sensor's contact."""
+
+PRESS = {
+    "shape": pa.string(),
+    "family": pa.string(),
+    "split": pa.string(),
+    "index": pa.int32(),
+    **dict.fromkeys(POSE, pa.float64()),
+}
+"""Columns of a press, without a role."""
+
+UNIT, BACKGROUND, MARKERS = "unit", "background", "markers"
+"""Further columns of gel cameras in most recipes: the number of the unit in its part, its
+background frame, and with motion whether it has markers."""
+
+DENSE_COUNTS = "dense_counts"
+"""Further column of taxel arrays in most recipes: the dense counts."""
 
 PATH = "path"
 """Column of recipes with motion: index of the press that a path started with. Rows of one shape
 with the same are touches of one path, in their order."""
 
-MARKERS = "markers"
-"""Column of recipes with motion: whether the DIGIT unit has markers."""
-
 MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
-"""Further columns of recipes with motion, of each sensor: its name, "_" and one of these."""
+"""Further columns of each sensor in recipes with motion."""
 
-TRACTIONS = ("cover_pressure_kpa", "cover_shear_x_kpa", "cover_shear_y_kpa")
-"""Further columns of recipes with motion and dense counts:
-t2twin.sim.taxels.dense.dense_tractions."""
+TRACTIONS = ("pressure_kpa", "shear_x_kpa", "shear_y_kpa")
+"""Further columns of taxel arrays in recipes with motion and dense counts: pressure and shear on
+the cover (t2twin.sim.taxels.dense.DenseGrid.tractions)."""
+
+Values = Mapping[str, str]
+"""The value of each role: IMAGE or COUNTS."""
 
 
-def schema_of(recipe: Recipe | None) -> pa.Schema:
+def column(role: str, name: str) -> str:
+    """The column of a sensor."""
+    return f"{role}_{name}"
+
+
+def base_schema(values: Values) -> pa.Schema:
+    """The columns of every dataset of such values."""
+    columns = dict(PRESS)
+    columns |= {column(role, values[role]): VALUES[values[role]] for role in ROLES}
+    columns |= {column(role, name): kind for role in ROLES for name, kind in CONTACT.items()}
+    return pa.schema(list(columns.items()))
+
+
+def schema_of(values: Values, recipe: Recipe | None) -> pa.Schema:
     """The columns of a recipe's shards, without a recipe those of every dataset."""
-    schema = SCHEMA
+    schema = base_schema(values)
     if recipe is not None and recipe.has_more:
-        schema = schema.append(pa.field(UNIT, pa.int64()))
-        if recipe.dense_counts:
-            schema = schema.append(pa.field(DENSE_COUNTS, pa.list_(pa.uint16())))
-        if recipe.background_frames:
-            schema = schema.append(pa.field(BACKGROUND, IMAGE_TYPE))
+        further = {}
+        for role in ROLES:
+            more = _of_camera if values[role] == IMAGE else _of_array
+            further |= {column(role, name): kind for name, kind in more(recipe).items()}
         if recipe.motion:
-            schema = schema.append(pa.field(MARKERS, pa.bool_()))
-            schema = schema.append(pa.field(PATH, pa.int32()))
-            for name in (f"{sensor}_{each}" for sensor in SENSORS for each in MOTION):
-                schema = schema.append(pa.field(name, pa.float64()))
-            for name in TRACTIONS if recipe.dense_counts else ():
-                schema = schema.append(pa.field(name, pa.list_(pa.float32())))
+            further[PATH] = pa.int32()
+            further |= {column(role, name): pa.float64() for role in ROLES for name in MOTION}
+        for name, kind in further.items():
+            schema = schema.append(pa.field(name, kind))
     return with_features(schema)
+
+
+def _of_camera(recipe: Recipe) -> dict[str, pa.DataType]:
+    """Further columns of a gel camera."""
+    columns = {UNIT: pa.int64()}
+    columns |= {BACKGROUND: IMAGE_TYPE} if recipe.background_frames else {}
+    return columns | ({MARKERS: pa.bool_()} if recipe.motion else {})
+
+
+def _of_array(recipe: Recipe) -> dict[str, pa.DataType]:
+    """Further columns of a taxel array."""
+    if not recipe.dense_counts:
+        return {}
+    tractions = dict.fromkeys(TRACTIONS if recipe.motion else (), pa.list_(pa.float32()))
+    return {DENSE_COUNTS: pa.list_(pa.uint16()), **tractions}
 
 
 def with_features(schema: pa.Schema) -> pa.Schema:
     """The schema with metadata from which Hugging Face's `datasets` reads the column types."""
-    # images and lists first, as in earlier versions, so that shards keep their bytes
-    names = sorted(schema.names, key=lambda name: not pa.types.is_nested(schema.field(name).type))
-    features = {name: _feature(schema.field(name).type) for name in names}
+    features = {field.name: _feature(field.type) for field in schema}
     return schema.with_metadata({"huggingface": json.dumps({"info": {"features": features}})})
 
 
@@ -109,12 +137,12 @@ def type_name(kind: pa.DataType) -> str:
     return {"double": "float64", "float": "float32"}.get(str(kind), str(kind))
 
 
-def row(touch: "Touch", index: int, split: str, image: bytes) -> dict[str, Any]:
-    """The columns of SCHEMA of one press. image: PNG.
+def row(touch: "Touch", roles: Mapping[str, str], index: int, split: str) -> dict[str, Any]:
+    """The columns of the base schema of one press. roles: of the sensors by their names.
 
     A press of 0 N has no contacts: depths and carried forces are 0, and it counts as settled.
     """
-    command, contacts = touch.command, touch.contacts
+    command, stem = touch.command, f"{file_stem(touch.command.shape)}-{index}"
     columns: dict[str, Any] = {
         "shape": command.shape,
         "family": family_of(command.shape),
@@ -124,38 +152,44 @@ def row(touch: "Touch", index: int, split: str, image: bytes) -> dict[str, Any]:
         "y_mm": command.y_mm,
         "yaw_rad": command.yaw_rad,
         "force_n": command.force_n,
-        "image": {"bytes": image, "path": f"{file_stem(command.shape)}-{index}.png"},
-        "taxels": touch.counts,
     }
-    for sensor in SENSORS:
-        contact = contacts.get(sensor)
-        columns |= {
-            f"{sensor}_depth_mm": 0.0 if contact is None else contact.depth_mm,
-            f"{sensor}_force_n": 0.0 if contact is None else contact.force_n,
-            f"{sensor}_settled": contact is None or contact.settled,
-            f"{sensor}_bottomed": contact is not None and contact.bottomed,
+    for name, role in roles.items():
+        reading = touch.readings[name]
+        contact = reading.contact
+        own = reading.row(f"{stem}-{role}.png") | {
+            "depth_mm": 0.0 if contact is None else contact.depth_mm,
+            "force_n": 0.0 if contact is None else contact.force_n,
+            "settled": contact is None or contact.settled,
+            "bottomed": contact is not None and contact.bottomed,
         }
+        columns |= {column(role, key): value for key, value in own.items()}
+    return columns
+
+
+def dense_row(touch: "Touch", roles: Mapping[str, str], with_tractions: bool) -> dict[str, Any]:
+    """The columns of the dense counts of one touch."""
+    columns = {}
+    for name, role in roles.items():
+        own = touch.readings[name].dense_row(with_tractions)
+        columns |= {column(role, key): value for key, value in own.items()}
     return columns
 
 
 def motion_row(
-    touch: "Touch", path: int, friction: dict[str, float], with_dense_counts: bool
+    touch: "Touch", roles: Mapping[str, str], path: int, friction: Mapping[str, float]
 ) -> dict[str, Any]:
     """The columns of motion of one touch, zero without contact.
 
-    path: index of the first touch of its path. friction: by sensor. with_dense_counts: adds
-    TRACTIONS.
+    path: index of the first touch of its path. friction: by the sensors' names.
     """
     columns: dict[str, Any] = {PATH: path}
-    for sensor in SENSORS:
-        contact = touch.contacts.get(sensor)
-        values = [friction[sensor]] + [0.0] * (len(MOTION) - 1)
+    for name, role in roles.items():
+        contact = touch.contacts.get(name)
+        values = [friction[name]] + [0.0] * (len(MOTION) - 1)
         if contact is not None:
             values[1:] = *contact.shear_n.tolist(), contact.torque_nmm, contact.slip_share
-        columns |= {f"{sensor}_{n}": value for n, value in zip(MOTION, values, strict=True)}
-    return columns | (
-        dict(zip(TRACTIONS, touch.tractions, strict=True)) if with_dense_counts else {}
-    )
+        columns |= {column(role, n): value for n, value in zip(MOTION, values, strict=True)}
+    return columns
 
 
 RANDOM_FAMILY = "random"

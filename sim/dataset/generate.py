@@ -9,8 +9,8 @@ from dataclasses import asdict, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
 from msgspec import structs
+from msgspec.json import encode
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
@@ -22,16 +22,13 @@ from t2twin.core.renamed import new_keywords
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape_cache import code_digest
 from t2twin.sim.contact.elastomer import elastomer_json
-from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.info import (
     FORMAT,
     SPLITS,
-    CySkinParameters,
     DatasetInfo,
-    DigitParameters,
-    Parameters,
+    SensorInfo,
     Shard,
     versions,
 )
@@ -45,16 +42,13 @@ from t2twin.sim.dataset.store import (
     write_whole,
 )
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, peak_memory, process_name, summary
-from t2twin.sim.optical.image_renderer import NOISE_GREY
 from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.held_out import check_held_out
 from t2twin.sim.sampling.plan import Batch, plan
 from t2twin.sim.sampling.recipe import NAMED, PAPER, RANDOM, Recipe, checked, load_recipe
-from t2twin.sim.sensors import CySkin, Digit, SensorPair
-from t2twin.sim.taxels import pads, reading
-from t2twin.sim.taxels.dense import dense_layout
-from t2twin.sim.taxels.reading import DATASET_DEFAULT
+from t2twin.sim.sensors.files import Sensor
+from t2twin.sim.sensors.pair import SensorPair
 
 SECONDS_PER_PAIR, SECONDS_PER_SAMPLED_PAIR, SECONDS_PER_SHAPE = 0.015, 0.024, 0.75
 """Time of one pair of the protocol, of one with a sampled press or light, and of preparing one
@@ -68,7 +62,9 @@ STATE = ("shards", "complete")
 
 MADE_WITH = {
     "versions": "other versions of its libraries",
-    "parameters": "other parameters",
+    "source": "another source or options of it",
+    "target": "another target or options of it",
+    "shapes": "other presses on the grid",
     "pairs": "other pairs",
     "recipe": "another recipe",
     "files": "other solids",
@@ -93,10 +89,10 @@ def make_dataset(
     """Make a dataset, or continue one that was started with the same parameters.
 
     scale: of the protocol, pressed into `sensors`. recipe: instead of a scale, a recipe, its name
-    or its file, which contains the sensors. seed: default 0, or the recipe's. shapes: restricts the
-    primitives and tools. scheduler: address of a Dask scheduler whose workers make the shards; they
-    must share folder and cache. The same seed and versions give the same bytes with any number of
-    workers.
+    or its file, which names the sensors; `sensors` replace them. seed: default 0, or the recipe's.
+    shapes: restricts the primitives and tools. scheduler: address of a Dask scheduler whose workers
+    make the shards; they must share folder and cache. The same seed and versions give the same
+    bytes with any number of workers.
 
     Returns the dataset's info. Raises T2TwinError before anything is written for an invalid
     argument, for a folder with other content, and for one that another process is writing. Raises
@@ -108,7 +104,6 @@ def make_dataset(
     if recipe == PAPER and scale is None:
         scale, recipe = PAPER, None
     recipe, sensors = _recipe(scale, recipe, seed, sensors)
-    _check_layout(sensors.cyskin)
     if scheduler is not None:
         arguments.text(scheduler, "scheduler")
         # The import raises T2TwinError where Dask is missing.
@@ -129,9 +124,6 @@ def make_dataset(
 def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -> DatasetInfo:
     """The info of a dataset without shards."""
     recipe, sensors = context.recipe, context.sensors
-    layout = sensors.cyskin.layout
-    rows, columns, channels = sensors.digit.image_renderer.background.shape
-    places = dense_layout(sensors.cyskin.cover) if recipe.dense_counts else None
     solids = sorted(
         {
             path
@@ -146,42 +138,28 @@ def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -
         format=FORMAT,
         complete=False,
         pairs={s: sum(b.pairs for b in batches if b.split == s) for s in SPLITS},
-        layout=layout.name,
-        layout_x_mm=tuple(layout.x_mm.tolist()),
-        layout_y_mm=tuple(layout.y_mm.tolist()),
-        full_scale_counts=pads.FULL_SCALE_COUNTS,
+        source=sensor_info(sensors.source, recipe.dense_counts),
+        target=sensor_info(sensors.target, recipe.dense_counts),
         versions=versions(),
         shards={},
-        image_shape=(rows, columns, channels),
         scale=scale,
         seed=recipe.seed,
-        parameters=_parameters(sensors, on_grid),
-        shape_code=code_digest(has_random),
         recipe=recipe,
-        dense_x_mm=None if places is None else tuple(places.x_mm.tolist()),
-        dense_y_mm=None if places is None else tuple(places.y_mm.tolist()),
+        shapes=on_grid,
+        shape_code=code_digest(has_random),
         files={path: sha256_of(Path(path)) for path in solids} or None,
     )
 
 
-def _parameters(sensors: SensorPair, shapes: dict[str, tuple[int, ...]]) -> Parameters:
-    digit, cyskin = sensors.digit, sensors.cyskin
-    return Parameters(
-        digit=DigitParameters(
-            **elastomer_json(digit.elastomer),
-            pitch_mm=digit.pitch_mm,
-            noise_grey=float(digit.noise_grey),
-            optics_sha256=digit.optics_sha256,
-        ),
-        cyskin=CySkinParameters(
-            **elastomer_json(cyskin.cover),
-            pitch_mm=cyskin.pitch_mm,
-            gain_counts=pads.GAIN_COUNTS,
-            pad_diameter_mm=tuple(cyskin.layout.pad_diameter_mm.tolist()),
-            readings=reading.READINGS,
-            imperfections=cyskin.flaws,
-        ),
-        shapes=shapes,
+def sensor_info(sensor: Sensor, with_dense_counts: bool) -> SensorInfo:
+    """The record of a sensor in info.json."""
+    return SensorInfo(
+        name=sensor.name,
+        value=sensor.VALUE,
+        spec=json.loads(encode(sensor.spec)),
+        elastomer=elastomer_json(sensor.elastomer),
+        pitch_mm=sensor.pitch_mm,
+        **sensor.info(with_dense_counts),
     )
 
 
@@ -194,41 +172,33 @@ def _recipe(
     """The recipe of a scale or of `recipe`, and its sensors."""
     if (scale is None) == (recipe is None):
         raise T2TwinError("expected a scale of the protocol or a recipe, and not both")
+    if sensors is not None:
+        arguments.instance(sensors, "sensors", SensorPair)
     if recipe is not None:
         recipe = checked(recipe) if isinstance(recipe, Recipe) else load_recipe(recipe)
         if seed is not None:
             recipe = structs.replace(recipe, seed=seed)
-        return recipe, sensors_of(recipe)
-    assert scale is not None
-    protocol.scale_of(arguments.text(scale, "scale"))
-    if sensors is not None:
-        arguments.instance(sensors, "sensors", SensorPair)
     else:
-        sensors = SensorPair(cyskin=CySkin(imperfections=DATASET_DEFAULT))
-    paper = load_recipe(PAPER)
-    return structs.replace(
-        paper,
-        seed=seed or 0,
-        parts=tuple(structs.replace(part, scale=scale) for part in paper.parts),
-        layout=sensors.cyskin.layout_source,
-        imperfections=sensors.cyskin.imperfections,
-        light=structs.replace(
-            paper.light, optics=sensors.digit.optics_file, renderer=sensors.digit.renderer
-        ),
-    ), sensors
+        assert scale is not None
+        protocol.scale_of(arguments.text(scale, "scale"))
+        paper = load_recipe(PAPER)
+        parts = tuple(structs.replace(part, scale=scale) for part in paper.parts)
+        recipe = structs.replace(paper, seed=seed or 0, parts=parts)
+    if sensors is None:
+        return recipe, sensors_of(recipe)
+    names = {"source": sensors.source.name, "target": sensors.target.name}
+    return structs.replace(recipe, **names), sensors
 
 
 def sensors_of(recipe: Recipe) -> SensorPair:
-    """The sensors of a recipe; the DIGIT's light is replaced where the recipe samples the light."""
-    noise_grey = float(NOISE_GREY / np.sqrt(recipe.light.frames))
-    return SensorPair(
-        Digit(
-            optics_file=recipe.light.optics,
-            renderer=recipe.light.renderer,
-            noise_grey=noise_grey,
-        ),
-        CySkin(layout_source=recipe.layout, imperfections=recipe.imperfections),
-    )
+    """The sensors of a recipe; the light of gel cameras is replaced where it samples the light."""
+    pair, light = SensorPair.of(recipe.source, recipe.target), recipe.light
+    pair = pair.with_options(layout=recipe.layout, frames=light.frames)
+    if light.renderer != "baked":
+        pair = pair.with_options(renderer=light.renderer)
+    if light.optics is not None:
+        pair = pair.with_optics(light.optics)
+    return pair.with_imperfections(recipe.imperfections)
 
 
 def _make_dataset(
@@ -267,17 +237,6 @@ def _remove_empty(folder: Path) -> None:
         for split in SPLITS:
             with suppress(OSError):
                 (folder / split).rmdir()
-
-
-def _check_layout(cyskin: CySkin) -> None:
-    """Raises T2TwinError as the first press would, but before the folder is created."""
-    layout, surface = cyskin.layout, cached_layer(cyskin.cover, cyskin.pitch_mm)
-    reach_x, reach_y = surface.x_mm[-1], surface.y_mm[-1]
-    if (np.abs(layout.x_mm) > reach_x).any() or (np.abs(layout.y_mm) > reach_y).any():
-        raise T2TwinError(
-            f"layout {layout.name} has taxels outside the cover, which reaches {reach_x:g} mm in x "
-            f"and {reach_y:g} mm in y from its middle"
-        )
 
 
 def _start(folder: Path, wanted: DatasetInfo) -> DatasetInfo:

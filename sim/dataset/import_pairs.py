@@ -35,13 +35,22 @@ from t2twin.core.files import new_folder, open_regular, read_file
 from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names
 from t2twin.sim.dataset.card import write_card
-from t2twin.sim.dataset.columns import BACKGROUND, DENSE_COUNTS, POSE, SCHEMA, UNIT
-from t2twin.sim.dataset.info import FORMAT, MAX_COUNTS, SPLITS, DatasetInfo, Shard, versions
+from t2twin.sim.dataset.columns import COUNTS, IMAGE, POSE, PRESS, column, schema_of
+from t2twin.sim.dataset.format_1 import COLUMNS as COLUMNS_OF_FORMAT_1
+from t2twin.sim.dataset.info import (
+    FORMAT,
+    MAX_COUNTS,
+    SPLITS,
+    DatasetInfo,
+    SensorInfo,
+    Shard,
+    versions,
+)
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.sampling.plan import file_stem, shard_path
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.tables import ERRORS, read_csv, row_labels
 from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
 
 ORIGIN = "imported"
 SHARES = (0.8, 0.1, 0.1)
@@ -53,8 +62,11 @@ FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
 LONGEST_NAME = 220
 """Longest name of a shape, bytes: it becomes a file name, of at most 255 bytes."""
 
-COLUMNS = [*SCHEMA.names, UNIT, DENSE_COUNTS, BACKGROUND]
-"""Columns of a dataset's shards. Not all are read."""
+VALUES = {"source": IMAGE, "target": COUNTS}
+"""Values of the two sensors."""
+
+COLUMNS = [*PRESS, *COLUMNS_OF_FORMAT_1.values()]
+"""Columns of tables of pairs. Not all are read."""
 
 OWN = "own"
 """Shape and family of pairs without a name."""
@@ -96,25 +108,31 @@ def import_pairs(
     source: str | Path,
     folder: str | Path,
     layout: Layout,
-    full_scale: int = FULL_SCALE_COUNTS,
+    full_scale: int | None = None,
     seed: int = 0,
+    sensors: SensorPair | None = None,
 ) -> DatasetInfo:
     """Write a user's pairs as a dataset, atomically; returns its info.
 
     source: a CSV or Parquet file, or a folder with one. layout: the user's taxels. full_scale:
-    count at which they saturate. seed: of a random split.
+    count at which they saturate; None for the target's. seed: of a random split. sensors: a gel
+    camera with the view of the images, and an array like the user's; None for the default ones.
     Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size or a
     duplicate, for a wrong number of counts, and for counts outside 0 to full_scale.
     """
     table_path = _find_table(arguments.path(source, "source"))
     folder = arguments.path(folder, "folder").absolute()
     arguments.instance(layout, "layout", Layout)
+    sensors = (
+        SensorPair() if sensors is None else arguments.instance(sensors, "sensors", SensorPair)
+    )
+    full_scale = sensors.array.full_scale if full_scale is None else full_scale
     if not 0 < arguments.whole_number(full_scale, "full_scale") <= MAX_COUNTS:
         raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MAX_COUNTS}")
     check_seed(seed)
     with new_folder(folder) as temporary:
         pairs = _with_splits(_read(table_path, layout, full_scale), seed)
-        return _write(pairs, table_path.parent, temporary, layout, full_scale)
+        return _write(pairs, table_path.parent, temporary, layout, full_scale, sensors)
 
 
 def _find_table(source: Path) -> Path:
@@ -326,7 +344,12 @@ def _with_splits(pairs: list[Pair], seed: int) -> list[Pair]:
 
 
 def _write(
-    pairs: list[Pair], images: Path, folder: Path, layout: Layout, full_scale: int
+    pairs: list[Pair],
+    images: Path,
+    folder: Path,
+    layout: Layout,
+    full_scale: int,
+    sensors: SensorPair,
 ) -> DatasetInfo:
     by_shard: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:
@@ -336,26 +359,36 @@ def _write(
         raise T2TwinError(
             "two names of shapes differ only in / and -; their files would be the same"
         )
-    reader = _ImageReader(images)
+    reader, schema = _ImageReader(images), schema_of(VALUES, None)
     shards = {}
     for split, shape in sorted(by_shard):
         own = by_shard[split, shape]
         path = shard_path(split, shape)
-        shards[path] = Shard(write_shard(folder / path, _rows(own, reader)), len(own))
+        shards[path] = Shard(write_shard(folder / path, _rows(own, reader), schema), len(own))
     assert reader.shape is not None  # there are pairs
     info = DatasetInfo(
         format=FORMAT,
         complete=True,
         pairs={split: sum(p.split == split for p in pairs) for split in SPLITS},
-        layout=layout.name,
-        layout_x_mm=tuple(layout.x_mm.tolist()),
-        layout_y_mm=tuple(layout.y_mm.tolist()),
-        full_scale_counts=full_scale,
+        source=SensorInfo(
+            name=sensors.camera.name,
+            value=IMAGE,
+            image_shape=reader.shape,
+            view_mm=sensors.camera.camera.seen_half_extent_mm(),
+        ),
+        target=SensorInfo(
+            name=sensors.array.name,
+            value=COUNTS,
+            layout=layout.name,
+            x_mm=tuple(layout.x_mm.tolist()),
+            y_mm=tuple(layout.y_mm.tolist()),
+            pad_diameter_mm=tuple(layout.pad_diameter_mm.tolist()),
+            full_scale_counts=full_scale,
+            tactile_image=sensors.array.tactile_image_size,
+        ),
         versions=versions(),
         shards=shards,
-        image_shape=reader.shape,
         origin=ORIGIN,
-        pad_diameter_mm=tuple(layout.pad_diameter_mm.tolist()),
     )
     write_card(folder, info)
     write_info(folder, info)
@@ -363,7 +396,7 @@ def _write(
 
 
 def _rows(pairs: list[Pair], reader: "_ImageReader") -> Iterator[dict[str, Any]]:
-    empty = {field.name: None for field in SCHEMA}
+    empty = dict.fromkeys(schema_of(VALUES, None).names)
     for index, pair in enumerate(pairs):
         yield empty | {
             "shape": pair.shape,
@@ -371,11 +404,11 @@ def _rows(pairs: list[Pair], reader: "_ImageReader") -> Iterator[dict[str, Any]]
             "split": pair.split,
             "index": index,
             **dict(zip(POSE, pair.pose, strict=True)),
-            "image": {
+            column("source", IMAGE): {
                 "bytes": encode_png(reader.read(pair)),
                 "path": f"{file_stem(pair.shape)}-{index}.png",
             },
-            "taxels": list(pair.counts),
+            column("target", COUNTS): list(pair.counts),
         }
 
 

@@ -4,7 +4,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -16,7 +16,7 @@ from t2twin.sim.sampling.recipe import PAPER, Recipe
 from t2twin.sim.taxels.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.reading import Imperfections
 
-FORMAT = 1
+FORMAT = 2
 """Version of the dataset's folders, columns and info.json."""
 
 SPLITS = ("train", "val", "test")
@@ -47,73 +47,82 @@ class Shard:
 
 
 @dataclass(frozen=True)
-class ElastomerParameters:
-    """A sensor's elastomer, with the fields of t2twin.sim.contact.elastomer.Elastomer.
+class SensorInfo:
+    """A sensor of a dataset.
 
-    A radius is None for a flat surface, since JSON has no infinity. pitch_mm: of the contact grid.
+    name: of the sensor. value: of its readings, "image" or "counts". spec: content of its file, for
+    a simulated sensor. elastomer: the layer that was pressed, with the fields of
+    t2twin.sim.contact.elastomer.Elastomer; a radius is None for a flat surface, since JSON has no
+    infinity. pitch_mm: of the contact's grid.
+
+    Of a gel camera: image_shape, rows, columns and channels; view_mm, half of what an image shows
+    along x and y; noise_grey, standard deviation of an image's noise; optics_sha256, of the optics
+    file.
+    Of a taxel array: layout, its name; x_mm, y_mm, pad_diameter_mm of the taxels;
+    full_scale_counts; tactile_image, rows, columns and px_per_mm; readings, averaged into the
+    counts; imperfections; dense_x_mm, dense_y_mm, places of the dense counts.
+
+    Raises ValueError for fields that contradict each other.
     """
 
     name: str
-    thickness_mm: Positive
-    young_mpa: Positive
-    poisson: float
-    width_mm: Positive
-    length_mm: Positive
-    dome_width_radius_mm: Positive | None
-    dome_length_radius_mm: Positive | None
-    dome_flat_mm: float
-    law: str
-    pitch_mm: Positive
+    value: Literal["image", "counts"]
+    spec: dict[str, Any] | None = None
+    elastomer: dict[str, Any] | None = None
+    pitch_mm: Positive | None = None
+    image_shape: tuple[Size, Size, Size] | None = None
+    view_mm: tuple[Positive, Positive] | None = None
+    noise_grey: Annotated[float, Meta(ge=0)] | None = None
+    optics_sha256: str | None = None
+    layout: str | None = None
+    x_mm: tuple[float, ...] = ()
+    y_mm: tuple[float, ...] = ()
+    pad_diameter_mm: tuple[Positive, ...] | None = None
+    full_scale_counts: Annotated[int, Meta(ge=1, le=MAX_COUNTS)] | None = None
+    tactile_image: tuple[Size, Size, Positive] | None = None
+    readings: Size | None = None
+    imperfections: Imperfections | None = None
+    dense_x_mm: tuple[float, ...] | None = None
+    dense_y_mm: tuple[float, ...] | None = None
 
+    def __post_init__(self) -> None:
+        if self.value == "image":
+            if self.image_shape is None:
+                raise ValueError(f"image_shape of {self.name} is missing")
+            return
+        if self.full_scale_counts is None or self.layout is None:
+            raise ValueError(f"layout or full_scale_counts of {self.name} is missing")
+        check_layout(self.x_mm, self.y_mm)
+        places = len(self.dense_x_mm or ())
+        if places != len(self.dense_y_mm or ()) or places > MAX_TAXELS:
+            raise ValueError("dense_x_mm and dense_y_mm must be one of each for each place")
+        pads = self.pad_diameter_mm
+        if pads is not None and len(pads) != len(self.x_mm):
+            raise ValueError(
+                f"pad_diameter_mm has {len(pads)} taxels and the layout {len(self.x_mm)}"
+            )
 
-@dataclass(frozen=True)
-class DigitParameters(ElastomerParameters):
-    """The DIGIT.
-
-    noise_grey: standard deviation of an image's noise, grey levels. optics_sha256: of the
-    optics file.
-    """
-
-    noise_grey: Annotated[float, Meta(ge=0)]
-    optics_sha256: str
-
-
-@dataclass(frozen=True)
-class CySkinParameters(ElastomerParameters):
-    """The CySkin.
-
-    gain_counts: counts per doubling of a taxel's capacitance. pad_diameter_mm: of every taxel.
-    readings: number of averaged readings. imperfections: their errors.
-    """
-
-    gain_counts: Positive
-    pad_diameter_mm: tuple[Positive, ...]
-    readings: Size
-    imperfections: Imperfections
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """Parameters of a simulation. shapes: indices of each shape's presses on the grid, by name."""
-
-    digit: DigitParameters
-    cyskin: CySkinParameters
-    shapes: dict[str, tuple[Count, ...]]
+    @property
+    def taxels(self) -> Layout:
+        """The taxels, with default pads if theirs are unknown."""
+        pads = self.pad_diameter_mm or (PAD_DIAMETER_MM,) * len(self.x_mm)
+        return Layout(
+            self.layout or self.name, np.array(self.x_mm), np.array(self.y_mm), np.array(pads)
+        )
 
 
 @dataclass(frozen=True)
 class DatasetInfo:
     """info.json; the attributes have the names of its keys.
 
-    complete: whether all shards exist. pairs: their number in each split when complete. layout: the
-    taxel layout's name, with the taxels' positions, mm. full_scale_counts: counts at saturation.
-    versions: of everything that may change a shard's bytes. shards: the existing ones, by path
-    below the dataset's folder. image_shape: rows, columns and channels.
+    complete: whether all shards exist. pairs: their number in each split when complete. source,
+    target: the sensors. versions: of everything that may change a shard's bytes. shards: the
+    existing ones, by path below the dataset's folder.
 
-    The others are optional. seed, parameters, recipe, shape_code: of a simulated dataset; recipe is
-    its recipe, shape_code a digest of the code and libraries of the shapes' surfaces. scale: of a
-    dataset of the protocol. origin, pad_diameter_mm: of an imported one. dense_x_mm, dense_y_mm:
-    places of the dense counts. files: sha256 of the users' solids, by path.
+    The others are optional. seed, recipe, shapes, shape_code: of a simulated dataset; recipe is its
+    recipe, shapes has the indices of each shape's presses on the grid, shape_code is a digest of
+    the code and libraries of the shapes' surfaces. scale: of a dataset of the protocol. origin: of
+    an imported one. files: sha256 of the users' solids, by path.
 
     Raises ValueError for fields that contradict each other.
     """
@@ -121,37 +130,22 @@ class DatasetInfo:
     format: int
     complete: bool
     pairs: dict[str, Count]
-    layout: str
-    layout_x_mm: tuple[float, ...]
-    layout_y_mm: tuple[float, ...]
-    full_scale_counts: Annotated[int, Meta(ge=1, le=MAX_COUNTS)]
+    source: SensorInfo
+    target: SensorInfo
     versions: dict[str, str]
     shards: dict[str, Shard]
-    image_shape: tuple[Size, Size, Size]
     scale: str | None = None
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] | None = None
     origin: str | None = None
-    parameters: Parameters | None = None
-    pad_diameter_mm: tuple[Positive, ...] | None = None
-    shape_code: str | None = None
     recipe: Recipe | None = None
-    dense_x_mm: tuple[float, ...] | None = None
-    dense_y_mm: tuple[float, ...] | None = None
+    shapes: dict[str, tuple[Count, ...]] | None = None
+    shape_code: str | None = None
     files: dict[str, str] | None = None
 
     def __post_init__(self) -> None:
         if set(self.pairs) != set(SPLITS):
             raise ValueError(f"pairs must name the splits {', '.join(SPLITS)} and no others")
-        check_layout(self.layout_x_mm, self.layout_y_mm)
-        field = len(self.dense_x_mm or ())
-        if field != len(self.dense_y_mm or ()) or field > MAX_TAXELS:
-            raise ValueError("dense_x_mm and dense_y_mm must be one of each for each place")
-        pads = self.parameters.cyskin.pad_diameter_mm if self.parameters else self.pad_diameter_mm
-        if pads is not None and len(pads) != len(self.layout_x_mm):
-            raise ValueError(
-                f"pad_diameter_mm has {len(pads)} taxels and the layout {len(self.layout_x_mm)}"
-            )
-        if self.recipe is None and (self.scale is not None or self.parameters is not None):
+        if self.recipe is None and (self.scale is not None or self.shapes is not None):
             raise ValueError("recipe is missing, the recipe of a simulated dataset")
         for path in self.shards:
             if not _is_shard_path(path):
@@ -168,6 +162,38 @@ class DatasetInfo:
             )
             if present > expected or (self.complete and present < expected):
                 raise ValueError(f"pairs of {split} is {expected}, and its shards have {present}")
+
+    @property
+    def sensors(self) -> dict[str, SensorInfo]:
+        """The sensors by role."""
+        return {"source": self.source, "target": self.target}
+
+    @property
+    def values(self) -> dict[str, str]:
+        """The value of each role, "image" or "counts"."""
+        return {role: sensor.value for role, sensor in self.sensors.items()}
+
+    def role_of(self, value: str) -> str:
+        """The role of the first sensor of "image" or "counts", for "counts" the target first.
+
+        Raises T2TwinError for a dataset without one.
+        """
+        roles = list(self.sensors) if value == "image" else list(self.sensors)[::-1]
+        for role in roles:
+            if self.values[role] == value:
+                return role
+        names = f"{self.source.name} and {self.target.name}"
+        raise T2TwinError(f"the dataset is of {names}; it has no {value}")
+
+    @property
+    def camera(self) -> SensorInfo:
+        """The first gel camera. Raises T2TwinError for a dataset without one."""
+        return self.sensors[self.role_of("image")]
+
+    @property
+    def array(self) -> SensorInfo:
+        """The taxel array, the target's first. Raises T2TwinError for a dataset without one."""
+        return self.sensors[self.role_of("counts")]
 
     @property
     def is_simulated(self) -> bool:

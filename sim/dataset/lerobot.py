@@ -27,10 +27,10 @@ from t2twin.core.files import atomic_write, new_folder, write_json
 from t2twin.core.progress import Progress
 from t2twin.core.templates import render
 from t2twin.sim.dataset.card import CARD
-from t2twin.sim.dataset.columns import PATH, schema_of, with_features
+from t2twin.sim.dataset.columns import BACKGROUND, PATH, schema_of, with_features
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.lerobot_features import (
-    BACKGROUND_FEATURE,
+    IMAGE,
     INDICES,
     FeatureStatistics,
     features_of,
@@ -130,7 +130,7 @@ class _Conversion:
 
     def _present(self) -> set[str]:
         """Names of the columns with a value in every row."""
-        schema = schema_of(self._info.recipe)
+        schema = schema_of(self._info.values, self._info.recipe)
         scalars = [field.name for field in schema if not pa.types.is_nested(field.type)]
         present = set(schema.names)
         for split in self._splits:
@@ -141,9 +141,9 @@ class _Conversion:
     def _write_frames(self, write_episode: Callable[[Row], None]) -> None:
         """Writes the files of frames, and a row for each episode."""
         columns = [(each.name, each.arrow_type) for each in (*self._features, *INDICES)]
-        schema, repeated = with_features(pa.schema(columns)), []
-        if BACKGROUND_FEATURE in schema.names:
-            repeated.append(f"{BACKGROUND_FEATURE}.bytes")
+        schema = with_features(pa.schema(columns))
+        images = [each.name for each in self._features if each.dtype == IMAGE]
+        repeated = [f"{name}.bytes" for name in images if name.endswith(BACKGROUND)]
         total = sum(self._info.pairs.values())
         file, number = -1, 0
         episodes = self._episodes()
@@ -162,7 +162,8 @@ class _Conversion:
                         self._frames += len(rows)
                         self._ends[split] = number
                         bar.update(len(rows))
-                        size += sum(len(row["image"]["bytes"]) for row in rows)
+                        for name in images:
+                            size += sum(len(frame[name]["bytes"]) for frame in frames)
                         if size >= DATA_FILE_MB * 1e6:
                             break
 

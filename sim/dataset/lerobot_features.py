@@ -1,15 +1,15 @@
 """LeRobot's features of a dataset, their values in a row, and their statistics.
 
-observation.images.digit    the image
-observation.images.digit_background    the DIGIT unit's background frame, if any
-observation.taxels          the CySkin's counts
-observation.dense_counts    the dense counts, if any
-observation.cover_pressure_kpa, ...    pressure and shear on the cover at their places, if any
-observation.digit_contact, observation.cyskin_contact    depth and force, with motion also friction,
-                            shear forces, torque and share of slip
-action                      the commanded pose and force
-digit_settled, ...          flags of the contact solver
-press_index, unit, markers  columns index, unit and markers
+observation.images.ROLE             the image of a gel camera; ROLE is source or target
+observation.images.ROLE_background  the background frame of its unit, if any
+observation.ROLE_counts             the counts of a taxel array
+observation.ROLE_dense_counts       the dense counts, if any
+observation.ROLE_pressure_kpa, ...  pressure and shear on the cover at their places, if any
+observation.ROLE_contact            depth and force, with motion also friction, shear forces, torque
+                                    and share of slip
+action                              the commanded pose and force
+ROLE_settled, ...                   flags of the contact solver
+press_index, ROLE_unit, ...         columns index, unit and markers
 
 Features of columns without a value in every row are left out.
 """
@@ -24,21 +24,22 @@ import pyarrow as pa
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
+    COUNTS,
     DENSE_COUNTS,
     IMAGE_TYPE,
     MARKERS,
     MOTION,
     POSE,
-    SENSORS,
     TRACTIONS,
     UNIT,
+    column,
 )
-from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.columns import IMAGE as IMAGE_COLUMN
+from t2twin.sim.dataset.info import DatasetInfo, SensorInfo
+from t2twin.sim.sensors.defaults import ROLES
 
 IMAGE = "image"
 """dtype of LeRobot's features of images."""
-
-BACKGROUND_FEATURE = "observation.images.digit_background"
 
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 """Quantiles of LeRobot's statistics, by name."""
@@ -101,34 +102,41 @@ INDICES = (
 
 def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
     """The features of a dataset. present: names of the columns with a value in every row."""
-    taxels = tuple(f"taxel_{number}" for number in range(len(info.layout_x_mm)))
-    places = (len(info.dense_x_mm or ()),)
-    axes = ("height", "width", "channels")
-    wanted = [
-        Feature("observation.images.digit", IMAGE, info.image_shape, axes, ("image",)),
-        Feature(BACKGROUND_FEATURE, IMAGE, info.image_shape, axes, (BACKGROUND,)),
-        Feature("observation.taxels", "float32", (len(taxels),), taxels, ("taxels",)),
-        *(
-            Feature(f"observation.{name}", "float32", places, None, (name,))
-            for name in (DENSE_COUNTS, *TRACTIONS)
-        ),
-    ]
-    for sensor in SENSORS:
-        names = [name for name in ("depth_mm", "force_n", *MOTION) if f"{sensor}_{name}" in present]
-        columns = tuple(f"{sensor}_{name}" for name in names)
+    wanted = [feature for role, sensor in info.sensors.items() for feature in _values(role, sensor)]
+    for role in ROLES:
+        names = ["depth_mm", "force_n", *MOTION]
+        names = [name for name in names if column(role, name) in present]
+        columns = tuple(column(role, name) for name in names)
+        size = (len(names),)
         wanted.append(
-            Feature(
-                f"observation.{sensor}_contact", "float32", (len(names),), tuple(names), columns
-            )
+            Feature(f"observation.{role}_contact", "float32", size, tuple(names), columns)
         )
     wanted.append(Feature("action", "float32", (len(POSE),), POSE, POSE))
-    flags = [f"{sensor}_{flag}" for sensor in SENSORS for flag in ("settled", "bottomed")]
-    wanted += [Feature(name, "bool", (1,), None, (name,)) for name in (*flags, MARKERS)]
-    wanted += [
-        Feature(name, "int64", (1,), None, (column,))
-        for name, column in (("press_index", "index"), (UNIT, UNIT))
-    ]
+    flags = [column(role, flag) for role in ROLES for flag in ("settled", "bottomed", MARKERS)]
+    wanted += [Feature(name, "bool", (1,), None, (name,)) for name in flags]
+    wanted.append(Feature("press_index", "int64", (1,), None, ("index",)))
+    units = [column(role, UNIT) for role in ROLES]
+    wanted += [Feature(name, "int64", (1,), None, (name,)) for name in units]
     return [each for each in wanted if each.columns and present.issuperset(each.columns)]
+
+
+def _values(role: str, sensor: SensorInfo) -> list[Feature]:
+    """The features of a sensor's values."""
+    shape = sensor.image_shape
+    if shape is not None:
+        axes, names = ("height", "width", "channels"), (IMAGE_COLUMN, BACKGROUND)
+        features = {role: column(role, names[0]), column(role, names[1]): column(role, names[1])}
+        return [
+            Feature(f"observation.images.{feature}", IMAGE, shape, axes, (name,))
+            for feature, name in features.items()
+        ]
+    taxels = tuple(f"taxel_{number}" for number in range(len(sensor.x_mm)))
+    places, counts = (len(sensor.dense_x_mm or ()),), column(role, COUNTS)
+    dense = [column(role, name) for name in (DENSE_COUNTS, *TRACTIONS)]
+    return [
+        Feature(f"observation.{counts}", "float32", (len(taxels),), taxels, (counts,)),
+        *(Feature(f"observation.{name}", "float32", places, None, (name,)) for name in dense),
+    ]
 
 
 def vector_statistics(values: np.ndarray) -> Statistics:

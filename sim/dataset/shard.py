@@ -21,9 +21,10 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
-    DENSE_COUNTS,
     MARKERS,
     UNIT,
+    column,
+    dense_row,
     motion_row,
     row,
     schema_of,
@@ -31,9 +32,7 @@ from t2twin.sim.dataset.columns import (
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
 from t2twin.sim.optical.markers import Markers
-from t2twin.sim.optical.randomization.artifacts import with_artifacts
 from t2twin.sim.optical.randomization.ranges import log_uniform
-from t2twin.sim.optical.randomization.unit import sample_unit
 from t2twin.sim.sampling.plan import Batch, load_shape, name_of, paths_of
 from t2twin.sim.sampling.presses import (
     FRAME_STREAM,
@@ -44,7 +43,8 @@ from t2twin.sim.sampling.presses import (
     sample_friction,
 )
 from t2twin.sim.sampling.recipe import Recipe
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.defaults import ROLES
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import slide_to
 from t2twin.sim.touch import Touch
 
@@ -102,7 +102,8 @@ def make_shard(batch: Batch, context: ShardContext, progress: Callable[[], objec
     watch, rejected = Stopwatch(), Counter()
     start = time.process_time()
     rows = _rows(batch, context, watch, rejected, progress)
-    schema = schema_of(context.recipe)
+    values = dict(zip(ROLES, context.sensors.values, strict=True))
+    schema = schema_of(values, context.recipe)
     digest = write_shard(Path(context.folder) / batch.path, rows, schema)
     # The rows are made while the shard is written; the rest of the time is the writing.
     watch.seconds["writing"] += time.process_time() - start - watch.total
@@ -117,14 +118,15 @@ def _rows(
     progress: Callable[[], object],
 ) -> Iterator[dict[str, Any]]:
     """The rows of a shard, shape by shape, path by path."""
-    recipe = context.recipe
+    recipe, roles = context.recipe, context.sensors.roles
+    ranges = {name: sensor.FRICTION for name, sensor in context.sensors.by_name.items()}
     units = _units(batch, recipe, context.sensors, watch)
     for source, number in zip(batch.shapes, batch.numbers, strict=True):
         with watch.running("shape"):
             shape = load_shape(recipe.parts[batch.part], source, context.cache)
         first, friction = 0, {}
         if recipe.motion:
-            friction = sample_friction(recipe.motion, (recipe.seed, batch.part), number)
+            friction = sample_friction(recipe.motion, ranges, (recipe.seed, batch.part), number)
         for path in paths_of(recipe, batch, number):
             unit = next(units)
             attempts = path_attempts(recipe, batch.part, name_of(source), number, path, first)
@@ -134,16 +136,14 @@ def _rows(
             for index, touch in enumerate(touches, start=path.index):
                 columns = unit.columns
                 if recipe.dense_counts:
-                    with watch.running("field"):
-                        columns = columns | {DENSE_COUNTS: touch.dense_counts}
+                    with watch.running("dense counts"):
+                        columns = columns | dense_row(touch, roles, bool(recipe.motion))
                 if recipe.motion:
                     with watch.running("motion"):
-                        columns = columns | motion_row(
-                            touch, path.index, friction, recipe.dense_counts
-                        )
+                        columns = columns | motion_row(touch, roles, path.index, friction)
                 with watch.running("encoding"):
-                    image = encode_png(touch.image)
-                yield row(touch, index, batch.split, image) | columns
+                    columns = row(touch, roles, index, batch.split) | columns
+                yield columns
                 progress()
 
 
@@ -209,11 +209,9 @@ def _touches(
         if rejection_reason(touch):
             return touches
         with watch.running("motion"):
-            digit = slide_to(sensors, replace(touch, cyskin=None), command, friction["digit"])
-            cyskin = slide_to(sensors, replace(touch, digit=None), command, friction["cyskin"])
-        touch = replace(digit, cyskin=cyskin.cyskin)
+            touch = slide_to(sensors, touch, command, friction)
         touches.append(touch)
-    with watch.running("picture"):
+    with watch.running("read source"):
         read = touches[:1]
         for each in touches[1:]:
             read.append(sensors.with_readings(each, sample.rng, before=read[-1]))
@@ -230,7 +228,7 @@ def _is_fixed(recipe: Recipe, part: int, number: int) -> bool:
 
 
 def _markers(rng: np.random.Generator, share: float) -> Markers | None:
-    """Sampled markers of a DIGIT unit. share: of the units that have markers."""
+    """Sampled markers of a unit. share: of the units that have markers."""
     if rng.random() >= share:
         return None
     pitch_mm = float(log_uniform(rng, MARKER_PITCHES_MM))
@@ -241,7 +239,7 @@ def _markers(rng: np.random.Generator, share: float) -> Markers | None:
 
 @dataclass(frozen=True)
 class _Unit:
-    """A DIGIT unit of a part, next to the CySkin. columns: of the rows of its presses."""
+    """The sensors of a part's unit. columns: of the rows of its presses."""
 
     number: int
     sensors: SensorPair
@@ -251,30 +249,43 @@ class _Unit:
 def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) -> Iterator[_Unit]:
     """The unit of each path of a shard: the same for all, or one per shape or path."""
     light, unit = recipe.light, None
-    center = None if light.optics is None else sensors.digit.optics
     for shape in batch.numbers:
         for path in paths_of(recipe, batch, shape):
             sampled = shape if light.each == "shape" else shape * batch.presses + path.index
             number = 0 if light.kind == "fixed" else sampled
             if unit is None or unit.number != number:
-                digit, columns = sensors.digit, {UNIT: number} if recipe.has_more else {}
-                if not _is_fixed(recipe, batch.part, number):
-                    rng = np.random.default_rng((recipe.seed, UNIT_STREAM, batch.part, number))
-                    with watch.running("light"):
-                        sampled_unit = sample_unit(rng, light.draw, center)
-                        if light.artifacts:
-                            key = (recipe.seed, ARTIFACT_STREAM, batch.part, number)
-                            rng = np.random.default_rng(key)
-                            sampled_unit = with_artifacts(rng, sampled_unit, light.artifacts)
-                        digit = digit.with_unit(sampled_unit)
-                if recipe.motion:
-                    rng = np.random.default_rng((recipe.seed, MARKER_STREAM, batch.part, number))
-                    digit = replace(digit, markers=_markers(rng, recipe.motion.markers))
-                    columns |= {MARKERS: digit.markers is not None}
-                if recipe.background_frames:
-                    rng = np.random.default_rng((recipe.seed, FRAME_STREAM, batch.part, number))
-                    with watch.running("encoding"):
-                        png = encode_png(digit.background_frame(rng))
-                    columns |= {BACKGROUND: {"bytes": png, "path": f"background-{number}.png"}}
-                unit = _Unit(number, replace(sensors, digit=digit), columns)
+                unit = _unit(batch.part, number, recipe, sensors, watch)
             yield unit
+
+
+def _unit(part: int, number: int, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) -> _Unit:
+    """A unit of a part: each gel camera with sampled light and markers."""
+    own: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
+    for place, role in enumerate(ROLES):
+        sensor = getattr(sensors, role)
+        if not sensor.HAS_UNITS:
+            continue
+        keys = {
+            stream: (recipe.seed, stream, part, number, *[place] * bool(place))
+            for stream in (UNIT_STREAM, ARTIFACT_STREAM, MARKER_STREAM, FRAME_STREAM)
+        }
+        if recipe.has_more:
+            columns[column(role, UNIT)] = number
+        if not _is_fixed(recipe, part, number):
+            with watch.running("light"):
+                rngs = (np.random.default_rng(keys[n]) for n in (UNIT_STREAM, ARTIFACT_STREAM))
+                artifacts = recipe.light.artifacts or None
+                sensor = sensor.sampled(*rngs, recipe.light.draw, artifacts)
+        if recipe.motion:
+            rng = np.random.default_rng(keys[MARKER_STREAM])
+            sensor = replace(sensor, markers=_markers(rng, recipe.motion.markers))
+            columns[column(role, MARKERS)] = sensor.markers is not None
+        if recipe.has_more and recipe.background_frames:
+            rng = np.random.default_rng(keys[FRAME_STREAM])
+            with watch.running("encoding"):
+                png = encode_png(sensor.background_frame(rng))
+            path = f"background-{number}-{role}.png"
+            columns[column(role, BACKGROUND)] = {"bytes": png, "path": path}
+        own[role] = sensor
+    return _Unit(number, replace(sensors, **own), columns)

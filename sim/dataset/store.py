@@ -15,8 +15,10 @@ core, so 3 s for the scale paper.
 import hashlib
 import json
 import os
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from io import BufferedRandom
 from pathlib import Path
 from typing import Any
@@ -27,10 +29,20 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write
-from t2twin.core.records import read_json
-from t2twin.sim.dataset.columns import BACKGROUND, DENSE_COUNTS, IMAGE_TYPE, TRACTIONS, schema_of
+from t2twin.core.files import atomic_write, read_file
+from t2twin.core.records import convert, decode_json
+from t2twin.sim.dataset.columns import (
+    BACKGROUND,
+    COUNTS,
+    DENSE_COUNTS,
+    IMAGE_TYPE,
+    TRACTIONS,
+    column,
+    schema_of,
+)
+from t2twin.sim.dataset.format_1 import COLUMNS, converted
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
+from t2twin.sim.sensors.defaults import ROLES
 
 INFO, LOG = "info.json", "log.jsonl"
 
@@ -43,22 +55,20 @@ MAX_DICTIONARY_BYTES = 32_000_000
 _intact: set[tuple[Path, int, int, str]] = set()
 """Shards whose sha256 this process has compared: path, size, time of change, sha256."""
 
-REQUIRED = ("shape", "family", "split", "index", "taxels")
+REQUIRED = ("shape", "family", "split", "index", *(column(role, COUNTS) for role in ROLES))
 """Columns with a value in every row; imported pairs may have no value in the others."""
 
 
-def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema | None = None) -> str:
+def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema) -> str:
     """Write rows as one shard, as they come; returns its sha256.
 
-    schema: from schema_of; None for the columns of every dataset. Raises T2TwinError where the
-    shard cannot be written; then there is none.
+    schema: from schema_of. Raises T2TwinError where the shard cannot be written; then there is
+    none.
     """
-    columns = schema_of(None) if schema is None else schema
-    repeated = ["shape", "family", "split"]
-    if BACKGROUND in columns.names:
-        # all rows of a DIGIT unit have one background frame: a dictionary stores it once per group
-        repeated.append(f"{BACKGROUND}.bytes")
-    with row_writer(path, columns, repeated) as write:
+    # all rows of a unit have one background frame: a dictionary stores it once per group
+    frames = [name for name in schema.names if name.endswith(f"_{BACKGROUND}")]
+    repeated = ["shape", "family", "split", *(f"{name}.bytes" for name in frames)]
+    with row_writer(path, schema, repeated) as write:
         for each in rows:
             write(each)
     return sha256_of(path)
@@ -128,13 +138,18 @@ def _durable(path: Path) -> Iterator[BufferedRandom]:
 
 def write_info(folder: Path, info: DatasetInfo) -> None:
     """Write a dataset's info.json, without fields that are None."""
-    content = {key: value for key, value in msgspec.to_builtins(info).items() if value is not None}
+    content = _given(msgspec.to_builtins(info))
+    content |= {role: _given(content[role]) for role in ROLES}
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
     write_whole(folder / INFO, f"{text}\n".encode())
 
 
+def _given(content: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in content.items() if value is not None}
+
+
 def read_info(folder: str | Path) -> DatasetInfo:
-    """A dataset's info.json.
+    """A dataset's info.json; one of format 1 with the names of format 2.
 
     Raises T2TwinError for a folder without a dataset, another format, and an invalid info.json.
     """
@@ -144,7 +159,22 @@ def read_info(folder: str | Path) -> DatasetInfo:
             f"{folder} contains no dataset (no {INFO}); make one with "
             f"`t2twin simdata --out {folder}`"
         )
-    return read_json(path, DatasetInfo, FORMAT)
+    content = read_file(path).removeprefix(BOM_UTF8)
+    found = decode_json(content, _FormatNumber, path).format
+    if found == FORMAT:
+        return decode_json(content, DatasetInfo, path)
+    if found == 1:
+        return convert(converted(decode_json(content, dict[str, Any], path)), DatasetInfo, path)
+    raise T2TwinError(
+        f"{path} is of format {found}; this version of t2twin reads formats 1 and {FORMAT}"
+    )
+
+
+@dataclass(frozen=True)
+class _FormatNumber:
+    """The format number of info.json; 1 if missing."""
+
+    format: int = 1
 
 
 def split_shards(info: DatasetInfo, split: str) -> list[str]:
@@ -180,10 +210,11 @@ def iter_shards(
     missing = [path for path in shards if not (Path(folder) / path).is_file()]
     if missing:
         raise T2TwinError(f"the dataset in {folder} lacks {missing[0]}; {_repair(info)}")
-    schema = schema_of(info.recipe)
+    schema = schema_of(info.values, info.recipe)
     for path in shards:
         with _opened(folder, path) as file:
-            table = file.read(columns=columns)
+            stored = None if columns is None else [stored_name(each, info) for each in columns]
+            table = _renamed(file.read(columns=stored), info)
         try:
             check_table(table, columns or schema.names, schema, info.shards[path], info)
         except ValueError as error:
@@ -214,11 +245,34 @@ def check_table(
             raise ValueError(f"its column {name} has values that are not finite")
     if table.num_rows != shard.pairs:
         raise ValueError(f"it has {table.num_rows} rows instead of {shard.pairs}")
-    places, most = len(info.dense_x_mm or ()), info.full_scale_counts
-    lists = {"taxels": (len(info.layout_x_mm), most), DENSE_COUNTS: (places, most)}
-    for name, (size, largest) in (lists | dict.fromkeys(TRACTIONS, (places, np.inf))).items():
+    for name, (size, largest) in list_limits(info).items():
         if name in columns:
             _check_lists(table[name].combine_chunks(), name, size, largest)
+
+
+def list_limits(info: DatasetInfo) -> dict[str, tuple[int, float]]:
+    """The size of each list in the columns of taxel arrays, and its largest value."""
+    limits: dict[str, tuple[int, float]] = {}
+    for role, sensor in info.sensors.items():
+        if sensor.full_scale_counts is not None:
+            places, most = len(sensor.dense_x_mm or ()), sensor.full_scale_counts
+            limits[column(role, COUNTS)] = len(sensor.x_mm), most
+            limits[column(role, DENSE_COUNTS)] = places, most
+            limits |= {column(role, name): (places, np.inf) for name in TRACTIONS}
+    return limits
+
+
+def stored_name(name: str, info: DatasetInfo) -> str:
+    """The name of a column in the dataset's files."""
+    return COLUMNS.get(name, name) if info.format == 1 else name
+
+
+def _renamed(table: pa.Table, info: DatasetInfo) -> pa.Table:
+    """A table as it is stored, with the columns of format 2."""
+    if info.format != 1:
+        return table
+    names = {old: new for new, old in COLUMNS.items()}
+    return table.rename_columns([names.get(name, name) for name in table.column_names])
 
 
 def _check_lists(rows: pa.ListArray, name: str, size: int, largest: float) -> None:
@@ -235,33 +289,26 @@ def _check_lists(rows: pa.ListArray, name: str, size: int, largest: float) -> No
         raise ValueError(f"it has {found} in {name}, over the full scale of {largest}")
 
 
-def taxels(table: pa.Table) -> np.ndarray:
-    """(n, taxels) float32: the taxel counts of a table of read_split."""
-    return _lists(table, "taxels").astype(np.float32)
+def lists(table: pa.Table, name: str) -> np.ndarray:
+    """(n, size): a column of lists of a table of read_split, such as counts."""
+    rows = table.column(name).combine_chunks()
+    return rows.flatten().to_numpy().reshape(len(rows), -1)
 
 
-def dense_counts(table: pa.Table) -> np.ndarray:
-    """(n, places) uint16: the dense counts of a table of read_split."""
-    return _lists(table, DENSE_COUNTS)
-
-
-def _lists(table: pa.Table, name: str) -> np.ndarray:
-    column = table.column(name).combine_chunks()
-    return column.flatten().to_numpy().reshape(len(column), -1)
-
-
-def iter_images(folder: str | Path, shard: str, column: str = "image") -> Iterator[bytes]:
+def iter_images(folder: str | Path, shard: str, name: str) -> Iterator[bytes]:
     """A shard's images as PNG bytes, row by row, with little memory.
 
-    column: BACKGROUND for the background frames. Raises T2TwinError for a damaged shard.
+    name: of a column of images or background frames. Raises T2TwinError for a damaged shard.
     """
+    info = read_info(folder)
+    stored = stored_name(name, info)
     with _opened(folder, shard) as file:
-        if column not in file.schema_arrow.names or (
-            file.schema_arrow.field(column).type != IMAGE_TYPE
+        if stored not in file.schema_arrow.names or (
+            file.schema_arrow.field(stored).type != IMAGE_TYPE
         ):
             raise T2TwinError(f"{Path(folder) / shard} is damaged: it contains no column of images")
-        _check_bytes(folder, shard, read_info(folder))
-        for batch in file.iter_batches(BATCH_ROWS, columns=[column]):
+        _check_bytes(folder, shard, info)
+        for batch in file.iter_batches(BATCH_ROWS, columns=[stored]):
             for image in batch.column(0).to_pylist():
                 yield image["bytes"] if image else b""
 

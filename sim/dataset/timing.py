@@ -11,18 +11,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 STAGES = (
-    "press digit",
-    "press cyskin",
-    "picture",
+    "press source",
+    "press target",
+    "read source",
+    "read target",
     "motion",
-    "taxels",
-    "field",
+    "dense counts",
     "light",
     "encoding",
     "writing",
     "shape",
 )
-"""Stages of a shard. "shape" is done once for all presses of a shape; "field", "light" and
+"""Stages of a shard. "shape" is done once for all presses of a shape; "dense counts", "light" and
 "motion" only where the recipe has dense counts, samples the light or has motion."""
 
 STATUS = Path("/proc/self/status")

@@ -21,7 +21,14 @@ from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import IMAGE_TYPE, PATH, POSE, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
-from t2twin.sim.dataset.store import BATCH_ROWS, INFO, check_table, read_info, sha256_of
+from t2twin.sim.dataset.store import (
+    BATCH_ROWS,
+    INFO,
+    check_table,
+    read_info,
+    sha256_of,
+    stored_name,
+)
 from t2twin.sim.sampling.plan import Batch, name_of, paths_of, plan, shard_path
 from t2twin.sim.sampling.presses import MotionPath, path_attempts, planned_name
 from t2twin.sim.sampling.recipe import RANDOM, Recipe
@@ -86,14 +93,14 @@ def planned_shards(info: DatasetInfo) -> dict[str, Batch]:
 
     Of the primitives and tools on a grid, those whose presses info.json lists.
     """
-    recipe, parameters = info.recipe, info.parameters
-    if recipe is None or parameters is None:
+    recipe, shapes = info.recipe, info.shapes
+    if recipe is None or shapes is None:
         return {}
     on_grid = {part.shapes for part in recipe.parts if part.place == "grid"}
     names = tuple(
         name
         for name in catalogue.NAMES
-        if name in parameters.shapes
+        if name in shapes
         or ("primitives" if name in catalogue.PRIMITIVES else "tools") not in on_grid
     )
     return {batch.path: batch for batch in plan(recipe, names)}
@@ -114,27 +121,39 @@ def _shard(
 def _content(
     folder: Path, path: str, info: DatasetInfo, planned: dict[str, Batch]
 ) -> Iterator[Fault]:
-    schema = schema_of(info.recipe)
+    schema = schema_of(info.values, info.recipe)
+    stored = pa.schema([field.with_name(stored_name(field.name, info)) for field in schema])
     with pq.ParquetFile(folder / path) as file:
-        if not file.schema_arrow.equals(schema):
+        found = {field.name: field.type for field in file.schema_arrow}
+        if found != {field.name: field.type for field in stored}:
             yield Fault(path, "its columns are not the dataset's")
             return
         images = [field.name for field in schema if field.type == IMAGE_TYPE]
         others = [name for name in schema.names if name not in images]
-        table = file.read(others)
+        table = file.read([stored_name(name, info) for name in others]).rename_columns(others)
         try:
             check_table(table, others, schema, info.shards[path], info)
         except ValueError as error:
             yield Fault(path, str(error))
         else:
             yield from (Fault(path, reason) for reason in _pairing(path, table, info, planned))
-        row = 0
-        for batch in file.iter_batches(BATCH_ROWS, columns=images):
+        row, shapes = 0, _image_shapes(images, info)
+        for batch in file.iter_batches(BATCH_ROWS, columns=list(shapes)):
             for values in batch.to_pylist():
-                for image in values.values():
-                    for reason in _image(image, info.image_shape):
+                for name, image in values.items():
+                    for reason in _image(image, shapes[name]):
                         yield Fault(path, f"row {row}: {reason}")
                 row += 1
+
+
+def _image_shapes(images: list[str], info: DatasetInfo) -> dict[str, tuple[int, ...]]:
+    """Shapes of the images by the names of their stored columns."""
+    shapes = {}
+    for name in images:
+        shape = info.sensors[name.split("_")[0]].image_shape
+        assert shape is not None
+        shapes[stored_name(name, info)] = shape
+    return shapes
 
 
 def _pairing(

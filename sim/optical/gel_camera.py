@@ -11,6 +11,7 @@ from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
+from t2twin.core.images import encode_png
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
@@ -23,7 +24,9 @@ from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.markers import Markers, surface_shift
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.pyrender_renderer import PyrenderRenderer
-from t2twin.sim.optical.randomization.unit import Unit
+from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
+from t2twin.sim.optical.randomization.ranges import UnitRanges
+from t2twin.sim.optical.randomization.unit import Unit, sample_unit
 from t2twin.sim.optical.spec import GelCameraSpec
 from t2twin.sim.optical.surface import surface_on
 
@@ -43,6 +46,13 @@ class GelCamera:
 
     OPTIONS: ClassVar = ("optics", "renderer", "frames", "markers", "gel")
     """Options of `with_options`."""
+
+    HAS_UNITS: ClassVar = True
+    """Whether its units differ in what a recipe samples."""
+    VALUE: ClassVar = "image"
+    """Column of its readings in a dataset."""
+    FRICTION: ClassVar = "gel_friction"
+    """Range of its friction in a recipe."""
 
     spec: GelCameraSpec
     folder: str = ""
@@ -177,9 +187,40 @@ class GelCamera:
             return self.spec.markers.markers()
         return arguments.instance(markers, "markers", Markers)
 
+    def sampled(
+        self,
+        rng: np.random.Generator,
+        artifacts_rng: np.random.Generator,
+        ranges: UnitRanges,
+        artifacts: Artifacts | None,
+    ) -> "GelCamera":
+        """A sampled unit: near its optics file, if one is given or the sensor's file has no LEDs or
+        no ranges of units, else from the ranges. artifacts: None for none."""
+        light = self.spec.light
+        is_near = self.optics_file is not None or not light.leds or self.spec.units is None
+        unit = sample_unit(rng, self.spec, ranges, self.optics if is_near else None)
+        if artifacts is not None:
+            leds = tuple(each.led for each in light.leds)
+            unit = with_artifacts(artifacts_rng, unit, artifacts, leds)
+        return self.with_unit(unit)
+
     def with_unit(self, unit: Unit) -> "GelCamera":
         """The same gel, pitch and renderer with the light and noise of a sampled unit."""
         return replace(self, unit=unit)
+
+    def for_dataset(self) -> "GelCamera":
+        """The same sensor with the errors that datasets have by default: its own noise."""
+        return self
+
+    def info(self, with_dense_counts: bool) -> dict[str, Any]:
+        """What a dataset records of it: fields of t2twin.sim.dataset.info.SensorInfo."""
+        camera = self.camera
+        return {
+            "image_shape": (camera.rows, camera.columns, 3),
+            "view_mm": camera.seen_half_extent_mm(),
+            "noise_grey": self.noise_grey,
+            "optics_sha256": self.optics_sha256,
+        }
 
     def press(self, shape: Shape, command: PressCommand) -> Contact:
         """The contact of a shape with the gel. Raises T2TwinError as solve_contact does."""
@@ -254,6 +295,15 @@ class ImageReading:
             "renderer": self.sensor.renderer,
             **own,
         }
+
+    def row(self, path: str) -> dict[str, Any]:
+        """The column of the image, PNG. path: its name."""
+        assert self.image is not None
+        return {"image": {"bytes": encode_png(self.image), "path": path}}
+
+    def dense_row(self, with_tractions: bool) -> dict[str, Any]:
+        """No columns: an image is dense."""
+        return {}
 
     def save(self, folder: Path) -> None:
         """Write NAME.png."""

@@ -38,7 +38,7 @@ LedDistance = Annotated[float, Meta(ge=1.0, le=FARTHEST_MM)]
 Elevation = Annotated[float, Meta(ge=-20.0, le=80.0)]
 
 
-class CameraTable(Struct, frozen=True, forbid_unknown_fields=True):
+class CameraTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The camera, a pinhole on the sensor's axis, and its images."""
 
     rows: Annotated[Pixels, Meta(description="rows of an image, along y")]
@@ -65,7 +65,7 @@ class CameraTable(Struct, frozen=True, forbid_unknown_fields=True):
         return Camera(**{name: getattr(self, name) for name in names})
 
 
-class LedTable(Struct, frozen=True, forbid_unknown_fields=True):
+class LedTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """One LED beside the gel, after refraction by the plate."""
 
     color: Annotated[
@@ -98,7 +98,7 @@ class LedTable(Struct, frozen=True, forbid_unknown_fields=True):
         )  # fmt: skip
 
 
-class LightTable(Struct, frozen=True, forbid_unknown_fields=True):
+class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The light of one unit: an optics file, LEDs, or both, which then describe the same light."""
 
     leds: Annotated[
@@ -120,7 +120,7 @@ class LightTable(Struct, frozen=True, forbid_unknown_fields=True):
             raise T2TwinError("expected at least one of leds and optics")
 
 
-class UnitsTable(Struct, frozen=True, forbid_unknown_fields=True):
+class UnitsTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Ranges, low and high, in which units of this sensor differ, for recipes that sample them."""
 
     scale_px_per_mm: Annotated[tuple[Scale, Scale], Meta(description="image scale")]
@@ -139,7 +139,7 @@ class UnitsTable(Struct, frozen=True, forbid_unknown_fields=True):
                 raise T2TwinError(f"{name} is [{low:g}, {high:g}]; expected low first")
 
 
-class MarkersTable(Struct, frozen=True, forbid_unknown_fields=True):
+class MarkersTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Markers that may be printed on the gel, a grid of round dots."""
 
     pitch_mm: Annotated[float, Meta(ge=0.5, le=8.0, description="distance of neighbors")]
@@ -159,7 +159,7 @@ class MarkersTable(Struct, frozen=True, forbid_unknown_fields=True):
         return Markers(self.pitch_mm, self.diameter_mm, grid=grid)
 
 
-class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True):
+class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A gel camera's file."""
 
     kind: Annotated[Literal["gel-camera"], Meta(description="kind of the sensor")]

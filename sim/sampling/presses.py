@@ -6,7 +6,7 @@ In a recipe with motion, sampled presses start paths, on which the shape slides 
 further touch of a path continues the one before, at equal steps.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -21,7 +21,7 @@ from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.recipe import RANDOM, ForceRange, Motion, Part, Place, Recipe
 
 PRESS_STREAM, FORCE_STREAM, UNIT_STREAM, FRAME_STREAM = 11, 12, 13, 14
-"""Random streams of one seed: presses, forces on a grid, DIGIT units, noise of their background
+"""Random streams of one seed: presses, forces on a grid, units, noise of their background
 frames."""
 
 PATH_STREAM, MOTION_STREAM, FRICTION_STREAM = 15, 16, 17
@@ -245,10 +245,14 @@ def sample_commands(
     return tuple(commands)
 
 
-def sample_friction(motion: Motion, seed: tuple[int, int], number: int) -> dict[str, float]:
-    """Coefficients of friction of a shape, by sensor. seed, number: as for sample_paths."""
+def sample_friction(
+    motion: Motion, ranges: Mapping[str, str], seed: tuple[int, int], number: int
+) -> dict[str, float]:
+    """Coefficients of friction of a shape, by sensor.
+
+    ranges: name of the motion's range of each sensor. seed, number: as for sample_paths.
+    """
     rng = np.random.default_rng((*seed, FRICTION_STREAM, number))
     return {
-        "digit": float(log_uniform(rng, motion.gel_friction)),
-        "cyskin": float(log_uniform(rng, motion.cover_friction)),
+        sensor: float(log_uniform(rng, getattr(motion, name))) for sensor, name in ranges.items()
     }

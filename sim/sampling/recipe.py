@@ -32,11 +32,9 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 from t2twin.core.records import convert
 from t2twin.sim.contact.types import FORCE_RANGE_N
-from t2twin.sim.optical.image_renderer import FRAMES
 from t2twin.sim.optical.randomization.artifacts import Artifacts
 from t2twin.sim.optical.randomization.ranges import UnitRanges
-from t2twin.sim.taxels.layout import DEFAULT_LAYOUT
-from t2twin.sim.taxels.reading import DATASET_DEFAULT
+from t2twin.sim.sensors.defaults import SOURCE, TARGET
 
 RECIPES = Path(__file__).parent / "recipes"
 PAPER = "paper"
@@ -179,13 +177,13 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Light(Struct, frozen=True, forbid_unknown_fields=True):
-    """The DIGIT's light.
+    """The light of gel cameras.
 
     kind: "fixed", one unit for all; "drawn", a sampled unit for each shape or press. optics: a
-    file of `t2twin calibrate`, the fixed unit or the center of the sampled ones; None for the
-    default optics, or the default distribution. draw: ranges of the distribution. optics:
-    "baked", or "pyrender", which takes seconds per image. frames: number of frames averaged for an
-    image, which reduces the noise: 30 in the protocol, 1 for translation of single frames.
+    file of `t2twin calibrate`, the fixed unit or the center of the sampled ones, of the first gel
+    camera; None for the sensor's own light. draw: ranges of the distribution. renderer: "baked", or
+    "pyrender", which takes seconds per image. frames: number of frames averaged for an image, which
+    reduces the noise: the sensor's by default, 1 for translation of single frames.
     fixed_share: share of the units that are the fixed unit in place of a sampled one, without
     artifacts. artifacts: of the sampled units; without them units have none, and info.json does not
     contain them. Raises T2TwinError for artifacts and fixed_share with kind "fixed".
@@ -197,7 +195,7 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     renderer: Literal["baked", "pyrender"] = "baked"
     draw: UnitRanges = UnitRanges()
     fixed_share: Share = 0.0
-    frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES)] = FRAMES
+    frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES)] | None = None
     artifacts: Artifacts | UnsetType = UNSET
 
     def __post_init__(self) -> None:
@@ -213,10 +211,10 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
     still, slide, twist: shares of the paths, whose sum is 1. The others are ranges, low and high.
     slide_mm: length of a slide, in any direction. twist_deg: angle of a twist, either way. steps:
     touches of a path after its press. force_change: force at the end over the force at the start.
-    gel_friction, cover_friction: coefficients of friction, sampled for each shape. All are sampled
-    uniformly in the logarithm, steps uniformly. markers: share of the DIGIT units that have markers
-    (t2twin.sim.optical.markers), on grids of sampled pitch and diameter. The defaults of friction
-    are those of t2twin.sim.contact.sliding; the others are assumed.
+    gel_friction, cover_friction: coefficients of friction of gel cameras and of taxel arrays,
+    sampled for each shape. All are sampled uniformly in the logarithm, steps uniformly. markers:
+    share of the units of a gel camera that have markers (t2twin.sim.optical.markers), on grids of
+    sampled pitch and diameter. All defaults are assumed.
     """
 
     still: MotionShare = 0.4
@@ -245,18 +243,22 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     """What is sampled into a dataset.
 
-    name: for tables. seed: of all samples. layout, imperfections: the CySkin's. dense_counts:
-    whether pairs contain the dense counts (t2twin.sim.taxels.dense). background_frames: whether
-    pairs contain the background frame of their DIGIT unit. motion: of the sampled presses; without
-    it all stay still, and info.json does not contain it.
+    name: for tables. seed: of all samples. source, target: names of bundled sensors, or sensor
+    files. layout, imperfections: of taxel arrays; None for the layout of the sensor's file, and for
+    its imperfections "recorded", if it has them. dense_counts: whether pairs contain the dense
+    counts of taxel arrays (t2twin.sim.taxels.dense). background_frames: whether they contain the
+    background frames of gel cameras' units. motion: of the sampled presses; without it all stay
+    still, and info.json does not contain it.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=60)]
     parts: Annotated[tuple[Part, ...], Meta(min_length=1, max_length=50)]
     format: Literal[1] = FORMAT
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] = 0
-    layout: str = DEFAULT_LAYOUT
-    imperfections: Literal["none", "white", "baseline", "all", "recorded"] = DATASET_DEFAULT
+    source: str = SOURCE
+    target: str = TARGET
+    layout: str | None = None
+    imperfections: str | None = None
     light: Light = Light()
     dense_counts: bool = True
     background_frames: bool = True

@@ -17,13 +17,11 @@ from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
-from t2twin.sim.sensors.defaults import ALIASES, SOURCE, TARGET
+from t2twin.sim.sensors.defaults import ALIASES, ROLES, SOURCE, TARGET
 from t2twin.sim.sensors.files import Sensor, load_sensor
 from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.sim.touch import Reading, Touch
-
-ROLES = ("source", "target")
 
 StageTimer = Callable[[str], AbstractContextManager[None]]
 """Context manager around each stage of a press, named as in t2twin.sim.dataset.timing.STAGES."""
@@ -68,11 +66,33 @@ class SensorPair:
                 )
         return SensorPair(*both)
 
+    def with_optics(self, optics: str | Path) -> "SensorPair":
+        """The same pair with an optics file of its first gel camera.
+
+        Raises T2TwinError for a pair without one.
+        """
+        camera = self.camera
+        lit = camera.with_options({"optics": optics})
+        if camera is self.source:
+            return replace(self, source=lit)
+        return replace(self, target=lit)
+
+    def with_imperfections(self, name: str | None) -> "SensorPair":
+        """The same pair with imperfections of its taxel arrays; None for those of a dataset."""
+        if name is not None:
+            return self.with_options(imperfections=name)
+        return SensorPair(self.source.for_dataset(), self.target.for_dataset())
+
     @cached_property
     def by_name(self) -> dict[str, Sensor]:
         """The sensors by their names in a touch; two of one name are NAME and NAME-2."""
         first, second = self.source.name, self.target.name
         return {first: self.source, second if second != first else f"{second}-2": self.target}
+
+    @property
+    def values(self) -> tuple[str, str]:
+        """Columns of the readings of source and target in a dataset: "image" or "counts"."""
+        return self.source.VALUE, self.target.VALUE
 
     @cached_property
     def roles(self) -> dict[str, str]:

@@ -51,7 +51,7 @@ RADII = 600
 """Distances at which the transform is computed; it is interpolated between them."""
 
 
-class DenseTable(Struct, frozen=True, forbid_unknown_fields=True):
+class DenseTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The grid of the dense counts."""
 
     spacing_mm: Annotated[

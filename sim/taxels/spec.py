@@ -27,7 +27,7 @@ KIND = "taxel-array"
 Line = Annotated[int, Meta(ge=1, le=MAX_TAXELS)]
 
 
-class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True):
+class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The taxels: a layout's name or file, or a grid of them around the sensor's axis."""
 
     file: Annotated[
@@ -64,7 +64,7 @@ class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True):
         return grid_layout(name, self.rows, self.columns, self.pitch_mm, float(pad_mm))
 
 
-class TactileImageTable(Struct, frozen=True, forbid_unknown_fields=True):
+class TactileImageTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The tactile image, which interpolates the counts."""
 
     rows: Annotated[int, Meta(ge=8, le=2000, description="rows, along y")]
@@ -72,7 +72,7 @@ class TactileImageTable(Struct, frozen=True, forbid_unknown_fields=True):
     px_per_mm: Annotated[float, Meta(gt=0.0, le=100.0, description="scale; pixels are square")]
 
 
-class TaxelArraySpec(Struct, frozen=True, forbid_unknown_fields=True):
+class TaxelArraySpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A taxel array's file."""
 
     kind: Annotated[Literal["taxel-array"], Meta(description="kind of the sensor")]

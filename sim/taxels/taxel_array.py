@@ -38,6 +38,8 @@ class TaxelArray:
     OPTIONS: ClassVar = ("layout", "imperfections", "dead", "cover")
     """Options of `with_options`."""
 
+    HAS_UNITS: ClassVar = False
+    """Whether its units differ in what a recipe samples."""
     VALUE: ClassVar = "counts"
     """Column of its readings in a dataset."""
     FRICTION: ClassVar = "cover_friction"
@@ -94,6 +96,12 @@ class TaxelArray:
         """Count at which a taxel saturates."""
         return self.spec.counts.full_scale
 
+    @property
+    def tactile_image_size(self) -> tuple[int, int, float]:
+        """Rows, columns and px/mm of the tactile image."""
+        table = self.spec.tactile_image
+        return table.rows, table.columns, table.px_per_mm
+
     @cached_property
     def dense(self) -> DenseGrid:
         """The grid of the dense counts, through the first taxel of the sensor's file."""
@@ -121,6 +129,31 @@ class TaxelArray:
         if "layout" in given:
             given["layout_source"] = str(arguments.path(given.pop("layout"), "layout"))
         return replace(self, **given)
+
+    def for_dataset(self) -> "TaxelArray":
+        """The same sensor with the errors that datasets have by default."""
+        default = reading.DATASET_DEFAULT
+        known = default in self.spec.imperfections
+        return replace(self, imperfections=default if known else reading.NONE)
+
+    def info(self, with_dense_counts: bool) -> dict[str, Any]:
+        """What a dataset records of it: fields of t2twin.sim.dataset.info.SensorInfo."""
+        layout = self.layout
+        content: dict[str, Any] = {
+            "layout": layout.name,
+            "x_mm": tuple(layout.x_mm.tolist()),
+            "y_mm": tuple(layout.y_mm.tolist()),
+            "pad_diameter_mm": tuple(layout.pad_diameter_mm.tolist()),
+            "full_scale_counts": self.full_scale,
+            "tactile_image": self.tactile_image_size,
+            "readings": self.spec.counts.readings,
+            "imperfections": self.flaws,
+        }
+        if with_dense_counts:
+            places = self.dense.layout
+            content["dense_x_mm"] = tuple(places.x_mm.tolist())
+            content["dense_y_mm"] = tuple(places.y_mm.tolist())
+        return content
 
     def press(self, shape: Shape, command: PressCommand) -> Contact:
         """The contact of a shape with the cover. Raises T2TwinError as solve_contact does."""

@@ -11,7 +11,7 @@ MAX_BITS = 16
 """Largest number of bits of a count."""
 
 
-class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True):
+class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The law of a taxel.
 
     capacitive: strain m (1 - exp(-p / (M m))) of a dielectric of modulus M and largest strain m;
@@ -62,7 +62,7 @@ class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True):
         return strain / (1.0 - strain)
 
 
-class CountsTable(Struct, frozen=True, forbid_unknown_fields=True):
+class CountsTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The counts that are read."""
 
     gain: Annotated[float, Meta(gt=0.0, le=1e9, description="counts for a signal of 1")]
