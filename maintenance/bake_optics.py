@@ -1,8 +1,9 @@
-"""Makes the default optics: fits the baked model's response to pyrender's images.
+"""Makes an optics file of the LEDs in a sensor's file: fits the baked model to pyrender's images.
 
     python -m maintenance.bake_optics
 
-Run it again after changes of the LEDs, the camera or the gel's dome; it takes about a minute.
+Run it again after changes of the LEDs, the camera or the gel's dome of the default gel camera; it
+takes about a minute.
 """
 
 from collections.abc import Sequence
@@ -11,19 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
-from t2twin.sim.optical.light.leds import AMBIENT, DIGIT_LEDS, Led
 from t2twin.sim.optical.light.ray_casting import Leds, Rays
-from t2twin.sim.optical.optics import (
-    DEFAULT_PATH,
-    PLACE_TERMS,
-    Optics,
-    led_columns,
-    place_terms,
-)
+from t2twin.sim.optical.optics import PLACE_TERMS, Optics, led_columns, place_terms
 from t2twin.sim.optical.pyrender_renderer import GAMMA, ReferenceRenderer
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.defaults import SOURCE
+from t2twin.sim.sensors.files import load_sensor
 
 DARK = 0.05
 """Linear light added to a pixel's in the conversion of errors to grey levels: the ambient's."""
@@ -37,24 +35,25 @@ SKIRT_MM = 0.6
 """Decay length of the deflection outside a shape, mm (assumed: a fraction of the layer)."""
 
 
-def probe_deflections() -> list[np.ndarray]:
+def probe_deflections(gel: Elastomer) -> list[np.ndarray]:
     """Deflections that cover places and slopes: balls, edges, and the gel at rest."""
-    x, y = optical_grid()
+    x, y = optical_grid(gel)
     rest = [np.zeros((y.size, x.size))]
     balls = [
-        ball_surface(x_mm, y_mm, depth_mm, radius_mm)
+        ball_surface(gel, x_mm, y_mm, depth_mm, radius_mm)
         for x_mm in (-4.0, 0.0, 4.0)
         for y_mm, depth_mm, radius_mm in ((-6.0, 1.0, 2.35), (-1.5, 1.5, 3.0), (4.0, 0.8, 4.0))
     ]
     edges = [
-        block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
-        block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
-        ring(0.0, 0.0, 0.7, 2.0, 3.5),
+        block(gel, -2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
+        block(gel, 2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
+        ring(gel, 0.0, 0.0, 0.7, 2.0, 3.5),
     ]
     return rest + balls + edges
 
 
 def block(
+    gel: Elastomer,
     x_mm: float,
     y_mm: float,
     depth_mm: float,
@@ -62,8 +61,8 @@ def block(
     length_mm: float,
     yaw_rad: float = 0.0,
 ) -> np.ndarray:
-    """Deflection by a flat rectangle, mm, on optical_grid(); at yaw 0 its width is along x."""
-    x, y = np.meshgrid(*optical_grid())
+    """Deflection by a flat rectangle, mm, on optical_grid(gel); at yaw 0 its width is along x."""
+    x, y = np.meshgrid(*optical_grid(gel))
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     along = (x - x_mm) * cos + (y - y_mm) * sin
     across = (y - y_mm) * cos - (x - x_mm) * sin
@@ -71,9 +70,11 @@ def block(
     return _flat(np.hypot(*np.maximum(beyond, 0.0)), depth_mm)
 
 
-def ring(x_mm: float, y_mm: float, depth_mm: float, inner_mm: float, outer_mm: float) -> np.ndarray:
+def ring(
+    gel: Elastomer, x_mm: float, y_mm: float, depth_mm: float, inner_mm: float, outer_mm: float
+) -> np.ndarray:
     """Deflection by a flat ring, mm, with these inner and outer radii."""
-    x, y = np.meshgrid(*optical_grid())
+    x, y = np.meshgrid(*optical_grid(gel))
     distance = np.hypot(x - x_mm, y - y_mm)
     outside = np.maximum(np.maximum(inner_mm - distance, distance - outer_mm), 0.0)
     return _flat(outside, depth_mm)
@@ -83,28 +84,33 @@ def _flat(distance_mm: np.ndarray, depth_mm: float) -> np.ndarray:
     return depth_mm * np.exp(-distance_mm / SKIRT_MM)
 
 
-def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Optics:
-    """Fit, write to out, and return the optics. Raises T2TwinError if there is no OpenGL."""
-    with ReferenceRenderer(leds, AMBIENT, led_points=BACKGROUND_POINTS) as renderer:
-        x, y = optical_grid()
+def bake(sensor: GelCamera, out: Path) -> Optics:
+    """Fit, write to out, and return the optics of a sensor with up to three LEDs.
+
+    Raises T2TwinError if there is no OpenGL.
+    """
+    camera, gel, ambient = sensor.camera, sensor.own_gel, sensor.spec.light.ambient
+    leds = tuple(table.led for table in sensor.spec.light.leds)
+    with ReferenceRenderer(leds, ambient, camera, gel, led_points=BACKGROUND_POINTS) as renderer:
+        x, y = optical_grid(gel)
         background = renderer.render(np.zeros((y.size, x.size)))
     pure = tuple(
         replace(led, color=(float(k == 0), float(k == 1), float(k == 2)))
         for k, led in enumerate(leds)
     )
-    surfaces = probe_deflections()
-    with ReferenceRenderer(pure, (0.0, 0.0, 0.0), False, FIT_POINTS) as renderer:
+    surfaces = probe_deflections(gel)
+    with ReferenceRenderer(pure, (0.0, 0.0, 0.0), camera, gel, False, FIT_POINTS) as renderer:
         renders = [renderer.render_linear(surface) for surface in surfaces]
     blank = Optics(
         background=background,
         leds_mm=np.array([led.position_mm for led in leds]),
         sizes_mm=np.array([led.size_mm for led in leds]),
-        response=np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS)),
+        response=np.zeros((len(leds), 3, PLACE_TERMS, COSINE_TERMS)),
         gamma=GAMMA,
-        scale_px_per_mm=DIGIT_CAMERA.scale_px_per_mm,
-        distance_mm=DIGIT_CAMERA.distance_mm,
+        scale_px_per_mm=camera.scale_px_per_mm,
+        distance_mm=camera.distance_mm,
     )
-    table = fit_response(blank, surfaces, renders)
+    table = fit_response(blank, gel, surfaces, renders)
     colors = np.array([led.color for led in leds])
     optics = replace(blank, response=np.einsum("kij,kc->kcij", table, colors))
     optics.save(out)
@@ -112,22 +118,24 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Optics
 
 
 def fit_response(
-    optics: Optics, surfaces: Sequence[np.ndarray], renders: Sequence[np.ndarray]
+    optics: Optics, gel: Elastomer, surfaces: Sequence[np.ndarray], renders: Sequence[np.ndarray]
 ) -> np.ndarray:
     """Least-squares response from images of known deflections without shadows.
 
-    renders: (ROWS, COLUMNS, 3) each, linear light, one channel per LED. Errors are weighted by the
-    slope of the grey-level curve. Returns (3 LEDs, PLACE_TERMS, COSINE_TERMS).
+    renders: (rows, columns, 3) each, linear light, one channel per LED. Errors are weighted by the
+    slope of the grey-level curve. Returns (LEDs, PLACE_TERMS, COSINE_TERMS).
     """
-    rays = Rays(optics.camera, shadows=False)
-    leds = Leds(optics.leds_mm, optics.sizes_mm)
+    camera = optics.camera
+    rays = Rays(camera, gel, shadows=False)
+    in_blocks = (camera.rows // 2, 2, camera.columns // 2, 2, 3)
+    leds, count = Leds(optics.leds_mm, optics.sizes_mm), len(optics.leds_mm)
     places = place_terms(*rays.places_mm)
     terms = PLACE_TERMS * COSINE_TERMS
-    squares, products = np.zeros((3, terms, terms)), np.zeros((3, terms))
+    squares, products = np.zeros((count, terms, terms)), np.zeros((count, terms))
     for surface, render in zip(surfaces, renders, strict=True):
         cosine, weight = rays.incidence(rays.coated(surface), leds)
-        blocks = render.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3)).reshape(-1, 3)
-        for led in range(3):
+        blocks = render.reshape(in_blocks).mean(axis=(1, 3)).reshape(-1, 3)
+        for led in range(count):
             columns = led_columns(cosine[..., led], weight[..., led], places)
             columns = columns[1:-1, 1:-1].reshape(-1, terms)
             slope = (blocks[:, led] + DARK) ** (1.0 / GAMMA - 1.0)
@@ -138,12 +146,14 @@ def fit_response(
         np.linalg.solve(s + RIDGE * np.eye(terms), p)
         for s, p in zip(squares, products, strict=True)
     ]
-    return np.array(table).reshape(3, PLACE_TERMS, COSINE_TERMS)
+    return np.array(table).reshape(count, PLACE_TERMS, COSINE_TERMS)
 
 
 def main() -> None:
-    bake()
-    print(f"wrote {DEFAULT_PATH}")
+    sensor = load_sensor(SOURCE)
+    assert isinstance(sensor, GelCamera) and sensor.optics_path is not None
+    bake(sensor, sensor.optics_path)
+    print(f"wrote {sensor.optics_path}")
 
 
 if __name__ == "__main__":

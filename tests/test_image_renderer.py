@@ -69,8 +69,8 @@ def test_the_shipped_background_is_the_reference(renderer, reference):
     "surface, place",
     [
         (ball_surface(GEL, 1.0, -1.4, 1.2), (1.0, -1.4)),
-        (block(-1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
-        (ring(0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
+        (block(GEL, -1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
+        (ring(GEL, 0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
     ],
     ids=["ball", "block", "ring"],
 )
