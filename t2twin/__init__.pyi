@@ -13,8 +13,8 @@ from .sim.contact.types import PressCommand as PressCommand
 from .sim.dataset.generate import make_dataset as make_dataset
 from .sim.dataset.import_pairs import import_pairs as import_pairs
 from .sim.dataset.verify import verify_dataset as verify_dataset
-from .sim.optical.calibrate.calibrate import calibrate as calibrate
-from .sim.optical.calibrate.calibrate import guess_light as guess_light
+from .sim.calibrate import calibrate as calibrate
+from .sim.calibrate import guess_light as guess_light
 from .sim.optical.markers import Markers as Markers
 from .sim.sampling.recipe import Recipe as Recipe
 from .sim.sampling.recipe import load_recipe as load_recipe

@@ -110,7 +110,7 @@ def unit(products):
 @pytest.fixture(scope="session")
 def calibrated(unit, products):
     """What is fitted to the unit's frames, with its uncertainty."""
-    from t2twin.sim.optical.calibrate.calibrate import calibrate
+    from t2twin.sim.calibrate import calibrate
 
     def build(folder):
         folder.mkdir()

@@ -26,7 +26,7 @@ from benchmarks.evidence.run import main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.export import write_ball
-from t2twin.sim.optical.calibrate.calibrate import calibrate
+from t2twin.sim.calibrate import calibrate
 from t2twin.sim.optical.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.optical.image_renderer import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair

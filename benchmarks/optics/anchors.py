@@ -21,7 +21,7 @@ from PIL import Image
 from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.contact.elastomer import DIGIT_GEL
-from t2twin.sim.optical.calibrate.calibrate import calibrate
+from t2twin.sim.calibrate import calibrate
 from t2twin.sim.optical.calibrate.frames import clean_background, contact_patch
 from t2twin.sim.optical.calibrate.measurements import FORCES, Measurements, Presses, fit_presses
 from t2twin.sim.optical.calibrate.uncertainty import Bounds, OpticsUncertainty, ball_forces_n

@@ -25,9 +25,9 @@ from scipy.optimize import nnls
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
+from t2twin.sim.calibrate import calibrate
 from t2twin.sim.optical.calibrate.calibrate import (
     Score,
-    calibrate,
     crop_scores,
     mean_light,
     mean_score,

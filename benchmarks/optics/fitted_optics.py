@@ -16,10 +16,10 @@ from scipy.ndimage import gaussian_gradient_magnitude
 
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
+from t2twin.sim.calibrate import calibrate
 from t2twin.sim.optical.calibrate.calibrate import (
     Inputs,
     Score,
-    calibrate,
     evaluate,
     mean_score,
     read_inputs,

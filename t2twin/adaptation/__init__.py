@@ -1,1 +1,1 @@
-"""Adaptation of a translator to one DIGIT, from its background frame and presses of a ball."""
+"""Adaptation of a translator to one gel camera, from its background frame and presses of a ball."""

@@ -1,4 +1,4 @@
-"""Adapts a translator to one DIGIT, from about ten minutes of presses of a ball.
+"""Adapts a translator to one gel camera, from about ten minutes of presses of a ball.
 
 There are four steps, which are also separate commands. A finished step is not repeated.
 
@@ -44,13 +44,15 @@ from t2twin.core.files import atomic_write, is_empty, locked, write_json
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.export import write_ball
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.calibrate import DEFAULT_TOLERANCE, calibrate, sensor_and_camera
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.pool import check_workers
-from t2twin.sim.optical.calibrate.calibrate import DEFAULT_TOLERANCE, Inputs, calibrate, read_inputs
+from t2twin.sim.optical.calibrate.calibrate import Inputs, read_inputs
 from t2twin.sim.optical.calibrate.measurements import Tolerance
 from t2twin.sim.optical.camera.pinhole import Camera
-from t2twin.sim.optical.image_renderer import NOISE_GREY
-from t2twin.sim.sensors import Digit, SensorPair
+from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.sensors.defaults import SOURCE, TARGET
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.models.presets import Preset, find_preset
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import HOME, pretrained_runs
@@ -89,6 +91,8 @@ PRIMITIVE_PRESSES_PER_MINUTE = 1.5
 RECIPE_TEXT = """# Recipe of the dataset that {model} is adapted on, in the light of one unit.
 format = 1
 name = "adapted"
+source = {source}
+target = {target}
 
 [[parts]]
 shapes = "random"
@@ -128,6 +132,8 @@ class AdaptConfig:
     init_from: Path | None
     workers: int | None
     tolerance: Tolerance
+    source: str
+    sensor: GelCamera
 
     def __post_init__(self) -> None:
         find_preset(self.model, "cpu")
@@ -157,8 +163,8 @@ class AdaptConfig:
     def read_inputs(self) -> Inputs:
         """Reads frames and numbers of the optics; raises T2TwinError if they are unusable."""
         return read_inputs(
-            self.background, self.presses, self.ball_diameter_mm, self.held_out, self.camera,
-            self.tolerance,
+            self.background, self.presses, self.ball_diameter_mm, self.held_out, self.sensor,
+            self.camera, self.tolerance,
         )  # fmt: skip
 
     def digest(self, inputs: Inputs) -> str:
@@ -166,6 +172,7 @@ class AdaptConfig:
         digest = hashlib.sha256(inputs.background.tobytes() + inputs.frames.tobytes())
         numbers = (
             inputs.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
+            self.sensor.spec,
         )  # fmt: skip
         digest.update(repr(numbers).encode())
         measured = inputs.measurements
@@ -187,30 +194,32 @@ def adapt(
     workers: int | None = None,
     report: Callable[[str], object] = print,
     tolerance: Tolerance = DEFAULT_TOLERANCE,
+    sensor: str | Path = SOURCE,
 ) -> AdaptationResult:
-    """Adapts a translator to one DIGIT, or resumes an interrupted adaptation.
+    """Adapts a translator to one gel camera, or resumes an interrupted adaptation.
 
     Writes optics.npz, presses.json, recipe.toml, data/, training/, averaged/, a run named after
     the model, adapted.json and index.html to the folder out. The run is the trained one, a field
     run with weights averaged with those of init_from, or a copy of init_from if that is more
     accurate on the held-out presses.
 
-    background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. minutes:
-    approximate duration of all steps on two cores, 1 to 6000. model: trained with the preset cpu;
-    a field run changes little from its initial run.
+    background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. sensor:
+    the gel camera, by name or file. minutes: approximate duration of all steps on two cores, 1 to
+    6000. model: trained with the preset cpu; a field run changes little from its initial run.
     init_from: run whose weights initialize the training; by default the pretrained run of the
-    model, if there is one. workers: processes that press; by default one per core. report: receives
-    progress messages. Raises T2TwinError, before anything is written, for invalid arguments and for
-    a folder with other content.
+    model, if there is one and the sensor's images have the size of the default sensor's. workers:
+    processes that press; by default one per core. report: receives progress messages. Raises
+    T2TwinError, before anything is written, for invalid arguments and for a folder with other
+    content.
     """
+    gel_camera, camera = sensor_and_camera(sensor, camera)
     config = AdaptConfig(
         arguments.path(background, "background"),
         arguments.path(presses, "presses"),
         ball_diameter_mm,
         arguments.path(out, "out"), held_out, arguments.real(minutes, "minutes"),
-        Camera() if camera is None else arguments.instance(camera, "camera", Camera),
-        model, _initial_run(init_from, model), workers,
-        arguments.instance(tolerance, "tolerance", Tolerance),
+        camera, model, _initial_run(init_from, model, gel_camera), workers,
+        arguments.instance(tolerance, "tolerance", Tolerance), str(sensor), gel_camera,
     )  # fmt: skip
     arguments.function(report, "report")
     inputs = config.read_inputs()
@@ -221,7 +230,9 @@ def adapt(
         with timer.step("light"):
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
             if not (config.out / RECIPE).is_file():
-                write_recipe(config.out / RECIPE, model, config.minutes, config.out / OPTICS)
+                write_recipe(
+                    config.out / RECIPE, model, config.minutes, config.out / OPTICS, config.source
+                )
         with timer.step("data"):
             make_dataset(config.out / DATA, recipe=config.out / RECIPE, workers=workers)
         with timer.step("training"):
@@ -278,32 +289,43 @@ def _train(config: AdaptConfig) -> None:
     recalibrate(config.trained_dir, [config.out / DATA])
 
 
-def _initial_run(init_from: str | Path | None, model: str) -> Path | None:
+def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) -> Path | None:
     """Folder of the run that initializes the training.
 
     Raises T2TwinError for a run that is missing or of another model.
     """
     if init_from is None:
-        return HOME / model if model in pretrained_runs() else None
+        own, default = sensor.camera, SensorPair().camera.camera
+        is_of_size = (own.rows, own.columns) == (default.rows, default.columns)
+        return HOME / model if model in pretrained_runs() and is_of_size else None
     return run_of_model(init_from, model)[0]
 
 
-def write_recipe(file: Path, model: str, minutes: float, optics: Path) -> None:
+def write_recipe(
+    file: Path, model: str, minutes: float, optics: Path, source: str | Path = SOURCE
+) -> None:
     """Writes the recipe of a dataset in the light of one unit.
 
     file: the recipe. model: named in its comment. minutes: duration of the adaptation, which
     determines the number of presses. optics: file of the light around which units are
-    sampled.
+    sampled. source: the gel camera, by name or file.
     """
-    path = str(optics.absolute()).replace("\\", "\\\\").replace('"', '\\"')
     text = RECIPE_TEXT.format(
         model=model,
         shapes=max(round(SHAPES_PER_MINUTE * minutes), 25),
         presses=max(round(PRIMITIVE_PRESSES_PER_MINUTE * minutes), 2),
-        optics=f'"{path}"',
+        optics=_quoted(optics.absolute()),
+        source=_quoted(Path(source).absolute() if str(source).endswith(".toml") else source),
+        target=_quoted(TARGET),
     )
     with atomic_write(file) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def _quoted(text: str | Path) -> str:
+    """A text in TOML's notation."""
+    escaped = str(text).replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'
 
 
 def _existing_fit(config: AdaptConfig, digest: str) -> FittedOptics | None:
@@ -328,7 +350,7 @@ def _existing_fit(config: AdaptConfig, digest: str) -> FittedOptics | None:
 def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> FittedOptics:
     optics = calibrate(
         config.background, config.presses, config.ball_diameter_mm, config.held_out, config.camera,
-        report, config.tolerance,
+        report, config.tolerance, config.sensor,
     )  # fmt: skip
     write_ball(config.out / BALL, config.ball_diameter_mm)
     return write_fitted(config.out, optics, digest, config.ball_diameter_mm)
@@ -339,7 +361,7 @@ def _references(
 ) -> list[SimulatedReference]:
     """Simulated presses of the held-out frames."""
     balls = [_ball(config, diameter_mm) for diameter_mm in fitted.diameters_mm]
-    sensors = SensorPair(Digit(optics_file=str(config.out / OPTICS), noise_grey=NOISE_GREY))
+    sensors = SensorPair.of(config.sensor, optics=config.out / OPTICS, frames=1)
     names = [press.name for press in fitted.held_out]
     frames = inputs.frames[[inputs.names.index(name) for name in names]]
     return simulate_reference(names, fitted.poses, frames, balls, sensors)

@@ -1,7 +1,7 @@
 """Evaluation of translators on real frames, with simulated presses as reference; the one to keep.
 
-The true counts of the real presses are unknown. The reference is the simulated CySkin, pressed at
-the position and depth that the optics found in each frame.
+The true counts of the real presses are unknown. The reference is the simulated target, a taxel
+array, pressed at the position and depth that the optics found in each frame.
 
 The trained run and the one that initialized its training are evaluated on the same held-out
 presses. The trained run is kept if its RMSE is lower on the real frames and also on their simulated
@@ -23,7 +23,7 @@ from t2twin.core.templates import render
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.evaluation.reliability import REPORTED_LEVEL
 from t2twin.translate.inference.load import load_run
@@ -34,8 +34,8 @@ from t2twin.translate.runs.config import BEST, CONFIG, LOG
 REGION_SHARE = 0.2
 """Contact threshold of a tactile image, as a share of its maximum (assumed)."""
 
-MIN_CONTACT_COUNTS = 400.0
-"""Smallest count of a contact: one percent of full scale."""
+MIN_CONTACT_SHARE = 0.01
+"""Smallest count of a contact, in parts of full scale (assumed)."""
 
 TRAINED, INITIAL = "trained", "initial"
 """Names of the runs of an adaptation: its own, and the one that initialized the training."""
@@ -46,8 +46,8 @@ class SimulatedReference:
     """A real frame and the simulated press that corresponds to it.
 
     pose: x_mm, y_mm, depth_mm, found in the frame. force_n: simulated force at this depth. frame,
-    simulated: (320, 240, 3) uint8, the real and the simulated image, the latter with the noise of
-    one frame. counts: (N,) of the simulated CySkin.
+    simulated: (rows, columns, 3) uint8, the real and the simulated image, the latter with the noise
+    of one frame. counts: (N,) of the simulated target.
     """
 
     name: str
@@ -60,7 +60,7 @@ class SimulatedReference:
 
 @dataclass(frozen=True)
 class FrameResult:
-    """Prediction and errors of one frame, relative to the simulated CySkin.
+    """Prediction and errors of one frame, relative to the simulated target.
 
     rmse_percent: of full scale. centroid_mm: distance between predicted and reference centroid.
     regions: connected contact regions of the predicted tactile image. force_error: relative error
@@ -87,7 +87,7 @@ class PressComparison:
 
 @dataclass(frozen=True)
 class AdaptationScores:
-    """Scores of a translator over the held-out presses, relative to the simulated CySkin.
+    """Scores of a translator over the held-out presses, relative to the simulated target.
 
     rmse_percent: over all presses, percent of full scale. centroid_mm: median. single_region:
     presses with exactly one predicted contact region. force_error: median absolute relative error.
@@ -142,17 +142,18 @@ def simulate_reference(
 ) -> list[SimulatedReference]:
     """Simulates the press of each frame.
 
-    poses: (n, 3) x_mm, y_mm, depth_mm. frames: (n, 320, 240, 3). balls: pressed shapes, one a
-    frame. Raises T2TwinError for a depth that no force reaches.
+    poses: (n, 3) x_mm, y_mm, depth_mm. frames: (n, rows, columns, 3). balls: pressed shapes, one a
+    frame. sensors: a gel camera and a taxel array. Raises T2TwinError for a depth that no force
+    reaches.
     """
-    references = []
+    references, camera = [], sensors.camera
     pressed = zip(names, poses.tolist(), frames, balls, strict=True)
     for number, (name, pose, frame, ball) in enumerate(pressed):
         rng, (x_mm, y_mm, depth_mm) = np.random.default_rng((seed, number)), pose
         command = PressCommand(ball.name, x_mm, y_mm, 0.0, 1.0)
-        force_n = force_at_depth(partial(sensors.digit.press, ball), command, depth_mm)
+        force_n = force_at_depth(partial(camera.press, ball), command, depth_mm)
         sample = sensors.press(ball, replace(command, force_n=force_n))
-        noisy, counts = sensors.digit.image(sample.digit, rng), sample.counts.astype(float)
+        noisy, counts = camera.image(sample.of_camera.contact, rng), sample.counts.astype(float)
         references.append(
             SimulatedReference(name, (x_mm, y_mm, depth_mm), force_n, frame, noisy, counts)
         )
@@ -164,8 +165,8 @@ def evaluate_frames(
 ) -> list[PressComparison]:
     """Evaluates a run on the real and the simulated frame of every press.
 
-    background: (320, 240, 3) uint8, background frame of the unit, an input of field runs; None for
-    none.
+    background: (rows, columns, 3) uint8, background frame of the unit, an input of field runs; None
+    for none.
     """
     return [
         PressComparison(
@@ -186,7 +187,7 @@ def evaluate_frame(
     force_n: float,
     background: np.ndarray | None,
 ) -> FrameResult:
-    """Evaluates a run on one frame, (320, 240, 3) uint8.
+    """Evaluates a run on one frame, (rows, columns, 3) uint8.
 
     truth: (N,) reference counts in the run's layout. force_n: reference force. background: as for
     `evaluate_frames`.
@@ -195,12 +196,14 @@ def evaluate_frame(
     counts, predicted_n, coverage = _predict(run, image, truth, background)
     places = np.stack([layout.x_mm, layout.y_mm], axis=1)
     rmse = float(np.sqrt(np.mean((counts - truth) ** 2)))
+    least = MIN_CONTACT_SHARE * layout.full_scale_counts
+    apart_mm = _centroid(counts, places, least) - _centroid(truth, places, least)
     ratio = counts.sum() / truth.sum() if predicted_n is None else predicted_n / force_n
     return FrameResult(
         counts=counts,
         rmse_percent=100.0 * rmse / layout.full_scale_counts,
-        centroid_mm=float(np.linalg.norm(_centroid(counts, places) - _centroid(truth, places))),
-        regions=_regions(Phi(layout.x_mm, layout.y_mm)(counts)),
+        centroid_mm=float(np.linalg.norm(apart_mm)),
+        regions=_regions(Phi(layout.x_mm, layout.y_mm)(counts), least),
         force_error=float(ratio) - 1.0,
         coverage=coverage,
     )
@@ -227,15 +230,18 @@ def _predict(
     return estimate.counts.astype(float), force_n, coverage
 
 
-def _centroid(counts: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(2,) mm: count-weighted centroid of the contact; center of the array without contact."""
-    weight = np.where(counts > MIN_CONTACT_COUNTS, counts, 0.0)
+def _centroid(counts: np.ndarray, places: np.ndarray, least: float) -> np.ndarray:
+    """(2,) mm: count-weighted centroid of the contact; center of the array without contact.
+
+    least: smallest count of a contact.
+    """
+    weight = np.where(counts > least, counts, 0.0)
     return weight @ places / weight.sum() if weight.any() else places.mean(axis=0)
 
 
-def _regions(image: np.ndarray) -> int:
-    """Number of connected contact regions of a tactile image, (R, C)."""
-    contact = image > max(REGION_SHARE * float(image.max()), MIN_CONTACT_COUNTS)
+def _regions(image: np.ndarray, least: float) -> int:
+    """Number of connected contact regions of a tactile image, (R, C). least: as for _centroid."""
+    contact = image > max(REGION_SHARE * float(image.max()), least)
     return int(cast(np.ndarray, label(contact)).max())
 
 
@@ -264,7 +270,7 @@ class Candidate:
     def of(
         cls, run_dir: Path, references: Sequence[SimulatedReference], background: np.ndarray
     ) -> "Candidate":
-        """Evaluates a run. background: (320, 240, 3) uint8, of the real unit."""
+        """Evaluates a run. background: (rows, columns, 3) uint8, of the real unit."""
         run = load_run(run_dir)
         comparisons = evaluate_frames(run, references, background)
         counts = predict_counts(run, background, background)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.adaptation.real_frame_evaluation import (
-    MIN_CONTACT_COUNTS,
+    MIN_CONTACT_SHARE,
     PressComparison,
     RunScores,
 )
@@ -33,10 +33,10 @@ from t2twin.translate.inference.predictor import CountsPredictor
 
 OPTICS, PRESSES, RECORD = "optics.npz", "presses.json", "adapted.json"
 
-FORMAT = 2
+FORMAT = 3
 """Format of presses.json."""
 
-TITLE = "Translator adapted to this DIGIT"
+TITLE = "Translator adapted to this sensor"
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def write_adapt_page(
 ) -> Path:
     """Writes out/index.html and returns its path."""
     values = {
-        "summary": ("", lambda: _summary(result)),
+        "summary": ("", lambda: _summary(result, run)),
         "presses": (
             "Presses",
             lambda: {"presses": [(one, _figure(run, one)) for one in comparisons]},
@@ -168,7 +168,7 @@ def write_adapt_page(
     return write_page(out, TITLE, sections, result=result)
 
 
-def _summary(result: AdaptationResult) -> dict[str, Any]:
+def _summary(result: AdaptationResult, run: CountsPredictor) -> dict[str, Any]:
     rows = [
         [
             name,
@@ -184,7 +184,8 @@ def _summary(result: AdaptationResult) -> dict[str, Any]:
         )
     ]
     heads = ["", "RMSE, %", "centroid, mm", "force error, %", "one region"]
-    return {"table": Table(heads, {"": rows}), "min_contact_counts": MIN_CONTACT_COUNTS}
+    least = MIN_CONTACT_SHARE * run.config.data.full_scale_counts
+    return {"table": Table(heads, {"": rows}), "min_contact_counts": least}
 
 
 def _uncertainty(uncertainty: OpticsUncertainty) -> dict[str, Any]:
@@ -210,6 +211,6 @@ def _figure(run: CountsPredictor, comparison: PressComparison) -> bytes:
         Panel("translated", phi(comparison.real.counts)),
         Panel("simulated frame", reference.simulated),
         Panel("translated", phi(comparison.simulated.counts)),
-        Panel("simulated CySkin", phi(reference.counts)),
+        Panel("simulated target", phi(reference.counts)),
     ]
     return panels_image(panels, phi, layout.x_mm, layout.y_mm)

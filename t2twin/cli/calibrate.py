@@ -1,14 +1,17 @@
 """t2twin calibrate, t2twin adapt"""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from t2twin.sim.sensors.defaults import SOURCE
+
 if TYPE_CHECKING:
     from t2twin.sim.optical.calibrate.calibrate import OpticsReport
     from t2twin.sim.optical.calibrate.measurements import Tolerance
+    from t2twin.sim.optical.camera.pinhole import Camera
 if TYPE_CHECKING:
     from t2twin.adaptation.record import AdaptationResult
 
@@ -23,23 +26,24 @@ class FitOptions:
     Args:
         held_out: Number of presses, the last by name, that are scored and not fitted; default: a
             third.
-        scale_px_per_mm: Image scale in the middle of the gel, 17.2 to 19.6 between units; fitted if
-            displacements are measured.
+        scale_px_per_mm: Image scale in the middle of the gel; default: of the sensor's file. It is
+            fitted if displacements are measured.
         ball_tolerance_mm: Largest error of the diameters, mm.
-        scale_tolerance_px_per_mm: Largest error of the scale, without measured displacements.
+        scale_tolerance_px_per_mm: Largest error of the scale, without measured displacements;
+            default: as far as the sensor's file lets units differ, or a tenth.
         depth_tolerance_mm: Largest error of measured displacements, mm.
         force_tolerance_n: Largest error of measured forces, N.
-        young_tolerance_mpa: Largest error of the gel's default modulus, 0.5 MPa, without measured
-            forces.
+        young_tolerance_mpa: Largest error of the modulus in the sensor's file, without measured
+            forces; default: a fifth.
     """
 
     held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
-    scale_px_per_mm: float = 19.2
+    scale_px_per_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
     ball_tolerance_mm: float = 0.1
-    scale_tolerance_px_per_mm: float = 2.0
+    scale_tolerance_px_per_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
     depth_tolerance_mm: float = 0.03
     force_tolerance_n: float = 0.05
-    young_tolerance_mpa: float = 0.1
+    young_tolerance_mpa: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
 
     @property
     def tolerance(self) -> "Tolerance":
@@ -51,6 +55,15 @@ class FitOptions:
             self.force_tolerance_n, self.young_tolerance_mpa,
         )  # fmt: skip
 
+    def camera(self, sensor: str) -> "Camera":
+        """The camera of a sensor, by name or file, with the given scale."""
+        from t2twin.sim.calibrate import sensor_and_camera
+
+        _, camera = sensor_and_camera(sensor, None)
+        if self.scale_px_per_mm is None:
+            return camera
+        return replace(camera, scale_px_per_mm=self.scale_px_per_mm)
+
 
 def calibrate(
     background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
@@ -58,27 +71,28 @@ def calibrate(
     presses: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     ball_diameter_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/optics"),
+    sensor: Annotated[str, tyro.conf.arg(metavar="NAME")] = SOURCE,
 ) -> None:
-    """Fit the DIGIT's light to your sensor, from its background and presses of one ball.
+    """Fit a gel camera's light to your unit, from its background and presses of one ball.
 
     From the background alone, without presses, the light is a rough guess.
 
     Args:
-        background: A background frame of the sensor, 240 wide, 320 high or larger, or rotated.
+        background: A background frame of the unit, in the size of the sensor's images or larger.
         presses: Folder of frames of the ball at different places and depths, which need not be
             known. Measurements are read from a table in it, forces.csv: a column file, and any of
             force_n, depth_mm (from first contact) and ball_diameter_mm.
         ball_diameter_mm: The ball's diameter, mm.
         out: Folder for optics.npz and, with presses, optics.json and
             optics_strip.png.
+        sensor: Gel camera: a bundled name or a .toml file, whose gel, camera and LEDs hold.
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import check_replaceable, locked
-    from t2twin.sim.optical.calibrate.calibrate import calibrate as calibrate_optics
-    from t2twin.sim.optical.calibrate.calibrate import guess_light
-    from t2twin.sim.optical.camera.pinhole import Camera
+    from t2twin.sim.calibrate import calibrate as calibrate_optics
+    from t2twin.sim.calibrate import guess_light
 
-    camera = Camera(fit.scale_px_per_mm)
+    camera = fit.camera(sensor)
     if presses is None:
         if ball_diameter_mm is not None or fit != FitOptions(scale_px_per_mm=fit.scale_px_per_mm):
             raise T2TwinError(
@@ -86,7 +100,7 @@ def calibrate(
                 "takes none of --ball-diameter-mm, --held-out and the tolerances"
             )
         with locked(out):
-            guess_light(background, camera, print).save(out / "optics.npz")
+            guess_light(background, camera, print, sensor).save(out / "optics.npz")
         print(f"written to {out}: optics.npz, for press and simdata as --optics. It has")
         print("your background and the mean light of sampled units; a fit needs presses of a ball")
         return
@@ -96,8 +110,9 @@ def calibrate(
         for name in FILES:  # before a fit, which takes minutes
             check_replaceable(out / name)
         report = calibrate_optics(
-            background, presses, ball_diameter_mm, fit.held_out, camera, print, fit.tolerance
-        )
+            background, presses, ball_diameter_mm, fit.held_out, camera, print, fit.tolerance,
+            sensor,
+        )  # fmt: skip
         _write(report, out)
     print(f"written to {out}: optics.npz, for press and simdata as --optics;")
     print("optics.json, the printed results; optics_strip.png, the held-out presses:")
@@ -118,7 +133,7 @@ def _write(report: "OpticsReport", out: Path) -> None:
 
     simulated, noise, rng = report.simulated, report.optics.noise, np.random.default_rng(0)
     if noise is not None:
-        noisy = [image + noise.sample(rng) for image in simulated]
+        noisy = [image + noise.sample(rng, *image.shape[:2]) for image in simulated]
         simulated = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
     strip = np.concatenate([np.concatenate(row, axis=1) for row in (report.real, simulated)])
     with atomic_write(out / "optics_strip.png") as temporary:
@@ -166,15 +181,16 @@ def adapt(
     model: Annotated[str, tyro.conf.arg(metavar="MODEL")] = "field",
     init_from: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    sensor: Annotated[str, tyro.conf.arg(metavar="NAME")] = SOURCE,
 ) -> None:
-    """Adapt a translator to your own DIGIT, from its background frame and presses of one ball.
+    """Adapt a translator to your own gel camera, from its background frame and presses of one ball.
 
     Calibrates the optics, simulates presses with them, and trains on these. Evaluates the trained
     and the initial run on the held-out presses, and keeps the better one. The final optics are
     fitted to these too; no network is trained on real frames. Resumes an interrupted adaptation.
 
     Args:
-        background: Frame of the sensor without contact, 240 x 320 or larger, in any orientation.
+        background: Frame of the unit without contact, in the size of the sensor's images or larger.
         presses: Folder of frames of the ball at different, unknown positions and depths. Known
             values belong in its table forces.csv: file, force_n, depth_mm, ball_diameter_mm.
         ball_diameter_mm: Diameter of the ball, mm.
@@ -183,13 +199,13 @@ def adapt(
         model: Model to train: field, resnet18 or touch2touch.
         init_from: Run whose weights initialize the training; the pretrained run unless given.
         workers: Processes that press at once; one per core unless given.
+        sensor: Gel camera: a bundled name or a .toml file, whose gel, camera and LEDs hold.
     """
     from t2twin.adaptation.pipeline import adapt as run_adaptation
-    from t2twin.sim.optical.camera.pinhole import Camera
 
     result = run_adaptation(
         background, presses, ball_diameter_mm, out, fit.held_out, minutes,
-        Camera(fit.scale_px_per_mm), model, init_from, workers, tolerance=fit.tolerance,
+        fit.camera(sensor), model, init_from, workers, tolerance=fit.tolerance, sensor=sensor,
     )  # fmt: skip
     _print(result)
     print(f"written to {out}: run {model}, optics.npz, index.html")

@@ -1,1 +1,1 @@
-"""The fit of the DIGIT's optics to a user's sensor."""
+"""The fit of a gel camera's optics to a user's unit."""

@@ -1,4 +1,4 @@
-"""Calibrates the DIGIT's optics to a user's sensor: fits some presses, scores on others.
+"""Calibrates a gel camera's optics to a user's unit: fits some presses, scores on others.
 
 From a background frame alone, an optics file is the mean light of sampled units. The background
 frame does not determine how LEDs shade and shadow a press. The sampled units whose LEDs explain it
@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 from skimage.metrics import structural_similarity
 
-from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
 from t2twin.sim.optical.calibrate.fit import GAMMA
@@ -22,9 +21,7 @@ from t2twin.sim.optical.calibrate.frames import (
     contact_patch,
     crop,
     measure_noise,
-    read_frame,
     read_frames,
-    upright_frame,
 )
 from t2twin.sim.optical.calibrate.measurements import (
     FORCES,
@@ -40,7 +37,8 @@ from t2twin.sim.optical.calibrate.uncertainty import (
     check_tolerance,
     estimate_uncertainty,
 )
-from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
+from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.randomization.ranges import UnitRanges
@@ -50,7 +48,6 @@ MIN_TRAINING = 6
 """Smallest number of presses to fit to: each LED's light varies over the gel."""
 HELD_OUT_SHARE = 3
 """By default one in so many presses is held out, the last ones."""
-DEFAULT_TOLERANCE = Tolerance()
 UNIT_COUNT = 300
 """Number of units that are averaged (assumed: twice as many change the mean by little)."""
 RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
@@ -94,7 +91,7 @@ class OpticsReport:
     presses; `simulated` and the scores are of this one.
     trained, held_out: names of the frames. repeated: names of duplicates, which are excluded.
     training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each fitted to its own frame. surfaces_mm:
-    (n, grid) deflections at the poses, on optical_grid(). real, simulated: (n, ROWS, COLUMNS, 3)
+    (n, grid) deflections at the poses, on optical_grid(gel). real, simulated: (n, rows, columns, 3)
     uint8. scores: means. each: the score of each press. uncertainty: bounds of depths and forces.
     """
 
@@ -117,11 +114,12 @@ class OpticsReport:
 class Inputs:
     """The validated inputs of an optics file.
 
-    background: (ROWS, COLUMNS, 3) uint8. frames: (n, ROWS, COLUMNS, 3) uint8, the presses, and
-    names, their files. patches: (n, 2) row and column of each contact, px. train, test: indices of
-    the presses to fit to and of those held out.
+    sensor: that is pressed. background: (rows, columns, 3) uint8. frames: (n, rows, columns, 3)
+    uint8, the presses, and names, their files. patches: (n, 2) row and column of each contact, px.
+    train, test: indices of the presses to fit to and of those held out.
     """
 
+    sensor: GelCamera
     background: np.ndarray
     frames: np.ndarray
     names: list[str]
@@ -134,7 +132,8 @@ class Inputs:
         """Some presses. clean: the cleaned background; None to clean it with their frames."""
         frames = self.frames[indices]
         clean = clean_background(self.background, frames) if clean is None else clean
-        return Presses(clean, frames, self.patches[indices], self.measurements.subset(indices))
+        measurements = self.measurements.subset(indices)
+        return Presses(self.sensor, clean, frames, self.patches[indices], measurements)
 
     def names_of(self, indices: list[int]) -> list[str]:
         return [self.names[index] for index in indices]
@@ -145,14 +144,15 @@ def read_inputs(
     presses: Path,
     ball_diameter_mm: float,
     held_out: int | None,
+    sensor: GelCamera,
     camera: Camera,
     tolerance: Tolerance | None,
 ) -> Inputs:
     """Read the inputs of `calibrate`. Raises T2TwinError for invalid frames or numbers."""
-    background_frame, frames, names = read_frames(background, presses)
-    measurements = read_measurements(presses, names, ball_diameter_mm)
+    background_frame, frames, names = read_frames(background, presses, camera)
+    measurements = read_measurements(presses, names, ball_diameter_mm, sensor)
     if tolerance is not None:
-        check_tolerance(measurements, camera, tolerance)
+        check_tolerance(measurements, sensor, camera, tolerance.of(sensor))
     count = len(frames) // HELD_OUT_SHARE if held_out is None else held_out
     first: dict[bytes, int] = {}  # of each different frame
     for index, frame in enumerate(frames):
@@ -172,43 +172,7 @@ def read_inputs(
             f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
             "presses"
         )
-    return Inputs(background_frame, frames, names, measurements, patches, train, test)
-
-
-def calibrate(
-    background: str | Path,
-    presses: str | Path,
-    ball_diameter_mm: float,
-    held_out: int | None = None,
-    camera: Camera | None = None,
-    report: Report = lambda line: None,
-    tolerance: Tolerance | None = DEFAULT_TOLERANCE,
-) -> OpticsReport:
-    """Fit the presses, score on the last held_out of them by name, then fit all of them.
-
-    background: a background frame. presses: folder of frames of a ball, 240 wide, 320 high, PNG or
-    JPEG, and optionally `forces.csv` (see measurements). camera: its scale and distance; measured
-    displacements replace the scale. report: called with progress messages. tolerance: of the
-    inputs; None skips the uncertainty, which takes most of the time, and the gel's modulus.
-    Frames that equal an earlier one are excluded.
-    Raises T2TwinError for invalid frames or numbers, and for a fit no better than the background.
-    """
-    camera = Camera() if camera is None else arguments.instance(camera, "camera", Camera)
-    if held_out is not None:
-        arguments.whole_number(held_out, "held_out")
-    if tolerance is not None:
-        arguments.instance(tolerance, "tolerance", Tolerance)
-    arguments.function(report, "report")
-    inputs = read_inputs(
-        arguments.path(background, "background"), arguments.path(presses, "presses"),
-        ball_diameter_mm, held_out, camera, tolerance,
-    )  # fmt: skip
-    report(f"fitting to {len(inputs.train)} presses")
-    training = inputs.presses(inputs.train)
-    fit = fit_presses(training, camera)
-    evaluated = evaluate(inputs, training, fit)
-    optics, uncertainty = _fit_all(inputs, fit, tolerance, report)
-    return replace(evaluated, optics=optics, uncertainty=uncertainty)
+    return Inputs(sensor, background_frame, frames, names, measurements, patches, train, test)
 
 
 def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
@@ -224,7 +188,7 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
         [model.surface(fit.state, index, pose) for index, pose in enumerate(poses)]
     )
     optics = fit.model.optics(fit.state)
-    renderer = ImageRenderer(optics)
+    renderer = ImageRenderer(optics, inputs.sensor.own_gel, inputs.sensor.noise_grey)
     simulated = np.array([renderer.render(surface_mm) for surface_mm in surfaces_mm])
     from_px, to_px = (_pixels(each, fit.model.camera) for each in (fit.state.poses, poses))
     pasted = cut_and_paste(inputs.background, training.frames, from_px, to_px)
@@ -252,7 +216,7 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
     )
 
 
-def _fit_all(
+def fit_all(
     inputs: Inputs, first: Fit, tolerance: Tolerance | None, report: Report
 ) -> tuple[Optics, OpticsUncertainty | None]:
     """The optics from all presses, with noise and modulus, and its uncertainty."""
@@ -263,7 +227,8 @@ def _fit_all(
     uncertainty = None
     if tolerance is not None:
         names = inputs.names_of(indices)
-        uncertainty = estimate_uncertainty(presses, names, fit, tolerance, report)
+        complete = tolerance.of(inputs.sensor)
+        uncertainty = estimate_uncertainty(presses, names, fit, complete, report)
     young = None if uncertainty is None else uncertainty.young_mpa
     optics = replace(
         fit.model.optics(fit.state),
@@ -370,28 +335,15 @@ def write_record(path: Path, report: OpticsReport) -> None:
     write_json(path, content)
 
 
-def guess_light(
-    background: str | Path,
-    camera: Camera | None = None,
-    report: Callable[[str], object] = lambda line: None,
-) -> Optics:
-    """An optics file with the user's background and the mean light of sampled units.
-
-    background: a background frame, 240 wide, 320 high, PNG or JPEG, whose noise is kept. camera:
-    scale and distance, which a frame does not determine. report: called with progress messages.
-    Raises T2TwinError for an invalid frame.
-    """
-    camera = Camera() if camera is None else arguments.instance(camera, "camera", Camera)
-    arguments.function(report, "report")
-    frame = upright_frame(read_frame(arguments.path(background, "background")))
-    report(f"sampling {UNIT_COUNT} DIGIT units, some seconds")
-    return mean_light(sample_lights(frame, camera))
-
-
-def sample_lights(background: np.ndarray, camera: Camera, count: int = UNIT_COUNT) -> list[Optics]:
-    """Sampled units, all with one camera and one background (ROWS, COLUMNS, 3) uint8."""
-    units = (sample_unit(np.random.default_rng((0, n)), RANGES).optics for n in range(count))
-    return [replace(unit, background=background, **asdict(camera)) for unit in units]
+def sample_lights(
+    background: np.ndarray, sensor: GelCamera, camera: Camera, count: int = UNIT_COUNT
+) -> list[Optics]:
+    """Sampled units, all with one camera and one background (rows, columns, 3) uint8."""
+    rngs = (np.random.default_rng((0, number)) for number in range(count))
+    units = (sample_unit(rng, sensor.spec, RANGES).optics for rng in rngs)
+    names = (*LENGTHS, *MAX_MISALIGNMENT)
+    own = {name: getattr(camera, name) for name in names}
+    return [replace(unit, background=background, **own) for unit in units]
 
 
 def mean_light(units: Sequence[Optics]) -> Optics:

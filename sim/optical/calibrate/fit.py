@@ -1,15 +1,15 @@
 """Fits the baked model to frames of ball presses at unknown positions and depths.
 
 The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry that all presses
-share, and the response of each LED in each color, which is linear. GEOMETRY is that of the LEDs,
-and the gel's profile around a ball. All are fitted jointly to the grey levels around the contacts
-by the method of Levenberg and Marquardt (Marquardt 1963); the response is solved for after each
-step.
+share, and the response of each LED in each color, which is linear. The geometry is that of the
+LEDs, and the gel's profile around a ball. All are fitted jointly to the grey levels around the
+contacts by the method of Levenberg and Marquardt (Marquardt 1963); the response is solved for after
+each step.
 Between two such fits ridge.select_terms selects the response's terms.
 
 A lobe can replace a tenth of the depths (measured on a real unit), so these are fitted without it.
 
-A sample is a block of 2 x 2 pixels; an image has (ROWS / 2, COLUMNS / 2). A press is fitted to the
+A sample is a block of 2 x 2 pixels; an image has (rows / 2, columns / 2). A press is fitted to the
 samples in a square around it.
 """
 
@@ -19,17 +19,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.calibrate.ridge import (
-    FIRST_TERMS,
-    LEDS,
-    MAX_TERMS,
     Sums,
     Terms,
     select_terms,
     solve_ridge,
     solve_step,
 )
-from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS, Camera
+from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.camera.response import linear
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.lobe import lobe_columns, normal_terms
@@ -51,8 +49,12 @@ POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3
 PRIOR = 2e-5
 """Weight of the priors: one standard deviation of a parameter costs as much as this mean square
 error over one press, in (grey / 255)^2 (assumed)."""
-HALF_SAMPLES = 36
-"""Half side of the square around a press, samples: 7.5 mm, which contains the shadows."""
+HALF_MM = 3.75
+"""Half side of the square around a press, mm, which contains the shadows."""
+HOLD, SKIRT = 0.75, 1.0
+"""Initial profile of the gel around a ball (assumed; t2twin.sim.optical.surface)."""
+SMALLEST_LED_MM = 0.3
+"""Smallest initial size of an LED, mm (assumed: a smaller one has as sharp a shadow)."""
 SHALLOWEST_MM, DEEPEST = 0.1, 0.93
 """Bounds of a press's depth: mm, and in parts of the ball's radius."""
 
@@ -62,31 +64,63 @@ Profile = tuple[float, float, float]
 Square = tuple[slice, slice]
 """Rows and columns of samples."""
 
-# name, start, step of the difference quotient, standard deviation of the prior
-GEOMETRY = (
-    ("azimuth_0_deg", 30.0, 0.7, 10.0),  # as TACTO's configuration and the maker's notes
-    ("azimuth_1_deg", 150.0, 0.7, 10.0),
-    ("azimuth_2_deg", 270.0, 0.7, 10.0),
-    ("elevation_0_deg", 19.0, 0.5, 6.0),  # assumed from the lengths of real shadows
-    ("elevation_1_deg", 19.0, 0.5, 6.0),
-    ("elevation_2_deg", 13.0, 0.5, 6.0),
-    ("radius_mm", 19.0, 0.5, 1.0),  # assumed: next to the gel
-    ("log_size_0", np.log(2.0), 0.05, 0.5),  # assumed: an LED behind a diffuser, mm
-    ("log_size_1", np.log(2.0), 0.05, 0.5),
-    ("log_size_2", np.log(3.0), 0.05, 0.5),
-    ("hold", 0.75, 0.01, 0.1),  # assumed; t2twin.sim.optical.surface
-    ("skirt", 1.0, 0.03, 0.3),
-)
-START = np.array([row[1] for row in GEOMETRY])
-NUDGE = np.array([row[2] for row in GEOMETRY])
-SPREAD = np.array([row[3] for row in GEOMETRY])
+
+@dataclass(frozen=True)
+class Geometry:
+    """The geometry that all presses share, as a vector, for a number of LEDs.
+
+    Azimuth and elevation of each LED, degrees; a change of all their distances from the axis, mm;
+    the logarithm of each size, mm; hold and skirt of ball_surface. start: the vector from which a
+    fit starts. distances_mm: (LEDs,) initial distances from the axis.
+    """
+
+    start: np.ndarray
+    distances_mm: np.ndarray
+
+    @classmethod
+    def of(cls, leds: Leds) -> "Geometry":
+        """The start from given LEDs."""
+        x, y, z = leds.places_mm.T
+        distances_mm = np.hypot(x, y)
+        azimuth_deg = np.degrees(np.arctan2(-y, x))
+        elevation_deg = np.degrees(np.arctan2(-z, distances_mm))
+        sizes = np.log(np.maximum(leds.sizes_mm, SMALLEST_LED_MM))
+        start = np.concatenate([azimuth_deg, elevation_deg, [0.0], sizes, [HOLD, SKIRT]])
+        return cls(start, distances_mm)
+
+    @property
+    def count(self) -> int:
+        """Number of LEDs."""
+        return len(self.distances_mm)
+
+    @property
+    def nudge(self) -> np.ndarray:
+        """Steps of the difference quotients."""
+        return self._each(0.7, 0.5, 0.5, 0.05, 0.01, 0.03)
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviations of the prior (assumed)."""
+        return self._each(10.0, 6.0, 1.0, 0.5, 0.1, 0.3)
+
+    def _each(self, *values: float) -> np.ndarray:
+        """Values of an azimuth, an elevation, the distance, a size, hold and skirt."""
+        return np.repeat(values, [self.count, self.count, 1, self.count, 1, 1])
+
+    def leds(self, vector: np.ndarray) -> Leds:
+        azimuth, elevation = np.radians(vector[: 2 * self.count].reshape(2, -1))
+        distance = self.distances_mm + vector[2 * self.count]
+        x, y, z = (
+            distance * np.cos(azimuth), -distance * np.sin(azimuth), -distance * np.tan(elevation),
+        )  # fmt: skip
+        return Leds(np.stack([x, y, z], axis=1), np.exp(vector[2 * self.count + 1 : -2]))
 
 
 @dataclass(frozen=True)
 class State:
     """Fitted parameters.
 
-    geometry: (12,) as in GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms). error:
+    geometry: a vector of Geometry. poses: (n, 3). response: (RGB, entries of its terms). error:
     mean square error with the priors.
     """
 
@@ -98,18 +132,19 @@ class State:
 
 
 def samples_of(image: np.ndarray) -> np.ndarray:
-    """(ROWS / 2, COLUMNS / 2, 3): the block means of an image (ROWS, COLUMNS, 3)."""
-    return image.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3))
+    """(rows / 2, columns / 2, 3): the block means of an image (rows, columns, 3)."""
+    rows, columns, colors = image.shape
+    return image.reshape(rows // 2, 2, columns // 2, 2, colors).mean(axis=(1, 3))
 
 
-def square_about(patch: np.ndarray) -> Square:
+def square_about(patch: np.ndarray, camera: Camera) -> Square:
     """The square of samples around a contact (row, column), px, moved into the image."""
-    row = round(min(max(patch[0] / 2, HALF_SAMPLES), ROWS // 2 - HALF_SAMPLES))
-    column = round(min(max(patch[1] / 2, HALF_SAMPLES), COLUMNS // 2 - HALF_SAMPLES))
-    return (
-        slice(row - HALF_SAMPLES, row + HALF_SAMPLES),
-        slice(column - HALF_SAMPLES, column + HALF_SAMPLES),
-    )
+    sides = []
+    for middle, count in zip(patch / 2, (camera.rows // 2, camera.columns // 2), strict=True):
+        half = min(round(HALF_MM * camera.scale_px_per_mm / 2), count // 2)
+        first = round(min(max(middle, half), count - half)) - half
+        sides.append(slice(first, first + 2 * half))
+    return sides[0], sides[1]
 
 
 def inner(square: Square) -> Square:
@@ -118,22 +153,12 @@ def inner(square: Square) -> Square:
     return rows, columns
 
 
-def surface_at(pose: np.ndarray, profile: Profile) -> np.ndarray:
-    """The deflection by a ball at a pose within the bounds, mm, on optical_grid()."""
+def surface_at(gel: Elastomer, pose: np.ndarray, profile: Profile) -> np.ndarray:
+    """The deflection by a ball at a pose within the bounds, mm, on optical_grid(gel)."""
     radius_mm, hold, skirt = profile
     depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
     hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
-    return ball_surface(pose[0], pose[1], depth, radius_mm, hold, skirt)
-
-
-def leds_of(geometry: np.ndarray) -> Leds:
-    """The LEDs of a geometry, (12,) in the order of GEOMETRY."""
-    azimuth, elevation = np.radians(geometry[0:3]), np.radians(geometry[3:6])
-    radius = geometry[6]
-    places = np.stack(
-        [radius * np.cos(azimuth), -radius * np.sin(azimuth), -radius * np.tan(elevation)], axis=1
-    )
-    return Leds(places, np.exp(geometry[7:10]))
+    return ball_surface(gel, pose[0], pose[1], depth, radius_mm, hold, skirt)
 
 
 @dataclass(frozen=True)
@@ -148,8 +173,9 @@ class _Setting:
 class BallFit:
     """The model of some frames of balls.
 
-    background: (ROWS, COLUMNS, 3) uint8, cleaned. frames: (n, ROWS, COLUMNS, 3) uint8.
-    patches: (n, 2) row and column of each contact, px. radii_mm: (n,) of the balls.
+    background: (rows, columns, 3) uint8, cleaned. frames: (n, rows, columns, 3) uint8.
+    patches: (n, 2) row and column of each contact, px. radii_mm: (n,) of the balls. leds: from
+    which the fit starts.
     """
 
     def __init__(
@@ -159,25 +185,27 @@ class BallFit:
         patches: np.ndarray,
         radii_mm: np.ndarray,
         camera: Camera,
+        gel: Elastomer,
+        leds: Leds,
     ) -> None:
         self.background, self.camera, self.radii_mm = background, camera, radii_mm
-        self._rays = Rays(camera)
+        self.gel, self.start = gel, Geometry.of(leds)
+        self._rays = Rays(camera, gel)
         self._places = place_terms(*self._rays.places_mm)
         light = linear(background, GAMMA)
         self._changes = [samples_of(linear(frame, GAMMA) - light) for frame in frames]
-        self._squares = [square_about(patch) for patch in patches]
+        self._squares = [square_about(patch, camera) for patch in patches]
         # At the middles of the contacts, at a medium depth.
-        middle_px = np.array([(ROWS - 1) / 2, (COLUMNS - 1) / 2])
-        y_mm, x_mm = ((patches - middle_px) / camera.scale_px_per_mm).T
+        y_mm, x_mm = ((patches - camera.middle) / camera.scale_px_per_mm).T
         self._start_poses = np.stack([x_mm, y_mm, 0.45 * np.asarray(radii_mm)], axis=1)
 
     def fit(self, start: State | None = None) -> State:
         """Fit all parameters. start: state of another fit, for the initial LEDs and the terms.
 
-        Raises T2TwinError for frames that are no presses of such balls into a DIGIT.
+        Raises T2TwinError for frames that are no presses of such balls into such a sensor.
         """
         if start is None:
-            state = self._solved(START, self._start_poses, FIRST_TERMS)
+            state = self._solved(self.start.start, self._start_poses, Terms.first(self.start.count))
             poses = [self.pose(state, index, pose) for index, pose in enumerate(state.poses)]
             state = self._solved(state.geometry, np.array(poses), state.terms)
             self._check_explains(state)
@@ -198,13 +226,15 @@ class BallFit:
         left = state.error / float(np.mean(changes))
         if left > MAX_UNEXPLAINED:
             raise T2TwinError(
-                f"the light of a DIGIT's LEDs leaves {100 * left:.0f} % of the presses' change of "
-                f"the background unexplained, more than {100 * MAX_UNEXPLAINED:.0f} %; use frames "
-                "of one ball of the given diameter, pressed into the DIGIT of the background"
+                f"the light of {self.start.count} LEDs leaves {100 * left:.0f} % of the presses' "
+                "change of the background unexplained, more than "
+                f"{100 * MAX_UNEXPLAINED:.0f} %; use frames of one ball of the given diameter, "
+                "pressed into the sensor of the background"
             )
 
     def _selected(self, state: State) -> Terms:
-        return select_terms(self._sums(state.geometry, state.poses, MAX_TERMS))
+        leds = self.start.count
+        return select_terms(self._sums(state.geometry, state.poses, Terms.most(leds)), leds)
 
     def _refined(self, state: State) -> State:
         """The joint fit, from an initial state."""
@@ -246,8 +276,8 @@ class BallFit:
 
     def optics(self, state: State) -> Optics:
         """The fitted optics, without noise and modulus."""
-        leds = leds_of(state.geometry)
-        response = np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS))
+        leds = self.start.leds(state.geometry)
+        response = np.zeros((self.start.count, 3, PLACE_TERMS, COSINE_TERMS))
         table, lobe = state.terms.tables(state.response)
         response[:, :, : state.terms.places] = table.transpose(1, 0, 2, 3)
         return Optics(
@@ -258,16 +288,17 @@ class BallFit:
             gamma=GAMMA,
             scale_px_per_mm=self.camera.scale_px_per_mm,
             distance_mm=self.camera.distance_mm,
+            **{name: getattr(self.camera, name) for name in MAX_MISALIGNMENT},
             lobe=None if lobe is None else lobe.transpose(1, 0, 2, 3),
         )
 
     def surface(self, state: State, index: int, pose: np.ndarray) -> np.ndarray:
-        """The deflection by one frame's ball at a pose, mm, on optical_grid()."""
-        return surface_at(pose, self._setting(state.geometry, index).profile)
+        """The deflection by one frame's ball at a pose, mm, on optical_grid(gel)."""
+        return surface_at(self.gel, pose, self._setting(state.geometry, index).profile)
 
     def _setting(self, geometry: np.ndarray, index: int) -> _Setting:
-        profile = self.radii_mm[index], geometry[10], geometry[11]
-        return _Setting(leds_of(geometry), profile, self._squares[index])
+        profile = self.radii_mm[index], geometry[-2], geometry[-1]
+        return _Setting(self.start.leds(geometry), profile, self._squares[index])
 
     def _target(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""
@@ -283,7 +314,7 @@ class BallFit:
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
-            surface = surface_at(pose, setting.profile)
+            surface = surface_at(self.gel, pose, setting.profile)
         rows, columns = part = inner(setting.square)
         region = (rows.start, rows.stop, columns.start, columns.stop)
         coated = self._rays.coated(surface)
@@ -291,15 +322,17 @@ class BallFit:
         normals = None
         if lobe:
             normals = self._rays.normals(coated, region)[:, rows, columns].reshape(2, -1).T
-        return cosine[part].reshape(-1, LEDS), weight[part].reshape(-1, LEDS), normals
+        cosine, weight = (of[part].reshape(-1, of.shape[-1]) for of in (cosine, weight))
+        return cosine, weight, normals
 
     def _columns(self, setting: _Setting, pose: np.ndarray | None, terms: Terms) -> np.ndarray:
         """(samples, entries) light per unit of each of the response's entries."""
         cosine, weight, normals = self._incidence(setting, pose, terms.lobe)
         places = self._place_terms(setting.square, terms)
-        entries = [led_columns(cosine[:, k], weight[:, k], places) for k in range(LEDS)]
+        leds = range(terms.leds)
+        entries = [led_columns(cosine[:, k], weight[:, k], places) for k in leds]
         if normals is not None:
-            entries += [lobe_columns(normals, weight[:, k], places) for k in range(LEDS)]
+            entries += [lobe_columns(normals, weight[:, k], places) for k in leds]
         return np.concatenate(entries, axis=-1)
 
     def _place_terms(self, square: Square, terms: Terms) -> np.ndarray:
@@ -351,7 +384,7 @@ class BallFit:
         response = solve_ridge(squares, products, terms)
         everything = np.arange(terms.entries)
         error = float(np.mean([press.error(response, everything) for press in sums]))
-        deviation = (geometry - START) / SPREAD
+        deviation = (geometry - self.start.start) / self.start.spread
         error += PRIOR / len(poses) * float(deviation @ deviation)
         return State(geometry, poses, terms, response, error)
 
@@ -367,7 +400,8 @@ class BallFit:
             by_pose = move[: state.poses.size].reshape(-1, 3)
             poses = state.poses + np.clip(by_pose, -POSE_REACH_MM, POSE_REACH_MM)
             poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radii_mm)
-            geometry = state.geometry + np.clip(move[state.poses.size :], -SPREAD, SPREAD)
+            reach = self.start.spread
+            geometry = state.geometry + np.clip(move[state.poses.size :], -reach, reach)
             moved = self._solved(geometry, poses, state.terms)
             if moved.error < state.error:
                 return moved, damping / 5.0
@@ -377,9 +411,9 @@ class BallFit:
     def _normal_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Matrix and gradient of the Gauss-Newton step over (response, poses, geometry)."""
         count, entries = len(state.poses), state.response.shape[1]
-        size = 3 * entries + 3 * count + len(START)
+        size = 3 * entries + 3 * count + state.geometry.size
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
-        of_geometry = np.arange(size - len(START), size)
+        of_geometry = np.arange(size - state.geometry.size, size)
         samples = 0
         for index in range(count):
             columns, residual, derivatives = self._linearized(state, index)
@@ -401,9 +435,9 @@ class BallFit:
             ridge = state.terms.penalty(matrix[own, own])
             matrix[own, own] += ridge
             gradient[own] += ridge @ state.response[c]
-        prior = samples * PRIOR / SPREAD**2
+        prior = samples * PRIOR / self.start.spread**2
         matrix[of_geometry, of_geometry] += prior
-        gradient[of_geometry] += prior * (state.geometry - START)
+        gradient[of_geometry] += prior * (state.geometry - self.start.start)
         if state.terms.lobe:  # the depths stay
             depths = 3 * entries + 3 * np.arange(count) + 2
             matrix[depths], matrix[:, depths] = 0.0, 0.0
@@ -412,7 +446,7 @@ class BallFit:
 
     def _linearized(self, state: State, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Linearization of one press: columns (samples, entries), residual (samples, RGB), and
-        derivatives of the light (3 + 12, samples, RGB) by its pose and the geometry."""
+        derivatives of the light (parameters, samples, RGB) by its pose and the geometry."""
         setting, pose = self._setting(state.geometry, index), state.poses[index]
         columns = self._changed(setting, pose, state.terms).astype(float)
         shown = columns @ state.response.T
@@ -421,7 +455,8 @@ class BallFit:
         derivatives = []
         for nudged in pose + POSE_NUDGE_MM * np.eye(3):
             derivatives.append((self._light(setting, nudged, gain) - lit) / POSE_NUDGE_MM)
-        for geometry, nudge in zip(state.geometry + np.diag(NUDGE), NUDGE, strict=True):
+        nudges = self.start.nudge
+        for geometry, nudge in zip(state.geometry + np.diag(nudges), nudges, strict=True):
             other = self._setting(geometry, index)
             moved = self._light(other, pose, gain) - self._light(other, None, gain)
             derivatives.append((moved - shown) / nudge)

@@ -1,6 +1,6 @@
-"""Frames of a user's DIGIT: contact, cleaned background and noise.
+"""Frames of a user's gel camera: contact, cleaned background and noise.
 
-Frames are (n, ROWS, COLUMNS, 3) uint8.
+Frames are (n, rows, columns, 3) uint8.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 from t2twin.core.images import MAX_FILE_BYTES, decode_image
 from t2twin.sim.optical.camera.noise import REACH, TAPS, Noise
-from t2twin.sim.optical.camera.pinhole import COLUMNS, ROWS
+from t2twin.sim.optical.camera.pinhole import Camera
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 FORMATS = ("PNG", "JPEG", "BMP")
@@ -64,7 +64,9 @@ def read_frame(path: Path) -> np.ndarray:
     return np.array(image.convert("RGB"))
 
 
-def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray, list[str]]:
+def read_frames(
+    background: Path, folder: Path, camera: Camera
+) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """The background, the presses sorted by name, all upright, and their names.
 
     The folder may contain the background's file. Raises T2TwinError for files that are not images,
@@ -90,30 +92,30 @@ def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray,
                 "all must be of one size"
             )
         frames.append(frame)
-    upright = np.array([upright_frame(frame) for frame in (background_frame, *frames)])
+    upright = np.array([upright_frame(frame, camera) for frame in (background_frame, *frames)])
     return upright[0], upright[1:], [path.name for path in paths]
 
 
-def upright_frame(frame: np.ndarray) -> np.ndarray:
-    """(ROWS, COLUMNS, 3): a frame (rows, columns, 3) in the format of the maker's interface.
+def upright_frame(frame: np.ndarray, camera: Camera) -> np.ndarray:
+    """(rows, columns, 3): a frame in the size of the camera's images.
 
-    The camera's own frames, 320 x 240 or 640 x 480, are rotated by a quarter turn counterclockwise,
-    as the interface does. Larger frames are averaged down.
+    A frame on its side, wide where the images are high, is rotated by a quarter turn
+    counterclockwise, as the interface of the default sensor does. Larger frames are averaged down.
     Raises T2TwinError for smaller frames and other proportions.
     """
     size = _size(frame)
-    if frame.shape[0] < frame.shape[1]:
+    if (frame.shape[0] - frame.shape[1]) * (camera.rows - camera.columns) < 0:
         frame = np.rot90(frame)
     rows, columns = frame.shape[:2]
-    if rows < ROWS or rows * COLUMNS != columns * ROWS:
+    if rows < camera.rows or rows * camera.columns != columns * camera.rows:
         raise T2TwinError(
-            f"the frames are {size}; they must be {COLUMNS} wide, {ROWS} high, as the maker's "
-            "interface gives them, or larger in these proportions, upright or on their side"
+            f"the frames are {size}; they must be {camera.columns} wide, {camera.rows} high, as "
+            "the sensor's file says, or larger in these proportions, upright or on their side"
         )
-    if rows == ROWS:
+    if rows == camera.rows:
         return np.ascontiguousarray(frame)
     image = Image.fromarray(np.ascontiguousarray(frame))
-    return np.array(image.resize((COLUMNS, ROWS), Image.Resampling.BOX))
+    return np.array(image.resize((camera.columns, camera.rows), Image.Resampling.BOX))
 
 
 def _size(frame: np.ndarray) -> str:
@@ -140,7 +142,7 @@ def _blurred_change(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
 
 
 def background_pixels(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """(ROWS, COLUMNS) bool: pixels that show the background, apart from noise and drift."""
+    """(rows, columns) bool: pixels that show the background, apart from noise and drift."""
     difference = np.abs(_blurred_change(frame, background)).max(axis=-1)
     return maximum_filter(difference, 2 * CONTACT_MARGIN_PX + 1) < CONTACT_GREY
 
@@ -177,8 +179,9 @@ def _split(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def crop(image: np.ndarray, place: Sequence[float] | np.ndarray) -> np.ndarray:
-    """The CROP_PX square around a place (row, column), moved into the image."""
-    half = CROP_PX // 2
+    """The square of CROP_PX, or as large as the image, around a place (row, column), moved into
+    the image."""
+    half = min(CROP_PX, *image.shape[:2]) // 2
     row, column = (
         round(min(max(middle, half), count - half))
         for middle, count in zip(place, image.shape[:2], strict=True)
@@ -187,7 +190,7 @@ def crop(image: np.ndarray, place: Sequence[float] | np.ndarray) -> np.ndarray:
 
 
 def measure_noise(clean: np.ndarray, frames: np.ndarray, background: np.ndarray) -> Noise | None:
-    """The noise of frames (n, ROWS, COLUMNS, 3) uint8, from their background pixels.
+    """The noise of frames (n, rows, columns, 3) uint8, from their background pixels.
 
     clean: the background with its noise averaged out. background: the frame. Returns None if no
     frame has MIN_PIXELS.

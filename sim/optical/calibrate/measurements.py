@@ -24,24 +24,26 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.optical.calibrate.fit import BallFit, State
 from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.optical.light.ray_casting import Leds
 from t2twin.sim.tables import read_rows
 
 FORCES = "forces.csv"
 """Name of the file of measurements."""
-BALL_MM = (1.0, 12.0)
-"""Ball diameters that press a DIGIT's gel and fit into its image, mm."""
-DEEPEST_MM = 4.0
-"""Largest displacement, mm: the gel is 4.07 mm thick."""
-SCALES_PX_PER_MM = (10.0, 40.0)
-"""Range of scales (assumed: public units have 17.2 to 19.6)."""
+SMALLEST_BALL_MM = 1.0
+"""Smallest diameter of a ball, mm (assumed); the largest fits into the image."""
+SCALES = (0.5, 2.0)
+"""Range of scales, in parts of the sensor's (assumed)."""
+SCALE_SHARE, YOUNG_SHARE = 0.1, 0.2
+"""Default tolerances of the scale, for a sensor whose file has no range of it, and of the modulus,
+in parts of the file's values (assumed; of the modulus, Gent's range for Shore 10A to 15A)."""
 DEPTH_RATIO_TOLERANCE = 2e-3
 """Largest deviation from 1 of the ratio of fitted to measured depths (assumed)."""
 MAX_FITS = 6
 """Largest number of fits, each at the scale that follows from the last one; three are common."""
 
 Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
-Depth = Annotated[float, Meta(gt=0.0, le=DEEPEST_MM)]
-Diameter = Annotated[float, Meta(ge=BALL_MM[0], le=BALL_MM[1])]
+Depth = Annotated[float, Meta(gt=0.0)]
 
 
 @dataclass(frozen=True)
@@ -49,25 +51,41 @@ class Tolerance:
     """Largest errors, in either direction.
 
     ball_mm: of the ball diameters. scale_px_per_mm: of the image scale; unused if displacements are
-    measured. depth_mm: of the displacements, mainly of their zero at first contact. force_n: of the
-    forces. young_mpa: of the gel's default modulus; unused if forces are measured.
+    measured; by default as far as the sensor's file lets units differ, or a tenth. depth_mm: of the
+    displacements, mainly of their zero at first contact. force_n: of the forces. young_mpa: of the
+    gel's modulus in the sensor's file, by default a fifth; unused if forces are measured.
 
     The defaults are assumed: a caliper for the ball, a stage zeroed by eye, and a kitchen scale.
-    The scale's is from 19.2 px/mm to 17.2, the lowest of public units. The modulus' is Gent's 0.41
-    to 0.57 MPa of Shore 10A to 15A.
 
     Raises T2TwinError for a value that is negative or not finite.
     """
 
     ball_mm: float = 0.1
-    scale_px_per_mm: float = 2.0
+    scale_px_per_mm: float | None = None
     depth_mm: float = 0.03
     force_n: float = 0.05
-    young_mpa: float = 0.1
+    young_mpa: float | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            arguments.number(getattr(self, field.name), f"the tolerance {field.name}", low=0.0)
+            if getattr(self, field.name) is not None:
+                arguments.number(getattr(self, field.name), f"the tolerance {field.name}", low=0.0)
+
+    def of(self, sensor: GelCamera) -> "Tolerance":
+        """The same, complete, for a sensor."""
+        scale, units = sensor.camera.scale_px_per_mm, sensor.spec.units
+        low, high = ((1 - SCALE_SHARE) * scale, (1 + SCALE_SHARE) * scale)
+        if units is not None:
+            low, high = units.scale_px_per_mm
+        return replace(
+            self,
+            scale_px_per_mm=_given(self.scale_px_per_mm, max(scale - low, high - scale)),
+            young_mpa=_given(self.young_mpa, YOUNG_SHARE * sensor.own_gel.young_mpa),
+        )
+
+
+def _given(value: float | None, default: float) -> float:
+    return default if value is None else value
 
 
 @dataclass(frozen=True)
@@ -77,7 +95,7 @@ class _Row:
     file: str
     force_n: Force | None = None
     depth_mm: Depth | None = None
-    ball_diameter_mm: Diameter | None = None
+    ball_diameter_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -107,13 +125,16 @@ class Measurements:
         return bool(np.isfinite(self.forces_n).any())
 
 
-def read_measurements(folder: Path, names: Sequence[str], ball_diameter_mm: float) -> Measurements:
+def read_measurements(
+    folder: Path, names: Sequence[str], ball_diameter_mm: float, sensor: GelCamera
+) -> Measurements:
     """The measurements of the named frames of a folder; its file FORCES may be missing.
 
     ball_diameter_mm: of presses without a diameter in the file. Raises T2TwinError for a diameter
-    outside BALL_MM, an invalid file, and a row without a frame or with the frame of another row.
+    that check_ball refuses, a depth beyond the gel's thickness, an invalid file, and a row without
+    a frame or with the frame of another row.
     """
-    check_ball(ball_diameter_mm)
+    check_ball(ball_diameter_mm, "the ball's diameter in mm", sensor)
     path, index = folder / FORCES, {name: number for number, name in enumerate(names)}
     missing = np.full(len(names), np.nan)
     measurements = Measurements(
@@ -128,6 +149,13 @@ def read_measurements(folder: Path, names: Sequence[str], ball_diameter_mm: floa
         if row.file in seen:
             raise T2TwinError(f"{path} names {row.file} twice; each frame has one row")
         seen.add(row.file)
+        if row.ball_diameter_mm is not None:
+            check_ball(row.ball_diameter_mm, f"{path}: ball_diameter_mm of {row.file}", sensor)
+        if row.depth_mm is not None and row.depth_mm > sensor.own_gel.thickness_mm:
+            raise T2TwinError(
+                f"{path}: depth_mm of {row.file} is {row.depth_mm:g}; it must be at most "
+                f"{sensor.own_gel.thickness_mm:g}, the gel's thickness"
+            )
         for values, value in (
             (measurements.diameters_mm, row.ball_diameter_mm),
             (measurements.depths_mm, row.depth_mm),
@@ -138,16 +166,27 @@ def read_measurements(folder: Path, names: Sequence[str], ball_diameter_mm: floa
     return measurements
 
 
-def check_ball(diameter_mm: float) -> None:
-    """Raises T2TwinError for a ball diameter outside BALL_MM."""
-    arguments.number(diameter_mm, "the ball's diameter in mm", *BALL_MM)
+def check_ball(diameter_mm: float, name: str, sensor: GelCamera) -> None:
+    """Raises T2TwinError for a diameter that is below SMALLEST_BALL_MM or wider than the image."""
+    largest_mm = 2.0 * min(sensor.camera.seen_half_extent_mm())
+    arguments.number(diameter_mm, name, SMALLEST_BALL_MM, max(largest_mm, SMALLEST_BALL_MM))
+
+
+def scale_range(sensor: GelCamera) -> tuple[float, float]:
+    """Lowest and highest scale that a fit can have, px/mm."""
+    low, high = (share * sensor.camera.scale_px_per_mm for share in SCALES)
+    return low, high
 
 
 @dataclass(frozen=True)
 class Presses:
-    """background: (ROWS, COLUMNS, 3) uint8, cleaned. frames: (n, ROWS, COLUMNS, 3) uint8. patches:
-    (n, 2) row and column of each contact, px."""
+    """Presses into one sensor.
 
+    background: (rows, columns, 3) uint8, cleaned. frames: (n, rows, columns, 3) uint8. patches:
+    (n, 2) row and column of each contact, px.
+    """
+
+    sensor: GelCamera
     background: np.ndarray
     frames: np.ndarray
     patches: np.ndarray
@@ -155,7 +194,10 @@ class Presses:
 
     def model(self, camera: Camera) -> BallFit:
         radii_mm = self.measurements.diameters_mm / 2
-        return BallFit(self.background, self.frames, self.patches, radii_mm, camera)
+        leds = Leds(self.sensor.optics.leds_mm, self.sensor.optics.sizes_mm)
+        return BallFit(
+            self.background, self.frames, self.patches, radii_mm, camera, self.sensor.own_gel, leds
+        )
 
 
 @dataclass(frozen=True)
@@ -175,24 +217,25 @@ def fit_presses(presses: Presses, camera: Camera, start: State | None = None) ->
     """The fit at the camera's scale, or at the scale that measured displacements give.
 
     start: state of another fit, whose LEDs and terms are the initial ones. Raises T2TwinError for
-    displacements that no scale in SCALES_PX_PER_MM explains.
+    displacements that no scale in scale_range explains.
     """
     model = presses.model(camera)
     fit = Fit(model, model.fit(start))
     if not presses.measurements.has_depths:
         return fit
+    low, high = scale_range(presses.sensor)
     for _ in range(MAX_FITS):
         ratio = _depth_ratio(fit, presses.measurements)
         if abs(ratio - 1.0) < DEPTH_RATIO_TOLERANCE:
             return fit
         scale = model.camera.scale_px_per_mm * float(np.sqrt(ratio))
-        if not SCALES_PX_PER_MM[0] <= scale <= SCALES_PX_PER_MM[1]:
+        if not low <= scale <= high:
             break
         model = presses.model(replace(camera, scale_px_per_mm=scale))
         fit = Fit(model, model.fit(fit.state))
     raise T2TwinError(
         "the displacements do not fit the frames at any scale from "
-        f"{SCALES_PX_PER_MM[0]:g} to {SCALES_PX_PER_MM[1]:g} px/mm; they must be in mm, from the "
+        f"{low:g} to {high:g} px/mm; they must be in mm, from the "
         "ball's first contact"
     )
 

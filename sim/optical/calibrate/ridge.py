@@ -14,8 +14,6 @@ from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.lobe import LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
 from t2twin.sim.optical.optics import PLACE_DEGREE, place_degrees
 
-LEDS = 3
-LOBE_ENTRIES = LEDS * LOBE_PLACES * LOBE_TERMS
 GROWTH = 2.0
 """Factor of the ridge from one degree to the next (2 to 8 are equal on a real unit)."""
 DEGREES = (2, 3, PLACE_DEGREE)
@@ -30,13 +28,25 @@ GROUPS = 4
 
 @dataclass(frozen=True)
 class Terms:
-    """degree: the highest in the place. ridge: weight of a term of degree zero, in parts of the
-    columns' mean square; GROWTH times as much for each further degree. lobe: whether the response's
-    entries are followed by those of the lobe, (LED, place, normal term) in this order."""
+    """leds: their number. degree: the highest in the place. ridge: weight of a term of degree zero,
+    in parts of the columns' mean square; GROWTH times as much for each further degree. lobe:
+    whether the response's entries are followed by those of the lobe, (LED, place, normal term) in
+    this order."""
 
+    leds: int
     degree: int
     ridge: float
     lobe: bool = False
+
+    @classmethod
+    def first(cls, leds: int) -> "Terms":
+        """Terms of the first fit of poses and LEDs."""
+        return cls(leds, DEGREES[0], RIDGES[0])
+
+    @classmethod
+    def most(cls, leds: int) -> "Terms":
+        """Terms that contain all others."""
+        return cls(leds, DEGREES[-1], RIDGES[0], lobe=True)
 
     @property
     def place_degrees(self) -> np.ndarray:
@@ -49,39 +59,36 @@ class Terms:
 
     @property
     def entries(self) -> int:
-        return self.cosine_entries + (LOBE_ENTRIES if self.lobe else 0)
+        of_lobe = self.leds * LOBE_PLACES * LOBE_TERMS if self.lobe else 0
+        return self.cosine_entries + of_lobe
 
     @property
     def cosine_entries(self) -> int:
         """Number of the response's entries without the lobe."""
-        return LEDS * self.places * COSINE_TERMS
+        return self.leds * self.places * COSINE_TERMS
 
     def penalty(self, squares: np.ndarray) -> np.ndarray:
         """(entries, entries) diagonal matrix, added to the columns' squares."""
-        weights = np.tile(np.repeat(GROWTH**self.place_degrees, COSINE_TERMS), LEDS)
+        weights = np.tile(np.repeat(GROWTH**self.place_degrees, COSINE_TERMS), self.leds)
         if self.lobe:
             of_lobe = np.repeat(GROWTH ** place_degrees(LOBE_DEGREE), LOBE_TERMS)
-            weights = np.concatenate([weights, np.tile(of_lobe, LEDS)])
+            weights = np.concatenate([weights, np.tile(of_lobe, self.leds)])
         return np.diag(self.ridge * np.trace(squares) / len(squares) * weights)
 
     def tables(self, response: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """A response (RGB, entries) as (RGB, LEDS, places, COSINE_TERMS), and its lobe as (RGB,
-        LEDS, LOBE_PLACES, LOBE_TERMS); None without."""
+        """A response (RGB, entries) as (RGB, LEDs, places, COSINE_TERMS), and its lobe as (RGB,
+        LEDs, LOBE_PLACES, LOBE_TERMS); None without."""
         cosines, lobe = np.split(response, [self.cosine_entries], axis=1)
-        table = cosines.reshape(3, LEDS, self.places, COSINE_TERMS)
-        return table, lobe.reshape(3, LEDS, LOBE_PLACES, LOBE_TERMS) if self.lobe else None
+        table = cosines.reshape(3, self.leds, self.places, COSINE_TERMS)
+        of_lobe = 3, self.leds, LOBE_PLACES, LOBE_TERMS
+        return table, lobe.reshape(of_lobe) if self.lobe else None
 
     def among(self, all_terms: "Terms") -> np.ndarray:
         """(entries,) indices of its entries among those of terms of a higher degree."""
         is_own = np.arange(all_terms.places) < self.places
         of_lobe = np.full(all_terms.entries - all_terms.cosine_entries, self.lobe)
-        cosines = np.tile(np.repeat(is_own, COSINE_TERMS), LEDS)
+        cosines = np.tile(np.repeat(is_own, COSINE_TERMS), self.leds)
         return np.flatnonzero(np.concatenate([cosines, of_lobe]))
-
-
-FIRST_TERMS = Terms(DEGREES[0], RIDGES[0])
-"""Terms of the first fit of poses and LEDs."""
-MAX_TERMS = Terms(DEGREES[-1], RIDGES[0], lobe=True)
 
 
 @dataclass(frozen=True)
@@ -116,14 +123,14 @@ def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.n
     return np.linalg.solve(squares + terms.penalty(squares), products).T
 
 
-def select_terms(presses: Sequence[Sums]) -> Terms:
+def select_terms(presses: Sequence[Sums], leds: int) -> Terms:
     """The terms with the least cross-validation error.
 
     Among those within TIE_DB of the least error: the strongest ridge, and of it the best.
-    presses: with the entries of MAX_TERMS.
+    presses: with the entries of Terms.most.
     """
     candidates = [
-        Terms(degree, ridge, lobe)
+        Terms(leds, degree, ridge, lobe)
         for ridge in reversed(RIDGES) for degree in DEGREES for lobe in (False, True)
     ]  # fmt: skip
     errors = [cross_validation_error(presses, terms) for terms in candidates]
@@ -136,7 +143,7 @@ def select_terms(presses: Sequence[Sums]) -> Terms:
 
 def cross_validation_error(presses: Sequence[Sums], terms: Terms) -> float:
     """Mean over the left-out presses of the mean square error in dB."""
-    entries = terms.among(MAX_TERMS)
+    entries = terms.among(Terms.most(terms.leds))
     inner = np.ix_(entries, entries)
     errors = []
     for group in range(min(GROUPS, len(presses))):

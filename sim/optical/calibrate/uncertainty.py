@@ -16,20 +16,20 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.export import write_ball
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, force_at_depth, solve_contact
-from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.contact_solver import force_at_depth, solve_contact
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.optical.calibrate.measurements import (
     FORCES,
-    SCALES_PX_PER_MM,
     Fit,
     Measurements,
     Presses,
     Tolerance,
     check_ball,
     fit_presses,
+    scale_range,
 )
 from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.gel_camera import GelCamera
 
 SHALLOWEST, DEEPEST = 1.0, -1.0
 """Signs of the errors of ball diameter and scale that give such depths."""
@@ -48,7 +48,7 @@ class Bounds:
 class PressBounds:
     """Bounds of one press, from the fit to all presses.
 
-    force_n: the twin's at the depth, in a gel of the fitted modulus, or of the default one without
+    force_n: the twin's at the depth, in a gel of the fitted modulus, or of the sensor's without
     measured forces; None where no allowed force reaches the depth.
     """
 
@@ -62,8 +62,9 @@ class PressBounds:
 class OpticsUncertainty:
     """Bounds of all presses, the scale and the modulus.
 
-    presses: in the order of their names. scale_px_per_mm: the given scale, or the fitted one if
-    displacements are measured. young_mpa: the gel's modulus, if forces are measured.
+    tolerance: complete. presses: in the order of their names. scale_px_per_mm: the given scale, or
+    the fitted one if displacements are measured. own_young_mpa: modulus in the sensor's file.
+    young_mpa: the gel's modulus, if forces are measured.
     depth_measurements, force_measurements: how many presses have one. depth_residual_mm,
     force_residual_n: root mean square error of the fit on them; None where there are none.
     """
@@ -73,6 +74,7 @@ class OpticsUncertainty:
     scale_px_per_mm: Bounds
     depth_measurements: int
     depth_residual_mm: float | None
+    own_young_mpa: float
     young_mpa: Bounds | None
     force_measurements: int
     force_residual_n: float | None
@@ -88,21 +90,25 @@ class _Estimate:
     young_mpa: float
 
 
-def check_tolerance(measurements: Measurements, camera: Camera, tolerance: Tolerance) -> None:
+def check_tolerance(
+    measurements: Measurements, sensor: GelCamera, camera: Camera, tolerance: Tolerance
+) -> None:
     """Raises T2TwinError if a ball, scale or modulus within its tolerance would be out of range."""
-    for diameter_mm in measurements.diameters_mm:
-        check_ball(float(diameter_mm) - tolerance.ball_mm)
-        check_ball(float(diameter_mm) + tolerance.ball_mm)
-    scale, error = camera.scale_px_per_mm, tolerance.scale_px_per_mm
-    if error and not SCALES_PX_PER_MM[0] <= scale - error <= scale + error <= SCALES_PX_PER_MM[1]:
+    for diameter_mm in measurements.diameters_mm.tolist():
+        for error_mm in (-tolerance.ball_mm, tolerance.ball_mm):
+            check_ball(diameter_mm + error_mm, "the ball's diameter in mm", sensor)
+    scale, error, young_mpa = camera.scale_px_per_mm, tolerance.scale_px_per_mm, tolerance.young_mpa
+    assert error is not None and young_mpa is not None
+    low, high = scale_range(sensor)
+    if error and not low <= scale - error <= scale + error <= high:
         raise T2TwinError(
-            f"a scale of {scale:g} px/mm, {error:g} either way, reaches beyond "
-            f"{SCALES_PX_PER_MM[0]:g} to {SCALES_PX_PER_MM[1]:g} px/mm"
+            f"a scale of {scale:g} px/mm, {error:g} either way, reaches beyond {low:g} to {high:g} "
+            "px/mm"
         )
-    if not tolerance.young_mpa < DIGIT_GEL.young_mpa:
+    if not young_mpa < sensor.own_gel.young_mpa:
         raise T2TwinError(
-            f"the tolerance of the modulus is {tolerance.young_mpa:g} MPa; it must be less than "
-            f"the default modulus, {DIGIT_GEL.young_mpa:g} MPa"
+            f"the tolerance of the modulus is {young_mpa:g} MPa; it must be less than the sensor's "
+            f"modulus, {sensor.own_gel.young_mpa:g} MPa"
         )
 
 
@@ -113,16 +119,20 @@ def estimate_uncertainty(
     tolerance: Tolerance,
     report: Callable[[str], object],
 ) -> OpticsUncertainty:
-    """Bounds around a fit to all presses, (n,) names. report: called with progress messages."""
-    measurements = presses.measurements
-    nominal = _estimate(measurements, fit, DIGIT_GEL.young_mpa)
+    """Bounds around a fit to all presses, (n,) names.
+
+    tolerance: complete. report: called with progress messages.
+    """
+    measurements, sensor = presses.measurements, presses.sensor
+    assert tolerance.young_mpa is not None
+    own_mpa = sensor.own_gel.young_mpa
+    nominal = _estimate(presses, fit, own_mpa)
     estimates = [nominal]
     for sign, word in ((DEEPEST, "deepest"), (SHALLOWEST, "shallowest")):
         report(f"fitting within the tolerances, {word}")
         shifted, camera = _shifted(presses, fit.model.camera, tolerance, sign)
-        young_mpa = DIGIT_GEL.young_mpa - sign * tolerance.young_mpa
         shifted_fit = fit_presses(shifted, camera, fit.state)
-        estimates.append(_estimate(shifted.measurements, shifted_fit, young_mpa))
+        estimates.append(_estimate(shifted, shifted_fit, own_mpa - sign * tolerance.young_mpa))
     depths_mm, forces_n = (
         np.array([getattr(each, name) for each in estimates]) for name in ("depths_mm", "forces_n")
     )
@@ -141,6 +151,7 @@ def estimate_uncertainty(
         scale_px_per_mm=_bounds([each.scale_px_per_mm for each in estimates]),
         depth_measurements=int(np.isfinite(measurements.depths_mm).sum()),
         depth_residual_mm=_residual(nominal.depths_mm, measurements.depths_mm),
+        own_young_mpa=own_mpa,
         young_mpa=(
             _bounds([each.young_mpa for each in estimates]) if measurements.has_forces else None
         ),
@@ -160,17 +171,19 @@ def _shifted(
         forces_n=np.maximum(given.forces_n + sign * tolerance.force_n, FORCE_RANGE_N[0]),
     )
     if not given.has_depths:
+        assert tolerance.scale_px_per_mm is not None
         scale = camera.scale_px_per_mm + sign * tolerance.scale_px_per_mm
         camera = replace(camera, scale_px_per_mm=scale)
     return replace(presses, measurements=measurements), camera
 
 
-def _estimate(measurements: Measurements, fit: Fit, young_mpa: float) -> _Estimate:
+def _estimate(presses: Presses, fit: Fit, young_mpa: float) -> _Estimate:
     """young_mpa: used where no force is measured."""
-    forces_n = ball_forces_n(fit.state.poses, measurements.diameters_mm)
+    measurements, own_mpa = presses.measurements, presses.sensor.own_gel.young_mpa
+    forces_n = ball_forces_n(presses.sensor, fit.state.poses, measurements.diameters_mm)
     if measurements.has_forces:
-        young_mpa = fit_young_mpa(measurements.forces_n, forces_n)
-    forces_n = forces_n * young_mpa / DIGIT_GEL.young_mpa
+        young_mpa = own_mpa * force_ratio(measurements.forces_n, forces_n)
+    forces_n = forces_n * young_mpa / own_mpa
     return _Estimate(fit.depths_mm, forces_n, fit.model.camera.scale_px_per_mm, young_mpa)
 
 
@@ -185,18 +198,20 @@ def _residual(fitted: np.ndarray, measured: np.ndarray) -> float | None:
     return float(np.sqrt(np.mean(residual**2))) if residual.size else None
 
 
-def ball_forces_n(poses: np.ndarray, diameters_mm: np.ndarray) -> np.ndarray:
-    """(n,) N: forces of balls in the default gel; NaN where no allowed force reaches the depth.
+def ball_forces_n(sensor: GelCamera, poses: np.ndarray, diameters_mm: np.ndarray) -> np.ndarray:
+    """(n,) N: forces of balls in the gel of a sensor's file; NaN where no allowed force reaches the
+    depth.
 
     poses: (n, 3) x_mm, y_mm, depth_mm.
     """
-    return np.array([_force_n(*each) for each in zip(poses, diameters_mm.tolist(), strict=True)])
+    each = zip(poses, diameters_mm.tolist(), strict=True)
+    return np.array([_force_n(sensor, pose, diameter_mm) for pose, diameter_mm in each])
 
 
-def _force_n(pose: np.ndarray, diameter_mm: float) -> float:
+def _force_n(sensor: GelCamera, pose: np.ndarray, diameter_mm: float) -> float:
     ball = _ball(diameter_mm)
     command = PressCommand(ball.name, float(pose[0]), float(pose[1]), 0.0, 1.0)
-    press = partial(solve_contact, ball, elastomer=DIGIT_GEL, pitch_mm=DIGIT_PITCH_MM)
+    press = partial(solve_contact, ball, elastomer=sensor.own_gel, pitch_mm=sensor.pitch_mm)
     try:
         return force_at_depth(press, command, float(pose[2]))
     except T2TwinError:
@@ -209,19 +224,20 @@ def _ball(diameter_mm: float) -> Shape:
         return write_ball(Path(folder) / "ball.step", diameter_mm)
 
 
-def fit_young_mpa(measured_n: np.ndarray, default_n: np.ndarray) -> float:
-    """The gel's modulus, MPa, by least squares over the presses with both forces.
+def force_ratio(measured_n: np.ndarray, own_n: np.ndarray) -> float:
+    """Modulus of the gel in parts of the sensor's, by least squares over the presses with both
+    forces.
 
-    measured_n: (n,), NaN where not measured. default_n: (n,) the twin's at the same depths, in
-    DIGIT_GEL. At a given depth the force of a frictionless contact is proportional to the modulus,
-    since the layer's stiffening depends on its strain alone. Raises T2TwinError where no press has
-    both.
+    measured_n: (n,), NaN where not measured. own_n: (n,) the twin's at the same depths, in the
+    sensor's gel. At a given depth the force of a frictionless contact is proportional to the
+    modulus, since the layer's stiffening depends on its strain alone. Raises T2TwinError where no
+    press has both.
     """
-    both = np.isfinite(measured_n) & np.isfinite(default_n)
+    both = np.isfinite(measured_n) & np.isfinite(own_n)
     if not both.any():
         raise T2TwinError("no press with a measured force can be pressed that deep in the twin")
-    measured, default = measured_n[both], default_n[both]
-    return float(DIGIT_GEL.young_mpa * (measured @ default) / (default @ default))
+    measured, own = measured_n[both], own_n[both]
+    return float((measured @ own) / (own @ own))
 
 
 def uncertainty_lines(uncertainty: OpticsUncertainty) -> list[str]:
@@ -266,13 +282,13 @@ def _modulus_sentence(uncertainty: OpticsUncertainty) -> str:
     young, tolerance = uncertainty.young_mpa, uncertainty.tolerance
     if young is None:
         return (
-            f"The gel's modulus is the default, {DIGIT_GEL.young_mpa:g} MPa, within "
+            f"The gel's modulus is the sensor's, {uncertainty.own_young_mpa:g} MPa, within "
             f"{tolerance.young_mpa:g}; measured forces in {FORCES} would determine it."
         )
     return (
         f"The gel's modulus is {_with_bounds(young)} MPa, from {uncertainty.force_measurements} "
         f"forces measured within {tolerance.force_n:g} N; their residual is "
-        f"{uncertainty.force_residual_n:.2f} N. A DIGIT with this optics have such a gel."
+        f"{uncertainty.force_residual_n:.2f} N. A twin with these optics has such a gel."
     )
 
 
