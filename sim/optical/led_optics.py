@@ -4,15 +4,14 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera, optical_grid
+from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.optics import PLACE_TERMS, Optics, place_terms
 
-STRIDE = 4
-"""Cells of the optical grid between the places to which the beams are fitted (assumed: beams are
-smooth)."""
+PLACES = 48
+"""Places along each axis of the image to which the beams are fitted (assumed: beams are smooth)."""
 
 Color = tuple[float, float, float]
 
@@ -51,11 +50,9 @@ def optics_of_leds(
 
 def _beam_terms(led: Led, camera: Camera, gel: Elastomer) -> np.ndarray:
     """(PLACE_TERMS,) polynomial of an LED's beam over the part of the gel that the camera sees."""
-    x, y = (each[::STRIDE] for each in optical_grid(gel))
-    seen_x, seen_y = camera.is_seen(x, y, 0.0)
-    x, y = (each.ravel() for each in np.meshgrid(x[seen_x], y[seen_y]))
-    points = np.stack([x, y, gel.rest_surface_mm(x, y)], axis=-1)
-    terms, inside = place_terms(x, y), led.in_beam(points)
+    columns, rows = (np.linspace(0, count - 1, PLACES) for count in (camera.columns, camera.rows))
+    points = np.stack(camera.gel_points(gel, columns, rows), axis=-1).reshape(-1, 3)
+    terms, inside = place_terms(points[:, 0], points[:, 1]), led.in_beam(points)
     if np.ptp(inside) < 1e-6:
         return inside[0] * np.eye(PLACE_TERMS)[0]
     return np.linalg.lstsq(terms, inside, rcond=None)[0]

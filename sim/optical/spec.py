@@ -14,7 +14,7 @@ from t2twin.sim.contact.spec import LayerTable, MountTable
 from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.markers import Markers
-from t2twin.sim.optical.optics import MAX_LEDS
+from t2twin.sim.optical.optics import DISTANCES_MM, MAX_LEDS, SCALES_PX_PER_MM
 
 KIND = "gel-camera"
 
@@ -28,14 +28,14 @@ Pixels = Annotated[int, Meta(ge=16, le=MAX_PIXELS, multiple_of=2)]
 Radiance = Annotated[float, Meta(ge=0.0, le=100.0)]
 Coordinate = Annotated[float, Meta(ge=-FARTHEST_MM, le=FARTHEST_MM)]
 Beam = Annotated[float, Meta(gt=0.0, le=90.0)]
-Scale = Annotated[float, Meta(ge=LENGTHS["scale_px_per_mm"][0], le=LENGTHS["scale_px_per_mm"][1])]
-Distance = Annotated[float, Meta(ge=LENGTHS["distance_mm"][0], le=LENGTHS["distance_mm"][1])]
+Scale = Annotated[float, Meta(ge=SCALES_PX_PER_MM[0], le=SCALES_PX_PER_MM[1])]
+Distance = Annotated[float, Meta(ge=DISTANCES_MM[0], le=DISTANCES_MM[1])]
 Shift = Annotated[
     float, Meta(ge=-MAX_MISALIGNMENT["shift_x_px"], le=MAX_MISALIGNMENT["shift_x_px"])
 ]
 Tilt = Annotated[float, Meta(ge=-MAX_MISALIGNMENT["tilt_x_deg"], le=MAX_MISALIGNMENT["tilt_x_deg"])]
 LedDistance = Annotated[float, Meta(ge=1.0, le=FARTHEST_MM)]
-Elevation = Annotated[float, Meta(ge=-20.0, le=80.0)]
+Elevation = Annotated[float, Meta(ge=5.0, le=80.0)]
 
 
 class CameraTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

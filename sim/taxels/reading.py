@@ -100,6 +100,9 @@ Presets = dict[str, Imperfections]
 NONE = "none"
 """Name of the preset without imperfections, which every array has."""
 
+WHITE = "white"
+"""Name of the preset that an array has unless another is given, if its file has it."""
+
 DATASET_DEFAULT = "recorded"
 """Imperfections of a dataset whose scale or recipe has none of its own, if the array has them."""
 

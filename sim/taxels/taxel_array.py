@@ -29,8 +29,8 @@ class TaxelArray:
     """A taxel array: its file, and what differs from it.
 
     folder: of the sensor's file. layout_source: a layout's name or file in place of the file's.
-    imperfections: name of one of the file's. dead: indices of taxels that always count 0. cover:
-    pressed in place of the file's.
+    imperfections: name of one of the file's; None for "white" where the file has it, else "none".
+    dead: indices of taxels that always count 0. cover: pressed in place of the file's.
 
     Raises T2TwinError for an unknown layout or name, and for taxels off the cover.
     """
@@ -48,7 +48,7 @@ class TaxelArray:
     spec: TaxelArraySpec
     folder: str = ""
     layout_source: str | None = None
-    imperfections: str = "white"
+    imperfections: str | None = None
     dead: tuple[int, ...] = ()
     cover: Elastomer | None = None
     layout: Layout = field(init=False, repr=False, compare=False)
@@ -63,9 +63,11 @@ class TaxelArray:
             layout = load_layout(self.layout_source)
         object.__setattr__(self, "layout", layout)
         check_on_cover(layout, self.elastomer)
-        flaws = reading.chosen(
-            self.spec.imperfections, self.imperfections, tuple(self.dead), layout.size
-        )
+        presets = self.spec.imperfections
+        if self.imperfections is None:
+            own = reading.WHITE if reading.WHITE in presets else reading.NONE
+            object.__setattr__(self, "imperfections", own)
+        flaws = reading.chosen(presets, self.imperfections or "", tuple(self.dead), layout.size)
         object.__setattr__(self, "flaws", flaws)
 
     @property
@@ -153,6 +155,7 @@ class TaxelArray:
             places = self.dense.layout
             content["dense_x_mm"] = tuple(places.x_mm.tolist())
             content["dense_y_mm"] = tuple(places.y_mm.tolist())
+            content["dense_pad_mm"] = self.dense.pad_diameter_mm
         return content
 
     def press(self, shape: Shape, command: PressCommand) -> Contact:

@@ -22,14 +22,15 @@ Degrees = Annotated[float, Meta(ge=-45.0, le=45.0)]
 Tilt = Annotated[float, Meta(ge=-5.0, le=5.0)]
 Shift = Annotated[float, Meta(ge=-50.0, le=50.0)]
 OfLed = Annotated[float, Meta(ge=-20.0, le=20.0)]
-FarLed = Annotated[float, Meta(ge=10.0, le=100.0)]
+FarLed = Annotated[float, Meta(ge=1.0, le=200.0)]
+Elevation = Annotated[float, Meta(ge=5.0, le=80.0)]
 Size = Annotated[float, Meta(ge=0.1, le=30.0)]
 Gamma = Annotated[float, Meta(ge=0.5, le=4.0)]
 Pixels = Annotated[float, Meta(ge=-100.0, le=320.0)]
 Radius = Annotated[float, Meta(ge=0.5, le=50.0)]
 Count = Annotated[int, Meta(ge=0, le=100)]
-Scale = Annotated[float, Meta(ge=10.0, le=40.0)]
-Distance = Annotated[float, Meta(ge=10.0, le=50.0)]
+Scale = Annotated[float, Meta(ge=5.0, le=100.0)]
+Distance = Annotated[float, Meta(ge=5.0, le=100.0)]
 Noise = Annotated[float, Meta(ge=0.01, le=50.0)]
 
 
@@ -87,7 +88,7 @@ class UnitRanges:
     tilt_deg: tuple[Tilt, Tilt] = (-1.5, 1.5)
     led_turn_deg: tuple[Degrees, Degrees] = (-9.0, 9.0)
     led_distance_mm: tuple[FarLed, FarLed] | None = None
-    led_elevation_deg: tuple[Degrees, Degrees] | None = None
+    led_elevation_deg: tuple[Elevation, Elevation] | None = None
     led_elevation_off_deg: tuple[Degrees, Degrees] = (-4.0, 4.0)
     led_size_mm: tuple[Size, Size] = (1.0, 9.0)
     facing_grey: tuple[Grey, Grey] = (110.0, 250.0)
