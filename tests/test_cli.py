@@ -32,7 +32,7 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
 def test_press_writes_pictures_and_numbers(tmp_path, capsys):
     run("press", "square-2", "--yaw-deg", "30", "--out", tmp_path / "out")
     summary = json.loads((tmp_path / "out/press.json").read_text())
-    for sensor in ("digit", "cyskin"):
+    for sensor in ("digit", "cyskin-20"):
         assert summary[sensor]["force_n"] == pytest.approx(8.0, rel=0.005)
         assert summary[sensor]["settled"]
         fields = np.load(tmp_path / f"out/contact_{sensor}.npz")
@@ -44,7 +44,7 @@ def test_press_writes_pictures_and_numbers(tmp_path, capsys):
         assert image.size == (240, 320)
     with Image.open(tmp_path / "out/tactile_image.png") as image:
         tactile = np.asarray(image)
-    counts = json.loads((tmp_path / "out/cyskin.json").read_text())["counts"]
+    counts = json.loads((tmp_path / "out/cyskin-20.json").read_text())["counts"]
     assert tactile.shape == (396, 240) and len(counts) == 20
     assert tactile.max() == pytest.approx(max(counts), rel=0.02)
     assert "8.00 N" in capsys.readouterr().out
@@ -147,7 +147,7 @@ def test_press_leaves_its_scene_and_says_where_there_is_no_display(tmp_path, cap
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("sys.platform", "linux")
     run("press", "circle-1", "--sensor", "cyskin", "--view", "--out", tmp_path / "out")
-    assert (tmp_path / "out/scene_cyskin.xml").is_file()
+    assert (tmp_path / "out/scene_cyskin-20.xml").is_file()
     assert (tmp_path / "out/shape.stl").is_file()
     assert "no display" in capsys.readouterr().out
 
@@ -165,7 +165,7 @@ def test_press_says_that_a_shape_bottoms_out(tmp_path, capsys):
     parts = [trimesh.creation.box((12, 12, 1)), post]
     trimesh.util.concatenate(parts).export(tmp_path / "low.stl")
     run("press", tmp_path / "low.stl", "--sensor", "cyskin", "--out", tmp_path / "out")
-    assert json.loads((tmp_path / "out/press.json").read_text())["cyskin"]["bottomed"]
+    assert json.loads((tmp_path / "out/press.json").read_text())["cyskin-20"]["bottomed"]
     assert "bottomed out" in capsys.readouterr().out
 
 
@@ -204,3 +204,39 @@ def test_commands_import_no_renderer_of_mujoco(backend):
     assert done.returncode == 0, done.stderr
     imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert "mujoco" in imported and not imported & {"glfw", "mujoco.egl"}
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        (("--sensor", "digit", "--layout", "cyskin-63"), "--layout has no effect on digit"),
+        (("--sensor", "cyskin", "--markers"), "--markers has no effect on cyskin-20"),
+        (("--sensor", "cyskin", "--flat"), "--flat has no effect on cyskin-20"),
+        (("--source", "cyskin-63", "--optics", "x.npz"), "no effect on cyskin-63 and cyskin-20"),
+        (("--sensor", "target", "--renderer", "pyrender"), "--renderer has no effect on cyskin-20"),
+        (("--sensor", "cyskin-63"), "'cyskin-63' in the twin; allowed are digit, cyskin-20"),
+        (("--source", "digitt"), "there is no sensor 'digitt'"),
+        (("--target", "none.toml"), "none.toml"),
+        (("--seed", "1", "--imperfections", "worse"), "no imperfections called 'worse'"),
+        (("--imperfections", "all"), "--imperfections has no effect without --seed"),
+    ],
+)
+def test_options_without_effect_on_the_pressed_sensors_are_refused(capsys, options, words):
+    run("press", "square-2", *options, code=2)
+    said = capsys.readouterr().err
+    assert words in said and said.count("\n") == 1
+
+
+def test_press_of_two_arrays_and_of_two_cameras(tmp_path, capsys):
+    (tmp_path / "soft.toml").write_text(
+        'extends = "digit"\nname = "soft"\n[gel]\nyoung_mpa = 0.1\n'
+    )
+    run("press", "hemisphere-2", "--source", "cyskin-63", "--out", "arrays")
+    printed = capsys.readouterr().out
+    assert "cyskin-63: counts: " in printed and "cyskin-20: counts: " in printed
+    assert len(json.loads(Path("arrays/cyskin-63.json").read_text())["counts"]) == 63
+    assert len(json.loads(Path("arrays/cyskin-20.json").read_text())["counts"]) == 20
+    run("press", "hemisphere-2", "--target", tmp_path / "soft.toml", "--out", "cameras")
+    summary = json.loads(Path("cameras/press.json").read_text())
+    assert summary["soft"]["depth_mm"] > 1.5 * summary["digit"]["depth_mm"]
+    assert Path("cameras/soft.png").is_file() and Path("cameras/digit.png").is_file()

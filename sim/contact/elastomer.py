@@ -71,13 +71,17 @@ class Elastomer:
             value = getattr(self, name)
             if not (name in MAY_BE_FLAT and isinstance(value, float) and value == np.inf):
                 arguments.number(value, name, low, high)
-        domed = np.isfinite([self.dome_width_radius_mm, self.dome_length_radius_mm]).any()
-        if domed and self.thickness_mm < THINNEST_MM:
+        if not self.is_flat and self.thickness_mm < THINNEST_MM:
             raise T2TwinError(
                 f"thickness_mm is {self.thickness_mm:g}; a domed elastomer is at least "
                 f"{THINNEST_MM:g} mm thick, a flat one 0.1 mm"
             )
         arguments.choice(self.law, "law", get_args(Law))
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the surface has no dome."""
+        return not np.isfinite([self.dome_width_radius_mm, self.dome_length_radius_mm]).any()
 
     def rest_surface_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Height of the undeformed surface above its apex, mm (<= 0), at points of equal shape."""

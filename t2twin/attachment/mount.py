@@ -163,7 +163,7 @@ def _own_spec(
     geom = body.add_geom(name=SURFACE, mass=mount.mass_kg, rgba=mount.color, condim=CONDIM)
     geom.solref, geom.solimp, geom.solmix = SOLREF, SOLIMP, OWN_SOLMIX
     half_m = 0.5e-3 * np.array([elastomer.width_mm, elastomer.length_mm])
-    if np.isfinite([elastomer.dome_width_radius_mm, elastomer.dome_length_radius_mm]).any():
+    if not elastomer.is_flat:
         mesh = spec.add_mesh(name=SURFACE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
         mesh.uservert = _dome_vertices_m(elastomer, depth_m).ravel()
         geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_MESH, SURFACE

@@ -134,14 +134,17 @@ def _contact() -> str:
 
 def _rendering() -> str:
     if sys.platform == "darwin":
-        return "not on macOS, which has no EGL; only the optics pyrender need it"
+        return "not on macOS, which has no EGL; only the renderer pyrender needs it"
     import numpy as np
 
     from t2twin.sim.optical.camera.pinhole import optical_grid
     from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
+    from t2twin.sim.sensors.pair import SensorPair
 
-    x, y = optical_grid()
-    with ReferenceRenderer() as renderer:
+    sensor = SensorPair().camera
+    x, y = optical_grid(sensor.own_gel)
+    leds, ambient = tuple(each.led for each in sensor.spec.light.leds), sensor.spec.light.ambient
+    with ReferenceRenderer(leds, ambient, sensor.camera, sensor.own_gel) as renderer:
         image = renderer.render(np.zeros((y.size, x.size)))
     if image.max() == 0:
         raise RuntimeError("pyrender rendered a black image; the OpenGL driver is not usable")

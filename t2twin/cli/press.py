@@ -1,16 +1,22 @@
 """t2twin shapes, t2twin primitives, t2twin press, t2twin slide"""
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from t2twin.sim.sensors.defaults import SOURCE, TARGET
+
 if TYPE_CHECKING:
     from t2twin.primitives_cad.shape import Shape
+    from t2twin.sim.contact.elastomer import Elastomer
     from t2twin.sim.contact.types import Contact, PressCommand
-    from t2twin.sim.sensors import SensorPair
+    from t2twin.sim.sensors.files import Sensor
+    from t2twin.sim.sensors.pair import SensorPair
 
 
 def shapes() -> None:
@@ -52,14 +58,24 @@ def primitives(
 
 
 Float = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
-Sensor = Literal["digit", "cyskin", "both"]
+Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 Renderer = Literal["baked", "pyrender"]
 
-UNUSED = {
-    "digit": ("layout", "imperfections"),
-    "cyskin": ("flat", "optics", "markers", "marker_pitch_mm", "renderer"),
+BOTH = "both"
+"""Sensor of presses into both sensors."""
+
+OF_SENSORS = {
+    "layout": "layout",
+    "optics": "optics",
+    "imperfections": "imperfections",
+    "markers": "markers",
+    "marker_pitch_mm": "markers",
+    "renderer": "renderer",
 }
-"""Options without effect, by the sensor that is pressed."""
+"""Options that some sensors have, and their names in a sensor's OPTIONS."""
+
+LAYERS = ("gel", "cover")
+"""Names of a sensor's elastomer, as an option and as a table of its file."""
 
 DEFAULT_STEPS = 10
 """Steps of a slide unless given."""
@@ -73,7 +89,9 @@ class TouchOptions:
         shape: A catalogue name (square-2, pliers/jaw-tip; t2twin shapes lists all), a random shape
             (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file. The
             pressing side of a file's shape is up (+z; +y in GLB).
-        sensor: Sensor to press.
+        source: The first sensor: a bundled one (t2twin sensors lists them) or a sensor file.
+        target: The second sensor.
+        sensor: Sensor to press: both, source, target, or its name.
         x_mm: Position of the shape's middle, to the right in the image, mm.
         y_mm: The same, down in the image, mm.
         yaw_deg: Rotation about the press axis, clockwise in the image, degrees.
@@ -87,19 +105,21 @@ class TouchOptions:
             is linear elastic, for comparison with theory.
         young_mpa: Young's modulus of the elastomer, MPa.
         poisson: Poisson's ratio of the elastomer.
-        flat: Remove the dome of the gel.
-        layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm.
-        optics: The DIGIT's light and, if it was fitted, its gel's modulus, as written by
-            t2twin calibrate; default: the default optics.
-        seed: Seed of the camera noise and of the CySkin's imperfections; none without a seed.
-        imperfections: The CySkin's errors if there is a seed: none, white, baseline, all or
-            recorded.
-        markers: Print markers on the DIGIT's gel.
-        marker_pitch_mm: Distance of neighboring markers, mm; default 1.4. Implies markers.
+        flat: Remove the dome of the elastomer.
+        layout: Taxel layout of a taxel array: a name, or a JSON or CSV file with x_mm and y_mm.
+        optics: A gel camera's light and, if it was fitted, its gel's modulus, as written by
+            t2twin calibrate; default: those of the sensor's file.
+        seed: Seed of the camera noise and of the array's imperfections; none without a seed.
+        imperfections: An array's errors if there is a seed: none, or a name in the sensor's file;
+            default white.
+        markers: Print the markers of the sensor's file on the gel of a gel camera.
+        marker_pitch_mm: Distance of neighboring markers, mm. Implies markers.
     """
 
     shape: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="SHAPE")]]
-    sensor: Sensor = "both"
+    source: Name = SOURCE
+    target: Name = TARGET
+    sensor: Name = BOTH
     x_mm: float = 0.0
     y_mm: float = 0.0
     yaw_deg: float = 0.0
@@ -111,10 +131,10 @@ class TouchOptions:
     young_mpa: Float = None
     poisson: Float = None
     flat: bool = False
-    layout: str = "cyskin-20"
+    layout: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     optics: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
-    imperfections: Annotated[str, tyro.conf.arg(metavar="NAME")] = "white"
+    imperfections: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     markers: bool = False
     marker_pitch_mm: Float = None
 
@@ -124,28 +144,52 @@ class TouchOptions:
         return catalogue.load(self.shape, scale=self.scale, center=self.center)
 
     def sensors(self, renderer: Renderer = "baked") -> "SensorPair":
-        """The sensors. renderer: what renders the DIGIT's image."""
-        from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
+        """The sensors. renderer: what renders the image of a gel camera."""
         from t2twin.sim.optical.markers import Markers
-        from t2twin.twin import Twin, other_elastomer
+        from t2twin.sim.sensors.pair import SensorPair
+        from t2twin.twin import other_elastomer
 
-        self._check_effects()
-        changes = (self.thickness_mm, self.young_mpa, self.poisson, self.flat)
-        gel, cover = (other_elastomer(own, *changes) for own in (DIGIT_GEL, CYSKIN_COVER))
+        pair = SensorPair.of(self.source, self.target)
+        self._check_effects(pair)
+        names = ("thickness_mm", "young_mpa", "poisson")
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if given or self.flat:
+            change = partial(other_elastomer, **given, flat=self.flat)
+            pair = SensorPair(*(_with_layer(each, change) for each in (pair.source, pair.target)))
         pitch = self.marker_pitch_mm
-        markers = self.markers if pitch is None else Markers(pitch)
-        twin = Twin(self.optics, self.layout, self.imperfections, gel, cover, renderer, markers)
-        return twin.sensors
+        return pair.with_options(
+            optics=self.optics,
+            layout=self.layout,
+            imperfections=self.imperfections,
+            renderer=None if renderer == "baked" else renderer,
+            markers=(self.markers or None) if pitch is None else Markers(pitch),
+        )
 
-    def _check_effects(self) -> None:
-        """Raises T2TwinError for an option without effect."""
+    def only(self, sensors: "SensorPair") -> str | None:
+        """The name in a touch of the sensor to press, None for both."""
+        return None if self.sensor == BOTH else sensors.named(self.sensor)
+
+    def pressed(self, sensors: "SensorPair") -> "dict[str, Sensor]":
+        """The sensors to press, by their names in a touch."""
+        only = self.only(sensors)
+        return {name: each for name, each in sensors.by_name.items() if only in (None, name)}
+
+    def _check_effects(self, sensors: "SensorPair") -> None:
+        """Raises T2TwinError for an option without effect on the sensors to press."""
         from t2twin.core.errors import T2TwinError
 
-        plain = type(self)(self.shape)
-        for name in UNUSED.get(self.sensor, ()):
+        plain, pressed = type(self)(self.shape), self.pressed(sensors)
+        unused = [
+            name
+            for name, option in OF_SENSORS.items()
+            if all(option not in each.OPTIONS for each in pressed.values())
+        ]
+        if all(each.elastomer.is_flat for each in pressed.values()):
+            unused.append("flat")
+        for name in unused:
             if getattr(self, name, None) != getattr(plain, name, None):
                 raise T2TwinError(
-                    f"--{name.replace('_', '-')} has no effect with --sensor {self.sensor}"
+                    f"--{name.replace('_', '-')} has no effect on {' and '.join(pressed)}"
                 )
         if self.seed is None and self.imperfections != plain.imperfections:
             raise T2TwinError("--imperfections has no effect without --seed; give both or none")
@@ -156,7 +200,7 @@ class TouchOptions:
         """The press. depth_mm: instead of a force, as in PressOptions."""
         from t2twin.twin import press_command
 
-        measured = sensors.cyskin if self.sensor == "cyskin" else sensors.digit
+        measured = next(iter(self.pressed(sensors).values()))
         return press_command(
             shape, self.force_n, self.x_mm, self.y_mm, self.yaw_deg, depth_mm, measured
         )
@@ -178,11 +222,11 @@ class PressOptions(TouchOptions):
     """Options of `t2twin press`.
 
     Args:
-        depth_mm: Instead of a force, the depth from first contact, mm, in the DIGIT's gel, or in
-            the CySkin's cover if only the CySkin is pressed.
-        renderer: What renders the DIGIT's image: the baked model, in milliseconds, or pyrender, in
-            seconds and for the default optics only.
-        view: Open the scene in MuJoCo's viewer (the DIGIT's if both sensors are pressed).
+        depth_mm: Instead of a force, the depth from first contact, mm, in the elastomer of the
+            source, or of the target if only the target is pressed.
+        renderer: What renders the image of a gel camera: the baked model, in milliseconds, or
+            pyrender, in seconds and without an optics file only.
+        view: Open the scene in MuJoCo's viewer (the source's if both sensors are pressed).
     """
 
     depth_mm: Float = None
@@ -201,8 +245,7 @@ class SlideOptions(TouchOptions):
         steps: Number of equal steps of the motion; default 10.
         path: Instead of start, force and motion, a CSV file with the columns x_mm, y_mm, yaw_deg
             and force_n. The first row is a press; a force of 0 lifts the shape off.
-        friction: Coefficient of friction of gel and cover; default 0.8 for the gel and 1.0 for the
-            cover.
+        friction: Coefficient of friction of both sensors; default: that of each one's file.
         rerun: Recording of images, counts and forces for the viewer of Rerun.
     """
 
@@ -240,37 +283,39 @@ class SlideOptions(TouchOptions):
 
 def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     """Press one shape into one sensor or both, and write the image, counts and contacts."""
-    from t2twin.sim.optical.compile_ahead import compile_optics_ahead
+    from t2twin.sim.sensors.compile_ahead import compile_optics_ahead
     from t2twin.sim.touch import scene_path
     from t2twin.twin import generator
 
-    sensor, renderer = options.sensor, options.renderer
     shape = options.load_shape()
     rng = generator(options.seed)
-    sensors = options.sensors(renderer)
-    if renderer == "pyrender" and sensor != "cyskin":
+    sensors = options.sensors(options.renderer)
+    if options.renderer == "pyrender":
         print(f"t2twin: {pyrender_duration()}", file=sys.stderr)
     command = options.command(shape, sensors, options.depth_mm)
-    if sensor != "cyskin":
+    if _have_optics(options.pressed(sensors)):
         compile_optics_ahead()
-    touch = sensors.press(shape, command, rng, sensor=sensor)
+    touch = sensors.press(shape, command, rng, only=options.only(sensors))
     folder = options.folder("press", shape)
     touch.save(folder)
     print_notes(shape)
     for name, contact in touch.contacts.items():
         print(contact_summary(name, contact))
-    if touch.counts is not None:
-        print("counts: " + " ".join(str(count) for count in touch.counts))
+    counts = {name: getattr(each, "counts", None) for name, each in touch.readings.items()}
+    of_arrays = {name: values for name, values in counts.items() if values is not None}
+    for name, values in of_arrays.items():
+        of_which = f"{name}: " if len(of_arrays) > 1 else ""
+        print(f"{of_which}counts: {' '.join(map(str, values))}")
     print(f"written to {folder}")
     if options.view:
-        show(scene_path(folder, "cyskin" if sensor == "cyskin" else "digit"))
+        show(scene_path(folder, next(iter(touch.readings))))
 
 
 def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     """Press a shape and slide or turn it with friction; write images, counts and shear."""
     from t2twin.core.progress import Progress
     from t2twin.rerun_log import RerunLog, recorded
-    from t2twin.sim.optical.compile_ahead import compile_optics_ahead
+    from t2twin.sim.sensors.compile_ahead import compile_optics_ahead
     from t2twin.sim.slide import check_friction, touches_along
     from t2twin.slide_files import FRAME_MS, write_slide
     from t2twin.twin import generator
@@ -279,9 +324,10 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     rng, friction = generator(options.seed), check_friction(options.friction)
     sensors = options.sensors()
     commands = options.commands(shape, sensors)
-    if options.sensor != "cyskin":
+    if _have_optics(options.pressed(sensors)):
         compile_optics_ahead()
-    touches = touches_along(sensors, shape, commands, friction, rng, options.sensor)
+    only = options.only(sensors)
+    touches = touches_along(sensors, shape, commands, friction, rng, only)
     folder = options.folder("slide", shape)
     log = None if options.rerun is None else RerunLog(options.rerun)
     if log is not None:
@@ -292,11 +338,22 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     if log is not None:
         log.close()
     print_notes(shape)
-    for name in ("digit", "cyskin"):
+    for name in sensors.by_name:
         contacts = [row for row in rows if f"{name}_shear_x_n" in row]
         if contacts:
             print(slide_summary(name, contacts))
     print(f"written to {folder}")
+
+
+def _have_optics(sensors: "dict[str, Sensor]") -> bool:
+    return any("optics" in each.OPTIONS for each in sensors.values())
+
+
+def _with_layer(sensor: "Sensor", change: "Callable[[Elastomer], Elastomer]") -> "Sensor":
+    """A sensor whose own elastomer is changed."""
+    (layer,) = (each for each in LAYERS if each in sensor.OPTIONS)
+    own = getattr(sensor.spec, layer).elastomer(sensor.name)
+    return sensor.with_options({layer: change(own)})
 
 
 def print_notes(shape: "Shape") -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from t2twin.sim.optical.compile_ahead import compile_optics_ahead
+from t2twin.sim.sensors.compile_ahead import compile_optics_ahead
 from t2twin.studio.translators import Translators
 
 if TYPE_CHECKING:
