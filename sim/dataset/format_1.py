@@ -32,6 +32,18 @@ VIEW_MM = (6.25, 25 / 3)
 TACTILE_IMAGE = (396, 240, 8.8)
 """Rows, columns and px/mm of the tactile image."""
 
+IMAGE_SHAPE = (320, 240, 3)
+"""Rows, columns and channels of a DIGIT's image."""
+
+COVER = {
+    "name": "cyskin", "thickness_mm": 2.5, "young_mpa": 0.1, "poisson": 0.47, "width_mm": 28.0,
+    "length_mm": 46.0,
+}  # fmt: skip
+"""The CySkin's cover."""
+
+RATE_HZ = 10.0
+"""Readings per second of the CySkin."""
+
 _LAYER = ("elastomer", "pitch_mm")
 
 

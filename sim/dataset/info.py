@@ -12,9 +12,11 @@ from msgspec import Meta
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import installed_version
+from t2twin.sim.dataset.format_1 import RATE_HZ
 from t2twin.sim.sampling.recipe import PAPER, Recipe
 from t2twin.sim.taxels.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.reading import Imperfections
+from t2twin.sim.taxels.transducer import MAX_BITS, CountsTable
 
 FORMAT = 2
 """Version of the dataset's folders, columns and info.json."""
@@ -60,7 +62,8 @@ class SensorInfo:
     file.
     Of a taxel array: layout, its name; x_mm, y_mm, pad_diameter_mm of the taxels;
     full_scale_counts; tactile_image, rows, columns and px_per_mm; readings, averaged into the
-    counts; imperfections; dense_x_mm, dense_y_mm, places of the dense counts.
+    counts; imperfections; dense_x_mm, dense_y_mm, places of the dense counts; dense_pad_mm, diameter
+    of their pads.
 
     Raises ValueError for fields that contradict each other.
     """
@@ -82,6 +85,7 @@ class SensorInfo:
     tactile_image: tuple[Size, Size, Positive] | None = None
     readings: Size | None = None
     imperfections: Imperfections | None = None
+    dense_pad_mm: Positive | None = None
     dense_x_mm: tuple[float, ...] | None = None
     dense_y_mm: tuple[float, ...] | None = None
 
@@ -101,6 +105,19 @@ class SensorInfo:
             raise ValueError(
                 f"pad_diameter_mm has {len(pads)} taxels and the layout {len(self.x_mm)}"
             )
+
+    @property
+    def reading(self) -> CountsTable:
+        """How a taxel array's counts are read; the gain is 1, as counts are given."""
+        own = (self.spec or {}).get("counts", {})
+        assert self.full_scale_counts is not None
+        return CountsTable(
+            gain=1.0,
+            full_scale=self.full_scale_counts,
+            bits=MAX_BITS,
+            rate_hz=own.get("rate_hz", RATE_HZ),
+            readings=self.readings or 1,
+        )
 
     @property
     def taxels(self) -> Layout:

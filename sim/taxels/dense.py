@@ -105,32 +105,53 @@ class DenseGrid:
 
         Raises T2TwinError for taxels that do not lie on the cover.
         """
-        check_on_cover(layout, self.cover)
-        places, inverse = self.layout, _inverse(self)
-        matrix = np.empty((layout.size, places.size))
-        distances = _distances(layout, places)
-        for diameter in set(layout.pad_diameter_mm):
-            same = layout.pad_diameter_mm == diameter
-            matrix[same] = self.covariance(distances[same], diameter) @ inverse
-        nearest = distances.argmin(axis=1)
-        is_place = layout.pad_diameter_mm == self.pad_diameter_mm
-        same = (distances.min(axis=1) < SAME_MM) & is_place
-        matrix[same] = np.eye(places.size)[nearest[same]]
-        return matrix
+        return reading_matrix(self.layout, layout, self.cover)
 
-    def covariance(self, distance_mm: np.ndarray, diameter_mm: float) -> np.ndarray:
-        """Covariance of a pad of a diameter and one of the dense counts at distances, same shape.
 
-        The Hankel transform of the product of their spectra, for a white pressure.
-        """
-        cover = self.cover
-        k = np.linspace(1e-4, 25.0 / cover.thickness_mm, WAVENUMBERS)
-        transmission = base_stress(k, cover.thickness_mm, cover.poisson) ** 2
-        own, other = disc_transform(k, diameter_mm), disc_transform(k, self.pad_diameter_mm)
-        spectrum = transmission * own * other * k / (2 * np.pi)
-        radii = np.linspace(0.0, float(distance_mm.max()) + 0.1, RADII)
-        profile = np.trapezoid(spectrum * special.j0(radii[:, None] * k), k, axis=1)
-        return np.interp(distance_mm, radii, profile)
+@dataclass(frozen=True)
+class _Pads:
+    """Places and pads, which can be a key. x_mm, y_mm, pad_diameter_mm: (F,)."""
+
+    x_mm: tuple[float, ...]
+    y_mm: tuple[float, ...]
+    pad_diameter_mm: float
+    cover: Elastomer
+
+
+def reading_matrix(places: Layout, layout: Layout, cover: Elastomer) -> np.ndarray:
+    """The matrix (N, F) from dense counts at places to the counts of a layout's taxels.
+
+    places: with pads of one diameter. Raises T2TwinError for taxels that do not lie on the cover.
+    """
+    check_on_cover(layout, cover)
+    pad_mm = float(places.pad_diameter_mm[0])
+    inverse = _inverse(_Pads(tuple(places.x_mm), tuple(places.y_mm), pad_mm, cover))
+    matrix = np.empty((layout.size, places.size))
+    distances = _distances(layout, places)
+    for diameter in set(layout.pad_diameter_mm):
+        same = layout.pad_diameter_mm == diameter
+        matrix[same] = _covariance(distances[same], diameter, pad_mm, cover) @ inverse
+    nearest = distances.argmin(axis=1)
+    is_place = layout.pad_diameter_mm == pad_mm
+    same = (distances.min(axis=1) < SAME_MM) & is_place
+    matrix[same] = np.eye(places.size)[nearest[same]]
+    return matrix
+
+
+def _covariance(
+    distance_mm: np.ndarray, diameter_mm: float, pad_mm: float, cover: Elastomer
+) -> np.ndarray:
+    """Covariance of a pad of a diameter and one of the dense counts at distances, same shape.
+
+    The Hankel transform of the product of their spectra, for a white pressure.
+    """
+    k = np.linspace(1e-4, 25.0 / cover.thickness_mm, WAVENUMBERS)
+    transmission = base_stress(k, cover.thickness_mm, cover.poisson) ** 2
+    own, other = disc_transform(k, diameter_mm), disc_transform(k, pad_mm)
+    spectrum = transmission * own * other * k / (2 * np.pi)
+    radii = np.linspace(0.0, float(distance_mm.max()) + 0.1, RADII)
+    profile = np.trapezoid(spectrum * special.j0(radii[:, None] * k), k, axis=1)
+    return np.interp(distance_mm, radii, profile)
 
 
 def check_on_cover(layout: Layout, cover: Elastomer) -> None:
@@ -182,11 +203,12 @@ def _nearest(grid: DenseGrid, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) 
 
 
 @lru_cache(maxsize=8)
-def _inverse(grid: DenseGrid) -> np.ndarray:
+def _inverse(pads: _Pads) -> np.ndarray:
     """Inverse of the covariance of the places of the dense counts, (F, F)."""
-    places = grid.layout
-    covariance = grid.covariance(_distances(places, places), grid.pad_diameter_mm)
-    return np.linalg.inv(covariance + NOISE_SHARE * covariance[0, 0] * np.eye(places.size))
+    x, y = np.array(pads.x_mm), np.array(pads.y_mm)
+    distance = np.hypot(x[:, None] - x[None, :], y[:, None] - y[None, :])
+    covariance = _covariance(distance, pads.pad_diameter_mm, pads.pad_diameter_mm, pads.cover)
+    return np.linalg.inv(covariance + NOISE_SHARE * covariance[0, 0] * np.eye(x.size))
 
 
 def _distances(one: Layout, other: Layout) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""DIGIT images: reading, checks of arrays from callers, resizing, augmentation and normalization.
+"""Images: reading, checks of arrays from callers, resizing, augmentation and normalization.
 
 Shape letters: B images, h rows, w columns, S image side, c channels.
 """

@@ -1,7 +1,7 @@
 """The pairs of one dataset split: images in a cache of decoded files, counts in memory.
 
 The cache is the folder `cache` of the dataset, with one uint8 .npy file per split, size and color.
-One more has background frames, DIGIT frames without contact, and the index of each pair's frame. A
+One more has background frames, images without contact, and the index of each pair's frame. A
 recipe with a fixed light has one frame. File names contain the first digits of the SHA-256 of
 info.json, so that another dataset in the same folder has other files.
 
@@ -28,19 +28,29 @@ from t2twin.core.cached_files import cached_file
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.columns import BACKGROUND, DENSE_COUNTS, PATH, POSE
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.dataset.columns import (
+    BACKGROUND,
+    COUNTS,
+    DENSE_COUNTS,
+    IMAGE,
+    PATH,
+    POSE,
+    column,
+)
+from t2twin.sim.dataset.format_1 import COVER, IMAGE_SHAPE, TACTILE_IMAGE, VIEW_MM
 from t2twin.sim.dataset.info import MAX_COUNTS, DatasetInfo, check_layout, is_sha256
 from t2twin.sim.dataset.store import (
     INFO,
-    dense_counts,
     iter_images,
+    lists,
     read_info,
     read_split,
     sha256_of,
     split_shards,
-    taxels,
 )
 from t2twin.sim.taxels.layout import LARGEST_PAD_MM, PAD_DIAMETER_MM, Layout
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import to_pixels
 
 
@@ -120,15 +130,16 @@ def _frames(data_dir: Path, split: str, info: DatasetInfo) -> Iterator[bytes]:
     """PNG bytes in the order of read_split; only the first with a fixed light."""
     shards = split_shards(info, split)
     assert info.recipe is not None
+    name = column(info.role_of(IMAGE), BACKGROUND)
     if info.recipe.light.kind == "fixed":
-        yield next(iter_images(data_dir, shards[0], BACKGROUND))
+        yield next(iter_images(data_dir, shards[0], name))
         return
     with Progress(
         total=info.pairs[split], desc=f"background frames of {split}", unit="pair",
         disable=info.pairs[split] < 1000,
     ) as bar:  # fmt: skip
         for shard in shards:
-            for png in iter_images(data_dir, shard, BACKGROUND):
+            for png in iter_images(data_dir, shard, name):
                 yield png
                 bar.update()
 
@@ -138,8 +149,8 @@ SAME_MM = 1e-3
 of a printed board)."""
 
 CACHE = "cache"
-SHEAR = ("digit_shear_x_n", "digit_shear_y_n")
-"""Columns of the shear force on the DIGIT, of recipes with motion."""
+SHEAR = ("shear_x_n", "shear_y_n")
+"""Columns of the shear force on the gel camera after its role, of recipes with motion."""
 
 BATCH_SIZE = 256
 """Images decoded together; bounds memory to 60 MB."""
@@ -177,7 +188,7 @@ class BackgroundFrames(Protocol):
 
 @dataclass(frozen=True)
 class InputImages:
-    """DIGIT images, each followed by its background frame if there are frames.
+    """Images, each followed by its background frame if there are frames.
 
     backgrounds: returns the frames of pairs, (b, S, S, 3) uint8, or one for all, (S, S, 3).
     """
@@ -201,10 +212,10 @@ class InputImages:
 class Pairs:
     """The pairs of one split.
 
-    images: the P DIGIT images, (S, S, c) each. counts: (P, N) float32.
+    images: the P images, (S, S, c) each. counts: (P, N) float32.
     shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
     dense_counts: (P, F) uint16, counts, and backgrounds, if they were loaded. shear_n: (P, 2), N,
-    along x and y on the DIGIT, and is_moving: (P,) bool, of recipes with motion.
+    along x and y on the gel camera, and is_moving: (P,) bool, of recipes with motion.
     """
 
     images: ImageFile
@@ -247,8 +258,11 @@ class DataInfo(Struct, frozen=True):
     taxels saturate. recipe: name of the recipe, None for imported pairs. train_pairs: number of
     training pairs. dense_x_mm, dense_y_mm: (F,) places of the dense counts, None without dense
     counts. pad_diameter_mm: (N,) of the taxels, None if unknown. has_shear: whether the pairs
-    contain the shear force; only present if true. The part "data" of a run's config.json, in which
-    some fields have other names.
+    contain the shear force; only present if true. image_shape: rows, columns and channels of the
+    images. view_mm: half of what they show along x and y. tactile_image: rows, columns and px/mm.
+    dense_pad_mm: diameter of the dense counts' pads. cover: the array's, as in elastomer_json.
+    The part "data" of a run's config.json, in which some fields have other names. The defaults are
+    those of runs that were trained on datasets of format 1.
     """
 
     sha256: str = renamed(name="info_sha256")
@@ -262,6 +276,11 @@ class DataInfo(Struct, frozen=True):
     dense_y_mm: np.ndarray | None = None
     pad_diameter_mm: np.ndarray | None = None
     has_shear: bool | UnsetType = UNSET
+    image_shape: tuple[int, int, int] = IMAGE_SHAPE
+    view_mm: tuple[float, float] = VIEW_MM
+    tactile_image: tuple[int, int, float] = TACTILE_IMAGE
+    dense_pad_mm: float = PAD_DIAMETER_MM
+    cover: dict[str, Any] = renamed(default_factory=lambda: dict(COVER))
 
     def check(self) -> None:
         """Raises ValueError for an invalid layout, places or SHA-256."""
@@ -300,6 +319,34 @@ class DataInfo(Struct, frozen=True):
         return Layout(self.layout, self.x_mm, self.y_mm, default if pads is None else pads)
 
     @property
+    def dense(self) -> Layout | None:
+        """The places of the dense counts, None without dense counts."""
+        if self.dense_x_mm is None or self.dense_y_mm is None:
+            return None
+        pads = np.full(self.dense_x_mm.size, self.dense_pad_mm)
+        return Layout("dense", self.dense_x_mm, self.dense_y_mm, pads)
+
+    @property
+    def elastomer(self) -> Elastomer:
+        """The cover of the array."""
+        return Elastomer(**{key: v for key, v in self.cover.items() if v is not None})
+
+    def phi_of(self, x_mm: np.ndarray, y_mm: np.ndarray) -> Phi:
+        """phi of taxels, in the size and scale of the tactile image. Raises T2TwinError as Phi."""
+        rows, columns, px_per_mm = self.tactile_image
+        return Phi(x_mm, y_mm, (rows, columns), px_per_mm)
+
+    @property
+    def phi(self) -> Phi:
+        """phi of the layout."""
+        return self.phi_of(self.x_mm, self.y_mm)
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of an image."""
+        return self.image_shape[1] / self.image_shape[0]
+
+    @property
     def recipe_shown(self) -> str:
         """Name of the recipe, or first digits of the dataset's SHA-256."""
         return self.recipe or f"dataset {self.sha256[:8]}"
@@ -308,19 +355,29 @@ class DataInfo(Struct, frozen=True):
 def load_info(data_dir: Path) -> DataInfo:
     """Reads DIR/info.json. Raises T2TwinError if it is missing or invalid."""
     info = read_info(data_dir)
-    pads = info.parameters.cyskin.pad_diameter_mm if info.parameters else info.pad_diameter_mm
+    array, camera = info.array, info.camera
+    assert array.layout is not None and array.full_scale_counts is not None
+    assert camera.image_shape is not None
+    given = {
+        "view_mm": camera.view_mm,
+        "tactile_image": array.tactile_image,
+        "dense_pad_mm": array.dense_pad_mm,
+        "cover": array.elastomer,
+    }
     return DataInfo(
         sha256=sha256_of(data_dir / INFO),
-        layout=info.layout,
-        x_mm=np.array(info.layout_x_mm),
-        y_mm=np.array(info.layout_y_mm),
-        full_scale_counts=float(info.full_scale_counts),
+        layout=array.layout,
+        x_mm=np.array(array.x_mm),
+        y_mm=np.array(array.y_mm),
+        full_scale_counts=float(array.full_scale_counts),
         recipe=info.recipe_name,
         train_pairs=info.pairs["train"],
-        dense_x_mm=_optional_array(info.dense_x_mm),
-        dense_y_mm=_optional_array(info.dense_y_mm),
-        pad_diameter_mm=_optional_array(pads),
+        dense_x_mm=_optional_array(array.dense_x_mm),
+        dense_y_mm=_optional_array(array.dense_y_mm),
+        pad_diameter_mm=_optional_array(array.pad_diameter_mm),
         has_shear=True if info.recipe is not None and info.recipe.motion else UNSET,
+        image_shape=camera.image_shape,
+        **{name: value for name, value in given.items() if value is not None},
     )
 
 
@@ -350,11 +407,13 @@ def load_pairs(
             f"the pairs in {data_dir} have no dense counts; make a dataset with them, such as "
             "`t2twin simdata --recipe union`"
         )
-    optional = ([DENSE_COUNTS] if with_dense_counts else []) + (
-        ["index", PATH, *SHEAR] if info.has_shear else []
-    )
-    table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels", *optional])
-    counts = taxels(table)
+    camera, array = stored.role_of(IMAGE), stored.role_of(COUNTS)
+    image, count, dense = column(camera, IMAGE), column(array, COUNTS), column(array, DENSE_COUNTS)
+    shear = [column(camera, name) for name in SHEAR]
+    optional = [dense] if with_dense_counts else []
+    optional += ["index", PATH, *shear] if info.has_shear else []
+    table = read_split(data_dir, split, ["shape", "family", *POSE, count, *optional])
+    counts = lists(table, count).astype(np.float32)
     color, name = "grey" if grey else "rgb", info.sha256[:12]
     folder = cache_dir or data_dir / CACHE
     cache = folder / f"{split}-{size}-{color}-{name}.npy"
@@ -362,8 +421,8 @@ def load_pairs(
 
     def decode(file: BinaryIO) -> None:
         shards = split_shards(stored, split)
-        images = chain.from_iterable(iter_images(data_dir, shard) for shard in shards)
-        _write_images(file, images, shape, stored.image_shape, cache.stem)
+        images = chain.from_iterable(iter_images(data_dir, shard, image) for shard in shards)
+        _write_images(file, images, shape, info.image_shape, cache.stem)
 
     cached_file(cache, shape, decode)
     return Pairs(
@@ -371,11 +430,11 @@ def load_pairs(
         counts=counts,
         shapes=np.array(table["shape"].to_pylist()),
         families=np.array(table["family"].to_pylist()),
-        dense_counts=dense_counts(table) if with_dense_counts else None,
+        dense_counts=lists(table, dense) if with_dense_counts else None,
         backgrounds=load_backgrounds(data_dir, split, size, folder, name)
         if with_dense_counts and has_backgrounds(stored)
         else None,
-        shear_n=np.column_stack([table[name].to_numpy() for name in SHEAR])
+        shear_n=np.column_stack([table[name].to_numpy() for name in shear])
         if info.has_shear
         else None,
         is_moving=table["index"].to_numpy() > table[PATH].to_numpy() if info.has_shear else None,

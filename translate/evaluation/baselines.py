@@ -3,7 +3,7 @@
 The trivial predictors are the mean array and the nearest neighbor. The noise floor is the
 difference of two readings of one press. The layout floor is the error of a layout's counts after
 interpolation from the taxels of another layout. Taxels are divided by their position: under the
-DIGIT's view, within one pitch of it, and beyond.
+image's view, within one pitch of it, and beyond.
 
 A few different forces have one bin each; many forces have bins of equal width in the logarithm.
 Presses without contact, of force 0, have a bin of their own. Imported pairs with unknown forces are
@@ -20,10 +20,8 @@ from scipy.spatial import KDTree
 
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import DatasetInfo
-from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA, Camera
-from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.phi import barycentric
-from t2twin.sim.taxels.reading import expected_reading, read
+from t2twin.sim.taxels.reading import expected_reading, read_after
 from t2twin.translate.data.pairs import DataInfo, ImageFile, Pairs
 from t2twin.translate.evaluation.predictions import EvaluationInputs
 from t2twin.translate.evaluation.records import MeanOf, PaperRow
@@ -183,7 +181,7 @@ def _parts(size: int) -> list[slice]:
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """The DIGIT's field of view relative to a taxel layout.
+    """The camera's field of view relative to a taxel layout.
 
     half_width_mm, half_height_mm: of the rectangle that the image shows. pitch_mm: median distance
     of a taxel to its nearest neighbor. groups: (N,) bool by the names in GROUPS.
@@ -195,12 +193,12 @@ class FieldOfView:
     groups: dict[str, np.ndarray]
 
 
-def view_on(x_mm: np.ndarray, y_mm: np.ndarray, camera: Camera = DIGIT_CAMERA) -> FieldOfView:
+def view_on(x_mm: np.ndarray, y_mm: np.ndarray, view_mm: tuple[float, float]) -> FieldOfView:
     """Groups the taxels of a layout by their distance from the rectangle of the image.
 
-    x_mm, y_mm: (N,), N > 1, mm, sensor frame. camera: by default the twin's.
+    x_mm, y_mm: (N,), N > 1, mm, sensor frame. view_mm: half of what the image shows.
     """
-    half_width, half_height = camera.seen_half_extent_mm()
+    half_width, half_height = view_mm
     points = np.column_stack([x_mm, y_mm])
     pitch = float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
     distance_mm = np.hypot(
@@ -235,21 +233,18 @@ def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> n
     counts would differ by the noise once. Permanent imperfections, such as gains, cancel. Counts
     without contact are subtracted first, as the second reading adds them again.
     """
-    if info.parameters is None:
+    array = info.array
+    if array.imperfections is None:
         return None
-    skin = info.parameters.cyskin
-    layout = Layout(
-        info.layout,
-        np.array(info.layout_x_mm),
-        np.array(info.layout_y_mm),
-        np.array(skin.pad_diameter_mm),
-    )
-    at_rest, _ = expected_reading(skin.imperfections, np.zeros(layout.size))
+    layout, flaws, table = array.taxels, array.imperfections, array.reading
+    at_rest, _ = expected_reading(flaws, table, np.zeros(layout.size))
     rng = np.random.default_rng(seed)
     repeated = np.empty(counts.shape, np.float32)
     for row, stored in enumerate(counts.astype(float)):
         touched = np.maximum(stored - at_rest, 0.0)
-        one, two = (read(touched, layout, skin.imperfections, rng).astype(float) for _ in range(2))
+        one, two = (
+            read_after(None, touched, layout, flaws, table, rng)[0].astype(float) for _ in range(2)
+        )
         repeated[row] = stored + (two - one)
     return repeated
 

@@ -16,7 +16,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_pairs, usable_cache
 from t2twin.translate.evaluation import array_errors
 from t2twin.translate.evaluation.array_errors import by_force, by_motion
@@ -90,7 +89,7 @@ def evaluate(
     - the runs, by their models' names, with the folder's name for runs of the same model.
 
     predictions.npz contains the counts of each row (module predictions). background: an image of
-    the dataset's DIGIT without contact, for field runs. The default is the frames of the pairs, or
+    the dataset's sensor without contact, for field runs. The default is the frames of the pairs, or
     that of the default optics, if the dataset was made with either.
     Raises T2TwinError for no runs, a folder that is not a run, and a layout that a run cannot be
     read at. It also does for a background frame without a field run, and for a split or training
@@ -191,7 +190,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
     predictions = predict_baselines(inputs, pairs, train, near, bins)
     predicted, estimates = predict_runs(inputs, split, cache)
     predictions |= predicted
-    view = view_on(info.x_mm, info.y_mm)
+    view = view_on(info.x_mm, info.y_mm, info.view_mm)
     rows, differences = _score(inputs, predictions, estimates, pairs, view, bins)
     evaluation = Evaluation(
         format=FORMAT,
@@ -243,7 +242,7 @@ def _score(
     predictions: (P, N) counts by the model's name. bins: the pairs by force.
     """
     info = inputs.info
-    phi = Phi(info.x_mm, info.y_mm)
+    phi = info.phi
     full_scale = info.full_scale_counts
     few = np.unique(pairs.shapes).size <= MAX_SHAPES
     rows, resampled = {}, {}

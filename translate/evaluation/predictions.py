@@ -21,9 +21,9 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.sim.dataset.info import DatasetInfo
-from t2twin.sim.dataset.store import read_info, sha256_of
-from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.optics import DEFAULT_PATH
+from t2twin.sim.dataset.store import read_info
+from t2twin.sim.sensors.files import bundled_sensors
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.reading import expected_reading
 from t2twin.translate.data.images import open_image, to_pixels
 from t2twin.translate.data.pairs import (
@@ -130,7 +130,7 @@ def background_of(data_dir: Path, file: str | Path | None = None) -> Background 
     """The background frames of a dataset, None if none are known.
 
     They are those of the pairs, if the pairs have them. Otherwise they are `file`, an image of the
-    DIGIT without contact, or the frame of the default optics, if all images were made with it.
+    sensor without contact, or the frame of its own light, if all images were made with it.
     Raises T2TwinError for a file that is not an image, and for one with pairs that have their own.
     """
     info = read_info(data_dir)
@@ -143,16 +143,21 @@ def background_of(data_dir: Path, file: str | Path | None = None) -> Background 
         return Background(OF_PAIRS, None)
     if file is not None:
         return Background(str(file), open_image(arguments.path(file, "background")))
-    if is_of_default_optics(info):
-        return Background(OF_OPTICS, Image.fromarray(ImageRenderer.load().background))
-    return None
+    frame = frame_of_own_light(info)
+    return None if frame is None else Background(OF_OPTICS, Image.fromarray(frame))
 
 
-def is_of_default_optics(info: DatasetInfo) -> bool:
-    """Whether all images of a dataset were made with the default optics."""
-    if info.parameters is None or not (info.recipe is None or info.recipe.light.kind == "fixed"):
-        return False
-    return info.parameters.digit.optics_sha256 == sha256_of(DEFAULT_PATH)
+def frame_of_own_light(info: DatasetInfo) -> np.ndarray | None:
+    """The background frame of a bundled sensor in its own light, if all images of a dataset were
+    made with that, else None."""
+    camera = info.camera
+    if info.recipe is None or info.recipe.light.kind != "fixed":
+        return None
+    if camera.name not in bundled_sensors():
+        return None
+    sensor = SensorPair.of(camera.name).camera
+    is_own = sensor.optics_sha256 == camera.optics_sha256
+    return sensor.image_renderer.background if is_own else None
 
 
 def run_names(runs: Sequence[CountsPredictor]) -> list[str]:
@@ -237,9 +242,10 @@ def as_readings(estimate: Estimate, info: DatasetInfo) -> Estimate:
 
     Counts at rest and noise are known properties of the array, which field runs do not predict.
     """
-    if info.parameters is None:
+    array = info.array
+    if array.imperfections is None:
         return estimate
-    mean, noise = expected_reading(info.parameters.cyskin.imperfections, estimate.counts)
+    mean, noise = expected_reading(array.imperfections, array.reading, estimate.counts)
     std = np.hypot(estimate.counts_std, noise)
     return replace(estimate, counts=mean.astype(np.float32), counts_std=std.astype(np.float32))
 

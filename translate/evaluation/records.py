@@ -56,7 +56,7 @@ class Figures:
     contact_iou: intersection over union of the two contacts. centroid_error_mm: distance of the
     images' centroids. total_error_percent: mean absolute error of the summed counts, relative to
     their mean. rmse_under_counts, rmse_near_counts, rmse_beyond_counts: RMSE of the taxels under
-    the DIGIT's view, within one pitch of it, and beyond.
+    the image's view, within one pitch of it, and beyond.
     """
 
     pairs: int
@@ -143,7 +143,7 @@ class MotionFigures:
 
 @dataclass(frozen=True)
 class ShearMetrics:
-    """Errors of the predicted shear force on the DIGIT.
+    """Errors of the predicted shear force on the gel camera.
 
     pairs: number of moving pairs with a true shear force above min_shear_n, N.
     direction_error_deg, magnitude_error_percent: medians over these pairs, the magnitude's relative
@@ -193,7 +193,7 @@ class ModelRow:
 
 @dataclass(frozen=True)
 class TaxelCounts:
-    """Numbers of taxels under the DIGIT's view, within one pitch of it, and beyond."""
+    """Numbers of taxels under the image's view, within one pitch of it, and beyond."""
 
     under: int
     near: int
@@ -202,7 +202,7 @@ class TaxelCounts:
 
 @dataclass(frozen=True)
 class ViewSummary:
-    """The DIGIT's field of view, the layout's pitch, and the numbers of taxels."""
+    """The camera's field of view, the layout's pitch, and the numbers of taxels."""
 
     width_mm: float
     height_mm: float

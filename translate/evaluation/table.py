@@ -158,7 +158,7 @@ def _notes(evaluations: Evaluations, columns: Collection[Column]) -> Iterator[st
     if FURTHER[-1] in columns:
         taxels = one.view.taxels
         yield (
-            f"Of the taxels, {taxels.under} lie under the DIGIT's view, {taxels.near} within one "
+            f"Of the taxels, {taxels.under} lie under the image's view, {taxels.near} within one "
             f"pitch of it ({one.view.pitch_mm:.1f} mm), {taxels.beyond} beyond."
         )
     for split, each in evaluations.items():

@@ -32,7 +32,7 @@ from t2twin.translate.inference.predictor import (
     FieldPredictor,
     require,
 )
-from t2twin.translate.runs.config import DEFAULT_RUN
+from t2twin.translate.runs.config import DEFAULT_RUN, RunConfig
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate
 from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
 
@@ -228,7 +228,7 @@ def translate_files(
     equal names the second is `press-2.png`. layout: name or file of a taxel layout that a
     touch2touch or field run is read at, by default its own. png: False writes no PNG files,
     which is faster. bf16: as for `load_run`. background: image file of the background frame of the
-    same DIGIT, for a field run; by default the mean frame of its dataset.
+    same sensor, for a field run; by default the mean frame of its dataset.
     PNG files of an earlier translation in the folder are removed.
     Raises T2TwinError, without output, for no image, a file that is missing or not an image, and a
     folder that is not a run. It also does for a layout that the run cannot be read at, a background
@@ -318,8 +318,7 @@ def _batches(
 ) -> Iterator[tuple[slice, np.ndarray, list[OODClass]]]:
     """Batches of images, (b, S, S, c) uint8, with their places among all images, and their classes
     at their own sizes. background: at its own size."""
-    preset = run.config.preset
-    read = partial(_read, size=preset.size, grey=preset.grey, background=background)
+    read = partial(_read, run=run.config, background=background)
     waiting: deque[tuple[slice, list[Future[tuple[np.ndarray, OODClass]]]]] = deque()
     for start in range(0, len(images), BATCH_SIZE):
         part = slice(start, start + BATCH_SIZE)
@@ -337,11 +336,10 @@ def _batch(
     return part, np.stack(pixels), list(classes)
 
 
-def _read(
-    path: Path, size: int, grey: bool, background: np.ndarray | None
-) -> tuple[np.ndarray, OODClass]:
-    image = open_image(path)
-    return to_pixels(image, size, grey), classify_frame(np.asarray(image), background)
+def _read(path: Path, run: RunConfig, background: np.ndarray | None) -> tuple[np.ndarray, OODClass]:
+    image, preset = open_image(path), run.preset
+    own = classify_frame(np.asarray(image), run.data.aspect, background)
+    return to_pixels(image, preset.size, preset.grey), own
 
 
 def _frame(run: CountsPredictor, background: np.ndarray) -> np.ndarray:
@@ -353,7 +351,9 @@ def _save_png(
     run: CountsPredictor, folder: Path, tactile: np.ndarray, name: str, std: np.ndarray | None
 ) -> None:
     info = run.config.data
-    image = colored_tactile_image(tactile, info.x_mm, info.y_mm, info.full_scale_counts, std)
+    image = colored_tactile_image(
+        tactile, info.x_mm, info.y_mm, info.full_scale_counts, std, info.tactile_image[2]
+    )
     image.save(folder / name, compress_level=1)  # half the time, 1.5 times the size
 
 

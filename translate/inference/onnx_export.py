@@ -9,7 +9,7 @@ and the clipping to full scale.
 
 A field run also has
 
-    input    background      (1, 3, S, S), background frame of the same DIGIT; by default the mean
+    input    background      (1, 3, S, S), background frame of the same sensor; by default the mean
                              frame of the run's dataset
     outputs  counts_std      (B, N) float32, counts, standard deviations
              dense_counts, dense_counts_std    (B, F) float32, counts, at their places
@@ -171,7 +171,7 @@ def _about(run: CountsPredictor, outputs: tuple[str, ...]) -> str:
     preset, info = run.config.preset, run.config.data
     color = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
     return (
-        f"{run.config.model} of t2twin: DIGIT images to the counts of {info.x_mm.size} taxels. "
+        f"{run.config.model} of t2twin: images to the counts of {info.x_mm.size} taxels. "
         f"Input {INPUT}: {preset.size} x {preset.size} pixels, {color}, float32 in [0, 1], "
         f"upright, resized bilinearly with antialiasing. Outputs {', '.join(outputs)}: float32, "
         f"counts from 0 to {info.full_scale_counts:g}, forces in newtons."

@@ -1,4 +1,4 @@
-"""Trained runs as predictors: of counts, of dense counts with uncertainty, or of DIGIT images.
+"""Trained runs as predictors: of counts, of dense counts with uncertainty, or of images.
 
 `load.load` returns the class that fits the run. Attributes that only another class has raise a
 T2TwinError that names the kind of run that has them.
@@ -35,7 +35,7 @@ from t2twin.translate.data.pairs import DataInfo, ImageFile, InputImages
 from t2twin.translate.models.base import CountsTranslator, LayoutReader, Translator
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.field_readout import FieldPrediction
-from t2twin.translate.models.touch2touch import CySkinToDigit
+from t2twin.translate.models.touch2touch import CountsToImage
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate
 from t2twin.translate.uncertainty.ood import (
@@ -105,7 +105,7 @@ class TrainedTranslator:
 
 @dataclass(frozen=True)
 class CountsPredictor(TrainedTranslator):
-    """A run that predicts counts from DIGIT images.
+    """A run that predicts counts from images.
 
     engine: computes the counts in place of PyTorch, if set.
     """
@@ -114,15 +114,15 @@ class CountsPredictor(TrainedTranslator):
     engine: Engine | None = None
 
     PREDICTS: ClassVar[str] = "counts"
-    RUNS: ClassVar[str] = "digit-to-cyskin run"
+    RUNS: ClassVar[str] = "an image-to-counts run"
 
     def predict(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
-        """Counts of one DIGIT image or of several.
+        """Counts of one image or of several.
 
         images: one image, (h, w, 3) or (h, w); a batch, (B, h, w, 3) or (B, h, w, 1); or a list or
         tuple of images, whose sizes may differ. All are NumPy arrays of uint8 of any h and w,
         channels red, green, blue. A batch and a list may be empty. background: the background frame
-        of the same DIGIT, one image, for a field run; by default the mean frame of its dataset.
+        of the same sensor, one image, for a field run; by default the mean frame of its dataset.
         Returns (N,) float32 for one image, (B, N) for several, between zero and full scale. Warns
         with T2TwinWarning of images that are out of distribution, see `classify_frames`. Raises
         T2TwinError for other images, and for a background frame with another run.
@@ -155,7 +155,7 @@ class CountsPredictor(TrainedTranslator):
         return np.concatenate(counts)
 
     def tactile_images(self, images: Images) -> np.ndarray:
-        """Tactile images of DIGIT images: (R, C) or (B, R, C) float32, counts.
+        """Tactile images of images: (R, C) or (B, R, C) float32, counts.
 
         For touch2touch the predicted images, resized; for ResNet18 phi of the counts; for field the
         interpolated dense counts. images: as for `predict`, with the same errors.
@@ -192,7 +192,8 @@ class CountsPredictor(TrainedTranslator):
         self, frames: Sequence[np.ndarray], background: np.ndarray | None, pixels: np.ndarray
     ) -> list[OODClass]:
         """(B,) classes of checked images. pixels: as for `predict_pixels`."""
-        own = [classify_frame(frame, background) for frame in frames]
+        aspect = self.config.data.aspect
+        own = [classify_frame(frame, aspect, background) for frame in frames]
         return list(map(combined, own, self.classify(pixels)))
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
@@ -280,19 +281,19 @@ class CountsPredictor(TrainedTranslator):
 
 @dataclass(frozen=True)
 class ImagePredictor(TrainedTranslator):
-    """A run that predicts DIGIT images from counts."""
+    """A run that predicts images from counts."""
 
-    translator: CySkinToDigit
+    translator: CountsToImage
 
-    PREDICTS: ClassVar[str] = "DIGIT images"
-    RUNS: ClassVar[str] = "cyskin-to-digit run"
+    PREDICTS: ClassVar[str] = "images"
+    RUNS: ClassVar[str] = "a counts-to-image run"
 
     def predict_image(self, counts: np.ndarray) -> np.ndarray:
-        """DIGIT images of counts.
+        """Images of counts.
 
         counts: (N,) or (B, N), from zero to full scale, in the order of the run's layout.
-        Returns (S, S) or (B, S, S) uint8, grey; the DIGIT's own images are 320 by 240. Raises
-        T2TwinError for invalid counts.
+        Returns (S, S) or (B, S, S) uint8, grey; the sensor's own images have the shape
+        config.data.image_shape. Raises T2TwinError for invalid counts.
         """
         counts = _checked_counts(counts, self.config.data)
         size = self.config.preset.size
@@ -321,7 +322,7 @@ def not_predicted(
     """The error for a run of a kind, used for a purpose that needs runs of another kind."""
     name = config.direction if config.predicts_images else config.model
     return NotPredicted(
-        f"{run_dir} is a {name} run, which predicts {kind.PREDICTS}; {purpose} needs a {needed}"
+        f"{run_dir} is a {name} run, which predicts {kind.PREDICTS}; {purpose} needs {needed}"
     )
 
 
@@ -363,7 +364,7 @@ class FieldPredictor(CountsPredictor):
     translator: FieldTranslator
 
     PREDICTS: ClassVar[str] = "counts with uncertainty"
-    RUNS: ClassVar[str] = "field run"
+    RUNS: ClassVar[str] = "a field run"
 
     def estimate(self, images: Images, background: np.ndarray | None = None) -> Estimate:
         """Counts, their standard deviations, the dense counts and the force.

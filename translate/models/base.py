@@ -85,7 +85,7 @@ class Translator(ABC):
 
 
 class CountsTranslator(Translator):
-    """A translator from DIGIT images to counts.
+    """A translator from images to counts.
 
     Input images are as `data.images.to_input` returns them, (B, c, S, S) float32; counts are (B, N)
     float32, within zero and full scale.

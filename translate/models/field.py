@@ -1,4 +1,4 @@
-"""field: from the DIGIT image to the dense counts over the whole cover, its uncertainty, and the
+"""field: from the image to the dense counts over the whole cover, its uncertainty, and the
 force.
 
 The mean is trained on the squared error and, with a smaller weight, on the absolute error. The
@@ -9,7 +9,7 @@ validation presses calibrate the spread (module uncertainty.calibration), and a 
 of the errors allows sampling of whole arrays of dense counts.
 
 The force is predicted as a logarithm, if the training presses have several forces. The shear force
-on the DIGIT is predicted if the training presses have motion. It has layers and an optimizer
+on the gel camera is predicted if the training presses have motion. It has layers and an optimizer
 of its own, so that it does not change the other predictions. Its mean is trained on the likelihood
 at the predicted spread: without markers it cannot be predicted, and squared errors of such touches
 would dominate (median magnitude 0.67 of the true one, measured).
@@ -30,7 +30,6 @@ from torch import nn
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
-from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.taxels.dense import reading_matrix
 from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD, to_input
@@ -168,14 +167,13 @@ class FieldTranslator(CountsTranslator):
             raise T2TwinError(
                 "the dataset has no dense counts, which the field model is trained on"
             )
-        self.layout = info.taxels
+        self.info, self.layout = info, info.taxels
         self.places_mm = info.dense_x_mm, info.dense_y_mm
         self.full_scale = info.full_scale_counts
         self.device = device
         self.bf16 = bf16
-        view_mm = DIGIT_CAMERA.seen_half_extent_mm()
         self.network = FieldNet(
-            *self.places_mm, view_mm, preset.size, preset.filters, bool(info.has_shear)
+            *self.places_mm, info.view_mm, preset.size, preset.filters, bool(info.has_shear)
         )
         self.network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         self.networks = {"field": self.network}
@@ -271,18 +269,24 @@ class FieldTranslator(CountsTranslator):
     @cached_property
     def readout(self) -> FieldReadout:
         """Reads the counts of `layout` from the network's outputs."""
-        return FieldReadout(self.predictor, reading_matrix(self.layout), self.full_scale)
+        return FieldReadout(self.predictor, self._reading(self.layout), self.full_scale)
+
+    def _reading(self, layout: Layout) -> np.ndarray:
+        """(N, F): maps dense counts to the counts of a layout."""
+        assert self.info.dense is not None
+        return reading_matrix(self.info.dense, layout, self.info.elastomer)
 
     @cached_property
     def dense_image(self) -> DenseImage:
         """Maps dense counts to tactile images."""
-        return DenseImage(*self.places_mm).to(self.device)
+        rows, columns, px_per_mm = self.info.tactile_image
+        return DenseImage(*self.places_mm, (rows, columns), px_per_mm).to(self.device)
 
     def read_at(self, layout: Layout) -> Self:
         """See LayoutReader. Takes any layout on the cover, with its pad sizes."""
         other = copy(self)
         other.layout = layout
-        other.readout = FieldReadout(self.predictor, reading_matrix(layout), self.full_scale)
+        other.readout = FieldReadout(self.predictor, self._reading(layout), self.full_scale)
         return other
 
     def as_module(self) -> nn.Module:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from t2twin.sim.taxels.phi import PX_PER_MM, TACTILE_SHAPE, barycentric
+from t2twin.sim.taxels.phi import barycentric
 from t2twin.translate.networks.field_net import KNOTS, FieldNet, FieldOutputs
 from t2twin.translate.uncertainty.calibration import interpolate_scale, standard_deviation
 
@@ -114,16 +114,21 @@ def predicts_force(network: FieldNet) -> bool:
 
 
 class DenseImage(nn.Module):
-    """Maps (B, F) to (B, R, C), zero outside the places' convex hull. x_mm, y_mm: (F,), mm."""
+    """Maps (B, F) to (B, R, C), zero outside the places' convex hull.
+
+    x_mm, y_mm: (F,), mm. shape: R and C. px_per_mm: scale of the image.
+    """
 
     corners: torch.Tensor
     weights: torch.Tensor
 
-    def __init__(self, x_mm: np.ndarray, y_mm: np.ndarray) -> None:
+    def __init__(
+        self, x_mm: np.ndarray, y_mm: np.ndarray, shape: tuple[int, int], px_per_mm: float
+    ) -> None:
         super().__init__()
+        self.shape = shape
         columns_mm, rows_mm = (
-            (np.arange(size) + 0.5) / PX_PER_MM - size / PX_PER_MM / 2
-            for size in reversed(TACTILE_SHAPE)
+            (np.arange(size) + 0.5) / px_per_mm - size / px_per_mm / 2 for size in reversed(shape)
         )
         centers = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
         matrix = barycentric(np.column_stack([x_mm, y_mm]), centers)
@@ -140,4 +145,4 @@ class DenseImage(nn.Module):
         first, second, third = (
             field.index_select(1, self.corners[n]) * self.weights[n] for n in range(3)
         )
-        return (first + second + third).unflatten(1, TACTILE_SHAPE)
+        return (first + second + third).unflatten(1, self.shape)

@@ -3,7 +3,7 @@
 Each model has three presets: the paper's, one for a CPU and one for tests. Values without comment
 are those of Grella et al. 2023 or pix2pix (Isola et al. 2017), or "assumed" or "measured".
 
-A run has a direction: from the DIGIT to the CySkin, as in the paper, or the reverse.
+A run has a direction: from images to counts, as in the paper, or the reverse.
 """
 
 from dataclasses import dataclass, replace
@@ -20,11 +20,11 @@ MODELS: tuple[Model, ...] = ("touch2touch", "resnet18", "field")
 PAPER_MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
 """The models of Grella et al. 2023, which need no dense counts in the dataset."""
 
-Direction = Literal["digit-to-cyskin", "cyskin-to-digit"]
+Direction = Literal["image-to-counts", "counts-to-image"]
 
-DIGIT_TO_CYSKIN: Direction = "digit-to-cyskin"
-CYSKIN_TO_DIGIT: Direction = "cyskin-to-digit"
-DIRECTIONS = (DIGIT_TO_CYSKIN, CYSKIN_TO_DIGIT)
+IMAGE_TO_COUNTS: Direction = "image-to-counts"
+COUNTS_TO_IMAGE: Direction = "counts-to-image"
+DIRECTIONS = (IMAGE_TO_COUNTS, COUNTS_TO_IMAGE)
 
 REVERSIBLE = "touch2touch"
 """The model with both directions: its inputs and targets are both images."""
@@ -44,13 +44,13 @@ Decay = Annotated[float, Meta(ge=0, lt=1)]
 class Preset:
     """All settings of a training except its data and seed.
 
-    size: side of the square images, pixels. grey: whether DIGIT images are converted to grey.
+    size: side of the square images, pixels. grey: whether images are converted to grey.
     filters: base width of the networks. batch: pairs per step, over all processes.
     learning_rate, beta1, beta2: Adam's. weight_decay: AdamW's (Loshchilov and Hutter 2019), as a
         fraction of the learning rate per step; 0 is Adam. schedule: "fixed", or "cosine" to zero
         over the epochs.
     l1_weight: weight of the L1 loss relative to the adversarial loss; touch2touch only.
-    iou_weight: the same of the soft IoU loss, 0 for none; touch2touch from DIGIT to CySkin only.
+    iou_weight: the same of the soft IoU loss, 0 for none; touch2touch from images to counts only.
     discriminator_share: learning rate of the discriminator relative to the generator's.
     epochs: maximum epochs. steps: maximum steps, rounded to whole epochs; 0 for no limit. An epoch
         is all pairs, or a part of a large dataset (training.trainer.steps_of_epoch).
@@ -62,7 +62,7 @@ class Preset:
         background frame, and whose targets are those without contact.
     drift: augmentation of the background frame, standard deviation of relative changes of each
         color's level and gradients since the frame was taken.
-    brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: offset and
+    brightness, contrast, noise: augmentation of the image, standard deviations: offset and
         noise as fractions of full scale, relative gain. There is no geometric augmentation, which
         would break the pairing.
     """
@@ -223,8 +223,8 @@ def check_direction(direction: str, model: str) -> None:
         raise T2TwinError(
             f"the direction is {direction!r}; it must be one of {', '.join(DIRECTIONS)}"
         )
-    if direction == CYSKIN_TO_DIGIT and model != REVERSIBLE:
+    if direction == COUNTS_TO_IMAGE and model != REVERSIBLE:
         raise T2TwinError(
             f"{model} has no direction {direction}; {REVERSIBLE} has both, the other models have "
-            f"{DIGIT_TO_CYSKIN} only"
+            f"{IMAGE_TO_COUNTS} only"
         )

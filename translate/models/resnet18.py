@@ -1,4 +1,4 @@
-"""ResNet18 from the DIGIT image to the counts, trained on L3 (Grella et al. 2023).
+"""ResNet18 from the image to the counts, trained on L3 (Grella et al. 2023).
 
 Shape letters: B batch, S image side, N taxels, R rows and C columns of a tactile image.
 """
@@ -62,7 +62,7 @@ class ResNet18Translator(CountsTranslator):
     @cached_property
     def phi(self) -> Phi:
         """phi of its layout at the full size of a tactile image."""
-        return Phi(self.info.x_mm, self.info.y_mm)
+        return self.info.phi
 
     def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """See CountsTranslator. The tactile images are phi of the counts."""

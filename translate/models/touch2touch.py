@@ -1,10 +1,10 @@
-"""touch2touch: pix2pix from the grey DIGIT image to the tactile image (Grella et al. 2023).
+"""touch2touch: pix2pix from the grey image to the tactile image (Grella et al. 2023).
 
 The generator predicts the tactile image, scaled so that -1 is zero and 1 is full scale, at the
 preset's square size. phi at that size is phi at 396 x 240 followed by an area resize; its inverse
 reads the counts from the predicted image. The loss does not contain the counts.
 
-The reverse has input and target exchanged: from the tactile image to the grey DIGIT image, -1 at
+The reverse has input and target exchanged: from the tactile image to the grey image, -1 at
 black and 1 at white.
 
 A preset may add a soft IoU loss. The contact IoU of an evaluation counts pixels above a tenth of
@@ -29,7 +29,7 @@ from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.phi import TACTILE_SHAPE, Phi
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.models.base import CountsTranslator, Translator, adamw, weight_average
@@ -92,7 +92,7 @@ class Pix2Pix(Translator):
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         self.info = info
-        self.phi = Phi(info.x_mm, info.y_mm).resized((preset.size, preset.size))
+        self.phi = info.phi.resized((preset.size, preset.size))
         self.full_scale = info.full_scale_counts
         self.l1_weight = preset.l1_weight
         self.iou_weight = preset.iou_weight
@@ -179,7 +179,7 @@ def _adversarial(logits: torch.Tensor, label: float) -> torch.Tensor:
 
 
 class Touch2Touch(Pix2Pix, CountsTranslator):
-    """pix2pix with DIGIT images as inputs and tactile images as targets."""
+    """pix2pix with images as inputs and tactile images as targets."""
 
     def step(self, examples: Examples) -> dict[str, float]:
         """See Translator. images: (B, 1, S, S) in [-1, 1]."""
@@ -193,7 +193,7 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
     def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """See CountsTranslator. The tactile images are the generator's, resized."""
         small = self.predict_tactile_images(images)
-        large = functional.interpolate(small, TACTILE_SHAPE, mode="bilinear", antialias=True)
+        large = functional.interpolate(small, self.shape, mode="bilinear", antialias=True)
         return self.counts_of(small), large[:, 0].clamp(min=0.0)
 
     def predict_tactile_images(self, images: torch.Tensor) -> torch.Tensor:
@@ -202,7 +202,7 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
 
     def read_at(self, layout: Layout) -> Self:
         """See LayoutReader. The images keep their size; the new layout's phi^-1 reads them."""
-        phi = Phi(layout.x_mm, layout.y_mm)
+        phi = self.info.phi_of(layout.x_mm, layout.y_mm)
         _check_inside(self.info, layout.x_mm, layout.y_mm, layout.name)
         other = copy(self)
         other.phi = _reading_at(phi.resized(self.phi.shape), self.phi)
@@ -210,7 +210,12 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
 
     def as_module(self) -> nn.Module:
         """See CountsTranslator."""
-        return _FromPixels(self.predictor, self.phi, self.full_scale)
+        return _FromPixels(self.predictor, self.phi, self.full_scale, self.shape)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of a tactile image."""
+        return self.info.tactile_image[:2]
 
     def counts_of(self, tactile_images: torch.Tensor) -> torch.Tensor:
         """phi^-1, clipped to full scale. (B, 1, S, S) -> (B, N)."""
@@ -252,13 +257,16 @@ class _FromPixels(nn.Module):
     rows: torch.Tensor
     columns: torch.Tensor
 
-    def __init__(self, generator: nn.Module, phi: Phi, full_scale: float) -> None:
+    def __init__(
+        self, generator: nn.Module, phi: Phi, full_scale: float, shape: tuple[int, int]
+    ) -> None:
+        """shape: of the tactile images."""
         super().__init__()
         self.network = deepcopy(generator).cpu()
         self.phi = phi
         self.full_scale = full_scale
-        self.register_buffer("rows", _resize_matrix(phi.shape[0], TACTILE_SHAPE[0]))
-        columns = _resize_matrix(phi.shape[1], TACTILE_SHAPE[1]).T.contiguous()
+        self.register_buffer("rows", _resize_matrix(phi.shape[0], shape[0]))
+        columns = _resize_matrix(phi.shape[1], shape[1]).T.contiguous()
         self.register_buffer("columns", columns)
 
     def forward(self, pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -276,8 +284,8 @@ def _resize_matrix(size: int, new: int) -> torch.Tensor:
     return functional.interpolate(unit, (new, size), mode="bilinear", antialias=True)[0, 0]
 
 
-class CySkinToDigit(Pix2Pix):
-    """pix2pix with tactile images as inputs and DIGIT images as targets."""
+class CountsToImage(Pix2Pix):
+    """pix2pix with tactile images as inputs and images as targets."""
 
     def step(self, examples: Examples) -> dict[str, float]:
         """See Translator. images: (B, 1, S, S) in [-1, 1], the targets."""
@@ -285,7 +293,7 @@ class CySkinToDigit(Pix2Pix):
         return self.pix2pix_step(inputs, examples.images.to(self.device))
 
     def predict_images(self, counts: torch.Tensor) -> torch.Tensor:
-        """(B, N) counts -> DIGIT images, (B, S, S), grey levels, not rounded."""
+        """(B, N) counts -> images, (B, S, S), grey levels, not rounded."""
         generated = self.generate(self.scaled_tactile_images(counts.to(self.device)))
         return (generated[:, 0] + 1.0) * (WHITE_GREY / 2.0)
 

@@ -1,17 +1,17 @@
-"""From the DIGIT image and the unit's background frame to the dense counts over the whole cover.
+"""From the image and the unit's background frame to the dense counts over the whole cover.
 
 A ResNet18 encodes the image. Its last map, pooled to a vector, predicts a canvas over the whole
-cover, for the places outside the DIGIT's view. Its finer maps are resampled onto the canvas where
+cover, for the places outside the view. Its finer maps are resampled onto the canvas where
 the view lies. A small decoder predicts mean and spread from the two.
 
 The places of the dense counts form columns of equal spacing. Each column is shifted by half a place
 relative to its neighbors. The decoder treats the places as a grid of columns by rows.
 
-A head predicts the shear force on the DIGIT. A shear force displaces the markers on the gel. On a
-layer of thickness h and shear modulus G, the integral of the displacement over the area is F h / G
-(Hooke's law). This is exact for an unbounded layer on a rigid base. The head measures the
-displacement relative to the background frame in windows of the image (Lucas and Kanade 1981). The
-force is the sum of these displacements, with weights that a network predicts.
+A head predicts the shear force on the gel camera. A shear force displaces the markers on the
+gel. On a layer of thickness h and shear modulus G, the integral of the displacement over the area
+is F h / G (Hooke's law). This is exact for an unbounded layer on a rigid base. The head measures
+the displacement relative to the background frame in windows of the image (Lucas and Kanade 1981).
+The force is the sum of these displacements, with weights that a network predicts.
 
 Shape letters: B batch, S image side, H side after a reduction, W windows along each side, F places,
 D columns of E places, G numbers of the vector. F = D * E.
@@ -220,8 +220,8 @@ class FieldNet(nn.Module):
     """The network of one grid of dense counts and image size.
 
     x_mm, y_mm: (F,) the places of the dense counts, column by column, mm. view_mm: half the width
-    and half the height of the DIGIT's view, mm. size: S. filters: base width of the ResNet18.
-    predicts_shear: whether it predicts the shear force on the DIGIT.
+    and half the height of the view, mm. size: S. filters: base width of the ResNet18.
+    predicts_shear: whether it predicts the shear force on the gel camera.
 
     Buffers:
 

@@ -20,9 +20,9 @@ from t2twin.core.machine import processor_flags
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.distributed import device
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.presets import CYSKIN_TO_DIGIT
+from t2twin.translate.models.presets import COUNTS_TO_IMAGE
 from t2twin.translate.models.resnet18 import ResNet18Translator
-from t2twin.translate.models.touch2touch import CySkinToDigit, Touch2Touch
+from t2twin.translate.models.touch2touch import CountsToImage, Touch2Touch
 from t2twin.translate.networks.field_net import SHEAR
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import BEST, CONFIG, LOG, RunConfig, load_config
@@ -33,7 +33,7 @@ TRANSLATORS: dict[str, type[Touch2Touch | ResNet18Translator | FieldTranslator]]
     "resnet18": ResNet18Translator,
     "field": FieldTranslator,
 }
-"""Translators from DIGIT to CySkin by model; all take preset, dataset, device and bf16."""
+"""Translators from images to counts by model; all take preset, dataset, device and bf16."""
 
 BF16_INSTRUCTIONS = ("avx512_bf16", "amx_bf16")
 """Processors with one of these compute faster in bfloat16 than in float32 (measured on one that has
@@ -47,8 +47,8 @@ def build(config: RunConfig) -> Translator:
     """
     with torch.random.fork_rng(devices=[]):  # weights are initialized on the CPU
         torch.default_generator.manual_seed(config.seed)
-        reverse = config.direction == CYSKIN_TO_DIGIT
-        kind = CySkinToDigit if reverse else TRANSLATORS[config.model]
+        reverse = config.direction == COUNTS_TO_IMAGE
+        kind = CountsToImage if reverse else TRANSLATORS[config.model]
         return kind(config.preset, config.data, device(), config.bf16)
 
 

@@ -29,8 +29,8 @@ from t2twin.sim.dataset.info import is_sha256
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.presets import (
-    CYSKIN_TO_DIGIT,
-    DIGIT_TO_CYSKIN,
+    COUNTS_TO_IMAGE,
+    IMAGE_TO_COUNTS,
     MAX_BATCH,
     MAX_EPOCHS,
     MODELS,
@@ -77,7 +77,7 @@ class RunConfig(Struct, frozen=True):
     steps: Steps | None = None
     epoch_steps: Steps | None = None
     init_from: str | None = msgspec.field(name="init_from_sha256", default=None)
-    direction: str = DIGIT_TO_CYSKIN
+    direction: str = IMAGE_TO_COUNTS
     format: int = FORMAT
 
     def __repr__(self) -> str:
@@ -95,8 +95,8 @@ class RunConfig(Struct, frozen=True):
 
     @property
     def predicts_images(self) -> bool:
-        """Whether the run predicts DIGIT images from counts, rather than counts from images."""
-        return self.direction == CYSKIN_TO_DIGIT
+        """Whether the run predicts images from counts, rather than counts from images."""
+        return self.direction == COUNTS_TO_IMAGE
 
     @property
     def full_scale(self) -> float:
@@ -136,6 +136,8 @@ def load_config(run_dir: Path) -> RunConfig:
     unknown = sorted(set(preset) - known) if isinstance(preset, dict) else ()
     if unknown:
         raise T2TwinError(f"{path}: preset.{unknown[0]} is no setting of this version")
+    if content.get("direction") in FORMER_DIRECTIONS:
+        content["direction"] = FORMER_DIRECTIONS[content["direction"]]
     config = convert(content, RunConfig, path)
     try:
         config.check()
@@ -143,6 +145,9 @@ def load_config(run_dir: Path) -> RunConfig:
         raise T2TwinError(f"{path}: {error}") from None
     return config
 
+
+FORMER_DIRECTIONS = {"digit-to-cyskin": IMAGE_TO_COUNTS, "cyskin-to-digit": COUNTS_TO_IMAGE}
+"""Directions of runs that versions up to 0.3 trained."""
 
 HOME = Path(__file__).parents[1] / "weights"
 

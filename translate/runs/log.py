@@ -31,7 +31,7 @@ class EpochRecord:
 
     epoch: its number, from 1. train: the model's losses, averaged over the steps of the epoch.
     val_rmse_counts, val_rmse_percent: RMSE on the validation split, counts and percent of full
-    scale. seconds: duration. val_rmse_grey: for a run that predicts DIGIT images, the RMSE of their
+    scale. seconds: duration. val_rmse_grey: for a run that predicts images, the RMSE of their
     pixels, grey levels; val_rmse_counts is None then. val_shear_error: for a run that predicts the
     shear force, Translator.shear_error on the validation split.
     """

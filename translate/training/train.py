@@ -27,7 +27,7 @@ from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models import distributed
 from t2twin.translate.models.presets import (
-    DIGIT_TO_CYSKIN,
+    IMAGE_TO_COUNTS,
     REVERSIBLE,
     Preset,
     check_direction,
@@ -51,7 +51,7 @@ MIN_PAIRS = 8
 """Minimum number of training pairs (assumed: batch norm needs several)."""
 
 WARM_START_SHARE = 0.3
-"""Learning rate after a warm start, divided by the preset's (assumed). With another DIGIT, another
+"""Learning rate after a warm start, divided by the preset's (assumed). With another sensor, another
 force or fewer pairs, a trained translator needs a tenth of the steps of a new one."""
 
 
@@ -65,7 +65,7 @@ def train(
     minutes: float | None = None,
     steps: int | None = None,
     init_from: str | Path | None = None,
-    direction: str = DIGIT_TO_CYSKIN,
+    direction: str = IMAGE_TO_COUNTS,
     iou_weight: float | None = None,
 ) -> TrainingResult:
     """Trains a translator on a dataset, or resumes a stopped training.
@@ -75,7 +75,7 @@ def train(
     minutes; the epochs, and with them the learning rate's schedule, are planned to fit. steps:
     maximum steps in place of the preset's, rounded to whole epochs; a larger number adapts the
     preset (`for_steps`). init_from: another run, whose best weights are the initial weights,
-    at a lower learning rate. direction: "digit-to-cyskin", or "cyskin-to-digit" for DIGIT images
+    at a lower learning rate. direction: "image-to-counts", or "counts-to-image" for images
     from counts, validated by the RMSE of their pixels. iou_weight: weight of the soft IoU loss
     (models.touch2touch), by default the preset's.
     Raises T2TwinError for arguments that are invalid or do not fit together, and an init_from of
@@ -242,16 +242,16 @@ def _with_iou_weight(preset: Preset, weight: float | None, model: str, direction
     weight = preset.iou_weight if weight is None else arguments.real(weight, "iou_weight")
     if not (weight >= 0 and math.isfinite(weight)):
         raise T2TwinError(f"iou_weight is {weight:g}; it must be 0 or more")
-    if weight and not (model == REVERSIBLE and direction == DIGIT_TO_CYSKIN):
+    if weight and not (model == REVERSIBLE and direction == IMAGE_TO_COUNTS):
         raise T2TwinError(
             f"iou_weight is {weight:g}, but a {model} {direction} run predicts no tactile image; "
-            f"expected 0, or {REVERSIBLE} {DIGIT_TO_CYSKIN}"
+            f"expected 0, or {REVERSIBLE} {IMAGE_TO_COUNTS}"
         )
     return replace(preset, iou_weight=weight)
 
 
 def find_weights(
-    run: str | Path, model: str, preset: Preset, data: DataInfo, direction: str = DIGIT_TO_CYSKIN
+    run: str | Path, model: str, preset: Preset, data: DataInfo, direction: str = IMAGE_TO_COUNTS
 ) -> Path:
     """The best weights of a run, as initial ones of a training with this model, preset and dataset.
 

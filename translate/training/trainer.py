@@ -36,7 +36,7 @@ class TrainingResult:
 
     best_rmse_counts: RMSE on the validation split, counts, the root of the L3 of Grella et al.
     2023. best_rmse_percent: the same in percent of full scale. best_rmse_grey: for a run that
-    predicts DIGIT images, the RMSE of its pixels, grey levels; best_rmse_counts is None then.
+    predicts images, the RMSE of its pixels, grey levels; best_rmse_counts is None then.
     """
 
     run_dir: Path

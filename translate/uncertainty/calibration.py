@@ -20,8 +20,6 @@ import numpy as np
 import torch
 from scipy.optimize import isotonic_regression
 
-from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
-
 LEVEL = 0.9
 """Coverage that the calibrated intervals reach."""
 
@@ -38,7 +36,7 @@ PRESS_SHARES = FORCE_SHARES = (0.125,) * 8
 SHEAR_SHARES = (0.125,) * 8
 """Share of all components of the shear force in the bin of each knot (assumed)."""
 
-MIN_STD = 33.0 / FULL_SCALE_COUNTS
+MIN_STD = 33.0 / 40_000.0
 """Smallest standard deviation, fraction of full scale: the noise of a sample of a real array at
 rest, 74 counts a reading (median, benchmark `recordings`) over the square root of 5 readings.
 Without it, intervals of positions far from a contact are too narrow (measured)."""

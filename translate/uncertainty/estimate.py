@@ -22,9 +22,9 @@ class Estimate(NewAttributes):
     counts, counts_std: (N,) float32, counts and their standard deviations. dense_counts,
     dense_counts_std: (F,) float32, the same at the places of the dense counts. force_n,
     force_std_n: () float32, N, or None if the run was trained on presses of one force. shear_n,
-    shear_std_n: (2,) float32, N, shear force on the DIGIT along x and y, or None if the run was
-    trained without. full_scale_counts: where taxels saturate. ood_class: the OODClass, of B images
-    (B,) objects; None for an estimate of pixels.
+    shear_std_n: (2,) float32, N, shear force on the gel camera along x and y, or None if the run
+    was trained without. full_scale_counts: where taxels saturate. ood_class: the OODClass, of B
+    images (B,) objects; None for an estimate of pixels.
     """
 
     counts: np.ndarray

@@ -1,9 +1,9 @@
-"""Out-of-distribution detection for DIGIT images.
+"""Out-of-distribution detection for images of gel cameras.
 
 A translator returns counts for any image. A run therefore stores statistics of its training images.
 These are the mean and the standard deviation of each cell of a coarse grid, and the largest
 distance of a training image from the mean. A second check compares an image with the background
-frame of its DIGIT; it also works for datasets with many lights, where the training statistics are
+frame of its sensor; it also works for datasets with many lights, where the training statistics are
 wide. It has two parts. Along the image's border, where most contacts change little, both have
 nearly the same grey levels. And both contain the fixed pattern of the same camera and gel. A third
 check is of a frame at its own size.
@@ -57,8 +57,8 @@ for another unit; at least 0.067 for 21 frames of a real unit; above in 98 % of 
 PATTERN_PX = 96
 """Images of twice this side or more are averaged before patterns are compared (assumed)."""
 
-ASPECT, ASPECT_TOLERANCE = 240 / 320, 0.02
-"""Width over height of a DIGIT's frame, and the largest relative deviation (assumed: 5 px)."""
+ASPECT_TOLERANCE = 0.02
+"""Largest relative deviation of an image's width over its height (assumed: 5 px of 240)."""
 
 NOISE_GREY = 20.0
 """Median difference of neighboring pixels above which an image is noise, grey levels (assumed:
@@ -171,18 +171,21 @@ def _exposure_class(image: np.ndarray) -> OODClass | None:
     return OODClass.OVEREXPOSED if overexposed else None
 
 
-def classify_frame(frame: np.ndarray, background: np.ndarray | None = None) -> OODClass:
+def classify_frame(
+    frame: np.ndarray, aspect: float, background: np.ndarray | None = None
+) -> OODClass:
     """NOISE, OTHER_ASPECT or IN_DISTRIBUTION, for a frame at its own size.
 
-    frame: (h, w, c) or (h, w) uint8. background: its background frame; only its aspect is checked.
+    frame: (h, w, c) or (h, w) uint8. aspect: width over height of the sensor's images. background:
+    its background frame; only its aspect is checked.
     """
     steps = np.diff(frame.astype(np.int16), axis=1)
     if steps.size and np.median(np.abs(steps)) > NOISE_GREY:
         return OODClass.NOISE
     both = (frame,) if background is None else (frame, background)
-    ratios = [each.shape[1] / each.shape[0] / ASPECT for each in both]
-    is_digit = all(abs(ratio - 1.0) <= ASPECT_TOLERANCE for ratio in ratios)
-    return OODClass.IN_DISTRIBUTION if is_digit else OODClass.OTHER_ASPECT
+    ratios = [each.shape[1] / each.shape[0] / aspect for each in both]
+    is_own = all(abs(ratio - 1.0) <= ASPECT_TOLERANCE for ratio in ratios)
+    return OODClass.IN_DISTRIBUTION if is_own else OODClass.OTHER_ASPECT
 
 
 def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) -> str | None:
