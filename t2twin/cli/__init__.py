@@ -91,7 +91,7 @@ def _run(given: list[str]) -> None:
         tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="t2twin",
-            description="Predict the counts of a CySkin array from the images of a DIGIT sensor.",
+            description="Simulate two tactile sensors, and predict the readings of one from the other.",
             args=given,
             config=(tyro.conf.FlagCreatePairsOff,),
         )

@@ -9,6 +9,7 @@ import tyro
 
 if TYPE_CHECKING:
     from t2twin.sim.dataset.info import DatasetInfo
+    from t2twin.sim.sampling.recipe import Recipe
 
 
 @dataclass(frozen=True)
@@ -24,12 +25,15 @@ class SimdataOptions:
             the name of a bundled one. Bundled are paper, open, open-8n, union, unseen-forces,
             forces, moving, shipped, shipped-2 and pretrained-3.
         seed: Random seed; default 0, or the recipe's. The same seed gives the same bytes.
-        layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm; default cyskin-20.
-            Not with --recipe.
-        imperfections: The CySkin's errors: none, white, baseline, all or recorded (the
-            default). Not with --recipe.
-        optics: The DIGIT's optics, as written by t2twin calibrate; default: the default
-            optics. Not with --recipe.
+        source: The first sensor: the name of a bundled one, or a .toml file; default digit, or the
+            recipe's. `t2twin sensors` lists them.
+        target: The second sensor; default cyskin-20, or the recipe's.
+        layout: Taxel layout of taxel arrays: a name, or a JSON or CSV file with x_mm and y_mm;
+            default: the sensor's. Not with --recipe.
+        imperfections: Errors of taxel arrays, by the name in the sensor's file, such as none or
+            white; default recorded, if the file has it. Not with --recipe.
+        optics: Optics of gel cameras, as written by t2twin calibrate; default: the sensor's. Not
+            with --recipe.
         renderer: What renders the images: baked, in milliseconds (the default), or pyrender, in
             seconds. Not with --recipe.
         primitives: Folder of prepared shapes; default: in the user's cache.
@@ -43,6 +47,8 @@ class SimdataOptions:
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
     recipe: Annotated[str | None, tyro.conf.arg(metavar="RECIPE")] = None
     seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
+    source: Annotated[str | None, tyro.conf.arg(metavar="SENSOR")] = None
+    target: Annotated[str | None, tyro.conf.arg(metavar="SENSOR")] = None
     layout: Annotated[str | None, tyro.conf.arg(metavar="LAYOUT")] = None
     imperfections: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     optics: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
@@ -59,17 +65,20 @@ def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
         sys.exit(_verify(options.verify))
 
     import t2twin
-    from t2twin.sim.taxels.layout import DEFAULT_LAYOUT
-    from t2twin.sim.taxels.reading import DATASET_DEFAULT
+    from t2twin.sim.sensors.defaults import SOURCE, TARGET
+    from t2twin.sim.sensors.pair import SensorPair
 
-    sensors = None
+    recipe = sensors = None
     if options.scale is not None:
-        sensors = t2twin.Twin(
-            options.optics,
-            DEFAULT_LAYOUT if options.layout is None else options.layout,
-            DATASET_DEFAULT if options.imperfections is None else options.imperfections,
-            renderer=options.renderer or "baked",
-        ).sensors
+        sensors = SensorPair.of(
+            options.source or SOURCE,
+            options.target or TARGET,
+            optics=options.optics,
+            layout=options.layout,
+            renderer=options.renderer,
+        ).with_imperfections(options.imperfections)
+    elif options.recipe is not None:
+        recipe = _recipe(options.recipe, options.source, options.target)
     folder = options.out or Path("data") / (options.scale or Path(options.recipe or "").stem)
     info = t2twin.make_dataset(
         folder,
@@ -79,9 +88,20 @@ def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
         sensors=sensors,
         cache=options.primitives,
         scheduler=options.scheduler,
-        recipe=options.recipe,
+        recipe=recipe,
     )
     print(f"{_pairs(info)} pairs in {folder}, {_size(folder, info)}")
+
+
+def _recipe(name: str, source: str | None, target: str | None) -> "Recipe | str":
+    """A recipe, with other sensors if they are given."""
+    from msgspec import structs
+
+    from t2twin.sim.sampling.recipe import load_recipe
+
+    changes = {"source": source, "target": target}
+    given = {role: sensor for role, sensor in changes.items() if sensor is not None}
+    return structs.replace(load_recipe(name), **given) if given else name
 
 
 def _check_options(options: SimdataOptions) -> None:
@@ -131,7 +151,7 @@ def import_pairs(
     source: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="PAIRS")]],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
     layout: str = "cyskin-20",
-    full_scale: int = 40_000,
+    full_scale: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     seed: int = 0,
 ) -> None:
     """Convert and check your own pairs.
@@ -146,7 +166,7 @@ def import_pairs(
         source: A .csv or .parquet file, or a folder with one.
         out: Folder of the dataset to write.
         layout: Your taxels: a name, or a JSON or CSV file with x_mm and y_mm.
-        full_scale: Count at which your taxels saturate.
+        full_scale: Count at which your taxels saturate; default 40,000.
         seed: Seed of the random split.
     """
     import t2twin
