@@ -12,6 +12,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.records import REMARKS, check_names, read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
+DEFAULT_LAYOUT = "cyskin-20"
+
 SQUARE_TO_ROUND = 2.0 / np.sqrt(np.pi)
 """Diameter of the disc with the area of a square, over its side. A square pad is computed as this
 disc (assumed: the cover blurs the difference)."""
@@ -89,7 +91,7 @@ class Layout:
         return self.x_mm.size
 
 
-def load_layout(source: str | Path, folder: Path | None = None) -> Layout:
+def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None) -> Layout:
     """A layout by its name, or from a JSON or CSV file. folder: that a relative path starts from;
     None for the working directory.
 
