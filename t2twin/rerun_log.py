@@ -43,12 +43,13 @@ class RerunLog:
         self._stream.save(file)
 
     def touch(self, time_s: float, touch: Touch) -> None:
-        """Record the image, the counts and the forces of a touch at a time."""
+        """Record the images, the counts and the forces of a touch at a time."""
         self._stream.set_time("time", duration=time_s)
-        if touch.image is not None:
-            self._image(touch.image)
-        if touch.counts is not None:
-            self._counts("cyskin/counts", touch.counts)
+        for sensor, reading in touch.readings.items():
+            if (image := getattr(reading, "image", None)) is not None:
+                self._image(f"{sensor}/image", image)
+            if (counts := getattr(reading, "counts", None)) is not None:
+                self._counts(f"{sensor}/counts", counts)
         for sensor, contact in touch.contacts.items():
             self._number(f"{sensor}/force_n", contact.force_n)
             self._number(f"{sensor}/depth_mm", contact.depth_mm)
@@ -61,7 +62,7 @@ class RerunLog:
         image: (h, w, 3) or (h, w) uint8. line: the values of a line of `t2twin live`.
         """
         self._stream.set_time("time", duration=time_s)
-        self._image(image)
+        self._image("image", image)
         for name in ("counts", "counts_std"):
             if name in line:
                 self._counts(f"prediction/{name}", np.asarray(line[name]))
@@ -74,8 +75,8 @@ class RerunLog:
         self._stream.flush()
         self._stream.disconnect()
 
-    def _image(self, image: np.ndarray) -> None:
-        self._stream.log("digit/image", self._rerun.Image(image).compress())
+    def _image(self, place: str, image: np.ndarray) -> None:
+        self._stream.log(place, self._rerun.Image(image).compress())
 
     def _counts(self, place: str, counts: np.ndarray) -> None:
         self._stream.log(place, self._rerun.BarChart(counts))

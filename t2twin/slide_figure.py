@@ -11,11 +11,9 @@ from matplotlib.patches import Patch
 
 from t2twin.report.figures import COUNTS_MAP
 from t2twin.sim.contact.types import Contact
-from t2twin.sim.optical.optics import DEFAULT_PATH, Optics
-from t2twin.sim.taxels.phi import PX_PER_MM
+from t2twin.sim.optical.gel_camera import ImageReading
+from t2twin.sim.taxels.taxel_array import CountsReading
 from t2twin.sim.touch import Touch
-
-NAMES = {"digit": "DIGIT's gel", "cyskin": "CySkin's cover"}
 
 FORCE_COLOR, TORQUE_COLOR, LIMIT_COLOR = "#1f5fa8", "#b8561b", "#888888"
 STICK_COLOR, SLIP_COLOR = "#9ec5e8", "#f2b880"
@@ -63,18 +61,18 @@ def draw_slide(
     top, bottom = page.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
     panels = top.subplots(1, len(sensors), squeeze=False)[0]
     for axes, sensor in zip(panels, sensors, strict=True):
-        axes.set_title(NAMES[sensor], loc="left", pad=LEGEND_PT)
+        axes.set_title(f"elastomer of {sensor}", loc="left", pad=LEGEND_PT)
         _draw_force(axes, rows, sensor, shown[-1].contacts[sensor])
     columns = bottom.subplots(len(shown), 2 * len(sensors), squeeze=False).T
     for number, sensor in enumerate(sensors):
         pair = columns[2 * number : 2 * number + 2]
-        readings, contacts = pair if sensor == "digit" else pair[::-1]
+        images, contacts = pair if number == 0 else pair[::-1]
         _draw_contacts(contacts, [touch.contacts[sensor] for touch in shown])
-        contacts[0].set_title(f"{NAMES[sensor]}\n{contacts[0].get_title('left')}", loc="left")
-        if sensor == "digit":
-            _draw_images(readings, shown)
-        else:
-            _draw_counts(readings, shown)
+        title = f"elastomer of {sensor}\n{contacts[0].get_title('left')}"
+        contacts[0].set_title(title, loc="left")
+        readings = [touch[sensor] for touch in shown]
+        draw: Any = _draw_images if hasattr(readings[0], "image") else _draw_counts
+        draw(sensor, images, readings)
     for axes, step in zip(columns[0], steps, strict=True):
         axes.set_ylabel(f"step {step}\n{axes.get_ylabel()}".strip())
     bottom.legend(
@@ -127,39 +125,43 @@ def _draw_force(axes: Axes, rows: list[dict[str, Any]], sensor: str, contact: Co
     axes.legend(handles=lines, loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
 
 
-def _draw_images(panels: Sequence[Axes], shown: Sequence[Touch]) -> None:
-    """The DIGIT's images; arrows from the markers at rest to the displaced ones."""
-    panels[0].set_title("DIGIT's image", loc="left")
-    for axes, touch in zip(panels, shown, strict=True):
-        axes.imshow(touch.image)
+def _draw_images(sensor: str, panels: Sequence[Axes], readings: Sequence[ImageReading]) -> None:
+    """The images of a gel camera; arrows from the markers at rest to the displaced ones."""
+    panels[0].set_title(f"image of {sensor}", loc="left")
+    for axes, reading in zip(panels, readings, strict=True):
+        assert reading.image is not None and reading.contact is not None
+        axes.imshow(reading.image)
         axes.set(xticks=[], yticks=[])
-        if touch.markers is None:
+        markers = reading.sensor.markers
+        if markers is None:
             continue
-        panels[0].set_title("DIGIT's image\narrows: marker displacement", loc="left")
-        camera = Optics.load(touch.optics or DEFAULT_PATH).camera
-        rest, moved = touch.markers.seen_px(camera, touch.digit)
+        panels[0].set_title(f"image of {sensor}\narrows: marker displacement", loc="left")
+        rest, moved = markers.seen_px(reading.sensor.optics.camera, reading.contact)
         by = moved - rest
         kept = np.hypot(*by.T) >= MIN_ARROW_PX
         axes.quiver(
             rest[kept, 1], rest[kept, 0], by[kept, 1], by[kept, 0],
             angles="xy", scale_units="xy", scale=1, width=0.01, color=MARKER_COLOR,
         )  # fmt: skip
-        axes.set(xlim=(-0.5, touch.image.shape[1] - 0.5), ylim=(touch.image.shape[0] - 0.5, -0.5))
+        rows, columns, _ = reading.image.shape
+        axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
 
 
-def _draw_counts(panels: Sequence[Axes], shown: Sequence[Touch]) -> None:
-    """The CySkin's tactile images on one scale, with a circle on each taxel."""
-    largest = max(float(touch.tactile_image.max()) for touch in shown)
-    for axes, touch in zip(panels, shown, strict=True):
-        rows, columns = (size / PX_PER_MM / 2 for size in touch.tactile_image.shape)
+def _draw_counts(sensor: str, panels: Sequence[Axes], readings: Sequence[CountsReading]) -> None:
+    """The tactile images of a taxel array on one scale, with a circle on each taxel."""
+    largest = max(float(reading.tactile_image.max()) for reading in readings)
+    for axes, reading in zip(panels, readings, strict=True):
+        scale = reading.sensor.spec.tactile_image.px_per_mm
+        rows, columns = (size / scale / 2 for size in reading.tactile_image.shape)
         image = axes.imshow(
-            touch.tactile_image, cmap=COUNTS_MAP, vmin=0, vmax=max(largest, 1.0),
+            reading.tactile_image, cmap=COUNTS_MAP, vmin=0, vmax=max(largest, 1.0),
             extent=(-columns, columns, rows, -rows),
         )  # fmt: skip
-        axes.plot(touch.layout.x_mm, touch.layout.y_mm, "o", ms=4, mfc="none", mec="white", mew=0.5)
+        layout = reading.sensor.layout
+        axes.plot(layout.x_mm, layout.y_mm, "o", ms=4, mfc="none", mec="white", mew=0.5)
         axes.set(xticks=[], yticks=[])
         axes.figure.colorbar(image, ax=axes, fraction=0.07, label="counts")
-    panels[0].set_title("CySkin's tactile image", loc="left")
+    panels[0].set_title(f"tactile image of {sensor}", loc="left")
 
 
 def _draw_contacts(panels: Sequence[Axes], contacts: Sequence[Contact]) -> None:

@@ -1,19 +1,22 @@
 """The folder that a slide is written to.
 
-slide.csv                           pose, force, shear and slip, one row a step
-counts.csv                          the CySkin's counts, one row a step
-markers.csv                         the DIGIT's markers, if any: one row a step and marker
-frames/000.png                      the DIGIT's images
-contact_digit_000.npz, contact_cyskin_000.npz    each contact's fields
-slide.png                           tangential force, and what the sensors show in three steps
-slide.gif, slide.mp4                images and counts; the second with imageio-ffmpeg only
+slide.csv                pose, and force, shear and slip of each sensor, one row a step
+counts.csv               counts of the first taxel array, one row a step
+counts_SENSOR.csv        those of the second one, if there is one
+markers.csv              markers of the first gel camera, if any: one row a step and marker
+frames/000.png           images of the first gel camera
+frames/SENSOR_000.png    those of the second one, if there is one
+contact_SENSOR_000.npz   each contact's fields
+slide.png                tangential force, and what the sensors show in three steps
+slide.gif, slide.mp4     images and counts; the second with imageio-ffmpeg only
 """
 
 import importlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -32,15 +35,14 @@ from t2twin.core.files import (
 )
 from t2twin.report.figures import figure
 from t2twin.sim.contact.types import Contact
-from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.sim.touch import MARKER_COLUMNS, MARKERS_CSV, Touch, marker_rows
 from t2twin.slide_figure import SHOWN, draw_slide, page_size
 
-SLIDE_CSV, COUNTS_CSV, FRAMES = "slide.csv", "counts.csv", "frames"
-CONTACT_FILE = re.compile(r"contact_(digit|cyskin)_\d+\.npz")
-FRAME_FILE = re.compile(r"\d+\.png")
+SLIDE_CSV, FRAMES = "slide.csv", "frames"
+CONTACT_FILE = re.compile(r"contact_([a-z0-9_-]+)_\d+\.npz")
+COUNTS_FILE = re.compile(r"counts(_[a-z0-9_-]+)?\.csv")
+FRAME_FILE = re.compile(r"(?:([a-z0-9_-]+)_)?\d+\.png")
 
 MIN_DIGITS = 3
 """Digits of a step in a file's name, at least."""
@@ -81,32 +83,35 @@ def _write(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
     wanted = np.linspace(0, number - 1, SHOWN)
     shown: list[tuple[int, Touch]] = []
     rows: list[Row] = []
-    counts: list[np.ndarray] = []
+    images: dict[str, list[Path]] = {}  # by sensor, as counts
+    counts: dict[str, list[np.ndarray]] = {}
     markers: list[list[Any]] = []
-    layout = last = phi = None
+    last = None
     (folder / FRAMES).mkdir()
     for step, touch in enumerate(touches):
         rows.append(_row(step, touch))
         for sensor, contact in touch.contacts.items():
             _write_contact(folder / f"contact_{sensor}_{step:0{digits}}.npz", contact)
-        if touch.image is not None:
-            Image.fromarray(touch.image).save(folder / FRAMES / f"{step:0{digits}}.png")
+        for sensor, reading in touch.readings.items():
+            if (image := getattr(reading, "image", None)) is not None:
+                of_sensor = images.setdefault(sensor, [])
+                prefix = _after_first(images, sensor, f"{sensor}_")
+                of_sensor.append(folder / FRAMES / f"{prefix}{step:0{digits}}.png")
+                Image.fromarray(image).save(of_sensor[-1])
+            if (values := getattr(reading, "counts", None)) is not None:
+                counts.setdefault(sensor, []).append(values)
         if touch.markers is not None:
             markers += [[step, *row] for row in marker_rows(touch)]
-        if touch.layout is not None:
-            layout = touch.layout
-            phi = phi or Phi(layout.x_mm, layout.y_mm)
-            counts.append(touch.counts)
         if touch.contacts:
             last = step, touch
             if len(shown) < SHOWN - 1 and step >= wanted[len(shown)]:
                 shown.append(last)
     names = list(dict.fromkeys(name for row in rows for name in row))
     write_csv(folder / SLIDE_CSV, names, [[row.get(name) for name in names] for row in rows])
-    if counts:
-        names = ["step", *(f"taxel_{n}" for n in range(counts[0].size))]
-        lines = [[step, *values.tolist()] for step, values in enumerate(counts)]
-        write_csv(folder / COUNTS_CSV, names, lines)
+    for sensor, of_steps in counts.items():
+        names = ["step", *(f"taxel_{n}" for n in range(of_steps[0].size))]
+        lines = [[step, *values.tolist()] for step, values in enumerate(of_steps)]
+        write_csv(folder / f"counts{_after_first(counts, sensor, f'_{sensor}')}.csv", names, lines)
     if markers:
         write_csv(folder / MARKERS_CSV, ("step", *MARKER_COLUMNS), markers)
     assert last is not None  # a path has at least one contact
@@ -115,8 +120,34 @@ def _write(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
     steps, chosen = zip(*shown, strict=True)
     page = figure("png", *page_size(chosen), lambda page: draw_slide(page, rows, steps, chosen))
     (folder / "slide.png").write_bytes(page)
-    _write_animation(folder, counts, layout, phi)
+    sensors = {sensor: reading.sensor for sensor, reading in last[1].readings.items()}
+    pictures = partial(_pictures, images, counts, sensors)
+    _write_animation(folder, pictures, len(rows))
     return rows
+
+
+def _after_first(of_kind: Iterable[str], sensor: str, name: str) -> str:
+    """A part of a file's name that all sensors of a kind but the first one have."""
+    return "" if sensor == next(iter(of_kind)) else name
+
+
+def _pictures(
+    images: dict[str, list[Path]], counts: dict[str, list[np.ndarray]], sensors: dict[str, Any],
+    step: int,
+) -> list[Image.Image]:  # fmt: skip
+    """The image or the tactile image of each sensor in a step; counts are on one scale."""
+    found = []
+    for sensor, device in sensors.items():
+        if sensor in images:
+            with Image.open(images[sensor][step]) as image:
+                found.append(image.convert("RGB"))
+            continue
+        brightest = max(1.0, max(float(values.max()) for values in counts[sensor]))
+        layout, scale = device.layout, device.spec.tactile_image.px_per_mm
+        tactile = device.phi(counts[sensor][step].astype(np.float32))
+        places = layout.x_mm, layout.y_mm
+        found.append(colored_tactile_image(tactile, *places, brightest, px_per_mm=scale))
+    return found
 
 
 def _row(step: int, touch: Touch) -> Row:
@@ -157,10 +188,10 @@ def _write_contact(path: Path, contact: Contact) -> None:
 
 
 def _write_animation(
-    folder: Path, counts: list[np.ndarray], layout: Layout | None, phi: Phi | None
+    folder: Path, pictures: Callable[[int], list[Image.Image]], steps: int
 ) -> None:
-    """Write slide.gif and, with imageio-ffmpeg, slide.mp4: images next to counts, on one scale."""
-    first, *others = _animation(folder, counts, layout, phi)
+    """Write slide.gif and, with imageio-ffmpeg, slide.mp4: the pictures of a step, side by side."""
+    first, *others = _animation(pictures, steps)
     first.save(
         folder / "slide.gif",
         save_all=True,
@@ -173,28 +204,16 @@ def _write_animation(
             str(folder / "slide.mp4"), first.size, fps=1000 / FRAME_MS, macro_block_size=2
         )
         writer.send(None)
-        for image in _animation(folder, counts, layout, phi):
+        for image in _animation(pictures, steps):
             writer.send(np.ascontiguousarray(image.convert("RGB")))
         writer.close()
 
 
-def _animation(
-    folder: Path, counts: list[np.ndarray], layout: Layout | None, phi: Phi | None
-) -> Iterator[Image.Image]:
-    full_scale = max(1.0, max((float(values.max()) for values in counts), default=1.0))
-    frames = sorted((folder / FRAMES).iterdir())
-    steps = max(len(frames), len(counts))
+def _animation(pictures: Callable[[int], list[Image.Image]], steps: int) -> Iterator[Image.Image]:
     for step in np.unique(np.linspace(0, steps - 1, min(steps, MAX_FRAMES)).round().astype(int)):
-        parts = []
-        if frames:
-            with Image.open(frames[step]) as image:
-                parts.append(image.convert("RGB"))
-        if layout is not None and phi is not None:
-            tactile = phi(counts[step].astype(np.float32))
-            parts.append(colored_tactile_image(tactile, layout.x_mm, layout.y_mm, full_scale))
         parts = [
             part.resize((2 * round(part.width * HEIGHT_PX / part.height / 2), HEIGHT_PX))
-            for part in parts
+            for part in pictures(int(step))
         ]
         page = Image.new("RGB", (sum(part.width for part in parts), HEIGHT_PX))
         left = 0
@@ -213,10 +232,14 @@ def _replace(folder: Path, temporary: Path) -> None:
         raise T2TwinError(f"{old_frames} is a file; expected a folder, or no such file")
     for path in (*new, *frames.iterdir()):
         check_replaceable(folder / path.relative_to(temporary))
-    old = [path for path in folder.iterdir() if CONTACT_FILE.fullmatch(path.name)]
-    old += [folder / COUNTS_CSV, folder / MARKERS_CSV, folder / "slide.mp4"]
+    contacts = [(path, CONTACT_FILE.fullmatch(path.name)) for path in folder.iterdir()]
+    old = [path for path, match in contacts if match]
+    sensors = {None, *(match[1] for _, match in contacts if match)}
+    old += [path for path in folder.iterdir() if COUNTS_FILE.fullmatch(path.name)]
+    old += [folder / MARKERS_CSV, folder / "slide.mp4"]
     if old_frames.is_dir():
-        old += [path for path in old_frames.iterdir() if FRAME_FILE.fullmatch(path.name)]
+        frame_files = [(path, FRAME_FILE.fullmatch(path.name)) for path in old_frames.iterdir()]
+        old += [path for path, match in frame_files if match and match[1] in sensors]
     for path in old:
         if path.is_file():
             path.unlink()

@@ -66,7 +66,7 @@ def test_a_touch_is_recorded(rerun: MagicMock) -> None:
     stream.save.assert_called_once_with(Path("new/touch.rrd"))
     stream.set_time.assert_called_once_with("time", duration=0.5)
     logged = [call.args[0] for call in stream.log.call_args_list]
-    assert logged[:4] == ["digit/image", "cyskin/counts", "digit/force_n", "digit/depth_mm"]
+    assert logged[:4] == ["digit/image", "cyskin-20/counts", "digit/force_n", "digit/depth_mm"]
     np.testing.assert_array_equal(rerun.Image.call_args.args[0], touch.image)
     assert rerun.Scalars.call_args_list[0].args[0] == pytest.approx(2.0, rel=1e-3)
 

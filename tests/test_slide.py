@@ -66,7 +66,7 @@ def test_one_row_a_step(folder):
     for row, pose in zip(rows, PATH, strict=True):
         found = [float(row[name]) for name in ("x_mm", "y_mm", "yaw_deg", "force_n")]
         assert found == pytest.approx(pose)
-    for sensor in ("digit", "cyskin"):
+    for sensor in ("digit", "cyskin-20"):
         lifted = [rows[2][name] for name in rows[2] if name.startswith(sensor)]
         assert lifted == [""] * 7
         forces = [float(rows[step][f"{sensor}_shear_y_n"]) for step in (0, 1, 3, 4)]
@@ -79,7 +79,7 @@ def test_one_row_a_step(folder):
     assert highest[2] < 200 < min(highest[n] for n in (0, 1, 3, 4))
 
 
-@pytest.mark.parametrize("sensor", ["digit", "cyskin"])
+@pytest.mark.parametrize("sensor", ["digit", "cyskin-20"])
 def test_fields_have_the_forces_of_the_table(folder, sensor):
     names = sorted(path.name for path in folder.glob(f"contact_{sensor}_*.npz"))
     assert names == [f"contact_{sensor}_00{step}.npz" for step in (0, 1, 3, 4)]
@@ -106,7 +106,7 @@ def test_fields_have_the_forces_of_the_table(folder, sensor):
 
 def test_displacement_follows_the_shape(twin, folder):
     """The middle of a ball sticks, so its surface moves with the ball."""
-    with np.load(folder / "contact_cyskin_004.npz") as fields:
+    with np.load(folder / "contact_cyskin-20_004.npz") as fields:
         row = np.abs(fields["y_mm"] + 0.2).argmin()
         column = np.abs(fields["x_mm"] - 1.0).argmin()
         along_x, along_y, _ = fields["displacement_mm"][:, row, column]
@@ -147,6 +147,28 @@ def test_a_new_slide_replaces_an_earlier_one(tmp_path, capsys):
         "slide.csv", "slide.png", "slide.gif", "contact_digit_000.npz", "contact_digit_001.npz",
         "frames/000.png", "frames/001.png", "frames/mine.png",
     }  # fmt: skip
+
+
+def test_two_sensors_of_one_kind_have_files_of_their_own(tmp_path):
+    out = tmp_path / "out"
+    arguments = ("circle-1", "--dyaw-deg", 1, "--steps", 1, "--out", out)
+    (tmp_path / "soft.toml").write_text(
+        'extends = "digit"\nname = "soft"\n[gel]\nyoung_mpa = 0.1\n'
+    )
+    assert run(*arguments, "--target", tmp_path / "soft.toml") == 0
+    frames = {f"frames/{name}_{step}.png" for name in ("soft", "") for step in ("000", "001")}
+    frames = {name.replace("/_", "/") for name in frames}
+    assert {*contents(out)} >= frames | {"contact_soft_001.npz"}
+    assert "counts.csv" not in contents(out)
+    (out / "frames" / "mine_1.png").write_text("mine")
+    assert run(*arguments, "--source", "cyskin-63") == 0
+    assert {*contents(out)} == {
+        "slide.csv", "slide.png", "slide.gif", "counts.csv", "counts_cyskin-20.csv",
+        *(f"contact_cyskin-{n}_00{step}.npz" for n in (20, 63) for step in (0, 1)),
+        "frames/mine_1.png",
+    }  # fmt: skip
+    assert len(table(out / "counts.csv")[0]) == 64
+    assert len(table(out / "counts_cyskin-20.csv")[0]) == 21
 
 
 def test_other_files_are_not_replaced(tmp_path, capsys):
@@ -220,11 +242,9 @@ def test_follow_is_press_and_slide(twin):
         assert np.array_equal(touch.counts, expected.counts)
     assert np.array_equal(touches[2].image, twin.background)
     assert not touches[2].counts.any()
-    for sensor in ("digit", "cyskin"):
-        assert np.array_equal(
-            getattr(touches[1], sensor).shear_kpa, getattr(slid, sensor).shear_kpa
-        )
-        assert getattr(touches[3], sensor).motion is None
+    for sensor in ("digit", "cyskin-20"):
+        assert np.array_equal(touches[1][sensor].contact.shear_kpa, slid[sensor].contact.shear_kpa)
+        assert touches[3][sensor].contact.motion is None
 
 
 def test_without_friction_a_slide_has_no_tangential_force(twin):
