@@ -1,6 +1,6 @@
 """A small data set of spots for the translators' tests: made in milliseconds, and learnable.
 
-A bright spot on the DIGIT image lies where the array is pressed, and its brightness says how hard;
+A bright spot on the image lies where the array is pressed, and its brightness grows with force;
 the array's response is a Gaussian about the same place. Written through the data set's own writer.
 """
 
@@ -14,17 +14,19 @@ import pyarrow as pa
 import pytest
 
 from t2twin.core.images import encode_png
-from t2twin.sim.dataset.columns import SCHEMA
-from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
+from t2twin.sim.dataset.columns import base_schema, schema_of
+from t2twin.sim.dataset.info import FORMAT, DatasetInfo, SensorInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.sampling.plan import shard_path
 from t2twin.sim.sampling.recipe import PAPER, load_recipe
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
 from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import Trainer
 
 ROWS, COLUMNS = 320, 240
+FULL_SCALE = 40_000
+LAYOUT = "cyskin-20"
+VALUES = {"source": "image", "target": "counts"}
 PX_PER_MM = 8.0
 SPOT_MM = 3.0
 RESPONSE_MM = 5.0
@@ -53,7 +55,7 @@ def write_spots(
     """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
-    layout = load_layout()
+    layout = load_layout(LAYOUT)
     shards = {}
     for (split, shape, family), pairs in zip(SHAPES, (train, val, test), strict=True):
         if not pairs:
@@ -61,20 +63,24 @@ def write_spots(
         path = shard_path(split, shape)
         forces = islice(cycle(forces_n), pairs)
         rows = [_spot(shape, family, split, n, rng, force) for n, force in enumerate(forces)]
-        shards[path] = Shard(write_shard(folder / path, rows), pairs)
+        shards[path] = Shard(write_shard(folder / path, rows, schema_of(VALUES, None)), pairs)
     write_info(
         folder,
         DatasetInfo(
             format=FORMAT,
             complete=True,
             pairs={"train": train, "val": val, "test": test},
-            layout=layout.name,
-            layout_x_mm=tuple(layout.x_mm.tolist()),
-            layout_y_mm=tuple(layout.y_mm.tolist()),
-            full_scale_counts=FULL_SCALE_COUNTS,
+            source=SensorInfo(name="digit", value="image", image_shape=(ROWS, COLUMNS, 3)),
+            target=SensorInfo(
+                name="cyskin-20",
+                value="counts",
+                layout=layout.name,
+                x_mm=tuple(layout.x_mm.tolist()),
+                y_mm=tuple(layout.y_mm.tolist()),
+                full_scale_counts=FULL_SCALE,
+            ),
             versions=versions(),
             shards=shards,
-            image_shape=(ROWS, COLUMNS, 3),
             scale=scale,
             seed=None if scale is None else seed,
             recipe=None if scale is None else load_recipe(PAPER),
@@ -111,7 +117,7 @@ def _spot(
     shape: str, family: str, split: str, index: int, rng: np.random.Generator, force_n: float
 ) -> dict:
     """One row of the table; what a translator does not read is false or zero."""
-    layout = load_layout()
+    layout = load_layout(LAYOUT)
     x_mm, y_mm = rng.uniform(-6, 6), rng.uniform(-12, 12)
     strength = rng.uniform(0.5, 1.0) * force_n / FORCE_N
     across = (np.arange(COLUMNS) - COLUMNS / 2) / PX_PER_MM
@@ -121,7 +127,8 @@ def _spot(
     image = (light[:, :, None] * np.array([1.0, 0.8, 0.6])).astype(np.uint8)
     from_taxels = np.square(layout.x_mm - x_mm) + np.square(layout.y_mm - y_mm)
     counts = PEAK_COUNTS * strength * np.exp(-from_taxels / (2 * RESPONSE_MM**2))
-    rest = {field.name: False if pa.types.is_boolean(field.type) else 0 for field in SCHEMA}
+    schema = base_schema(VALUES)
+    rest = {field.name: False if pa.types.is_boolean(field.type) else 0 for field in schema}
     return rest | {
         "shape": shape,
         "family": family,
@@ -130,6 +137,6 @@ def _spot(
         "x_mm": x_mm,
         "y_mm": y_mm,
         "force_n": force_n,
-        "image": {"bytes": encode_png(image), "path": f"{index}.png"},
-        "taxels": np.rint(counts).astype(np.uint16),
+        "source_image": {"bytes": encode_png(image), "path": f"{index}.png"},
+        "target_counts": np.rint(counts).astype(np.uint16),
     }
