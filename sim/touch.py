@@ -5,7 +5,7 @@ CAMERA.png                 a gel camera's image; CAMERA is its name, such as dig
 ARRAY.json                 a taxel array's counts, such as cyskin-20.json
 contact_SENSOR.npz         surface and pressure of each contact
 tactile_image.png          the counts as an image, 16 bits a pixel
-tactile_picture.png        the same in colors, with the taxels
+tactile_picture.png        the same in colors, with the taxels; of a second array with its name
 markers.csv                centers of the markers, if the gel has any
 scene_SENSOR.xml           each contact as a MuJoCo scene
 """
@@ -216,8 +216,8 @@ class Touch(NewAttributes):
                 (temporary / mesh_file).write_bytes(binary_stl(*self.shape.triangles))
             for sensor, contact in self.contacts.items():
                 _write_contact(temporary, sensor, contact, mesh_file)
-            for reading in self.readings.values():
-                reading.save(temporary)
+            for sensor, reading in self.readings.items():
+                reading.save(temporary, sensor)
             if self.markers is not None:
                 write_csv(temporary / MARKERS_CSV, MARKER_COLUMNS, marker_rows(self))
             move_into(folder, sorted(temporary.iterdir()))

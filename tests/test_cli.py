@@ -235,7 +235,10 @@ def test_press_of_two_arrays_and_of_two_cameras(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "cyskin-63: counts: " in printed and "cyskin-20: counts: " in printed
     assert len(json.loads(Path("arrays/cyskin-63.json").read_text())["counts"]) == 63
+    assert Path("arrays/tactile_image_cyskin-20.png").is_file()
     assert len(json.loads(Path("arrays/cyskin-20.json").read_text())["counts"]) == 20
+    run("press", "hemisphere-2", "--target", "digit", "--seed", "1", "--out", "twins")
+    assert Path("twins/digit.png").read_bytes() != Path("twins/digit-2.png").read_bytes()
     run("press", "hemisphere-2", "--target", tmp_path / "soft.toml", "--out", "cameras")
     summary = json.loads(Path("cameras/press.json").read_text())
     assert summary["soft"]["depth_mm"] > 1.5 * summary["digit"]["depth_mm"]

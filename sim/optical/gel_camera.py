@@ -305,10 +305,10 @@ class ImageReading:
         """No columns: an image is dense."""
         return {}
 
-    def save(self, folder: Path) -> None:
+    def save(self, folder: Path, name: str) -> None:
         """Write NAME.png."""
         if self.image is not None:
-            Image.fromarray(self.image).save(folder / f"{self.sensor.name}.png")
+            Image.fromarray(self.image).save(folder / f"{name}.png")
 
     def without_value(self) -> "ImageReading":
         """The same without the image, which a moving contact does not need."""

@@ -274,8 +274,9 @@ class CountsReading:
         names = ("pressure_kpa", "shear_x_kpa", "shear_y_kpa")
         return {"dense_counts": self.dense_counts, **dict(zip(names, self.tractions, strict=True))}
 
-    def save(self, folder: Path) -> None:
-        """Write NAME.json, tactile_image.png and tactile_picture.png."""
+    def save(self, folder: Path, name: str) -> None:
+        """Write NAME.json, tactile_image.png and tactile_picture.png; of a second array
+        tactile_image_NAME.png and tactile_picture_NAME.png."""
         if self.counts is None:
             return
         layout, image = self.sensor.layout, self.tactile_image
@@ -287,14 +288,16 @@ class CountsReading:
             "full_scale_counts": self.sensor.full_scale,
         }
         text = json.dumps(content, indent=1)
-        (folder / f"{self.sensor.name}.json").write_text(f"{text}\n")
+        (folder / f"{name}.json").write_text(f"{text}\n")
         # 16 bits a pixel, so that the counts can be read back from the image.
-        Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
+        second = f"_{name}" if (folder / "tactile_image.png").exists() else ""
+        raw = Image.fromarray(np.rint(image).astype(np.uint16))
+        raw.save(folder / f"tactile_image{second}.png")
         # The color scale ends at the image's maximum: a light press would be black at full scale.
         brightest = max(float(image.max()), 1.0)
         scale = self.sensor.spec.tactile_image.px_per_mm
         picture = colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest, px_per_mm=scale)
-        picture.save(folder / "tactile_picture.png")
+        picture.save(folder / f"tactile_picture{second}.png")
 
     def without_value(self) -> "CountsReading":
         """The same without the counts, which a moving contact does not need."""
