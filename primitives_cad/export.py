@@ -1,5 +1,5 @@
 """Writes STEP and STL files of all primitives, tools and the print plate, with a manifest, and the
-ball for the optics of a DIGIT."""
+ball for the optics of a gel camera."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -22,7 +22,7 @@ MOSAIC = "mosaic"
 
 PLATE_PITCH_MM = (31.0, 56.0)
 """Distance of the primitives on the plate along x and y, mm. Assumed, so that no press touches a
-neighbor: the sum of half the diagonal of a DIGIT's gel, the protocol's largest offset and half the
+neighbor: the sum of half the diagonal of the gel, the protocol's largest offset and half the
 neighbor. That is 15.5 + 8.3 + 6.5 mm along x, where the largest square and circle stand next to the
 largest empty circle, and 15.5 + 20.2 + 20 mm along y, where lines follow lines. The plate fits a
 printer's bed of 250 mm."""

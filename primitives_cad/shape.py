@@ -8,7 +8,7 @@ Frames of the whole project, lengths in mm:
 - Sensor frame: x to the right of the image (columns), y down the image (rows), z out of
   the sensor towards the shape. Right-handed.
 - A press turns the shape over about x, rotates it by yaw about +z, and moves it to (x, y):
-  p_sensor = Rz(yaw) diag(1, -1, -1) p_shape + (x, y, .). At yaw 0 the DIGIT's image shows the
+  p_sensor = Rz(yaw) diag(1, -1, -1) p_shape + (x, y, .). At yaw 0 the image shows the
   shape as seen from above with y up; a positive yaw rotates it clockwise in the image.
 """
 

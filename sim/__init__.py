@@ -1,2 +1,2 @@
-"""The simulated bench: soft contact, the DIGIT's image, the CySkin's counts, the protocol
+"""The simulated bench: soft contact, images of gel cameras, counts of taxel arrays, the protocol
 and the paired dataset."""

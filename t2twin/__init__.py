@@ -1,6 +1,6 @@
-"""t2twin: a simulated twin of touch-to-touch translation, from a DIGIT's images to CySkin counts.
+"""t2twin: a simulated twin of touch-to-touch translation, from images of a gel camera to counts of a taxel array.
 
-Press a shape into both sensors, and predict the CySkin's counts from the DIGIT's image:
+Press a shape into both sensors, and predict the counts from the image:
 
     import t2twin
     touch = t2twin.press("pliers/teeth", force_n=8, yaw_deg=30)

@@ -30,7 +30,7 @@ MAX_BYTES = 500_000_000
 SMALLEST_MM = 0.5
 """Least longer side of a solid seen from above, mm. The contact solver's survey has cells of 0.5
 mm, and posts of 0.3 mm fall between its sample points at some poses. Measured at ten poses: from
-0.5 mm on none was missed, and the DIGIT's contact area was within 3 %."""
+0.5 mm on none was missed, and the contact area on a gel was within 3 %."""
 
 NARROWEST_MM = 0.2
 """Least narrower side, mm: four points of a height map. Blades of 0.1 mm were missed at some poses,

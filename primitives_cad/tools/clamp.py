@@ -35,7 +35,7 @@ BALL_RADIUS_MM = 5.2
 
 CREST_AT_MM = THREADS[0][0] + 10 * THREAD_PITCH_MM
 """y of a crest midway between the boss and the head, whose sides are higher. Both are 31 mm away. A
-corner of a CySkin pressed there is 26.4 mm from its center, which the protocol moves by up to
+corner of an array pressed there is 26.4 mm from its center, which the protocol moves by up to
 2.1 mm, so no corner touches them."""
 
 KEYPOINTS = (

@@ -23,7 +23,7 @@ THICKNESSES = 17
 
 COMPONENTS = 2
 """Principal components that represent the responses of all thicknesses. The error is 0.6 % of the
-deflection on the DIGIT's gel; interpolation between three thicknesses has 1 to 3 %."""
+deflection on a domed gel of 4 mm; interpolation between three thicknesses has 1 to 3 %."""
 
 SMOOTH_REACH = 30.0
 """Wavenumber times thickness above which the base has no effect: it is below exp(-60)."""

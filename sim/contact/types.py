@@ -24,7 +24,7 @@ FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""
 
 SMALLEST_CONTACT_MM2 = 0.0625
-"""Area of a contact up to which it is not resolved, mm2: one cell of the DIGIT's grid of 0.25 mm. A
+"""Area of a contact up to which it is not resolved, mm2: one cell of a grid of 0.25 mm. A
 point of a mesh that carries newtons has tens of MPa there, which no elastomer withstands."""
 
 AT_LIMIT = 1e-3
@@ -164,7 +164,7 @@ class Contact:
     bottomed: whether the shape's base plate is in contact.
     pins: the pins that carry the force.
     milliseconds: computing time without surface_mm.
-    compute_surface: returns surface_mm. Called at its first use, as the CySkin needs only the
+    compute_surface: returns surface_mm. Called at its first use, as taxels need only the
         pressure.
     equilibrium: the solver's state, from which it solves a contact close to this one.
     shift: of the surface by shear when the shape was pressed; None without shear. surface_mm does

@@ -1,1 +1,1 @@
-"""The DIGIT: light on the deflected gel, and the camera's image of it."""
+"""Gel cameras: light on the deflected gel, and the camera's image of it."""

@@ -16,18 +16,18 @@ from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.lobe import LOBE_PLACES, LOBE_TERMS
 
 PLACE_MM = 8.0
-"""Unit of length of the response's polynomials, mm: half the image of a DIGIT."""
+"""Unit of length of the response's polynomials, mm: half an image of 16 mm."""
 PLACE_DEGREE = 4
 """Degree of the response's polynomials in the place."""
 PLACE_TERMS = (PLACE_DEGREE + 1) * (PLACE_DEGREE + 2) // 2
 
 FARTHEST_LED_MM = 500.0
-"""Largest distance of an LED from the gel's apex along any axis, mm (assumed: a DIGIT's are 22 mm
+"""Largest distance of an LED from the gel's apex along any axis, mm (assumed: known ones are 22 mm
 from its axis)."""
 MAX_LEDS = 24
 """Limit on the LEDs (assumed: a ring of single ones)."""
 LARGEST_LED_MM = 100.0
-"""Largest radius of an LED's disc, mm (assumed: a DIGIT's is 1.8 mm)."""
+"""Largest radius of an LED's disc, mm (assumed: known ones are 1.8 mm)."""
 MAX_RESPONSE = 1e4
 """Largest entry of the response (assumed: 19 in the default optics, for a white of 1)."""
 GAMMAS = (0.5, 4.0)

@@ -1,1 +1,1 @@
-"""The CySkin: taxel layouts, counts under a pressure, and tactile images."""
+"""Taxel arrays: layouts, counts under a pressure, and tactile images."""

@@ -36,7 +36,7 @@ from t2twin.translate.uncertainty.calibration import (
 
 IMAGE_SIDE = 96
 """Side of the images that displacements are measured on, pixels (assumed: most markers of sampled
-DIGIT units are then 2 pixels wide). Larger images are reduced to less than twice that."""
+units are then 2 pixels wide). Larger images are reduced to less than twice that."""
 
 SCALES = (1, 2)
 """Reductions of these images. A displacement can be measured up to the radius of a marker, and

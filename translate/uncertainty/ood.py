@@ -34,7 +34,7 @@ training image (assumed). Measured at scale small: at most 0.9 for unseen shapes
 real DIGIT with its own light, at least 4 for rotated images."""
 
 DARKEST_GREY = 12.0
-"""Mean grey level below which an image is black (assumed: DIGIT images have means of 70 to 135)."""
+"""Mean grey level below which an image is black (assumed: images have means of 70 to 135)."""
 
 BRIGHT_GREY, BRIGHT_SHARE = 250, 0.3
 """An image is overexposed above this share of values of at least this grey level (assumed)."""

@@ -1,1 +1,1 @@
-"""The DIGIT's camera: projection, response, noise."""
+"""The camera: projection, response, noise."""

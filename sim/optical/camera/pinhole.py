@@ -19,7 +19,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 
 GRID_PITCH_MM = 0.1
-"""Pitch of the optical grid, mm: two pixels of a DIGIT (assumed; half of it changes its image
+"""Pitch of the optical grid, mm: two pixels at 20 px/mm (assumed; half of it changes its image
 little)."""
 PARALLAX_STEPS = 6
 """Fixed-point steps of the intersection of ray and gel. Each multiplies the error by the slopes of

@@ -1,1 +1,1 @@
-"""The light on the DIGIT's gel: LEDs, illumination, shadows, rays, coating."""
+"""The light on the gel: LEDs, illumination, shadows, rays, coating."""

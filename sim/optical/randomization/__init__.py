@@ -1,1 +1,1 @@
-"""Domain randomization: samples DIGIT units."""
+"""Domain randomization: samples units of gel cameras."""
