@@ -1,4 +1,4 @@
-"""t2twin: a simulated twin of touch-to-touch translation, from images of a gel camera to counts of a taxel array.
+"""t2twin: a simulated twin of touch-to-touch translation between two tactile sensors.
 
 Press a shape into both sensors, and predict the counts from the image:
 

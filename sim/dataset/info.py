@@ -62,8 +62,8 @@ class SensorInfo:
     file.
     Of a taxel array: layout, its name; x_mm, y_mm, pad_diameter_mm of the taxels;
     full_scale_counts; tactile_image, rows, columns and px_per_mm; readings, averaged into the
-    counts; imperfections; dense_x_mm, dense_y_mm, places of the dense counts; dense_pad_mm, diameter
-    of their pads.
+    counts; imperfections; dense_x_mm, dense_y_mm, places of the dense counts; dense_pad_mm,
+    diameter of their pads.
 
     Raises ValueError for fields that contradict each other.
     """
