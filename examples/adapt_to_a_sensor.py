@@ -16,7 +16,7 @@ from PIL import Image
 import t2twin
 from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
-from t2twin.sim.sensors import Digit, SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 
 BALL_MM = 4.7
 
@@ -24,7 +24,9 @@ BALL_MM = 4.7
 def simulate(folder: Path, number: int) -> tuple[Path, Path]:
     """Write a background frame and presses of a ball, and return the file and the folder."""
     rng = np.random.default_rng(7)
-    sensors = SensorPair(digit=Digit().with_unit(sample_unit(rng, UnitRanges())))
+    camera = SensorPair().camera
+    camera = camera.with_unit(sample_unit(rng, camera.spec, UnitRanges()))
+    sensors = SensorPair(source=camera)
     presses = folder / "presses"
     presses.mkdir(parents=True, exist_ok=True)
     ball = write_ball(folder / "ball.step", BALL_MM)
@@ -32,9 +34,9 @@ def simulate(folder: Path, number: int) -> tuple[Path, Path]:
         x_mm, y_mm = rng.uniform((-2.5, -3.5), (2.5, 3.5))
         force_n = rng.uniform(1.5, 5.0)
         command = t2twin.PressCommand(ball.name, float(x_mm), float(y_mm), 0.0, float(force_n))
-        touch = sensors.press(ball, command, rng, sensor="digit")
+        touch = sensors.press(ball, command, rng, only=camera.name)
         Image.fromarray(touch.image).save(presses / f"press_{index:02d}.png")
-    Image.fromarray(sensors.digit.background_frame(rng)).save(folder / "background.png")
+    Image.fromarray(camera.background_frame(rng)).save(folder / "background.png")
     return folder / "background.png", presses
 
 

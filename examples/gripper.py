@@ -33,8 +33,8 @@ import t2twin
 from t2twin.attachment.geometry import Region, body_surface
 from t2twin.core.errors import T2TwinError
 from t2twin.rerun_log import RerunLog
-from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.taxels.tactile_image import colored_tactile_image
+from t2twin.sim.taxels.taxel_array import CountsReading
 from t2twin.translate.uncertainty.estimate import Estimate
 
 GRIP_N, LIFT_M = 8.0, 0.06
@@ -117,14 +117,16 @@ def virtual_counts(
     tool: str, scene: Scene, data: mujoco.MjData, touch: t2twin.Touch, rng: np.random.Generator
 ) -> np.ndarray:
     """Counts of a CySkin in the DIGIT's place that carries the DIGIT's normal force."""
-    pose = scene.digit.pose(scene.model, data)
-    region = Region.of(CYSKIN_COVER)
+    pose, device = scene.digit.pose(scene.model, data), scene.cyskin.device
+    region = Region.of(device.elastomer)
     found = body_surface(
         scene.model, data, data.body(tool).id, pose[:3, :3], pose[:3, 3], region, "visual"
     )
     assert found is not None  # the DIGIT touches the tool, and the cover is larger than its gel
     shape = replace(touch.shape, surface=found.surface)
-    return scene.cyskin.device.counts(scene.cyskin.device.press(shape, touch.command), rng)
+    reading = device.read(device.press(shape, touch.command), rng)
+    assert isinstance(reading, CountsReading) and reading.counts is not None
+    return reading.counts
 
 
 @dataclass
@@ -177,9 +179,9 @@ def run(
     """
     scene = build(tool)
     data, result, pages = mujoco.MjData(scene.model), Result(), []
-    layout = t2twin.load_layout()
-    predictor = Predictor(layout, t2twin.Twin().background)
-    page, rng, times, forces = Page(layout.size, END_S), np.random.default_rng(0), [], []
+    twin = t2twin.Twin()
+    predictor = Predictor(twin.layout, twin.background)
+    page, rng, times, forces = Page(twin.layout.size, END_S), np.random.default_rng(0), [], []
     show = SceneRenderer(scene.model)
     set_camera(show.camera)
     for number, tick in enumerate(grasp(tool, scene, data, rate_hz)):
@@ -210,7 +212,7 @@ def run(
 def record(log: RerunLog, time_s: float, tick: Tick, estimate: Estimate) -> None:
     """Record both readings and the prediction of the counts at a time."""
     log.touch(time_s, tick.cyskin)
-    log.touch(time_s, replace(tick.digit, image=None))  # the prediction records the image
+    log.touch(time_s, tick.digit)
     predicted = {"counts": estimate.counts, "counts_std": estimate.counts_std}
     log.prediction(time_s, tick.digit.image, predicted)
 

@@ -9,14 +9,12 @@ along z.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import mujoco
 import numpy as np
 
 import t2twin
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
-from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION
+from t2twin.sim.sensors.files import load_sensor
 
 GRASPS = {
     "wrench": "shank",
@@ -174,11 +172,9 @@ def add_gripper(spec: mujoco.MjSpec, height: float) -> tuple[t2twin.AttachedSens
         **NO_CONTACT, rgba=HAND_RGBA,
     )  # fmt: skip
     sensors: list[t2twin.AttachedSensor] = []
-    sides: tuple[tuple[str, float, Literal["digit", "cyskin"], float, float], ...] = (
-        ("left", -1.0, "digit", DIGIT_GEL.thickness_mm, GEL_FRICTION),
-        ("right", 1.0, "cyskin", CYSKIN_COVER.thickness_mm, COVER_FRICTION),
-    )
-    for side, sign, sensor, thickness_mm, friction in sides:
+    for side, sign, sensor in (("left", -1.0, "digit"), ("right", 1.0, "cyskin")):
+        device = load_sensor(sensor)
+        thickness_mm = device.elastomer.thickness_mm
         finger = hand.add_body(name=f"{side}_finger", pos=[sign * OPEN_M, 0, 0], gravcomp=1)
         finger.add_joint(
             name=side, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[-sign, 0, 0], damping=60.0
@@ -197,7 +193,7 @@ def add_gripper(spec: mujoco.MjSpec, height: float) -> tuple[t2twin.AttachedSens
         sensors.append(
             t2twin.attach(
                 spec, sensor=sensor, site=f"{side}_pad", pos=(0.0, 0.0, -1e-3 * thickness_mm),
-                friction=friction, geometry="visual", seed=0,
+                friction=device.friction, geometry="visual", seed=0,
             )
         )  # fmt: skip
         force = spec.add_actuator(name=f"{side}_force", target=side)

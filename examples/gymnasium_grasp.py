@@ -53,10 +53,10 @@ class GraspEnv(gym.Env):
     """
 
     def __init__(self) -> None:
-        taxels = t2twin.load_layout().size
+        twin = t2twin.Twin()
         self.observation_space = spaces.Dict(
-            image=spaces.Box(0, 255, (320, 240, 3), np.uint8),
-            counts=spaces.Box(0, 65_535, (taxels,), np.float32),
+            image=spaces.Box(0, 255, twin.background.shape, np.uint8),
+            counts=spaces.Box(0, 65_535, (twin.layout.size,), np.float32),
             shear_n=spaces.Box(-np.inf, np.inf, (2,), np.float32),
             slip_share=spaces.Box(0.0, 1.0, (1,), np.float32),
         )

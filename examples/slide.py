@@ -25,7 +25,7 @@ def slide(friction: float, distance_mm: float, steps: int, out: Path) -> None:
 
     figure, (force, image) = plt.subplots(1, 2, figsize=(9, 4), constrained_layout=True)
     path_mm = np.linspace(0, distance_mm, steps + 1)
-    for sensor in ("digit", "cyskin"):
+    for sensor in start.contacts:
         contacts = [touch.contacts[sensor] for touch in [start, *touches]]
         shear_n = [float(np.hypot(*contact.shear_n)) for contact in contacts]
         force.plot(path_mm, shear_n, marker=".", label=sensor)

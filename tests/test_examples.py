@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION
+from t2twin.sim.sensors.pair import SensorPair
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -94,7 +94,8 @@ def test_gripper_lifts_holds_and_loses_a_tool(tmp_path):
     name, held, slipped_n, *figures = lines[1].split()
     assert (name, held) == ("allen-key", "yes")
     weight_n = 0.0316 * 9.81
-    limit_n = weight_n / (GEL_FRICTION + COVER_FRICTION)
+    sensors = SensorPair()
+    limit_n = weight_n / (sensors.source.friction + sensors.target.friction)
     # The grip force falls by a factor of e^(1 / (rate x time)) between two readings.
     assert 0.5 * limit_n < float(slipped_n) < 1.5 * limit_n
     rmse, covered = float(figures[0].replace(",", "")), float(figures[1])
@@ -108,9 +109,9 @@ def test_gripper_lifts_holds_and_loses_a_tool(tmp_path):
     readings = sorted({float(time_s) for time_s, _ in lines})
     np.testing.assert_allclose(readings, np.arange(1, len(readings) + 1) / rate_hz, atol=1e-3)
     assert len(readings) > 3 * rate_hz
-    for place in ("digit/image", "cyskin/counts", "prediction/counts", "prediction/counts_std"):
+    for place in ("digit/image", "cyskin-20/counts", "prediction/counts", "prediction/counts_std"):
         assert [each for _, each in lines].count(place) == len(readings), place
-    assert {"digit/shear_n", "cyskin/shear_n"} <= {place for _, place in lines}
+    assert {"digit/shear_n", "cyskin-20/shear_n"} <= {place for _, place in lines}
 
 
 def test_a_policy_that_reacts_to_slip_holds_what_the_other_drops(monkeypatch):
