@@ -6,6 +6,7 @@ from importlib import import_module
 from inspect import getdoc
 
 from benchmarks.documents.figures import Figures, figure_tables, markdown
+from benchmarks.documents.sensor_files import KINDS, keys_of
 from benchmarks.evidence.record import find_benchmarks
 
 
@@ -15,7 +16,8 @@ def tables() -> dict[str, Callable[[], str]]:
 
     options = {f"options-{name}": lambda name=name: command_options(name) for name in COMMANDS}
     others = {"benchmarks": benchmarks, "api": public_names}
-    return {**figure_tables(), **options, **others}
+    files = {f"file-{kind}": lambda kind=kind: keys_of(kind) for kind in KINDS}
+    return {**figure_tables(), **options, **files, **others}
 
 
 def command_options(name: str) -> str:
