@@ -20,6 +20,7 @@ from scipy.optimize import least_squares
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.optical.calibrate.geometry import Geometry, Shading, choose_leds
 from t2twin.sim.optical.calibrate.ridge import (
     Sums,
     Terms,
@@ -41,6 +42,8 @@ MAX_STEPS = 8
 """Largest number of steps of the joint fit."""
 MIN_GAIN = 2e-3
 """The fit ends when a step lowers the error by less than this fraction (assumed)."""
+POORLY_EXPLAINED = 0.08
+"""The part from which on the frames are asked where the light comes from (assumed)."""
 MAX_UNEXPLAINED = 0.25
 """Largest part of the change of the light, in mean square, that the first light and poses may leave
 (assumed). It is 0.01 to 0.07 on a real unit and sampled ones, and 0.4 on a GelSight Mini."""
@@ -51,10 +54,6 @@ PRIOR = 2e-5
 error over one press, in (grey / 255)^2 (assumed)."""
 HALF_MM = 3.75
 """Half side of the square around a press, mm, which contains the shadows."""
-HOLD, SKIRT = 0.75, 1.0
-"""Initial profile of the gel around a ball (assumed; t2twin.sim.optical.surface)."""
-SMALLEST_LED_MM = 0.3
-"""Smallest initial size of an LED, mm (assumed: a smaller one has as sharp a shadow)."""
 SHALLOWEST_MM, DEEPEST = 0.1, 0.93
 """Bounds of a press's depth: mm, and in parts of the ball's radius."""
 
@@ -66,65 +65,14 @@ Square = tuple[slice, slice]
 
 
 @dataclass(frozen=True)
-class Geometry:
-    """The geometry that all presses share, as a vector, for a number of LEDs.
-
-    Azimuth and elevation of each LED, degrees; a change of all their distances from the axis, mm;
-    the logarithm of each size, mm; hold and skirt of ball_surface. start: the vector from which a
-    fit starts. distances_mm: (LEDs,) initial distances from the axis.
-    """
-
-    start: np.ndarray
-    distances_mm: np.ndarray
-
-    @classmethod
-    def of(cls, leds: Leds) -> "Geometry":
-        """The start from given LEDs."""
-        x, y, z = leds.places_mm.T
-        distances_mm = np.hypot(x, y)
-        azimuth_deg = np.degrees(np.arctan2(-y, x))
-        elevation_deg = np.degrees(np.arctan2(-z, distances_mm))
-        sizes = np.log(np.maximum(leds.sizes_mm, SMALLEST_LED_MM))
-        start = np.concatenate([azimuth_deg, elevation_deg, [0.0], sizes, [HOLD, SKIRT]])
-        return cls(start, distances_mm)
-
-    @property
-    def count(self) -> int:
-        """Number of LEDs."""
-        return len(self.distances_mm)
-
-    @property
-    def nudge(self) -> np.ndarray:
-        """Steps of the difference quotients."""
-        return self._each(0.7, 0.5, 0.5, 0.05, 0.01, 0.03)
-
-    @property
-    def spread(self) -> np.ndarray:
-        """Standard deviations of the prior (assumed)."""
-        return self._each(10.0, 6.0, 1.0, 0.5, 0.1, 0.3)
-
-    def _each(self, *values: float) -> np.ndarray:
-        """Values of an azimuth, an elevation, the distance, a size, hold and skirt."""
-        return np.repeat(values, [self.count, self.count, 1, self.count, 1, 1])
-
-    def leds(self, vector: np.ndarray) -> Leds:
-        azimuth, elevation = np.radians(vector[: 2 * self.count].reshape(2, -1))
-        distance = self.distances_mm + vector[2 * self.count]
-        x, y, z = (
-            distance * np.cos(azimuth), -distance * np.sin(azimuth), -distance * np.tan(elevation),
-        )  # fmt: skip
-        return Leds(np.stack([x, y, z], axis=1), np.exp(vector[2 * self.count + 1 : -2]))
-
-
-@dataclass(frozen=True)
 class State:
     """Fitted parameters.
 
-    geometry: a vector of Geometry. poses: (n, 3). response: (RGB, entries of its terms). error:
+    poses: (n, 3). response: (RGB, entries of its terms). error:
     mean square error with the priors.
     """
 
-    geometry: np.ndarray
+    geometry: Geometry
     poses: np.ndarray
     terms: Terms
     response: np.ndarray
@@ -189,7 +137,7 @@ class BallFit:
         leds: Leds,
     ) -> None:
         self.background, self.camera, self.radii_mm = background, camera, radii_mm
-        self.gel, self.start = gel, Geometry.of(leds)
+        self.gel, self._start = gel, Geometry.of(leds)
         self._rays = Rays(camera, gel)
         self._places = place_terms(*self._rays.places_mm)
         light = linear(background, GAMMA)
@@ -205,11 +153,7 @@ class BallFit:
         Raises T2TwinError for frames that are no presses of such balls into such a sensor.
         """
         if start is None:
-            state = self._solved(self.start.start, self._start_poses, Terms.first(self.start.count))
-            poses = [self.pose(state, index, pose) for index, pose in enumerate(state.poses)]
-            state = self._solved(state.geometry, np.array(poses), state.terms)
-            self._check_explains(state)
-            state = self._refined(state)
+            state = self._refined(self._first())
             terms = self._selected(state)
         else:
             poses = [self.pose(start, index) for index in range(len(self._changes))]
@@ -220,20 +164,49 @@ class BallFit:
             return state
         return self._refined(self._solved(state.geometry, state.poses, terms))
 
-    def _check_explains(self, state: State) -> None:
-        """Raises T2TwinError for a first state that leaves most of the presses unexplained."""
-        changes = [np.mean(self._target(index) ** 2) for index in range(len(state.poses))]
+    def _first(self) -> State:
+        """Poses and light from the initial LEDs or, where these explain the presses poorly, from
+        the better of them and the LEDs that the frames show.
+
+        Raises T2TwinError for a state that leaves most of the presses unexplained.
+        """
+        changes = [np.mean(self._target(index) ** 2) for index in range(len(self._changes))]
+        state = self._located(self._start)
+        if state.error > POORLY_EXPLAINED * np.mean(changes):
+            others = [self._located(geometry) for geometry in self._estimated()]
+            state = min((state, *others), key=lambda each: each.error)
         left = state.error / float(np.mean(changes))
         if left > MAX_UNEXPLAINED:
             raise T2TwinError(
-                f"the light of {self.start.count} LEDs leaves {100 * left:.0f} % of the presses' "
+                f"the light of {self._start.count} LEDs leaves {100 * left:.0f} % of the presses' "
                 "change of the background unexplained, more than "
                 f"{100 * MAX_UNEXPLAINED:.0f} %; use frames of one ball of the given diameter, "
                 "pressed into the sensor of the background"
             )
+        return state
+
+    def _located(self, geometry: Geometry) -> State:
+        """The presses located in the light of given LEDs."""
+        state = self._solved(geometry, self._start_poses, Terms.first(geometry.count))
+        poses = [self.pose(state, index, pose) for index, pose in enumerate(state.poses)]
+        return self._solved(geometry, np.array(poses), state.terms)
+
+    def _estimated(self) -> list[Geometry]:
+        """As many LEDs as initially where the frames show them, for several elevations."""
+        estimated = []
+        for ring in self._start.rings():
+            presses = []
+            for index, pose in enumerate(self._start_poses):
+                setting = self._setting(ring, index)
+                (_, lit, _), (_, rest, _) = (
+                    self._incidence(setting, each, lobe=False) for each in (pose, None)
+                )
+                presses.append(Shading.of((lit - rest).astype(float), self._target(index)))
+            estimated.append(ring.chosen(choose_leds(presses, self._start.count)))
+        return estimated
 
     def _selected(self, state: State) -> Terms:
-        leds = self.start.count
+        leds = state.geometry.count
         return select_terms(self._sums(state.geometry, state.poses, Terms.most(leds)), leds)
 
     def _refined(self, state: State) -> State:
@@ -276,8 +249,8 @@ class BallFit:
 
     def optics(self, state: State) -> Optics:
         """The fitted optics, without noise and modulus."""
-        leds = self.start.leds(state.geometry)
-        response = np.zeros((self.start.count, 3, PLACE_TERMS, COSINE_TERMS))
+        leds = state.geometry.leds
+        response = np.zeros((state.geometry.count, 3, PLACE_TERMS, COSINE_TERMS))
         table, lobe = state.terms.tables(state.response)
         response[:, :, : state.terms.places] = table.transpose(1, 0, 2, 3)
         return Optics(
@@ -296,9 +269,9 @@ class BallFit:
         """The deflection by one frame's ball at a pose, mm, on optical_grid(gel)."""
         return surface_at(self.gel, pose, self._setting(state.geometry, index).profile)
 
-    def _setting(self, geometry: np.ndarray, index: int) -> _Setting:
-        profile = self.radii_mm[index], geometry[-2], geometry[-1]
-        return _Setting(self.start.leds(geometry), profile, self._squares[index])
+    def _setting(self, geometry: Geometry, index: int) -> _Setting:
+        profile = self.radii_mm[index], *geometry.profile
+        return _Setting(geometry.leds, profile, self._squares[index])
 
     def _target(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""
@@ -366,7 +339,7 @@ class BallFit:
             light += np.einsum("skj,skjc->sc", powers, gain[1], optimize=True)
         return light
 
-    def _sums(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> list[Sums]:
+    def _sums(self, geometry: Geometry, poses: np.ndarray, terms: Terms) -> list[Sums]:
         """Of each press, for the fit of the response."""
         return [
             Sums.of(
@@ -376,7 +349,7 @@ class BallFit:
             for index, pose in enumerate(poses)
         ]
 
-    def _solved(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> State:
+    def _solved(self, geometry: Geometry, poses: np.ndarray, terms: Terms) -> State:
         """The state with the best response of these terms."""
         sums = self._sums(geometry, poses, terms)
         squares = np.sum([press.squares for press in sums], axis=0)
@@ -384,8 +357,7 @@ class BallFit:
         response = solve_ridge(squares, products, terms)
         everything = np.arange(terms.entries)
         error = float(np.mean([press.error(response, everything) for press in sums]))
-        deviation = (geometry - self.start.start) / self.start.spread
-        error += PRIOR / len(poses) * float(deviation @ deviation)
+        error += PRIOR / len(poses) * float(geometry.deviation @ geometry.deviation)
         return State(geometry, poses, terms, response, error)
 
     def _step(self, state: State, damping: float) -> tuple[State, float]:
@@ -400,8 +372,7 @@ class BallFit:
             by_pose = move[: state.poses.size].reshape(-1, 3)
             poses = state.poses + np.clip(by_pose, -POSE_REACH_MM, POSE_REACH_MM)
             poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radii_mm)
-            reach = self.start.spread
-            geometry = state.geometry + np.clip(move[state.poses.size :], -reach, reach)
+            geometry = state.geometry.moved(move[state.poses.size :])
             moved = self._solved(geometry, poses, state.terms)
             if moved.error < state.error:
                 return moved, damping / 5.0
@@ -411,9 +382,10 @@ class BallFit:
     def _normal_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Matrix and gradient of the Gauss-Newton step over (response, poses, geometry)."""
         count, entries = len(state.poses), state.response.shape[1]
-        size = 3 * entries + 3 * count + state.geometry.size
+        parameters = state.geometry.values.size
+        size = 3 * entries + 3 * count + parameters
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
-        of_geometry = np.arange(size - state.geometry.size, size)
+        of_geometry = np.arange(size - parameters, size)
         samples = 0
         for index in range(count):
             columns, residual, derivatives = self._linearized(state, index)
@@ -435,9 +407,9 @@ class BallFit:
             ridge = state.terms.penalty(matrix[own, own])
             matrix[own, own] += ridge
             gradient[own] += ridge @ state.response[c]
-        prior = samples * PRIOR / self.start.spread**2
-        matrix[of_geometry, of_geometry] += prior
-        gradient[of_geometry] += prior * (state.geometry - self.start.start)
+        prior, spread = samples * PRIOR, state.geometry.spread
+        matrix[of_geometry, of_geometry] += prior / spread**2
+        gradient[of_geometry] += prior * state.geometry.deviation / spread
         if state.terms.lobe:  # the depths stay
             depths = 3 * entries + 3 * np.arange(count) + 2
             matrix[depths], matrix[:, depths] = 0.0, 0.0
@@ -455,8 +427,7 @@ class BallFit:
         derivatives = []
         for nudged in pose + POSE_NUDGE_MM * np.eye(3):
             derivatives.append((self._light(setting, nudged, gain) - lit) / POSE_NUDGE_MM)
-        nudges = self.start.nudge
-        for geometry, nudge in zip(state.geometry + np.diag(nudges), nudges, strict=True):
+        for geometry, nudge in state.geometry.nudged():
             other = self._setting(geometry, index)
             moved = self._light(other, pose, gain) - self._light(other, None, gain)
             derivatives.append((moved - shown) / nudge)
