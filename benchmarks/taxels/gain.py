@@ -1,9 +1,9 @@
-"""The CySkin gain at which the largest taxels of the training set just reach full scale.
+"""The gain of an array at which the largest taxels of the training set just reach full scale.
 
-    python -m benchmarks.taxels.gain [SCALE]
+    python -m benchmarks.taxels.gain [SCALE] [--sensor SENSOR]
 
-Presses the training shapes of a scale (default: paper). Returns the gain for
-t2twin.sim.taxels.pads.GAIN_COUNTS, and the share of saturated samples with the present gain.
+Presses the training shapes of a scale (default: paper) into the default array. Returns the gain for
+its file, and the share of saturated samples with the present gain.
 """
 
 from argparse import Namespace
@@ -16,12 +16,14 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.sampling import protocol
-from t2twin.sim.sensors import CySkin
-from t2twin.sim.taxels import pads
+from t2twin.sim.sensors.defaults import TARGET
+from t2twin.sim.sensors.files import load_sensor
+from t2twin.sim.taxels.pads import pad_pressure_mpa
+from t2twin.sim.taxels.taxel_array import TaxelArray
 
 BENCHMARK = Benchmark(
     module="benchmarks.taxels.gain",
-    measures="CySkin gain at which the largest taxels of the training set reach full scale.",
+    measures="Gain at which the largest taxels of the training set reach full scale.",
     minutes=9,
     sources=("primitives_cad", "sim"),
     figures=(
@@ -38,35 +40,42 @@ BENCHMARK = Benchmark(
             choices=("smoke", "small", "paper"),
             partial=True,
         ),
+        Argument(
+            "--sensor", "name or file of an array; keeps nothing unless the default one",
+            default=TARGET, partial=True,
+        ),
     ),
-)
+)  # fmt: skip
 
 PERCENTILE = 99.5
 """Percentile of the largest taxel that is to reach full scale (assumed)."""
 
 
-def largest_pad_pressures_mpa(scale: str) -> np.ndarray:
+def largest_pad_pressures_mpa(sensor: TaxelArray, scale: str) -> np.ndarray:
     """The largest pad's mean stress in every training press of a scale, MPa."""
-    sensor = CySkin()
     largest = []
     names = [name for name in catalogue.PRIMITIVES if catalogue.split(name) == "train"]
     for name in tqdm(names, desc="gain", unit="shape"):
         shape = catalogue.load(name)
         for index in protocol.indices(name, protocol.scale_of(scale)):
             contact = sensor.press(shape, protocol.press_at(shape, index))
-            largest.append(pads.pad_pressure_mpa(contact, sensor.layout).max())
+            largest.append(pad_pressure_mpa(contact, sensor.layout).max())
     return np.array(largest)
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    pressures = largest_pad_pressures_mpa(options.scale)
-    per_gain = pads.counts(pressures, gain=1.0)
-    saturated = (pads.counts(pressures) >= pads.FULL_SCALE_COUNTS).mean()
+    sensor = load_sensor(options.sensor)
+    assert isinstance(sensor, TaxelArray)
+    counts, full_scale = sensor.spec.counts, sensor.full_scale
+    pressures = largest_pad_pressures_mpa(sensor, options.scale)
+    signals = sensor.spec.transducer.signal(pressures)
+    saturated = (sensor.counts_of(pressures) >= full_scale).mean()
     return {
         "scale": options.scale,
+        "sensor": sensor.name,
         "presses": pressures.size,
-        "gain_counts": pads.FULL_SCALE_COUNTS / float(np.percentile(per_gain, PERCENTILE)),
-        "gain_counts_in_use": pads.GAIN_COUNTS,
+        "gain_counts": full_scale / float(np.percentile(signals, PERCENTILE)),
+        "gain_counts_in_use": counts.gain,
         "saturated_share_in_use": float(saturated),
         "largest_pad_pressure_kpa": {
             name: float(1e3 * np.percentile(pressures, percentile))
