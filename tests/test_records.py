@@ -14,7 +14,7 @@ from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
 from t2twin.sim.dataset.verify import planned_shards
 from t2twin.sim.sampling.plan import Batch, plan
 from t2twin.sim.sampling.recipe import load_recipe
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.presets import PRESETS
@@ -92,14 +92,14 @@ def test_info_comes_back_as_it_was_written(tmp_path, info):
     text = (tmp_path / INFO).read_text()
     content = json.loads(text)
     assert text == json.dumps(content, indent=1, sort_keys=True) + "\n"
-    assert content["parameters"]["cyskin"]["dome_width_radius_mm"] is None  # flat: no infinity
-    assert "origin" not in content and "pad_diameter_mm" not in content
+    assert content["target"]["elastomer"]["dome_width_radius_mm"] is None  # flat: no infinity
+    assert "origin" not in content and "optics_sha256" not in content["target"]
 
 
 @pytest.mark.parametrize(
     ("place", "value", "said"),
     [
-        (["format"], 2, "of format 2; this version of t2twin reads format 1"),
+        (["format"], 3, "of format 3; this version of t2twin reads formats 1 and 2"),
         (["format"], "1", "format is text; it must be a whole number"),
         (["format"], GONE, "format is missing"),
         (["complete"], 1, "complete is a whole number; it must be true or false"),
@@ -107,19 +107,25 @@ def test_info_comes_back_as_it_was_written(tmp_path, info):
         (["pairs", "val"], GONE, "pairs must name the splits train, val, test"),
         (["pairs", "all"], 3, "pairs must name the splits train, val, test"),
         (["pairs", "val"], -1, r"pairs\[\.\.\.\] must be a whole number at least 0"),
-        (["layout_x_mm", 2], "x", r"layout_x_mm\[2\] is text; it must be a number"),
-        (["layout_x_mm", 2], float("nan"), "is not JSON"),
-        (["layout_x_mm", 2], float("inf"), "is not JSON"),
-        (["layout_y_mm"], [0.0], "layout_x_mm has 20 and layout_y_mm 1 positions"),
-        (["full_scale_counts"], 0, "full_scale_counts must be a whole number at least 1"),
-        (["full_scale_counts"], 65_536, "full_scale_counts must be a whole number at most 65535"),
-        (["full_scale_counts"], 4e4, "full_scale_counts is a number; it must be a whole number"),
-        (["image_shape"], [320, 240], "image_shape must be a list of length 3"),
+        (["target", "x_mm", 2], "x", r"target\.x_mm\[2\] is text; it must be a number"),
+        (["target", "x_mm", 2], float("nan"), "is not JSON"),
+        (["target", "x_mm", 2], float("inf"), "is not JSON"),
+        (["target", "y_mm"], [0.0], "layout_x_mm has 20 and layout_y_mm 1 positions"),
+        (["target", "full_scale_counts"], 0, "full_scale_counts must be a whole number at least 1"),
+        (["target", "full_scale_counts"], 65_536, "full_scale_counts must be a whole number at most 65535"),
+        (["target", "full_scale_counts"], 4e4, "full_scale_counts is a number; it must be a whole number"),
+        (["source", "image_shape"], [320, 240], "image_shape must be a list of length 3"),
         (["seed"], -1, "seed must be a whole number at least 0"),
         (["versions"], ["numpy"], "versions is a list; it must be an object"),
-        (["parameters", "digit", "noise_grey"], GONE, r"parameters\.digit\.noise_grey is missing"),
-        (["parameters", "cyskin", "young_mpa"], 0, r"cyskin\.young_mpa must be a number above 0"),
-        (["parameters", "cyskin", "pad_diameter_mm"], [4.0], "pad_diameter_mm has 1 taxels"),
+        (["source", "image_shape"], GONE, "image_shape of digit is missing"),
+        (["source", "noise_grey"], -1.0, r"source\.noise_grey must be a number at least 0"),
+        (["source", "value"], "sound", "value is 'sound', which is none of the allowed"),
+        (["target", "elastomer", "young_mpa"], 0, "elastomer of cyskin-20: young_mpa is 0"),
+        (["target", "elastomer", "poisson"], "x", "elastomer of cyskin-20: poisson is text"),
+        (["target", "elastomer", "width_mm"], GONE, "elastomer of cyskin-20: width_mm is missing"),
+        (["target", "pad_diameter_mm"], [4.0], "pad_diameter_mm has 1 taxels"),
+        (["target", "rate_hz"], 0, r"target\.rate_hz must be a number above 0"),
+        (["target"], GONE, "target is missing"),
         (["shards", SHARD, "pairs"], -2, r"shards\[\.\.\.\]\.pairs must be a whole number"),
         (["shards", SHARD, "sha256"], "ab", "sha256 must be 64 hexadecimal digits"),
         (["shards", SHARD], 5, r"shards\[\.\.\.\] is a whole number; it must be an object"),
@@ -222,6 +228,9 @@ def test_steps_and_recipe_come_back(tmp_path, config):
         (["data", "pad_diameter_mm"], [0.0] * 20, "pad_diameter_mm must have one for each taxel"),
         (["data", "dense_x_mm"], [0.0], "layout_x_mm has 1 and layout_y_mm 0 positions"),
         (["data", "layout_x_mm"], [], "layout_x_mm has 0 and layout_y_mm 20 positions"),
+        (["data", "cover", "thickness_mm"], GONE, "the cover: thickness_mm is missing"),
+        (["data", "cover", "young_mpa"], -1, "the cover: young_mpa is -1"),
+        (["data", "view_mm"], [1.0], r"data\.view_mm must be a list of length 2"),
         (["data", "full_scale_counts"], 0, r"data\.full_scale_counts must be a number at least 1"),
     ],
 )

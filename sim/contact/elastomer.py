@@ -11,6 +11,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
+from t2twin.core.records import convert
 
 Law = Literal["linear", "stiffening"]
 
@@ -106,6 +107,15 @@ def _sag(distance_mm: np.ndarray, radius_mm: float) -> np.ndarray:
 def elastomer_json(elastomer: Elastomer) -> dict[str, Any]:
     """All properties by name, for JSON: an infinite radius is None."""
     return {key: None if value == np.inf else value for key, value in asdict(elastomer).items()}
+
+
+def elastomer_of(content: dict[str, Any], source: object) -> Elastomer:
+    """The elastomer of what elastomer_json returns. source: its origin, for messages.
+
+    Raises T2TwinError for a missing property, one of another type or outside RANGES.
+    """
+    given = {key: value for key, value in content.items() if value is not None}
+    return convert(given, Elastomer, source)
 
 
 def neo_hookean_mm(linear_mm: np.ndarray, thickness_mm: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ from msgspec import Meta
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import installed_version
+from t2twin.sim.contact.elastomer import elastomer_of
 from t2twin.sim.dataset.format_1 import RATE_HZ
 from t2twin.sim.sampling.recipe import PAPER, Recipe
 from t2twin.sim.taxels.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
@@ -62,8 +63,8 @@ class SensorInfo:
     file.
     Of a taxel array: layout, its name; x_mm, y_mm, pad_diameter_mm of the taxels;
     full_scale_counts; tactile_image, rows, columns and px_per_mm; readings, averaged into the
-    counts; imperfections; dense_x_mm, dense_y_mm, places of the dense counts; dense_pad_mm,
-    diameter of their pads.
+    counts; rate_hz, of the readings; imperfections; dense_x_mm, dense_y_mm, places of the dense
+    counts; dense_pad_mm, diameter of their pads; dense_cell_mm2, area of the surface for each.
 
     Raises ValueError for fields that contradict each other.
     """
@@ -84,12 +85,16 @@ class SensorInfo:
     full_scale_counts: Annotated[int, Meta(ge=1, le=MAX_COUNTS)] | None = None
     tactile_image: tuple[Size, Size, Positive] | None = None
     readings: Size | None = None
+    rate_hz: Positive | None = None
     imperfections: Imperfections | None = None
     dense_pad_mm: Positive | None = None
+    dense_cell_mm2: Positive | None = None
     dense_x_mm: tuple[float, ...] | None = None
     dense_y_mm: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
+        if self.elastomer is not None:
+            elastomer_of(self.elastomer, f"elastomer of {self.name}")
         if self.value == "image":
             if self.image_shape is None:
                 raise ValueError(f"image_shape of {self.name} is missing")
@@ -109,13 +114,12 @@ class SensorInfo:
     @property
     def reading(self) -> CountsTable:
         """How a taxel array's counts are read; the gain is 1, as counts are given."""
-        own = (self.spec or {}).get("counts", {})
         assert self.full_scale_counts is not None
         return CountsTable(
             gain=1.0,
             full_scale=self.full_scale_counts,
             bits=MAX_BITS,
-            rate_hz=own.get("rate_hz", RATE_HZ),
+            rate_hz=self.rate_hz or RATE_HZ,
             readings=self.readings or 1,
         )
 

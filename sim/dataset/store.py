@@ -172,9 +172,9 @@ def read_info(folder: str | Path) -> DatasetInfo:
 
 @dataclass(frozen=True)
 class _FormatNumber:
-    """The format number of info.json; 1 if missing."""
+    """The format number of info.json."""
 
-    format: int = 1
+    format: int
 
 
 def split_shards(info: DatasetInfo, split: str) -> list[str]:

@@ -149,6 +149,7 @@ class TaxelArray:
             "full_scale_counts": self.full_scale,
             "tactile_image": self.tactile_image_size,
             "readings": self.spec.counts.readings,
+            "rate_hz": self.spec.counts.rate_hz,
             "imperfections": self.flaws,
         }
         if with_dense_counts:
@@ -156,6 +157,7 @@ class TaxelArray:
             content["dense_x_mm"] = tuple(places.x_mm.tolist())
             content["dense_y_mm"] = tuple(places.y_mm.tolist())
             content["dense_pad_mm"] = self.dense.pad_diameter_mm
+            content["dense_cell_mm2"] = self.dense.cell_mm2
         return content
 
     def press(self, shape: Shape, command: PressCommand) -> Contact:

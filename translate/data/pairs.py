@@ -28,7 +28,7 @@ from t2twin.core.cached_files import cached_file
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
-from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.elastomer import Elastomer, elastomer_of
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
     COUNTS,
@@ -283,8 +283,9 @@ class DataInfo(Struct, frozen=True):
     cover: dict[str, Any] = renamed(default_factory=lambda: dict(COVER))
 
     def check(self) -> None:
-        """Raises ValueError for an invalid layout, places or SHA-256."""
+        """Raises ValueError for an invalid layout, places, cover or SHA-256."""
         check_layout(self.x_mm, self.y_mm)
+        _ = self.elastomer
         if not is_sha256(self.sha256):
             raise ValueError("info_sha256 must be 64 hexadecimal digits")
         places = [
@@ -329,7 +330,7 @@ class DataInfo(Struct, frozen=True):
     @property
     def elastomer(self) -> Elastomer:
         """The cover of the array."""
-        return Elastomer(**{key: v for key, v in self.cover.items() if v is not None})
+        return elastomer_of(self.cover, "the cover")
 
     def phi_of(self, x_mm: np.ndarray, y_mm: np.ndarray) -> Phi:
         """phi of taxels, in the size and scale of the tactile image. Raises T2TwinError as Phi."""
