@@ -19,7 +19,7 @@ from t2twin.sim.dataset.store import INFO, LOG, read_info
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sampling.plan import Batch
 from t2twin.sim.sampling.recipe import load_recipe
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 
 SHAPES = ("square-1", "square-3", "circle-2", "square-2", "circle-1", "pliers/teeth")
 

@@ -24,17 +24,17 @@ from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import (
     LOG,
+    lists,
     read_info,
     read_split,
     sha256_of,
-    taxels,
     write_info,
 )
 from t2twin.sim.dataset.timing import STAGES
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sampling import protocol
-from t2twin.sim.sensors import CySkin, SensorPair
-from t2twin.sim.taxels.reading import DATASET_DEFAULT
+from t2twin.sim.sensors.defaults import ROLES
+from t2twin.sim.sensors.pair import SensorPair
 
 SHAPES = ("square-1", "square-3", "circle-2", "pliers/teeth")
 
@@ -81,14 +81,14 @@ def test_splits_hold_their_shapes_and_every_press_its_force(made):
                          ("test", {"pliers/teeth"})):  # fmt: skip
         table = read_split(made, split)
         assert set(table.column("shape").to_pylist()) == names
-        for sensor in ("digit", "cyskin"):
-            assert np.array(table.column(f"{sensor}_force_n")) == pytest.approx(8.0, rel=0.01)
-            assert all(table.column(f"{sensor}_settled").to_pylist())
-            assert not any(table.column(f"{sensor}_bottomed").to_pylist())
-        counts = taxels(table)
+        for role in ROLES:
+            assert np.array(table.column(f"{role}_force_n")) == pytest.approx(8.0, rel=0.01)
+            assert all(table.column(f"{role}_settled").to_pylist())
+            assert not any(table.column(f"{role}_bottomed").to_pylist())
+        counts = lists(table, "target_counts")
         assert counts.shape == (len(table), 20)
         assert (counts.max(axis=1) > 100).all() and counts.max() <= 40_000
-        image = decode_png(table.column("image")[0].as_py()["bytes"])
+        image = decode_png(table.column("source_image")[0].as_py()["bytes"])
         assert image.shape == (320, 240, 3) and image.std() > 5
 
 
@@ -99,7 +99,9 @@ def test_every_shard_is_what_info_says(made):
         assert hashlib.sha256((made / path).read_bytes()).hexdigest() == shard.sha256
         assert pq.ParquetFile(made / path).metadata.num_rows == shard.pairs
     features = pq.ParquetFile(made / "train/square-1.parquet").schema_arrow.metadata
-    assert json.loads(features[b"huggingface"])["info"]["features"]["image"]["_type"] == "Image"
+    assert (
+        json.loads(features[b"huggingface"])["info"]["features"]["source_image"]["_type"] == "Image"
+    )
 
 
 def test_two_workers_and_one_give_the_same_bytes(made, tmp_path, shape_cache):
@@ -114,7 +116,7 @@ def test_another_seed_gives_other_noise_and_the_same_poses(made, tmp_path, shape
     table = read_split(tmp_path / "other", "train")
     before = pq.ParquetFile(made / "train/square-1.parquet").read()
     assert table.column("x_mm") == before.column("x_mm")
-    assert table.column("image") != before.column("image")
+    assert table.column("source_image") != before.column("source_image")
 
 
 @pytest.mark.exhaustive
@@ -158,19 +160,22 @@ def test_a_flipped_bit_is_named_and_its_shard_alone_made_anew(made, tmp_path, sh
 def test_verify_finds_what_a_digest_cannot(made, tmp_path, capsys):
     """Rows that are not the protocol's, though info.json was made to fit them."""
     table = pq.ParquetFile(made / "train/square-1.parquet").read()
-    image, counts = table["image"].to_pylist(), table["taxels"].to_pylist()
+    image, counts = table["source_image"].to_pylist(), table["target_counts"].to_pylist()
     index = table["index"].to_pylist()
     for changes, said in (
         ({"index": [index[0], index[0], index[2]]}, "is repeated"),
         ({"x_mm": [99.0, *table["x_mm"].to_pylist()[1:]]}, "x_mm is not the planned one"),
         ({"shape": ["circle-1"] * 3}, "its shape is not the one of its name"),
         ({"split": ["train", "val", "train"]}, "another split"),
-        ({"image": [{"bytes": b"no picture", "path": ""}, *image[1:]]}, "cannot be decoded"),
-        ({"image": [None, *image[1:]]}, "cannot be decoded"),
+        ({"source_image": [{"bytes": b"no picture", "path": ""}, *image[1:]]}, "cannot be decoded"),
+        ({"source_image": [None, *image[1:]]}, "cannot be decoded"),
         ({"index": [None, *index[1:]]}, "index has empty rows"),
-        ({"taxels": [None, *counts[1:]]}, "taxels has empty rows"),
-        ({"taxels": [[40_001] * 20, *counts[1:]]}, "40001 in taxels, over the full scale"),
-        ({"taxels": [counts[0][:19], *counts[1:]]}, "19 taxels"),
+        ({"target_counts": [None, *counts[1:]]}, "target_counts has empty rows"),
+        (
+            {"target_counts": [[40_001] * 20, *counts[1:]]},
+            "40001 in target_counts, over the full",
+        ),
+        ({"target_counts": [counts[0][:19], *counts[1:]]}, "19 target_counts"),
     ):
         folder = tmp_path / "changed"
         shutil.copytree(made, folder)
@@ -262,18 +267,20 @@ def test_a_pair_is_what_the_sensors_take(made, shapes):
     """The row's picture and counts are those of the two sensors under the row's own press."""
     table = pq.ParquetFile(made / "train/square-1.parquet").read()
     index = table["index"][1].as_py()
-    sensors = SensorPair(cyskin=CySkin(imperfections=DATASET_DEFAULT))
+    sensors = SensorPair().with_imperfections(None)
     command = protocol.press_at(shapes("square-1"), index)
     rng = np.random.default_rng((0, catalogue.NAMES.index("square-1"), index))
-    image = sensors.digit.image(sensors.digit.press(shapes("square-1"), command), rng)
-    counts = sensors.cyskin.counts(sensors.cyskin.press(shapes("square-1"), command), rng)
-    assert (decode_png(table["image"][1].as_py()["bytes"]) == image).all()
-    assert table["taxels"][1].as_py() == counts.tolist()
+    readings = [
+        sensor.read(sensor.press(shapes("square-1"), command), rng)
+        for sensor in (sensors.camera, sensors.array)
+    ]
+    assert (decode_png(table["source_image"][1].as_py()["bytes"]) == readings[0].image).all()
+    assert table["target_counts"][1].as_py() == readings[1].counts.tolist()
 
 
 def test_a_pair_takes_at_most_80_kb(made):
     """1.5 GiB for the 20,076 pairs of the paper."""
-    sizes = [len(cell.as_py()["bytes"]) for cell in read_split(made, "train")["image"]]
+    sizes = [len(cell.as_py()["bytes"]) for cell in read_split(made, "train")["source_image"]]
     assert np.mean(sizes) < 75_000
 
 
@@ -309,7 +316,7 @@ def test_shapes_of_another_code_are_not_mixed(made, tmp_path, shape_cache, code)
         ({"workers": 0}, "workers is 0"),
         ({"scale": "huge"}, "no scale 'huge'"),
         ({"shapes": ("square-1", "sphere")}, "sphere"),
-        ({"layout": "x_mm,y_mm\n0,0\n5,0\n13.9,0\n"}, "outside the cover"),
+        ({"layout": "x_mm,y_mm\n0,0\n5,0\n13.9,0\n"}, "off the cover"),
         ({"scheduler": "tcp://127.0.0.1:9"}, "needs Dask"),
     ],
 )
@@ -317,8 +324,8 @@ def test_what_is_refused_leaves_nothing(tmp_path, monkeypatch, asked, said):
     monkeypatch.delitem(sys.modules, "t2twin.sim.dataset.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     (tmp_path / "mine.csv").write_text(asked.pop("layout", "x_mm,y_mm\n0,0\n5,0\n0,5\n"))
-    sensors = SensorPair(cyskin=CySkin(layout_source=str(tmp_path / "mine.csv")))
     with pytest.raises(T2TwinError, match=said):
+        sensors = SensorPair.of(layout=tmp_path / "mine.csv")
         make_dataset(tmp_path / "out", **{"scale": "smoke", "sensors": sensors, **asked})
     assert not (tmp_path / "out").exists()
 

@@ -14,7 +14,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.card import CARD
 from t2twin.sim.dataset.import_pairs import import_pairs, read_table
-from t2twin.sim.dataset.store import read_info, read_split, taxels
+from t2twin.sim.dataset.store import lists, read_info, read_split
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import load_pairs
@@ -56,14 +56,15 @@ def test_a_folder_of_pictures_and_a_csv_comes_in_whole(tmp_path, layout):
     folder, rows = write_csv(tmp_path / "mine")
     info = import_pairs(folder, tmp_path / "data", layout, full_scale=1000)
     assert info.pairs == {"train": 16, "val": 2, "test": 2}
-    assert info.image_shape == (32, 24, 3) and info == read_info(tmp_path / "data")
+    assert info.source.image_shape == (32, 24, 3) and info == read_info(tmp_path / "data")
     assert verify_dataset(tmp_path / "data") == []
     assert not list(tmp_path.glob(".*"))
     assert "20 pairs" not in (tmp_path / "data" / CARD).read_text()
     kept = {}
     for split in ("train", "val", "test"):
         table = read_split(tmp_path / "data", split)
-        for image, counts in zip(table["image"].to_pylist(), taxels(table), strict=True):
+        images = table["source_image"].to_pylist()
+        for image, counts in zip(images, lists(table, "target_counts"), strict=True):
             kept[decode_png(image["bytes"]).tobytes()] = counts.tolist()
         assert table["x_mm"].null_count == len(table)
     for row in rows:
@@ -140,7 +141,8 @@ def test_a_spreadsheet_s_csv_is_read_as_any_other(tmp_path, layout, delimiter):
     import_pairs(folder, tmp_path / "data", layout)
     table = read_split(tmp_path / "data", "train")
     assert table["x_mm"].to_pylist()[:3] == [1.5, None, -0.25]
-    assert taxels(table)[0].tolist() == [rows[0][f"taxel_{i}"] for i in range(TAXELS)]
+    expected = [rows[0][f"taxel_{i}"] for i in range(TAXELS)]
+    assert lists(table, "target_counts")[0].tolist() == expected
     # The empty line counts, as it does in an editor.
     (folder / "3.png").unlink()
     with pytest.raises(
@@ -238,19 +240,20 @@ def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout)
 
 
 def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
-    """The columns image and taxels of another dataset, as a user may have them in one file."""
+    """Columns image and taxels with the pairs of another dataset, as a user may have them."""
     spots = write_spots(tmp_path / "spots")
-    tables = [read_split(spots, split, ["image", "taxels", "split", "shape"])
-              for split in ("train", "val", "test")]  # fmt: skip
-    pq.write_table(pa.concat_tables(tables), tmp_path / "mine.parquet")
+    stored = ["source_image", "target_counts", "split", "shape"]
+    tables = [read_split(spots, split, stored) for split in ("train", "val", "test")]
+    table = pa.concat_tables(tables).rename_columns(["image", "taxels", "split", "shape"])
+    pq.write_table(table, tmp_path / "mine.parquet")
     data = tmp_path / "data"
     main(["import-pairs", str(tmp_path / "mine.parquet"), "--out", str(data)])
     assert "32 training, 12 validation and 8 test pairs" in capsys.readouterr().out
     assert verify_dataset(data) == [] and not read_info(data).is_simulated
     for split in ("train", "val", "test"):
         ours, theirs = read_split(data, split), read_split(spots, split)
-        assert (taxels(ours) == taxels(theirs)).all()
-        for one, other in zip(ours["image"], theirs["image"], strict=True):
+        assert (lists(ours, "target_counts") == lists(theirs, "target_counts")).all()
+        for one, other in zip(ours["source_image"], theirs["source_image"], strict=True):
             pixels = [decode_png(cell.as_py()["bytes"]) for cell in (one, other)]
             assert (pixels[0] == pixels[1]).all()
     train("resnet18", data, "smoke", tmp_path / "run", epochs=1)

@@ -16,6 +16,12 @@ from t2twin.sim.dataset.columns import MOTION, POSE, TRACTIONS
 from t2twin.sim.dataset.lerobot import convert_to_lerobot
 from t2twin.sim.dataset.lerobot_features import QUANTILES
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of
+from t2twin.sim.sensors.defaults import ROLES
+
+IMAGE, COUNTS = "observation.images.source", "observation.target_counts"
+"""Features of the image and the counts."""
+
+TRACTION_COLUMNS = [f"target_{name}" for name in TRACTIONS]
 
 INFO_TYPES = {
     "codebase_version": str, "robot_type": str, "total_episodes": int, "total_frames": int,
@@ -76,20 +82,20 @@ def test_frames_equal_the_pairs(converted):
     assert len(frames) == len(rows)
     for number, (row, frame) in enumerate(zip(rows, frames, strict=True)):
         assert frame["index"] == number
-        assert frame["observation.images.digit"]["bytes"] == row["image"]["bytes"]
-        assert frame["observation.taxels"] == row["taxels"]
+        assert frame[IMAGE]["bytes"] == row["source_image"]["bytes"]
+        assert frame[COUNTS] == row["target_counts"]
         assert frame["action"] == rounded(row[name] for name in POSE)
         assert frame["press_index"] == row["index"]
-        for sensor in ("digit", "cyskin"):
-            assert frame[f"{sensor}_settled"] == row[f"{sensor}_settled"]
-            names = [f"{sensor}_{n}" for n in ("depth_mm", "force_n", *MOTION)]
+        for role in ROLES:
+            assert frame[f"{role}_settled"] == row[f"{role}_settled"]
+            names = [f"{role}_{n}" for n in ("depth_mm", "force_n", *MOTION)]
             expected = rounded(row[name] for name in names if name in row)
-            assert frame[f"observation.{sensor}_contact"] == expected
-        if "background" in row:
-            name = "observation.images.digit_background"
-            assert frame[name]["bytes"] == row["background"]["bytes"]
-            assert frame["observation.dense_counts"] == row["dense_counts"]
-            assert all(frame[f"observation.{name}"] == row[name] for name in TRACTIONS)
+            assert frame[f"observation.{role}_contact"] == expected
+        if "source_background" in row:
+            name = "observation.images.source_background"
+            assert frame[name]["bytes"] == row["source_background"]["bytes"]
+            assert frame["observation.target_dense_counts"] == row["target_dense_counts"]
+            assert all(frame[f"observation.{name}"] == row[name] for name in TRACTION_COLUMNS)
 
 
 def test_a_press_or_a_path_is_an_episode(converted):
@@ -145,10 +151,10 @@ def test_the_files_have_the_schema_of_lerobot(converted):
 
 def test_statistics_are_those_of_all_frames(converted):
     frames, episodes, _, statistics = read_all(converted[1])
-    name = "observation.images.digit"
+    name = IMAGE
     images = [decode_png(each["bytes"]) / 255 for each in frames[name].to_pylist()]
     cases = {name: np.stack(images).reshape(-1, 3)}
-    for feature in ("observation.taxels", "action"):
+    for feature in (COUNTS, "action"):
         cases[feature] = np.array(frames[feature].to_pylist())
     for feature, values in cases.items():
         found = {key: np.ravel(value) for key, value in statistics[feature].items()}
@@ -160,8 +166,8 @@ def test_statistics_are_those_of_all_frames(converted):
             assert found[key] == pytest.approx(expected, rel=1e-6)
         assert found["count"] == [len(frames)]
     length = episodes["length"][0].as_py()
-    taxels = np.array(frames["observation.taxels"].to_pylist()[:length])
-    own = episodes["stats/observation.taxels/mean"][0].as_py()
+    taxels = np.array(frames[COUNTS].to_pylist()[:length])
+    own = episodes[f"stats/{COUNTS}/mean"][0].as_py()
     assert own == pytest.approx(taxels.mean(0), rel=1e-6)
 
 
@@ -178,7 +184,7 @@ def test_datasets_loads_the_frames_without_an_argument(converted, tmp_path, monk
     rows = load_dataset(str(converted[1]), cache_dir=str(tmp_path))["train"]
     frames = read_all(converted[1])[0]
     assert rows.column_names == frames.column_names
-    assert rows["observation.taxels"][:] == frames["observation.taxels"].to_pylist()
+    assert rows[COUNTS][:] == frames[COUNTS].to_pylist()
 
 
 def test_an_episode_lies_in_one_file(moving_dataset, tmp_path, monkeypatch):
@@ -213,8 +219,8 @@ def test_features_without_values_are_left_out(tmp_path):
     folder = write_spots(tmp_path / "data", train=3, val=0, test=2, scale=None)
     info = convert_to_lerobot(folder, tmp_path / "out")
     names = set(info["features"]) - set(INDEX_TYPES)
-    assert {"observation.images.digit", "observation.taxels", "action"} <= names
-    assert "observation.dense_counts" not in names and info["splits"] == {
+    assert {IMAGE, COUNTS, "action"} <= names
+    assert "observation.target_dense_counts" not in names and info["splits"] == {
         "train": "0:3",
         "test": "3:5",
     }

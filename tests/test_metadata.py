@@ -49,11 +49,13 @@ def test_datasets_loads_all_splits_without_an_argument(folder, tmp_path, monkeyp
     for split in present:
         rows, table = loaded[HUB_NAMES[split]], read_split(folder, split)
         assert rows.column_names == table.column_names
-        assert isinstance(rows.features["image"], Image)
-        columns = [name for name in rows.column_names if name not in ("image", BACKGROUND)]
+        assert isinstance(rows.features["source_image"], Image)
+        images = ("source_image", f"source_{BACKGROUND}")
+        columns = [name for name in rows.column_names if name not in images]
         assert rows.select_columns(columns).to_list() == table.select(columns).to_pylist()
         row = table.slice(0, 1).to_pylist()[0]
-        assert np.array_equal(np.asarray(rows[0]["image"]), decode_png(row["image"]["bytes"]))
+        for name in set(images).intersection(rows.column_names):
+            assert np.array_equal(np.asarray(rows[0][name]), decode_png(row[name]["bytes"]))
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # mlcroissant's calls of rdflib, pandas
@@ -76,7 +78,7 @@ def test_croissant_is_valid_and_loads_every_pair(folder):
     assert len(records) == len(rows)
     for row in rows:
         record = records[tuple(row[name] for name in KEY)]
-        assert list(record) == schema_of(info.recipe).names
+        assert list(record) == schema_of(info.values, info.recipe).names
         for name, value in row.items():
             if isinstance(value, dict):
                 assert np.array_equal(np.asarray(record[name]), decode_png(value["bytes"]))

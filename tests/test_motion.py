@@ -15,15 +15,19 @@ from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.dataset.columns import MOTION, PATH, SENSORS, TRACTIONS
+from t2twin.sim.dataset.columns import MOTION, PATH, TRACTIONS
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
-from t2twin.sim.dataset.store import read_info, read_split, sha256_of, taxels, write_info
+from t2twin.sim.dataset.store import lists, read_info, read_split, sha256_of, write_info
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.presses import MotionPath, sample_commands, sample_paths
 from t2twin.sim.sampling.recipe import Motion, load_recipe
-from t2twin.sim.taxels.dense import CELL_MM2
+from t2twin.sim.sensors.defaults import ROLES
+from t2twin.sim.sensors.pair import SensorPair
+
+CELL_MM2 = SensorPair().array.dense.cell_mm2
+TRACTION_COLUMNS = [f"target_{name}" for name in TRACTIONS]
 
 
 @pytest.fixture(scope="module")
@@ -44,47 +48,48 @@ def test_a_dataset_with_motion_is_complete(made: Path, rows: pa.Table) -> None:
     assert verify_dataset(made) == []
     assert rows.num_rows == 15
     card = (made / "README.md").read_text()
-    columns = [PATH, "markers", *TRACTIONS, *(f"{s}_{n}" for s in SENSORS for n in MOTION)]
+    columns = [PATH, "source_markers", *TRACTION_COLUMNS]
+    columns += [f"{role}_{name}" for role in ROLES for name in MOTION]
     assert set(columns) <= set(rows.column_names)
     assert all(name in card for name in columns) and f"{CELL_MM2:.3f} mm^2" in card
-    assert len(set(rows["markers"].to_pylist())) == 2
+    assert len(set(rows["source_markers"].to_pylist())) == 2
 
 
 def test_a_path_starts_with_a_press_and_has_one_unit(rows: pa.Table) -> None:
     index, path = column(rows, "index"), column(rows, PATH)
     still = index == path
     assert 3 <= still.sum() < 15
-    for sensor in SENSORS:
-        shear = np.hypot(*(column(rows, f"{sensor}_shear_{axis}_n") for axis in "xy"))
-        torque = column(rows, f"{sensor}_torque_nmm")
+    for role in ROLES:
+        shear = np.hypot(*(column(rows, f"{role}_shear_{axis}_n") for axis in "xy"))
+        torque = column(rows, f"{role}_torque_nmm")
         assert not shear[still].any() and not torque[still].any()
         assert (shear[~still] + np.abs(torque[~still]) > 0.0).all()
-        limit = column(rows, f"{sensor}_friction") * column(rows, f"{sensor}_force_n")
+        limit = column(rows, f"{role}_friction") * column(rows, f"{role}_force_n")
         assert (shear <= 1.001 * limit).all()
-        slip = column(rows, f"{sensor}_slip_share")
+        slip = column(rows, f"{role}_slip_share")
         assert (slip >= 0.0).all() and (slip <= 1.0).all() and slip[~still].any()
     units = {}
-    for shape, of, unit, friction in zip(
-        *(rows[name].to_pylist() for name in ("shape", PATH, "unit", "digit_friction")), strict=True
-    ):
+    names = ("shape", PATH, "source_unit", "source_friction")
+    for shape, of, unit, friction in zip(*(rows[name].to_pylist() for name in names), strict=True):
         units.setdefault((shape, of), set()).add((unit, friction))
     assert all(len(each) == 1 for each in units.values())
-    assert len(set(rows["digit_friction"].to_pylist())) == 3  # one for each shape
+    assert len(set(rows["source_friction"].to_pylist())) == 3  # one for each shape
 
 
 def test_tractions_add_up_to_the_forces(rows: pa.Table) -> None:
-    for name, force in zip(TRACTIONS, ("force_n", "shear_x_n", "shear_y_n"), strict=True):
+    for name, force in zip(TRACTION_COLUMNS, ("force_n", "shear_x_n", "shear_y_n"), strict=True):
         sums = 1e-3 * CELL_MM2 * np.array(rows[name].to_pylist()).sum(axis=1)
-        np.testing.assert_allclose(sums, column(rows, f"cyskin_{force}"), atol=2e-3)
+        np.testing.assert_allclose(sums, column(rows, f"target_{force}"), atol=2e-3)
 
 
 def test_the_field_contains_the_shear_as_the_taxels_do(made: Path, rows: pa.Table) -> None:
-    info, field = read_info(made), np.array(rows["dense_counts"].to_pylist())
+    info, field = read_info(made), np.array(rows["target_dense_counts"].to_pylist())
     places = np.hypot(
-        np.subtract.outer(info.layout_x_mm, info.dense_x_mm or ()),
-        np.subtract.outer(info.layout_y_mm, info.dense_y_mm or ()),
+        np.subtract.outer(info.target.x_mm, info.target.dense_x_mm or ()),
+        np.subtract.outer(info.target.y_mm, info.target.dense_y_mm or ()),
     ).argmin(axis=1)
-    assert np.abs(taxels(rows) - field[:, places]).max() < 40  # the noise of a reading
+    counts = lists(rows, "target_counts")
+    assert np.abs(counts - field[:, places]).max() < 40  # the noise of a reading
 
 
 @pytest.mark.exhaustive
@@ -102,11 +107,11 @@ def test_rows_do_not_depend_on_the_workers(made: Path, tmp_path: Path, shape_cac
         (PATH, lambda values: [value + 1 for value in values], "its path is not the planned one"),
         ("x_mm", lambda values: [value + 1 for value in values], "its x_mm is not the planned one"),
         (
-            TRACTIONS[1],
+            TRACTION_COLUMNS[1],
             lambda values: [value[1:] for value in values],
-            "cover_shear_x_kpa instead of 216",
+            "target_shear_x_kpa instead of 216",
         ),
-        (TRACTIONS[2], lambda values: [[np.nan] * 216 for _ in values], "not finite"),
+        (TRACTION_COLUMNS[2], lambda values: [[np.nan] * 216 for _ in values], "not finite"),
     ],
 )
 def test_a_changed_row_is_a_fault(made: Path, tmp_path: Path, name: str, change, said: str) -> None:

@@ -18,10 +18,10 @@ from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import (
     LOG,
+    lists,
     read_info,
     read_split,
     sha256_of,
-    taxels,
     write_info,
 )
 from t2twin.sim.dataset.verify import verify_dataset
@@ -36,9 +36,8 @@ from t2twin.sim.sampling.presses import (
     sample_press,
 )
 from t2twin.sim.sampling.recipe import ForceRange, Place, bundled_recipes, load_recipe
-from t2twin.sim.sensors import CySkin
-from t2twin.sim.taxels.dense import SPACING_MM, dense_counts, dense_layout
-from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.sensors.defaults import ROLES
+from t2twin.sim.sensors.pair import SensorPair
 
 MINE = """
 format = 1
@@ -155,19 +154,22 @@ def test_a_recipe_is_whole_and_says_what_it_is(made):
 
 def test_pairs_hold_dense_counts_and_background_frame(made):
     table = read_split(made, "train")
-    counts, field = taxels(table), np.array(table["dense_counts"].to_pylist())
+    counts, field = (
+        lists(table, "target_counts"),
+        np.array(table["target_dense_counts"].to_pylist()),
+    )
     info = read_info(made)
-    assert field.shape == (16, len(info.dense_x_mm or ()))
+    assert field.shape == (16, len(info.target.dense_x_mm or ()))
     places = np.hypot(
-        np.subtract.outer(info.layout_x_mm, info.dense_x_mm or ()),
-        np.subtract.outer(info.layout_y_mm, info.dense_y_mm or ()),
+        np.subtract.outer(info.target.x_mm, info.target.dense_x_mm or ()),
+        np.subtract.outer(info.target.y_mm, info.target.dense_y_mm or ()),
     )
     assert (places.min(axis=1) == 0.0).all()
     # a reading differs from the noiseless field at the taxels by its noise alone
     assert np.abs(counts - field[:, places.argmin(axis=1)]).max() < 40
-    units = table["unit"].to_pylist()
-    frames = [decode_png(row["bytes"]) for row in table["background"].to_pylist()]
-    images = [decode_png(row["bytes"]) for row in table["image"].to_pylist()]
+    units = table["source_unit"].to_pylist()
+    frames = [decode_png(row["bytes"]) for row in table["source_background"].to_pylist()]
+    images = [decode_png(row["bytes"]) for row in table["source_image"].to_pylist()]
     for first, frame in zip(units, frames, strict=True):
         assert np.array_equal(frame, frames[units.index(first)])
     assert len(set(units)) == 4 and len({frame.tobytes() for frame in frames}) == 4
@@ -182,14 +184,17 @@ def test_forces_and_untouched_presses(made):
     touched = force > 0
     assert 1 <= (~touched).sum() <= 8
     assert ((force[touched] >= 0.5) & (force[touched] <= 12.0)).all()
-    for sensor in ("digit", "cyskin"):
-        carried = table[f"{sensor}_force_n"].to_numpy()
+    for role in ROLES:
+        carried = table[f"{role}_force_n"].to_numpy()
         np.testing.assert_allclose(carried[touched], force[touched], rtol=0.005)
         assert (carried[~touched] == 0).all()
-    assert taxels(table)[~touched].max() < 40
+    assert lists(table, "target_counts")[~touched].max() < 40
     tools = read_split(made, "test")
     assert tools["force_n"].to_pylist() == [1.0, 4.0]
-    assert taxels(tools).sum(axis=1)[1] > 2 * taxels(tools).sum(axis=1)[0]
+    assert (
+        lists(tools, "target_counts").sum(axis=1)[1]
+        > 2 * lists(tools, "target_counts").sum(axis=1)[0]
+    )
 
 
 @pytest.mark.exhaustive
@@ -278,17 +283,18 @@ def test_draws_keep_to_their_distributions():
 
 
 def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
-    field, layout = dense_layout(), load_layout()
+    array = SensorPair().array
+    field, layout, spacing_mm = array.dense.layout, array.layout, array.dense.table.spacing_mm
     apart = np.hypot(
         np.subtract.outer(field.x_mm, field.x_mm), np.subtract.outer(field.y_mm, field.y_mm)
     )
     nearest = np.sort(apart, axis=1)[:, 1:]
-    assert np.abs(nearest[:, 0] - SPACING_MM).max() < 2e-4
-    assert (np.abs(nearest[:, :6] - SPACING_MM) < 2e-4).all(axis=1).sum() > field.size / 2
-    cyskin = CySkin()
-    contact = cyskin.press(shapes("circle-2"), PressCommand("circle-2", 1.0, -2.0, 0.3, 6.0))
-    counts = dense_counts(contact)
-    for taxel, count in enumerate(cyskin.counts(contact)):
+    assert np.abs(nearest[:, 0] - spacing_mm).max() < 2e-4
+    assert (np.abs(nearest[:, :6] - spacing_mm) < 2e-4).all(axis=1).sum() > field.size / 2
+    contact = array.press(shapes("circle-2"), PressCommand("circle-2", 1.0, -2.0, 0.3, 6.0))
+    reading = array.read(contact)
+    counts = reading.dense_counts
+    for taxel, count in enumerate(reading.counts):
         at = (field.x_mm == layout.x_mm[taxel]) & (field.y_mm == layout.y_mm[taxel])
         assert abs(int(counts[at][0]) - int(count)) <= 1  # they are rounded apart
 
@@ -372,7 +378,7 @@ def test_pyrender_itself_makes_a_recipes_pictures(tmp_path, shape_cache, monkeyp
         recipe = structs.replace(recipe, light=structs.replace(recipe.light, renderer=renderer))
         make_dataset(tmp_path / renderer, recipe=recipe, workers=1, cache=shape_cache)
         row = read_split(tmp_path / renderer, "train").to_pylist()[0]
-        images[renderer] = decode_png(row["image"]["bytes"]).astype(float)
+        images[renderer] = decode_png(row["source_image"]["bytes"]).astype(float)
     assert "pyrender takes 1.1 s" in capsys.readouterr().out
     apart = np.abs(images["baked"] - images["pyrender"])
     assert 0.0 < apart.mean() < 2.0

@@ -58,7 +58,7 @@ def test_files_off_the_middle_are_pressed_with_center(solids, tmp_path, shape_ca
     recipe(path, "center = true\n")
     make_dataset(tmp_path / "out", recipe=path, workers=1, cache=shape_cache)
     rows = read_split(tmp_path / "out", "train").to_pylist()
-    assert len(rows) == 2 and all(row["digit_settled"] for row in rows)
+    assert len(rows) == 2 and all(row["source_settled"] for row in rows)
 
 
 @pytest.mark.parametrize("more", [{"scale": 25.4}, {"center": True}])

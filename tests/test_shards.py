@@ -6,11 +6,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from spots import write_spots
+from spots import VALUES, write_spots
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png, encode_png
-from t2twin.sim.dataset.columns import SCHEMA
+from t2twin.sim.dataset.columns import schema_of
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import (
     BATCH_ROWS,
@@ -21,6 +21,8 @@ from t2twin.sim.dataset.store import (
     sha256_of,
     write_shard,
 )
+
+SCHEMA = schema_of(VALUES, None)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,7 @@ def test_a_stored_picture_that_is_none_is_one_sentence():
 def test_many_rows_come_in_groups(data, tmp_path):
     table = pq.ParquetFile(data / "train/square-1.parquet").read()
     rows = [table.to_pylist()[0] | {"index": index} for index in range(BATCH_ROWS + 1)]
-    digest = write_shard(tmp_path / "long.parquet", rows)
+    digest = write_shard(tmp_path / "long.parquet", rows, SCHEMA)
     assert digest == sha256_of(tmp_path / "long.parquet")
     with pq.ParquetFile(tmp_path / "long.parquet") as file:
         assert file.num_row_groups == 2
@@ -64,33 +66,40 @@ def test_reading_what_is_not_there_says_so(data, tmp_path):
 
 
 def test_a_damaged_shard_is_one_sentence(data, tmp_path):
-    info, table = read_info(data), read_split(data, "train", ["taxels", "force_n"])
+    info, table = read_info(data), read_split(data, "train", ["target_counts", "force_n"])
     shard = Shard("0" * 64, table.num_rows)
 
     def counts(change):
-        rows = table["taxels"].to_pylist()
+        rows = table["target_counts"].to_pylist()
         change(rows)
-        return table.set_column(0, "taxels", pa.array(rows, SCHEMA.field("taxels").type))
+        values = pa.array(rows, SCHEMA.field("target_counts").type)
+        return table.set_column(0, "target_counts", values)
 
     for spoilt, reason in (
-        (counts(lambda rows: rows[1].pop()), "rows of 19 taxels instead of 20"),
-        (counts(lambda rows: rows[1].__setitem__(3, None)), "taxels has values that are missing"),
-        (counts(lambda rows: rows.__setitem__(1, None)), "taxels has empty rows"),
-        (counts(lambda rows: rows[1].__setitem__(3, 40_001)), "40001 in taxels, over the full"),
+        (counts(lambda rows: rows[1].pop()), "rows of 19 target_counts instead of 20"),
+        (
+            counts(lambda rows: rows[1].__setitem__(3, None)),
+            "target_counts has values that are missing",
+        ),
+        (counts(lambda rows: rows.__setitem__(1, None)), "target_counts has empty rows"),
+        (
+            counts(lambda rows: rows[1].__setitem__(3, 40_001)),
+            "40001 in target_counts, over",
+        ),
         (table.slice(1), f"{table.num_rows - 1} rows instead of {table.num_rows}"),
         (table.drop_columns("force_n"), "lacks the column force_n"),
         (table.set_column(1, "force_n", table["force_n"].cast("float32")), "force_n holds float"),
         (table.set_column(1, "force_n", pa.array([np.nan] * len(table))), "not finite"),
     ):
         with pytest.raises(ValueError, match=reason):
-            check_table(spoilt, ["taxels", "force_n"], SCHEMA, shard, info)
+            check_table(spoilt, ["target_counts", "force_n"], SCHEMA, shard, info)
     shutil.copytree(data, tmp_path / "cut")
     path = tmp_path / "cut/train/square-1.parquet"
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(T2TwinError, match=r"square-1\.parquet cannot be read"):
         read_split(tmp_path / "cut", "train")
     with pytest.raises(T2TwinError, match=r"square-1\.parquet cannot be read"):
-        list(iter_images(tmp_path / "cut", "train/square-1.parquet"))
+        list(iter_images(tmp_path / "cut", "train/square-1.parquet", "source_image"))
 
 
 def test_a_shard_of_another_dataset_is_refused_where_it_is_read(data, tmp_path):
@@ -101,8 +110,8 @@ def test_a_shard_of_another_dataset_is_refused_where_it_is_read(data, tmp_path):
     assert len(read_split(tmp_path / "swapped", "train")) == 4
     shutil.copyfile(other / "train/square-1.parquet", path)
     for read in (
-        lambda: read_split(tmp_path / "swapped", "train", ["taxels"]),
-        lambda: list(iter_images(tmp_path / "swapped", "train/square-1.parquet")),
+        lambda: read_split(tmp_path / "swapped", "train", ["target_counts"]),
+        lambda: list(iter_images(tmp_path / "swapped", "train/square-1.parquet", "source_image")),
     ):
         with pytest.raises(T2TwinError, match=r"square-1\.parquet is not the shard .* --verify"):
             read()
@@ -118,5 +127,5 @@ def test_a_shard_is_hashed_once(data, tmp_path, monkeypatch):
     monkeypatch.setattr(store, "sha256_of", lambda path: hashed.append(path) or sha256_of(path))
     for _ in range(2):
         read_split(tmp_path / "copy", "train")
-        list(iter_images(tmp_path / "copy", "train/square-1.parquet"))
+        list(iter_images(tmp_path / "copy", "train/square-1.parquet", "source_image"))
     assert [path.name for path in hashed] == ["square-1.parquet"]
