@@ -13,6 +13,7 @@ from t2twin.report.dataset import Dataset, read_dataset
 from t2twin.report.page import check_out
 from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import sha256_of
+from t2twin.translate.data.pairs import DataInfo, load_info
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.findings import gap_between
 from t2twin.translate.evaluation.predictions import (
@@ -36,11 +37,13 @@ SIBLING_FOLDER = "evaluate"
 class ReportData(Dataset):
     """Data of the report of runs.
 
-    runs: by their names in the evaluation. histories: logs of the runs, one record per epoch.
+    layout: taxels, full scale and SHA-256 of the dataset. runs: by their names in the evaluation.
+    histories: logs of the runs, one record per epoch.
     evaluations, predictions, folders (of the evaluations): by split, "val" and "test"; imported
     pairs may lack a split. gap: findings about the difference between both splits.
     """
 
+    layout: DataInfo
     runs: dict[str, CountsPredictor]
     histories: dict[str, list[EpochRecord]]
     evaluations: dict[str, Evaluation]
@@ -73,7 +76,7 @@ def read_report_data(
             "`t2twin evaluate --split both`"
         )
     runs = [resolve_run(run) for run in runs]
-    dataset, splits = read_dataset(data), splits_with_pairs(data)
+    dataset, layout, splits = read_dataset(data), load_info(data), splits_with_pairs(data)
     histories = [read_log(run) for run in runs]
     for run, history in zip(runs, histories, strict=True):
         config = load_config(run)
@@ -84,12 +87,15 @@ def read_report_data(
             )
     loaded = [load_run(run) for run in runs]
     names = run_names(loaded)
-    found = {s: _find_or_evaluate(loaded, names, dataset, s, out, evaluation) for s in splits}
+    found = {
+        s: _find_or_evaluate(loaded, names, data, layout.sha256, s, out, evaluation) for s in splits
+    }
     evaluations = {split: each for split, (_, each, _) in found.items()}
     gap = gap_between(evaluations)
     write_findings(out, evaluations, gap)
     return ReportData(
         **vars(dataset),
+        layout=layout,
         runs=dict(zip(names, loaded, strict=True)),
         histories=dict(zip(names, histories, strict=True)),
         evaluations=evaluations,
@@ -102,17 +108,19 @@ def read_report_data(
 def _find_or_evaluate(
     runs: Sequence[CountsPredictor],
     names: Sequence[str],
-    dataset: Dataset,
+    data: Path,
+    info_sha256: str,
     split: str,
     out: Path,
     given: Path | None,
 ) -> tuple[Path, Evaluation, Predictions]:
     """Evaluation of runs on one split, and its folder.
 
-    names: of the runs. out: folder of the report. given: a folder of `t2twin evaluate --split
-    both`. Searches given, the sibling folder of `out`, and out/evaluate-SPLIT for an evaluation of
-    these weights, in this order, on this split of this dataset; if none matches, evaluates the runs
-    into the last. Raises T2TwinError as `evaluate` does.
+    names: of the runs. data, info_sha256: of the dataset. out: folder of the report. given: a
+    folder of `t2twin evaluate --split both`. Searches given, the sibling folder of `out`, and
+    out/evaluate-SPLIT for an evaluation of these weights, in this order, on this split of this
+    dataset; if none matches, evaluates the runs into the last. Raises T2TwinError as `evaluate`
+    does.
     """
     weights = [sha256_of(run.run_dir / BEST) for run in runs]
     own = out / f"evaluate-{split}"
@@ -126,12 +134,12 @@ def _find_or_evaluate(
             continue  # there is no evaluation that this version can read
         if (
             evaluation.split == split
-            and evaluation.info_sha256 == dataset.layout.sha256
+            and evaluation.info_sha256 == info_sha256
             and list(evaluation.runs) == names
             and [row.weights_sha256 for row in evaluation.runs.values()] == weights
             and list(predictions.by_model) == list(evaluation.models)
             and len(predictions.truth) == evaluation.pairs
         ):
             return folder, evaluation, predictions
-    evaluation = evaluate([run.run_dir for run in runs], dataset.data, split, own)
+    evaluation = evaluate([run.run_dir for run in runs], data, split, own)
     return own, evaluation, read_predictions(own)

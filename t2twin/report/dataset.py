@@ -3,6 +3,7 @@
 Shape letters: P pairs of all splits, N taxels, R rows and C columns of an image.
 """
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,48 +14,118 @@ import pyarrow.parquet as pq
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
-from t2twin.sim.dataset.info import SPLITS, DatasetInfo
-from t2twin.sim.dataset.store import read_info, read_split, split_shards, taxels
-from t2twin.sim.taxels.layout import PAD_DIAMETER_MM
+from t2twin.report.page import printable
+from t2twin.sim.dataset.columns import CONTACT, COUNTS, IMAGE, POSE, column
+from t2twin.sim.dataset.format_1 import TACTILE_IMAGE
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo, SensorInfo
+from t2twin.sim.dataset.store import lists, read_info, read_split, split_shards, stored_name
+from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.phi import Phi
-from t2twin.translate.data.pairs import DataInfo, load_info
 
-COLUMNS = [
-    "shape", "family", "index", "x_mm", "y_mm", "yaw_rad", "force_n", "taxels",
-    "digit_depth_mm", "digit_force_n", "digit_settled", "digit_bottomed",
-    "cyskin_depth_mm", "cyskin_force_n", "cyskin_settled", "cyskin_bottomed",
-]  # fmt: skip
-"""Columns of the tables."""
+COLUMNS = ("shape", "family", "index", *POSE)
+"""Columns of the tables, besides those of the sensors."""
 
 SATURATED_SHARE = 0.999
 """Share of full scale above which a count is saturated (assumed: ten times the noise)."""
+
+MIN_CONTACT_SHARE = 0.0025
+"""Smallest maximum count of a pair with contact, share of full scale (assumed: more than ten times
+the noise without contact of most arrays)."""
+
+
+@dataclass(frozen=True)
+class Array:
+    """A taxel array of a dataset.
+
+    info: its record. phi: of its taxels. counts: (P, N), in the order of Dataset.column.
+    """
+
+    info: SensorInfo
+    phi: Phi
+    counts: np.ndarray
+
+    @property
+    def layout(self) -> Layout:
+        """The taxels, with default pads if theirs are unknown."""
+        return self.info.taxels
+
+    @property
+    def full_scale(self) -> int:
+        """Count at which a taxel saturates."""
+        assert self.info.full_scale_counts is not None
+        return self.info.full_scale_counts
+
+    @property
+    def saturated(self) -> np.ndarray:
+        """(P, N) bool: saturated counts; the mean of noisy, clipped ones is below full scale."""
+        return self.counts >= SATURATED_SHARE * self.full_scale
+
+    @property
+    def largest(self) -> np.ndarray:
+        """(P,) largest count of each pair."""
+        return self.counts.max(axis=1)
+
+    @property
+    def min_contact_counts(self) -> int:
+        """Smallest maximum count of a pair with contact."""
+        return math.ceil(MIN_CONTACT_SHARE * self.full_scale)
 
 
 @dataclass(frozen=True)
 class Dataset:
     """A dataset for a report.
 
-    data: folder. info: content of info.json. layout: taxels for phi. tables: COLUMNS of every split
-    with pairs.
+    data: folder. info: content of info.json. arrays: the taxel arrays by role. tables: COLUMNS of
+    every split with pairs, and counts and contacts of the sensors.
     """
 
     data: Path
     info: DatasetInfo
-    layout: DataInfo
-    phi: Phi
+    arrays: dict[str, Array]
     tables: dict[str, pa.Table]
 
-    def image(self, split: str, row: int) -> np.ndarray:
-        """The DIGIT image of a row, (R, C, 3) uint8; simulated images are (320, 240, 3)."""
+    @property
+    def cameras(self) -> dict[str, SensorInfo]:
+        """The gel cameras by role."""
+        return _of_value(self.info, IMAGE)
+
+    @property
+    def array(self) -> Array:
+        """The taxel array, the target's first. Raises T2TwinError for a dataset without one."""
+        return self.arrays[self.info.role_of(COUNTS)]
+
+    def label(self, role: str) -> str:
+        """Displayed name of a sensor, with its role if both sensors have the same name."""
+        names = [printable(sensor.name) for sensor in self.info.sensors.values()]
+        name = printable(self.info.sensors[role].name)
+        return f"{name} ({role})" if names[0] == names[1] else name
+
+    @property
+    def camera_name(self) -> str:
+        """Displayed name of the first gel camera. Raises T2TwinError for a dataset without one."""
+        return self.label(self.info.role_of(IMAGE))
+
+    @property
+    def array_name(self) -> str:
+        """Displayed name of `array`. Raises T2TwinError for a dataset without one."""
+        return self.label(self.info.role_of(COUNTS))
+
+    def image(self, split: str, row: int, role: str | None = None) -> np.ndarray:
+        """The image of a row, (R, C, 3) uint8. role: of the gel camera; None for the first."""
+        name = stored_name(column(role or self.info.role_of(IMAGE), IMAGE), self.info)
         path, place = self._shard(split, row)
         with pq.ParquetFile(self.data / path) as shard:
             for group in range(shard.num_row_groups):
                 rows = shard.metadata.row_group(group).num_rows
                 if place < rows:
-                    images = shard.read_row_group(group, columns=["image"])["image"]
+                    images = shard.read_row_group(group, columns=[name])[name]
                     return decode_png(images[place].as_py()["bytes"])
                 place -= rows
         raise AssertionError("the row is in a row group of its shard")
+
+    def counts_of(self, split: str, row: int, role: str) -> np.ndarray:
+        """(N,) float32: the counts of a row and role."""
+        return np.array(self.row(split, row)[column(role, COUNTS)], dtype=np.float32)
 
     def _shard(self, split: str, row: int) -> tuple[str, int]:
         """Path of the shard that contains a row of a split, and the row's index in it."""
@@ -72,6 +143,10 @@ class Dataset:
     def column(self, name: str) -> np.ndarray:
         """(P,) a column of all splits; missing numbers are NaN."""
         return np.concatenate([table[name].to_numpy() for table in self.tables.values()])
+
+    def contact(self, role: str, name: str) -> np.ndarray:
+        """(P,) a column of the contacts of a sensor, as `column`."""
+        return self.column(column(role, name))
 
     @property
     def shapes(self) -> np.ndarray:
@@ -101,33 +176,43 @@ class Dataset:
         return [(split, row) for split, table in self.tables.items() for row in range(len(table))]
 
     @property
-    def counts(self) -> np.ndarray:
-        """(P, N) counts, in the order of `column`."""
-        return np.concatenate([taxels(table) for table in self.tables.values()])
-
-    @property
-    def saturated(self) -> np.ndarray:
-        """(P, N) bool: saturated counts; the mean of noisy, clipped ones is below full scale."""
-        return self.counts >= SATURATED_SHARE * self.layout.full_scale_counts
-
-    @property
-    def pad_diameter_mm(self) -> np.ndarray:
-        """(N,) pad diameters; those of the default layout if the dataset has none."""
-        parameters = self.info.parameters
-        pads = parameters.cyskin.pad_diameter_mm if parameters else self.info.pad_diameter_mm
-        return np.full(self.layout.x_mm.size, PAD_DIAMETER_MM) if pads is None else np.array(pads)
+    def without_contact(self) -> np.ndarray:
+        """(P,) bool: pairs without a count of contact; without taxel arrays, of 0 N."""
+        if not self.arrays:
+            return self.column("force_n") == 0
+        contacts = [each.largest >= each.min_contact_counts for each in self.arrays.values()]
+        return ~np.any(contacts, axis=0)
 
 
 def read_dataset(data: Path) -> Dataset:
     """Reads a dataset. Raises T2TwinError if it is missing, unfinished or empty."""
-    info, layout = read_info(data), load_info(data)
-    with_pairs = {split for split in SPLITS if info.pairs[split]}
-    if not with_pairs:
+    info = read_info(data)
+    splits = [split for split in SPLITS if info.pairs[split]]
+    if not splits:
         raise T2TwinError(f"the dataset in {data} has no pairs")
+    arrays = _of_value(info, COUNTS)
+    phis = {role: _phi(sensor) for role, sensor in arrays.items()}
+    names = [*COLUMNS, *(column(role, COUNTS) for role in arrays)]
+    names += [column(role, name) for role in info.sensors for name in CONTACT]
+    tables = {split: read_split(data, split, names) for split in splits}
+
+    def counts(role: str) -> np.ndarray:
+        return np.concatenate([lists(table, column(role, COUNTS)) for table in tables.values()])
+
     return Dataset(
         data=data,
         info=info,
-        layout=layout,
-        phi=Phi(layout.x_mm, layout.y_mm),
-        tables={s: read_split(data, s, COLUMNS) for s in SPLITS if s in with_pairs},
+        arrays={role: Array(arrays[role], phi, counts(role)) for role, phi in phis.items()},
+        tables=tables,
     )
+
+
+def _of_value(info: DatasetInfo, value: str) -> dict[str, SensorInfo]:
+    """The sensors of a value, by role."""
+    return {role: sensor for role, sensor in info.sensors.items() if sensor.value == value}
+
+
+def _phi(sensor: SensorInfo) -> Phi:
+    """phi of an array's taxels. Raises T2TwinError as Phi does."""
+    rows, columns, px_per_mm = sensor.tactile_image or TACTILE_IMAGE
+    return Phi(np.array(sensor.x_mm), np.array(sensor.y_mm), (rows, columns), px_per_mm)

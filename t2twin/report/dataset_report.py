@@ -13,24 +13,22 @@ from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
 from t2twin.report import pairs
-from t2twin.report.dataset import Dataset, read_dataset
-from t2twin.report.figures import figure, force_axis
+from t2twin.report.dataset import Array, Dataset, read_dataset
+from t2twin.report.figures import aspect_of, draw_discs, figure, force_axis
 from t2twin.report.near_duplicates import Scan, duplicates, near_duplicates, noise_grey, scan
 from t2twin.report.page import (
     SENSOR_COLORS,
-    SENSOR_NAMES,
     SPLIT_COLORS,
     SPLIT_NAMES,
     Section,
     check_out,
     forces_text,
+    listed,
     shape_name,
     write_page,
 )
-from t2twin.sim.dataset.store import taxels
-
-MIN_CONTACT_COUNTS = 100
-"""Smallest maximum count of a pair with contact: more than ten times the noise."""
+from t2twin.sim.dataset.columns import COUNTS, column
+from t2twin.sim.dataset.store import lists
 
 MAX_BARS = 100
 """Maximum number of bars (assumed: three printed pages)."""
@@ -41,9 +39,9 @@ BARS_WIDTH_IN, BAR_IN, MARGINS_IN = 4.4, 0.17, 0.8
 """Width of the bar chart, which fits on a phone; height of a bar and of the margins, inches."""
 
 SATURATION_IN = 2.8
-TILE_IN = 1.42
+TILE_TITLE_IN = 0.22
+"""Height of the title of an image of the grid, inches."""
 
-SENSORS = ("digit", "cyskin")
 BINS = 40
 FORCE_BINS = 12
 """Number of bins of the commanded forces, equal in the logarithm."""
@@ -58,20 +56,25 @@ COUNTS_TICKS = 5
 WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
 
 
-def summary(dataset: Dataset, scanned: Scan) -> dict[str, Any]:
-    """Shares of unusual pairs and counts, and the pair with the median maximum count."""
-    largest = dataset.counts.max(axis=1)
-    place = int(np.argsort(largest, kind="stable")[(largest.size - 1) // 2])
+def summary(dataset: Dataset, scanned: Scan | None) -> dict[str, Any]:
+    """Shares of unusual pairs and counts, and the pair with the median maximum count, or without
+    taxel arrays with the median depth.
+
+    scanned: None without images or without counts.
+    """
+    arrays = dataset.arrays
+    sizes = dataset.array.largest if arrays else dataset.contact("source", "depth_mm")
+    place = int(np.argsort(sizes, kind="stable")[(sizes.size - 1) // 2])
     split, row = dataset.places[place]
     return {
         "shapes": np.unique(dataset.shapes).size,
-        "near_duplicates": _share(near_duplicates(dataset, scanned)),
-        "without_contact": _share(largest < MIN_CONTACT_COUNTS),
-        "saturated": _share(dataset.saturated),
-        "min_contact_counts": MIN_CONTACT_COUNTS,
+        "near_duplicates": None if scanned is None else _share(near_duplicates(dataset, scanned)),
+        "without_contact": _share(dataset.without_contact),
+        "contact": _contact(dataset),
+        "saturated": {dataset.label(role): _share(one.saturated) for role, one in arrays.items()},
         "example": pairs.example(dataset, split, row),
         "shape": dataset.row(split, row)["shape"],
-        "largest": largest[place],
+        "median": f"{sizes[place]:,.0f}" if arrays else f"{sizes[place]:.2f}",
     }
 
 
@@ -80,16 +83,25 @@ def _share(which: np.ndarray) -> str:
     return f"{100 * which.mean():.2g} %" if which.any() else "none"
 
 
+def _contact(dataset: Dataset) -> str:
+    """The condition by which a pair has no contact, in words."""
+    least = [
+        f"{one.min_contact_counts:,} counts of {dataset.label(role)}"
+        for role, one in dataset.arrays.items()
+    ]
+    return f"all taxels below {listed(least)}" if least else "commanded force of 0 N"
+
+
 def about(dataset: Dataset) -> dict[str, Any]:
     """Number of shapes by split, size of the dataset, and pairs without contact."""
     sizes = [(dataset.data / path).stat().st_size for path in dataset.info.shards]
-    largest = dataset.counts.max(axis=1)
+    without_contact = dataset.without_contact
     return {
         "shapes": {s: len(table["shape"].unique()) for s, table in dataset.tables.items()},
         "size_bytes": sum(sizes),
-        "pairs": largest.size,
-        "without_contact": int((largest < MIN_CONTACT_COUNTS).sum()),
-        "min_contact_counts": MIN_CONTACT_COUNTS,
+        "pairs": without_contact.size,
+        "without_contact": int(without_contact.sum()),
+        "contact": _contact(dataset),
     }
 
 
@@ -123,17 +135,33 @@ def gallery(dataset: Dataset) -> list[tuple[str, int]]:
     return pairs.sample_in_turn(dataset, dataset.shapes, MAX_IMAGES, GALLERY_SEED)
 
 
-def images(dataset: Dataset) -> dict[str, Any]:
-    """Grid of images of all shapes."""
+def images(dataset: Dataset) -> dict[str, Any] | None:
+    """Grid of images of all shapes for each gel camera; None without one."""
+    if not dataset.cameras:
+        return None
     rows = gallery(dataset)
-    height = TILE_IN * -(-len(rows) // GALLERY_COLUMNS)
-    return {"grid": figure("png", WIDTH_IN, height, lambda page: tiles(page, dataset, rows))}
+    return {"grids": {role: grid_of(dataset, rows, role) for role in dataset.cameras}}
 
 
-def saturation_chart(dataset: Dataset) -> dict[str, Any]:
-    """Histograms of saturated counts by pair and by taxel."""
-    chart = figure("svg", WIDTH_IN, SATURATION_IN, lambda page: saturation(page, dataset))
-    return {"saturated": dataset.saturated, "chart": chart}
+def grid_of(dataset: Dataset, rows: list[tuple[str, int]], role: str) -> bytes:
+    """Content of a PNG file with images of a gel camera. rows: splits and rows of the images."""
+    aspect = aspect_of(dataset.image(*rows[0], role))
+    height = WIDTH_IN / GALLERY_COLUMNS / aspect + TILE_TITLE_IN
+    lines = -(-len(rows) // GALLERY_COLUMNS)
+    draw = partial(tiles, dataset=dataset, rows=rows, role=role)
+    return figure("png", WIDTH_IN, height * lines, draw)
+
+
+def saturation_charts(dataset: Dataset) -> dict[str, Any] | None:
+    """Saturated counts of each taxel array, and a chart of them by pair and by taxel."""
+    if not dataset.arrays:
+        return None
+    arrays = dataset.arrays.values()
+    charts = [figure("svg", WIDTH_IN, SATURATION_IN, partial(saturation, array=a)) for a in arrays]
+    saturated = [array.saturated for array in arrays]
+    return {
+        "arrays": dict(zip(dataset.arrays, zip(saturated, charts, strict=True), strict=True)),
+    }
 
 
 def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
@@ -149,40 +177,37 @@ def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
     axes.legend()
 
 
-def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
-    """rows: splits and rows of the images."""
+def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]], role: str) -> None:
+    """rows: splits and rows of the images. role: of the gel camera."""
     grid = page.subplots(-(-len(rows) // GALLERY_COLUMNS), GALLERY_COLUMNS, squeeze=False)
     for axes in grid.flat:
         axes.set_axis_off()
     for axes, (split, row) in zip(grid.flat, rows, strict=False):
-        axes.imshow(dataset.image(split, row))
+        axes.imshow(dataset.image(split, row, role))
         axes.set_title(shape_name(dataset.row(split, row)["shape"]), fontsize=6)
 
 
-def saturation(page: Figure, dataset: Dataset) -> None:
-    largest, number, array = page.subplots(1, 3)
-    counts, full_scale = dataset.counts, dataset.layout.full_scale_counts
-    largest.hist(counts.max(axis=1), np.linspace(0, full_scale, 41).tolist(), color="#0072b2")
+def saturation(page: Figure, array: Array) -> None:
+    largest, number, places = page.subplots(1, 3)
+    full_scale, layout, saturated = array.full_scale, array.layout, array.saturated
+    largest.hist(array.largest, np.linspace(0, full_scale, 41).tolist(), color="#0072b2")
     largest.set(xlabel="largest count of a pair", ylabel="pairs")
     largest.xaxis.set_major_formatter("{x:,.0f}")
     largest.locator_params(axis="x", nbins=4)
-    saturated = dataset.saturated
     times = np.bincount(saturated.sum(axis=1))
     number.bar(range(times.size), times, color="#0072b2")
     number.set(xlabel="saturated taxels of a pair", ylabel="pairs", yscale="log")
     number.locator_params(axis="x", integer=True)
-    drawn = array.scatter(
-        dataset.layout.x_mm,
-        dataset.layout.y_mm,
-        c=100 * saturated.mean(axis=0),
-        s=70,
-        edgecolors="#444444",
-        linewidths=0.4,
-    )
-    array.set(aspect="equal", xlabel="x, mm", ylabel="y, mm")
-    array.margins(0.15)
-    array.invert_yaxis()
-    page.colorbar(drawn, ax=array, label="saturated, % of the pairs")
+    percent = 100 * saturated.mean(axis=0)
+    drawn = draw_discs(
+        places, layout.x_mm, layout.y_mm, layout.pad_diameter_mm, array=percent,
+        clim=(0.0, max(float(percent.max()), 1.0)), edgecolors="#444444", linewidths=0.4,
+    )  # fmt: skip
+    margin = layout.pad_diameter_mm.max()
+    low, high = layout.x_mm.min() - margin, layout.x_mm.max() + margin
+    places.set(aspect="equal", xlabel="x, mm", ylabel="y, mm", xlim=(low, high))
+    places.set_ylim(layout.y_mm.max() + margin, layout.y_mm.min() - margin)
+    page.colorbar(drawn, ax=places, label="saturated, % of the pairs")
 
 
 def forces(dataset: Dataset) -> dict[str, Any] | None:
@@ -202,9 +227,8 @@ def forces(dataset: Dataset) -> dict[str, Any] | None:
     return {
         "commanded": _range(commanded[contact], "N"),
         "without_contact": int((~contact).sum()),
-        "sensors": [_sensor(dataset, sensor) for sensor in SENSORS],
+        "sensors": [_sensor(dataset, role) for role in dataset.info.sensors],
         "pairs": commanded.size,
-        "saturated": dataset.saturated,
         "families": families,
         "max_families": MAX_FAMILIES,
         "by_force": chart(commanded_and_depths) if dataset.forces_n.size > 1 else None,
@@ -213,18 +237,18 @@ def forces(dataset: Dataset) -> dict[str, Any] | None:
     }
 
 
-def _sensor(dataset: Dataset, sensor: str) -> dict[str, Any]:
+def _sensor(dataset: Dataset, role: str) -> dict[str, Any]:
     """Force error, failed presses and depths of a sensor."""
     commanded = dataset.column("force_n")
     contact = commanded > 0
-    error = dataset.column(f"{sensor}_force_n")[contact] / commanded[contact] - 1.0
-    percent = 100 * np.abs(error).max()
+    error = dataset.contact(role, "force_n")[contact] / commanded[contact] - 1.0
+    percent = 100 * np.abs(error).max(initial=0.0)
     return {
-        "name": SENSOR_NAMES[sensor],
+        "name": dataset.label(role),
         "error_percent": f"{percent:.2g}" if percent >= MIN_PERCENT else f"{MIN_PERCENT:g}",
-        "not_converged": int((~dataset.column(f"{sensor}_settled").astype(bool)).sum()),
-        "bottomed": int(dataset.column(f"{sensor}_bottomed").sum()),
-        "depth": _range(dataset.column(f"{sensor}_depth_mm")[contact], "mm"),
+        "not_converged": int((~dataset.contact(role, "settled").astype(bool)).sum()),
+        "bottomed": int(dataset.contact(role, "bottomed").sum()),
+        "depth": _range(dataset.contact(role, "depth_mm")[contact], "mm"),
     }
 
 
@@ -234,19 +258,21 @@ def _range(values: np.ndarray, unit: str) -> str:
 
 
 def forces_and_counts(page: Figure, dataset: Dataset) -> None:
-    left, right = page.subplots(1, 2)
-    commanded = dataset.column("force_n")
-    errors = {s: 1e3 * (dataset.column(f"{s}_force_n") - commanded) for s in SENSORS}
+    left, *others = page.subplots(1, 1 + len(dataset.arrays), squeeze=False)[0]
+    commanded, roles = dataset.column("force_n"), dataset.info.sensors
+    errors = {role: 1e3 * (dataset.contact(role, "force_n") - commanded) for role in roles}
     limit = max(float(np.abs(values).max()) for values in errors.values()) or 1.0
     bins = np.linspace(-limit, limit, BINS + 1).tolist()
-    for sensor, values in errors.items():
-        left.hist(values, bins, color=SENSOR_COLORS[sensor], alpha=0.65, label=SENSOR_NAMES[sensor])
+    for role, values in errors.items():
+        label = dataset.label(role)
+        left.hist(values, bins, color=SENSOR_COLORS[role], alpha=0.65, label=label)
     left.axvline(0.0, color="#222222", linewidth=0.8)
     commanded_text = forces_text(dataset.forces_n)
     left.set(xlabel=f"contact force − commanded ({commanded_text}), mN", ylabel="pairs")
     left.locator_params(axis="x", nbins=6)
     left.legend()
-    _counts(right, dataset)
+    for axes, role in zip(others, dataset.arrays, strict=True):
+        _counts(axes, dataset, role)
 
 
 def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
@@ -267,29 +293,29 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
     bins = [touching & (place == n) for n in range(edges.size - 1)]
     kept = [mine for mine in bins if mine.any()]
     middles = [float(np.median(commanded[mine])) for mine in kept]
-    for sensor in SENSORS:
-        depths = dataset.column(f"{sensor}_depth_mm")
+    for role, color in SENSOR_COLORS.items():
+        depths = dataset.contact(role, "depth_mm")
         spread = [np.quantile(depths[mine], (0.25, 0.5, 0.75)) for mine in kept]
         first, median, third = np.array(spread).T
-        color = SENSOR_COLORS[sensor]
-        right.plot(middles, median, "o-", color=color, markersize=3, label=SENSOR_NAMES[sensor])
+        right.plot(middles, median, "o-", color=color, markersize=3, label=dataset.label(role))
         right.fill_between(middles, first, third, color=color, alpha=0.2, linewidth=0)
     right.set(xlabel="commanded force, N", ylabel="depth, mm", ylim=(0, None))
     force_axis(right, low, high)
     right.legend()
 
 
-def _counts(axes: Axes, dataset: Dataset) -> None:
-    full_scale = dataset.layout.full_scale_counts
-    bins = np.linspace(0.0, full_scale, BINS + 1).tolist()
+def _counts(axes: Axes, dataset: Dataset, role: str) -> None:
+    bins = np.linspace(0.0, dataset.arrays[role].full_scale, BINS + 1).tolist()
     for split, color in SPLIT_COLORS.items():
         if split not in dataset.tables:
             continue
-        counts = taxels(dataset.tables[split]).ravel()
+        counts = lists(dataset.tables[split], column(role, COUNTS)).ravel()
         weights = np.full(counts.size, 100.0 / counts.size)
         name = SPLIT_NAMES[split]
         axes.hist(counts, bins, weights=weights, histtype="step", color=color, label=name)
-    axes.set(xlabel="counts", ylabel="% of the split's counts", yscale="log")
+    axes.set(
+        xlabel=f"counts of {dataset.label(role)}", ylabel="% of the split's counts", yscale="log"
+    )
     axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
     axes.xaxis.set_major_formatter("{x:,.0f}")
     axes.legend()
@@ -302,9 +328,8 @@ def depths_in(page: Figure, dataset: Dataset) -> None:
     if len(names) > MAX_FAMILIES:
         names = [name for name, _ in Counter(families.tolist()).most_common(MAX_FAMILIES)]
     axes = page.subplots()
-    for place, sensor in enumerate(SENSORS):
-        depths = dataset.column(f"{sensor}_depth_mm")[touching]
-        color = SENSOR_COLORS[sensor]
+    for place, (role, color) in enumerate(SENSOR_COLORS.items()):
+        depths = dataset.contact(role, "depth_mm")[touching]
         boxes = axes.boxplot(
             [depths[families == name] for name in names],
             positions=(np.arange(len(names)) + 0.36 * (place - 0.5)).tolist(),
@@ -313,7 +338,7 @@ def depths_in(page: Figure, dataset: Dataset) -> None:
             medianprops={"color": "#111111", "linewidth": 1.0},
             whiskerprops={"linewidth": 0.7}, capprops={"linewidth": 0.7},
         )  # fmt: skip
-        boxes["boxes"][0].set_label(SENSOR_NAMES[sensor])
+        boxes["boxes"][0].set_label(dataset.label(role))
     axes.set_xticks(range(len(names)), [name.replace("-", "-\n") for name in names])
     axes.set(ylabel="depth, mm", ylim=(0, None))
     axes.legend()
@@ -331,7 +356,8 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     out, data = arguments.path(out, "out"), arguments.path(data, "data")
     check_out(out)
     dataset = read_dataset(data)
-    scanned = scan(dataset, noise_grey(dataset))
+    is_both = bool(dataset.cameras and dataset.arrays)
+    scanned = scan(dataset, noise_grey(dataset)) if is_both else None
     values = {
         "summary": ("", partial(summary, dataset, scanned)),
         "about": ("", partial(about, dataset)),
@@ -339,8 +365,8 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
         "gallery": ("Images", partial(images, dataset)),
         "pairs": ("Pairs", partial(pairs.section, dataset)),
         "forces": ("Forces, depths, counts", partial(forces, dataset)),
-        "saturation": ("Saturation", partial(saturation_chart, dataset)),
-        "duplicates": ("Near-duplicates", partial(duplicates, dataset, scanned)),
+        "saturation": ("Saturation", partial(saturation_charts, dataset)),
+        "duplicates": ("Near-duplicates", lambda: scanned and duplicates(dataset, scanned)),
     }
     sections = {name: Section(link, TEMPLATE, compute) for name, (link, compute) in values.items()}
     return write_page(out, f"The dataset in {data}", sections, dataset=dataset)

@@ -17,8 +17,9 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import FixedLocator, LogFormatter, NullLocator
+from scipy.spatial import KDTree
 
-from t2twin.sim.taxels.phi import TACTILE_SHAPE, Phi
+from t2twin.sim.taxels.phi import Phi
 
 STYLE = {
     "axes.edgecolor": "#666666",
@@ -47,17 +48,18 @@ COUNTS_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
 """Color maps of counts, perceptually uniform, and of differences, white at zero."""
 
-RING_MM = 0.7
-"""Radius of the ring that marks a taxel, mm."""
+RING_MM, RING_SHARE = 0.7, 0.15
+"""Largest radius of the ring that marks a taxel, mm, and relative to the nearest taxel's distance.
+"""
 
 FORCE_MARGIN = 1.15
 """Margin of a force axis at both ends, a factor."""
 
 BAR_WIDTH = 0.12
-"""Width of a color bar, relative to a tactile image."""
+"""Width of a color bar, relative to an image."""
 
-PANEL_IN, ROW_IN, BAR_IN, DIFFERENCE_BAR_IN = 1.25, 2.5, 0.6, 0.3
-"""Width of a panel, height of a row of panels, widths of its color bars, inches."""
+PANEL_IN, WIDEST_IN, TITLES_IN, BAR_IN, DIFFERENCE_BAR_IN = 2.06, 2.5, 0.44, 0.6, 0.3
+"""Largest height and width of a panel, height of the titles, widths of the color bars, inches."""
 
 
 def figure(
@@ -91,14 +93,14 @@ def _plain_powers(page: Figure) -> None:
             axis.set_minor_formatter(LogFormatter())
 
 
-def digit_width(image: np.ndarray) -> float:
-    """Width of a DIGIT image, (R, C, 3), relative to a tactile image of the same height."""
+def aspect_of(image: np.ndarray) -> float:
+    """Width over height of an image, (R, C) or (R, C, 3)."""
     rows, columns = image.shape[:2]
-    return columns / rows * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]
+    return columns / rows
 
 
-def draw_digit_image(axes: Axes, image: np.ndarray) -> None:
-    """Draws a DIGIT image, (R, C, 3) uint8, without axes."""
+def draw_image(axes: Axes, image: np.ndarray) -> None:
+    """Draws an image, (R, C, 3) uint8, without axes."""
     axes.imshow(image)
     axes.set_axis_off()
 
@@ -122,13 +124,22 @@ def draw_tactile_image(
 
 def draw_taxels(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
     """Draws a ring at each taxel. x_mm, y_mm: (N,)."""
-    size = np.full(x_mm.size, 2 * RING_MM)
+    size = np.full(x_mm.size, 2 * _ring_mm(x_mm, y_mm))
     draw_discs(axes, x_mm, y_mm, size, facecolors="none", edgecolors=color, linewidths=0.5)
+
+
+def _ring_mm(x_mm: np.ndarray, y_mm: np.ndarray) -> float:
+    """Radius of the rings of taxels. x_mm, y_mm: (N,)."""
+    if x_mm.size < 2:
+        return RING_MM
+    places = np.column_stack([x_mm, y_mm])
+    nearest = KDTree(places).query(places, 2)[0][:, 1]
+    return min(RING_MM, RING_SHARE * float(nearest.min()))
 
 
 def draw_discs(
     axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, diameter_mm: np.ndarray, **style: Any
-) -> None:
+) -> EllipseCollection:
     """Draws discs to scale. x_mm, y_mm, diameter_mm: (N,)."""
     centers = np.column_stack([x_mm, y_mm])
     angles = np.zeros(diameter_mm.size)
@@ -137,6 +148,7 @@ def draw_discs(
         offset_transform=axes.transData, **style,
     )  # fmt: skip
     axes.add_collection(discs)
+    return discs
 
 
 def color_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:
@@ -149,7 +161,7 @@ def color_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: s
 
 @dataclass(frozen=True)
 class Panel:
-    """An image with its title: a DIGIT image, (R, C, 3) uint8, or a tactile image, (R, C) counts.
+    """An image with its title: of a gel camera, (R, C, 3) uint8, or tactile, (R, C) counts.
 
     is_difference: whether the counts are a difference of two tactile images.
     """
@@ -159,9 +171,9 @@ class Panel:
     is_difference: bool = False
 
     @property
-    def width(self) -> float:
-        """Relative to a tactile image."""
-        return digit_width(self.image) if self.image.ndim == 3 else 1.0
+    def aspect(self) -> float:
+        """Width over height."""
+        return aspect_of(self.image)
 
 
 def draw_panels(
@@ -176,12 +188,12 @@ def draw_panels(
         max([1.0, *(np.abs(one.image).max() for one in tactile if one.is_difference is which)])
         for which in (False, True)
     )
-    axes = page.subplots(1, len(panels), width_ratios=[one.width for one in panels])
+    axes = page.subplots(1, len(panels), width_ratios=[one.aspect for one in panels])
     drawn: dict[bool, AxesImage] = {}
     for place, one in zip(axes, panels, strict=True):
         place.set_title(one.title)
         if one.image.ndim == 3:
-            draw_digit_image(place, one.image)
+            draw_image(place, one.image)
             continue
         limits, color_map, rings = (
             ((-difference, difference), DIFFERENCE_MAP, "#555555")
@@ -198,9 +210,10 @@ def draw_panels(
 def panels_image(panels: Sequence[Panel], phi: Phi, x_mm: np.ndarray, y_mm: np.ndarray) -> bytes:
     """Content of a PNG file with a row of panels; see `draw_panels`."""
     bars = BAR_IN + DIFFERENCE_BAR_IN * any(one.is_difference for one in panels)
-    width = PANEL_IN * sum(panel.width for panel in panels) + bars
+    aspects = [panel.aspect for panel in panels]
+    height = min(PANEL_IN, WIDEST_IN / max(aspects))
     draw = partial(draw_panels, panels=panels, phi=phi, x_mm=x_mm, y_mm=y_mm)
-    return figure("png", width, ROW_IN, draw)
+    return figure("png", height * sum(aspects) + bars, height + TITLES_IN, draw)
 
 
 def extent_mm(phi: Phi) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""Near-duplicates, from the distances between the images of a dataset.
+"""Near-duplicates, from the distances between the images of a dataset and between its counts.
 
 Shape letters: n pairs of a shape, B values of a coarse image.
 """
@@ -15,6 +15,7 @@ from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import figure
+from t2twin.sim.dataset.columns import IMAGE, column
 from t2twin.sim.dataset.store import iter_images, split_shards
 from t2twin.sim.taxels.reading import expected_reading
 
@@ -54,15 +55,19 @@ class Scan:
 
 
 def scan(dataset: Dataset, noise_grey: float) -> Scan:
-    """Compares all images. noise_grey: standard deviation of the image noise."""
+    """Compares all images. noise_grey: standard deviation of the image noise.
+
+    Raises T2TwinError for a dataset without images or without counts.
+    """
+    images_of = column(dataset.info.role_of(IMAGE), IMAGE)
     paths = [path for split in dataset.tables for path in split_shards(dataset.info, split)]
     ends = np.cumsum([dataset.info.shards[path].pairs for path in paths])
     shards = dict(zip(paths, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
-    shapes, counts = dataset.shapes, dataset.counts
+    shapes, counts = dataset.shapes, dataset.array.counts
     nearest_grey, alike_counts = np.zeros((2, len(shapes)))
 
     def scan_shard(path: str) -> None:
-        images = iter_images(dataset.data, path)
+        images = iter_images(dataset.data, path, images_of)
         coarse = np.stack([coarse_image(decode_png(png)) for png in images])
         own = shapes[shards[path]]
         for name in np.unique(own):
@@ -108,11 +113,13 @@ def _distances(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
 def coarse_image(image: np.ndarray) -> np.ndarray:
     """An image, (rows, columns, 3) uint8, averaged over blocks of BLOCK_PX: (B,) float32.
 
-    Incomplete blocks at the right and at the bottom are omitted.
+    Incomplete blocks at the right and at the bottom are omitted. Blocks of a smaller image are as
+    large as its smaller side.
     """
-    rows, columns = (side // BLOCK_PX for side in image.shape[:2])
-    whole = image[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float32)
-    return whole.reshape(rows, BLOCK_PX, columns, BLOCK_PX, 3).mean(axis=(1, 3)).ravel()
+    block = min(BLOCK_PX, *image.shape[:2])
+    rows, columns = (side // block for side in image.shape[:2])
+    whole = image[: rows * block, : columns * block].astype(np.float32)
+    return whole.reshape(rows, block, columns, block, 3).mean(axis=(1, 3)).ravel()
 
 
 def duplicates(dataset: Dataset, scan: Scan) -> dict[str, Any]:
@@ -131,8 +138,8 @@ def duplicates(dataset: Dataset, scan: Scan) -> dict[str, Any]:
 
 def noise_grey(dataset: Dataset) -> float:
     """Standard deviation of the image noise, grey levels."""
-    parameters = dataset.info.parameters
-    return NOISE_GREY if parameters is None else parameters.digit.noise_grey
+    known = dataset.info.camera.noise_grey
+    return NOISE_GREY if known is None else known
 
 
 def near_duplicates(dataset: Dataset, scan: Scan) -> np.ndarray:
@@ -142,11 +149,12 @@ def near_duplicates(dataset: Dataset, scan: Scan) -> np.ndarray:
 
 def same_counts(dataset: Dataset) -> np.ndarray:
     """Threshold of each pair, (P,): with a smaller RMS difference of counts, another is equal."""
-    counts, parameters = dataset.counts, dataset.info.parameters
-    least = np.full(len(counts), SAME_SHARE * dataset.layout.full_scale_counts)
-    if parameters is None:  # imported
+    array = dataset.array
+    least = np.full(len(array.counts), SAME_SHARE * array.full_scale)
+    flaws = array.info.imperfections
+    if flaws is None:  # imported
         return least
-    _, noise = expected_reading(parameters.cyskin.imperfections, counts)
+    _, noise = expected_reading(flaws, array.info.reading, array.counts)
     return np.maximum(least, SAME_READINGS * np.sqrt(2.0 * np.square(noise).mean(axis=1)))
 
 

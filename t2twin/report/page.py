@@ -39,11 +39,12 @@ BASELINE_COLORS = {
     NEAREST_NEIGHBOR: "#009e73",
 }
 RUN_COLORS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
-SENSOR_COLORS = {"digit": "#0072b2", "cyskin": "#e69f00"}
-"""Colors for all kinds of color vision (Okabe and Ito 2008)."""
+SENSOR_COLORS = {"source": "#0072b2", "target": "#e69f00"}
+"""Colors for all kinds of color vision (Okabe and Ito 2008). Those of sensors are by role."""
 
 SPLIT_COLORS = {"train": "#999999", "val": "#0072b2", "test": "#d55e00"}
-SENSOR_NAMES = {"digit": "DIGIT", "cyskin": "CySkin"}
+KIND_NAMES = {"image": "gel camera", "counts": "taxel array"}
+"""Names of the kinds of sensors, by the value of their readings."""
 
 MAX_LISTED_FORCES = 6
 """Maximum number of forces that are listed individually."""
@@ -152,6 +153,7 @@ LABELS = {
     "forces_text": forces_text,
     "listed": listed,
     "split_names": SPLIT_NAMES,
+    "kind_names": KIND_NAMES,
     "pi": math.pi,
     "tenths": tenths,
 }

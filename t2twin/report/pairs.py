@@ -1,37 +1,43 @@
-"""Pairs: DIGIT image, counts of the CySkin's taxels, tactile image, prediction of a run."""
+"""Pairs: images of gel cameras, counts and tactile images of taxel arrays, prediction of a run."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import (
     COUNTS_MAP,
     Panel,
+    aspect_of,
     color_bar,
-    digit_width,
-    draw_digit_image,
     draw_discs,
+    draw_image,
     draw_panels,
     draw_tactile_image,
     draw_taxels,
     extent_mm,
     figure,
 )
-from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
-from t2twin.sim.taxels.phi import TACTILE_SHAPE
 
 PAIRS = 12
 SEED = 0
 MAX_NAMES = 60
 """Maximum number of names that are sampled in their order (assumed: the number of images)."""
 
-WIDTH_IN, HEIGHT_IN = 4.4, 2.1
-EXAMPLE_IN, BAR_IN, TITLES_IN = 4.2, 0.7, 0.45
-"""Width of the example and of its color bar, height of its titles, inches."""
+WIDTH_IN, HEIGHT_IN = 4.4, 2.0
+"""Width of a pair's figure, and its largest height, inches."""
+
+EXAMPLE_IN, EXAMPLE_HEIGHT_IN, TITLES_IN, BAR_IN = 4.2, 2.2, 0.45, 0.7
+"""Width of the example, largest height of its images, height of its titles, width of a color bar,
+inches."""
+
+BAR_WIDTH = 0.07
+"""Width of a color bar, relative to a tactile image."""
 
 
 def section(dataset: Dataset) -> dict[str, Any]:
@@ -40,8 +46,19 @@ def section(dataset: Dataset) -> dict[str, Any]:
         (split, dataset.row(split, row), _figure(dataset, split, row))
         for split, row in sampled_pairs(dataset)
     ]
-    half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
-    return {"pairs": pairs, "field_of_view_mm": (2 * half_width, 2 * half_height)}
+    half_mm = field_of_view(dataset)
+    return {
+        "pairs": pairs,
+        "field_of_view_mm": None if half_mm is None else [2 * half for half in half_mm],
+    }
+
+
+def field_of_view(dataset: Dataset) -> tuple[float, float] | None:
+    """Half of what the image of a simulated gel camera shows along x and y, mm; None where it is
+    unknown, and without a taxel array on which it is drawn."""
+    if not (dataset.cameras and dataset.arrays and dataset.info.is_simulated):
+        return None
+    return dataset.info.camera.view_mm
 
 
 def sampled_pairs(dataset: Dataset) -> list[tuple[str, int]]:
@@ -49,57 +66,109 @@ def sampled_pairs(dataset: Dataset) -> list[tuple[str, int]]:
     return sample_in_turn(dataset, dataset.families, PAIRS, SEED)
 
 
-def example(dataset: Dataset, split: str, row: int, translated: np.ndarray | None = None) -> bytes:
-    """Content of a PNG file with a pair. translated: (N,) predicted counts."""
-    true = dataset.phi(np.array(dataset.row(split, row)["taxels"], dtype=np.float32))
-    panels = [Panel("DIGIT\n(image)", dataset.image(split, row))]
-    if translated is None:
-        panels.append(Panel("CySkin\n(counts)", true))
-    else:
-        panels.append(Panel("CySkin\n(true counts)", true))
-        panels.append(Panel("network\n(predicted)", dataset.phi(translated)))
-    layout = dataset.layout
-    panel_in = (EXAMPLE_IN - BAR_IN) / sum(panel.width for panel in panels)
-    height_in = TITLES_IN + panel_in * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]
+def example(dataset: Dataset, split: str, row: int) -> bytes:
+    """Content of a PNG file with a pair: images and tactile images."""
+    parts = [part for part in _parts(dataset, split, row) if part.title]
+    bars = BAR_IN * len(dataset.arrays)
+    height = min(EXAMPLE_HEIGHT_IN, (EXAMPLE_IN - bars) / sum(part.aspect for part in parts))
+    return figure(
+        "png", EXAMPLE_IN, height + TITLES_IN, lambda page: _draw(page, parts, has_titles=True)
+    )
+
+
+def translation(dataset: Dataset, split: str, row: int, predicted: np.ndarray) -> bytes:
+    """Content of a PNG file with an image, the true counts and those that a run predicts.
+
+    predicted: (N,) counts.
+    """
+    array, layout = dataset.array, dataset.array.layout
+    true = dataset.counts_of(split, row, dataset.info.role_of("counts"))
+    panels = [
+        Panel(f"{dataset.camera_name}\n(image)", dataset.image(split, row)),
+        Panel(f"{dataset.array_name}\n(true counts)", array.phi(true)),
+        Panel("network\n(predicted)", array.phi(predicted)),
+    ]
+    height = min(EXAMPLE_HEIGHT_IN, (EXAMPLE_IN - BAR_IN) / sum(panel.aspect for panel in panels))
     return figure(
         "png",
         EXAMPLE_IN,
-        height_in,
-        lambda page: draw_panels(page, panels, dataset.phi, layout.x_mm, layout.y_mm),
+        height + TITLES_IN,
+        lambda page: draw_panels(page, panels, array.phi, layout.x_mm, layout.y_mm),
     )
 
 
 def _figure(dataset: Dataset, split: str, row: int) -> bytes:
-    image = dataset.image(split, row)
-    counts = np.array(dataset.row(split, row)["taxels"], dtype=np.float32)
+    parts = _parts(dataset, split, row)
+    bars = BAR_IN * len(dataset.arrays)
+    height = min(HEIGHT_IN, (WIDTH_IN - bars) / sum(part.aspect for part in parts))
+    return figure("png", WIDTH_IN, height + 0.1, lambda page: _draw(page, parts))
+
+
+class _Part(NamedTuple):
+    """A part of a pair's figure.
+
+    title: "" for the pads. aspect: width over height. draw: draws it, and returns what needs a
+    color bar.
+    """
+
+    title: str
+    aspect: float
+    draw: Callable[[Axes], AxesImage | None]
+
+
+def _draw(page: Figure, parts: list[_Part], has_titles: bool = False) -> None:
+    grid = page.subplots(1, len(parts), width_ratios=[part.aspect for part in parts], squeeze=False)
+    for axes, part in zip(grid.flat, parts, strict=True):
+        if has_titles:
+            axes.set_title(part.title)
+        drawn = part.draw(axes)
+        if drawn is not None:
+            color_bar(page, drawn, axes, BAR_WIDTH, "counts" if has_titles else "")
+
+
+def _parts(dataset: Dataset, split: str, row: int) -> list[_Part]:
+    """The image of each gel camera, the pads and the tactile image of each array, source first."""
+    parts = []
+    for role in dataset.info.sensors:
+        if role in dataset.cameras:
+            parts.append(_image(dataset, role, dataset.image(split, row, role)))
+        else:
+            parts += _array(dataset, role, dataset.counts_of(split, row, role))
+    return parts
+
+
+def _image(dataset: Dataset, role: str, image: np.ndarray) -> _Part:
+    title = f"{dataset.label(role)}\n(image)"
+    return _Part(title, aspect_of(image), lambda axes: draw_image(axes, image))
+
+
+def _array(dataset: Dataset, role: str, counts: np.ndarray) -> tuple[_Part, _Part]:
+    """The pads and the tactile image. counts: (N,)."""
+    array = dataset.arrays[role]
+    phi, layout = array.phi, array.layout
     limits = (0.0, max(float(counts.max()), 1.0))
 
-    def draw(page: Figure) -> None:
-        digit, array, tactile = page.subplots(1, 3, width_ratios=(digit_width(image), 1, 1))
-        draw_digit_image(digit, image)
-        _draw_pads(array, dataset, counts, limits)
-        drawn = draw_tactile_image(tactile, dataset.phi(counts), dataset.phi, limits)
-        draw_taxels(tactile, dataset.layout.x_mm, dataset.layout.y_mm)
-        color_bar(page, drawn, tactile, 0.07)
+    def draw_pads(axes: Axes) -> None:
+        draw_discs(
+            axes, layout.x_mm, layout.y_mm, layout.pad_diameter_mm, array=counts, cmap=COUNTS_MAP,
+            clim=limits, edgecolors="#444444", linewidths=0.4, clip_on=False,
+        )  # fmt: skip
+        half_mm = field_of_view(dataset)
+        if half_mm is not None:
+            corner, sides = (-half_mm[0], -half_mm[1]), (2 * half_mm[0], 2 * half_mm[1])
+            axes.add_patch(Rectangle(corner, *sides, fill=False, edgecolor="#d55e00", linewidth=1))
+        left, right, bottom, top = extent_mm(phi)
+        axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+        axes.set_axis_off()
 
-    return figure("png", WIDTH_IN, HEIGHT_IN, draw)
+    def draw_tactile(axes: Axes) -> AxesImage:
+        drawn = draw_tactile_image(axes, phi(counts), phi, limits)
+        draw_taxels(axes, layout.x_mm, layout.y_mm)
+        return drawn
 
-
-def _draw_pads(
-    axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float, float]
-) -> None:
-    """Draws pads as discs of their diameters, with the field of view of a simulated DIGIT."""
-    draw_discs(
-        axes, dataset.layout.x_mm, dataset.layout.y_mm, dataset.pad_diameter_mm, array=counts,
-        cmap=COUNTS_MAP, clim=limits, edgecolors="#444444", linewidths=0.4,
-    )  # fmt: skip
-    if dataset.info.is_simulated:
-        half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
-        corner, sides = (-half_width, -half_height), (2 * half_width, 2 * half_height)
-        axes.add_patch(Rectangle(corner, *sides, fill=False, edgecolor="#d55e00", linewidth=1.0))
-    left, right, bottom, top = extent_mm(dataset.phi)
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-    axes.set_axis_off()
+    aspect = phi.shape[1] / phi.shape[0]
+    title = f"{dataset.label(role)}\n(counts)"
+    return _Part("", aspect, draw_pads), _Part(title, aspect, draw_tactile)
 
 
 def sample_in_turn(

@@ -13,11 +13,10 @@ from t2twin.core.tables import Table
 from t2twin.report import dataset_report, pairs, run_charts
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.figures import Panel, panels_image
-from t2twin.report.page import SPLIT_NAMES, Section, name_of, write_page
-from t2twin.report.pairs import example
-from t2twin.sim.dataset.store import sha256_of
-from t2twin.sim.optical.optics import DEFAULT_PATH
-from t2twin.sim.taxels.pads import DIELECTRIC_MODULUS_MPA
+from t2twin.report.page import KIND_NAMES, SPLIT_NAMES, Section, listed, name_of, write_page
+from t2twin.sim.dataset.info import SensorInfo
+from t2twin.sim.sensors.files import bundled_sensors
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import Evaluation
 from t2twin.translate.evaluation.table import (
@@ -67,7 +66,7 @@ def summary(report: ReportData) -> dict[str, Any]:
         "best": name,
         "errors": errors,
         "row": row,
-        "example": example(report, split, row, predictions.by_model[name][row]),
+        "example": pairs.translation(report, split, row, predictions.by_model[name][row]),
     }
 
 
@@ -133,14 +132,53 @@ def _run(report: ReportData, name: str) -> list[str]:
 
 
 def limits(report: ReportData) -> dict[str, Any]:
-    """Assumed parameters of a simulated dataset, and whether its optics are the default ones."""
-    parameters = report.info.parameters
+    """Known parameters of simulated sensors, and whether the light is that of the sensor's file."""
+    info = report.info
+    if not info.is_simulated:
+        return {}
+    laws = [(sensor.elastomer or {}).get("law") for sensor in info.sensors.values()]
     return {
-        "parameters": parameters,
-        "dielectric_mpa": DIELECTRIC_MODULUS_MPA,
-        "is_default_optics": parameters is not None
-        and parameters.digit.optics_sha256 == sha256_of(DEFAULT_PATH),
+        "sensors": [
+            {
+                "kind": KIND_NAMES[sensor.value],
+                "name": report.label(role),
+                "known": known_values(sensor),
+            }
+            for role, sensor in info.sensors.items()
+        ],
+        "is_stiffening": "stiffening" in laws,
+        "is_own_light": is_own_light(info.camera),
     }
+
+
+def known_values(sensor: SensorInfo) -> list[str]:
+    """What a dataset records of a simulated sensor, in words; less for a dataset of format 1."""
+    values, layer, spec = [], sensor.elastomer, sensor.spec or {}
+    if layer is not None:
+        values.append(
+            f"a layer of {layer['thickness_mm']:g} mm with a modulus of {layer['young_mpa']:g} MPa "
+            f"and a Poisson's ratio of {layer['poisson']:g}"
+        )
+    if sensor.noise_grey is not None:
+        values.append(f"image noise of {sensor.noise_grey:.2g} grey levels")
+    if sensor.pad_diameter_mm is not None:
+        pads = sorted(set(sensor.pad_diameter_mm))
+        values.append(f"pads with a diameter of {listed([f'{pad:.3g}' for pad in pads])} mm")
+    if (transducer := spec.get("transducer")) is not None:
+        constants = [f"{n} {v:g}" for n, v in transducer.items() if isinstance(v, (int, float))]
+        values.append(f"{transducer['law']} taxels ({', '.join(constants)})")
+    if (counts := spec.get("counts")) is not None:
+        values.append(f"{counts['gain']:,g} counts for a signal of 1")
+    return values
+
+
+def is_own_light(camera: SensorInfo) -> bool:
+    """Whether the light of a gel camera is that of its file: of LEDs, or a bundled sensor's own."""
+    if camera.optics_sha256 is None:
+        return True
+    if camera.name not in bundled_sensors():
+        return False
+    return SensorPair.of(camera.name).camera.optics_sha256 == camera.optics_sha256
 
 
 def results(report: ReportData) -> dict[str, Any]:
@@ -194,13 +232,13 @@ def samples_at_quantiles(report: ReportData, split: str) -> list[tuple[int, floa
 
 def sample_image(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, generated images, phi of the predicted counts, differences, and I."""
-    predictions, phi, layout = report.predictions[split], report.phi, report.layout
-    digit, truth = report.image(split, row), phi(predictions.truth[row])
-    panels = [Panel("X\nDIGIT", digit)]
+    predictions, phi, layout = report.predictions[split], report.array.phi, report.layout
+    image, truth = report.image(split, row), phi(predictions.truth[row])
+    panels = [Panel(f"X\n{report.camera_name}", image)]
     for name, run in report.runs.items():
         predicted, title = phi(predictions.by_model[name][row]), name_of(name)
         if run.reads_any_layout:
-            panels.append(Panel(f"{title}\ngenerated", run.tactile_images([digit])[0]))
+            panels.append(Panel(f"{title}\ngenerated", run.tactile_images([image])[0]))
         error = predictions.rmse_counts(name)[row]
         panels.append(Panel(f"φ(Ŷ) {title}\n{error:,.0f} counts", predicted))
         panels.append(Panel("φ(Ŷ) − I\n", predicted - truth, is_difference=True))
