@@ -17,7 +17,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.tables import text
 from t2twin.sim.dataset.store import read_info
-from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.baselines import (
@@ -30,7 +30,7 @@ from t2twin.translate.evaluation.predictions import (
     OF_OPTICS,
     PREDICTIONS,
     as_readings,
-    is_of_default_optics,
+    frame_of_own_light,
     read_predictions,
 )
 from t2twin.translate.evaluation.records import (
@@ -324,7 +324,7 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
         evaluate(runs, data_dir, "validation", tmp_path / "out")
     other = write_spots(tmp_path / "other", train=8, val=2, test=1)
     info = json.loads((other / "info.json").read_text())
-    info["layout_x_mm"] = [0.5 * x for x in info["layout_x_mm"]]
+    info["target"]["x_mm"] = [0.5 * x for x in info["target"]["x_mm"]]
     (other / "info.json").write_text(json.dumps(info))
     with pytest.raises(T2TwinError, match="a ResNet18, which predicts only the 20 taxels"):
         evaluate(runs[1:], other, "val", tmp_path / "out")
@@ -340,7 +340,7 @@ def test_a_field_run_is_given_the_background_of_the_default_optics(
     assert found.background == OF_OPTICS
     run = require(load_run("field"), FieldPredictor, "the test")
     pairs = load_pairs(small_dataset, "val", 96, grey=False)
-    frame = ImageRenderer.load().background
+    frame = SensorPair().camera.image_renderer.background
     expected = run.estimate_pixels(run.with_background(pairs.images[:], run.pixels_of(frame)[0]))
     expected = as_readings(expected, read_info(small_dataset))
     predictions = read_predictions(tmp_path / "default").by_model["field"]
@@ -351,7 +351,7 @@ def test_a_field_run_is_given_the_background_of_the_default_optics(
 
 def test_a_given_background_frame_is_used(small_dataset: Path, tmp_path: Path) -> None:
     file = tmp_path / "background.png"
-    Image.fromarray(ImageRenderer.load().background).save(file)
+    Image.fromarray(SensorPair().camera.image_renderer.background).save(file)
     given = evaluate(["field"], small_dataset, "val", tmp_path / "given", file)
     default = evaluate(["field"], small_dataset, "val", tmp_path / "default")
     assert given.background == str(file)
@@ -363,10 +363,8 @@ def test_a_given_background_frame_is_used(small_dataset: Path, tmp_path: Path) -
 
 def test_a_dataset_with_another_optics_has_no_background(small_dataset: Path) -> None:
     info = read_info(small_dataset)
-    assert info.parameters is not None
-    digit = replace(info.parameters.digit, optics_sha256=64 * "0")
-    other = replace(info, parameters=replace(info.parameters, digit=digit))
-    assert is_of_default_optics(info) and not is_of_default_optics(other)
+    other = replace(info, source=replace(info.source, optics_sha256=64 * "0"))
+    assert frame_of_own_light(info) is not None and frame_of_own_light(other) is None
 
 
 def test_a_background_that_no_run_uses_is_refused(

@@ -17,9 +17,7 @@ from t2twin.report.run_report import write_report
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sampling.recipe import load_recipe
-from t2twin.sim.sensors import CySkin
-from t2twin.sim.taxels import pads
-from t2twin.sim.taxels.dense import dense_counts, dense_layout, reading_matrix
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import Layout, load_layout
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
@@ -52,6 +50,9 @@ from t2twin.translate.uncertainty.estimate import Estimate
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"
 )
+
+ARRAY = SensorPair().array
+DENSE = ARRAY.dense
 
 RECIPE = """
 format = 1
@@ -110,7 +111,7 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
     pairs = load_pairs(data_dir, "train", 64, grey=False, with_dense_counts=True)
     info = load_info(data_dir)
     assert pairs.dense_counts is not None and pairs.backgrounds is not None
-    own = reading_matrix(info.taxels) @ pairs.dense_counts.T
+    own = DENSE.reading_matrix(info.taxels) @ pairs.dense_counts.T
     assert np.abs(own.T - pairs.counts).max() < 40  # the reading's noise alone
     pictures = pairs.inputs[:]
     assert pictures.shape == (len(pairs), 64, 64, 6)
@@ -158,25 +159,25 @@ def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float, part: float
     layout = replace(dense, pad_diameter_mm=np.full(dense.size, pad_mm))
     for name, yaw in (("square-2", 0.3), ("pliers/teeth", 1.0)):
         shape = shapes(name)
-        contact = CySkin().press(shape, PressCommand(shape.name, 1.5, -2.0, yaw, 8.0))
-        true = pads.counts(pads.pad_pressure_mpa(contact, layout))
-        read = reading_matrix(layout) @ dense_counts(contact).astype(float)
+        reading = ARRAY.read(ARRAY.press(shape, PressCommand(shape.name, 1.5, -2.0, yaw, 8.0)))
+        true = ARRAY.noiseless(reading.contact, layout)
+        read = DENSE.reading_matrix(layout) @ reading.dense_counts.astype(float)
         assert np.sqrt(np.square(read - true).mean()) < part * true.max()
 
 
 def test_a_place_of_the_field_is_read_as_it_is_and_one_off_the_cover_refused() -> None:
-    places = dense_layout()
-    np.testing.assert_array_equal(reading_matrix(places), np.eye(places.size))
-    own = reading_matrix(load_layout())
+    places = DENSE.layout
+    np.testing.assert_array_equal(DENSE.reading_matrix(places), np.eye(places.size))
+    own = DENSE.reading_matrix(load_layout())
     assert ((own == 0) | (own == 1)).all() and (own.sum(axis=1) == 1).all()
     off = Layout("off", np.array([0.0, 5.0, 15.0]), np.array([0.0, 5.0, 0.0]), np.full(3, 4.0))
     with pytest.raises(T2TwinError, match=r"off has 1 taxel\(s\) off the cover, such as taxel 2"):
-        reading_matrix(off)
+        DENSE.reading_matrix(off)
 
 
 def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
     """A map that holds each cell's own x or y gives every place in the view its own."""
-    places, view = dense_layout(), (6.25, 8.0)
+    places, view = DENSE.layout, (6.25, 8.0)
     assert grid_of(places.x_mm) == (12, 18)
     reading = resampling_weights(places.x_mm, places.y_mm, view, 12)
     centers = (np.arange(12) + 0.5) / 12 * 2 - 1
@@ -403,7 +404,7 @@ def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: FieldPred
         teller(said).counts_std[0] / teller(said).dense_counts_std[0, 0]
         for teller in (together, apart)
     ]
-    weights = torch.from_numpy(reading_matrix(dense)).float()
+    weights = torch.from_numpy(DENSE.reading_matrix(dense)).float()
     torch.testing.assert_close(sizes[0], weights.sum(dim=1).abs(), atol=0.05, rtol=0)
     torch.testing.assert_close(sizes[1], weights.square().sum(dim=1).sqrt(), atol=1e-3, rtol=0)
 

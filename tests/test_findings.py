@@ -16,14 +16,8 @@ from benchmarks.networks.irreducible_error import (
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
-from t2twin.sim.taxels.layout import load_layout
-from t2twin.sim.taxels.reading import (
-    DATASET_DEFAULT,
-    Imperfections,
-    expected_reading,
-    imperfections,
-    read,
-)
+from t2twin.sim.sensors.pair import SensorPair
+from t2twin.sim.taxels.reading import Imperfections
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation import array_errors
 from t2twin.translate.evaluation.array_errors import GroupedFigures, PairFigures
@@ -58,9 +52,7 @@ def info(data_dir: Path) -> DatasetInfo:
 
 def with_flaws(info: DatasetInfo, flaws: Imperfections) -> DatasetInfo:
     """The dataset's info.json, as if it had been made with these imperfections."""
-    assert info.parameters is not None
-    skin = replace(info.parameters.cyskin, imperfections=flaws)
-    return replace(info, parameters=replace(info.parameters, cyskin=skin))
+    return replace(info, target=replace(info.target, imperfections=flaws))
 
 
 def test_two_readings_differ_by_the_noise_of_both(info: DatasetInfo) -> None:
@@ -82,16 +74,16 @@ def test_flaws_for_good_cancel_between_readings(info: DatasetInfo) -> None:
     same = second_reading(stored, with_flaws(info, flaws))
     assert same is not None
     np.testing.assert_allclose(same, stored, rtol=1e-6)
-    assert second_reading(stored, replace(info, parameters=None)) is None
+    unknown = replace(info, target=replace(info.target, imperfections=None))
+    assert second_reading(stored, unknown) is None
 
 
 def test_noise_without_contact_is_counted_once(info: DatasetInfo) -> None:
     """Of readings that the recorded noise raises, as they are clipped to 0."""
-    flaws, rng = imperfections("recorded"), np.random.default_rng(0)
-    one, two = np.array(
-        [read(np.zeros(20), load_layout(), flaws, rng).astype(float) for _ in range(1000)]
-    ).reshape(2, 500, 20)
-    again = second_reading(one, with_flaws(info, flaws))
+    array, rng = SensorPair.of(imperfections="recorded").array, np.random.default_rng(0)
+    readings = [array.read(None, rng).counts for _ in range(1000)]
+    one, two = np.array(readings, float).reshape(2, 500, 20)
+    again = second_reading(one, with_flaws(info, array.flaws))
     assert again is not None
     expected = np.sqrt(np.square(one - two).mean())
     assert np.sqrt(np.square(again - one).mean()) == pytest.approx(expected, rel=0.15)
@@ -103,9 +95,9 @@ def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     inputs = EvaluationInputs(data_dir, read_info(data_dir), load_info(data_dir), {}, {}, None)
     rows = predict_baselines(inputs, pairs, train, near, ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
-    flaws = imperfections(DATASET_DEFAULT)
-    at_rest, _ = expected_reading(flaws, np.zeros(pairs.counts.shape[1]))
-    _, noise = expected_reading(flaws, np.maximum(pairs.counts - at_rest, 0.0))
+    array = SensorPair().array.for_dataset()
+    at_rest, _ = array.expected(np.zeros(pairs.counts.shape[1]))
+    _, noise = array.expected(np.maximum(pairs.counts - at_rest, 0.0))
     assert error == pytest.approx(np.sqrt(2 * np.square(noise).mean()), rel=0.1)
     assert error < np.sqrt(np.square(rows[NEAREST_NEIGHBOR] - pairs.counts).mean()) / 5
 

@@ -10,6 +10,7 @@ import torch
 from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.evaluation.baselines import (
     LAYOUT_FLOOR,
@@ -119,7 +120,7 @@ def test_evaluation_on_a_denser_layout(
     layout = replace(load_layout(), name="dense", x_mm=dense[0], y_mm=dense[1],
                      pad_diameter_mm=np.full(dense[0].size, 4.0))  # fmt: skip
     with monkeypatch.context() as patch:
-        patch.setattr("spots.load_layout", lambda: layout)
+        patch.setattr("spots.load_layout", lambda name: layout)
         data = write_spots(tmp_path / "dense", train=8, val=4, test=2)
     run = runs["touch2touch"]
     evaluation = evaluate([run.run_dir], data, "val", tmp_path / "out")
@@ -138,7 +139,8 @@ def test_evaluation_on_a_denser_layout(
 def test_view_sorts_the_default_layout() -> None:
     """12.5 x 16.7 mm over taxels 7.5 mm apart: 4 under it, 12 within a pitch, 4 beyond."""
     layout = load_layout()
-    view = view_on(layout.x_mm, layout.y_mm)
+    camera = SensorPair().camera.camera
+    view = view_on(layout.x_mm, layout.y_mm, camera.seen_half_extent_mm())
     assert view.pitch_mm == pytest.approx(7.5, abs=1e-3)
     assert 2 * view.half_width_mm == pytest.approx(12.5, abs=0.05)
     assert 2 * view.half_height_mm == pytest.approx(16.7, abs=0.05)

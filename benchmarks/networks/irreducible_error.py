@@ -29,6 +29,7 @@ import numpy as np
 from PIL import Image
 
 from t2twin.core.images import decode_png
+from t2twin.sim.dataset.columns import IMAGE, column
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import to_pixels
@@ -140,9 +141,9 @@ def noise_distance_grey(data_dir: Path, split: str) -> float | None:
     stored ones.
     """
     info = read_info(data_dir)
-    if info.parameters is None:
+    sigma = info.camera.noise_grey
+    if sigma is None:
         return None
-    sigma = info.parameters.digit.noise_grey
     rng = np.random.default_rng(SEED)
     squares = [
         np.square(np.subtract(*(_noisy_features(image, sigma, rng) for _ in range(2)))).mean()
@@ -161,8 +162,11 @@ def _sample_images(data_dir: Path, info: DatasetInfo, split: str) -> list[np.nda
     """Up to NOISE_IMAGES images, equal numbers of each shape, (h, w, 3) uint8."""
     shards = split_shards(info, split)
     each = -(-NOISE_IMAGES // len(shards))
+    name = column(info.role_of(IMAGE), IMAGE)
     images = [
-        decode_png(png) for shard in shards for png in islice(iter_images(data_dir, shard), each)
+        decode_png(png)
+        for shard in shards
+        for png in islice(iter_images(data_dir, shard, name), each)
     ]
     return images[:NOISE_IMAGES]
 
