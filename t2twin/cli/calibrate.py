@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     from t2twin.adaptation.record import AdaptationResult
 
-FILES = ("optics_strip.png", "optics.json", "optics.npz")
+FILES = ("optics_strip.png", "optics_coverage.png", "optics.json", "optics.npz")
 """Files written to --out with presses."""
 
 
@@ -83,8 +83,8 @@ def calibrate(
             known. Measurements are read from a table in it, forces.csv: a column file, and any of
             force_n, depth_mm (from first contact) and ball_diameter_mm.
         ball_diameter_mm: The ball's diameter, mm.
-        out: Folder for optics.npz and, with presses, optics.json and
-            optics_strip.png.
+        out: Folder for optics.npz and, with presses, optics.json, optics_strip.png and
+            optics_coverage.png, which shows the part of the image that no press covers.
         sensor: Gel camera: a bundled name or a .toml file, whose gel, camera and LEDs hold.
     """
     from t2twin.core.errors import T2TwinError
@@ -113,13 +113,13 @@ def calibrate(
             background, presses, ball_diameter_mm, fit.held_out, camera, print, fit.tolerance,
             sensor,
         )  # fmt: skip
-        _write(report, out)
+        _write(report, out, sensor)
     print(f"written to {out}: optics.npz, for press and simdata as --optics;")
     print("optics.json, the printed results; optics_strip.png, the held-out presses:")
-    print("real above, simulated below")
+    print("real above, simulated below; optics_coverage.png, all presses and what they leave bare")
 
 
-def _write(report: "OpticsReport", out: Path) -> None:
+def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     """Write the files and print the results.
 
     The strip has the held-out frames above, and the simulated ones with one frame's noise below.
@@ -128,7 +128,9 @@ def _write(report: "OpticsReport", out: Path) -> None:
     from PIL import Image
 
     from t2twin.core.files import atomic_write
+    from t2twin.sim.calibrate import sensor_and_camera
     from t2twin.sim.optical.calibrate.calibrate import write_record
+    from t2twin.sim.optical.calibrate.coverage import coverage_picture, coverage_sentences
     from t2twin.sim.optical.calibrate.uncertainty import uncertainty_lines
 
     simulated, noise, rng = report.simulated, report.optics.noise, np.random.default_rng(0)
@@ -138,10 +140,15 @@ def _write(report: "OpticsReport", out: Path) -> None:
     strip = np.concatenate([np.concatenate(row, axis=1) for row in (report.real, simulated)])
     with atomic_write(out / "optics_strip.png") as temporary:
         Image.fromarray(strip).save(temporary)
+    gel, optics = sensor_and_camera(sensor, None)[0].own_gel, report.optics
+    picture = coverage_picture(report.coverage, optics.background, optics.camera, gel)
+    with atomic_write(out / "optics_coverage.png") as temporary:
+        picture.save(temporary)
     write_record(out / "optics.json", report)
     report.optics.save(out / "optics.npz")
     lines = [] if report.uncertainty is None else uncertainty_lines(report.uncertainty)
-    for line in (*_score_lines(report), *lines):
+    covered = coverage_sentences(report.coverage, optics.camera)
+    for line in (*_score_lines(report), *lines, *covered, ""):
         print(line)
 
 

@@ -15,6 +15,7 @@ from skimage.metrics import structural_similarity
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
+from t2twin.sim.optical.calibrate.coverage import Coverage, coverage_of
 from t2twin.sim.optical.calibrate.fit import GAMMA
 from t2twin.sim.optical.calibrate.frames import (
     clean_background,
@@ -92,7 +93,8 @@ class OpticsReport:
     trained, held_out: names of the frames. repeated: names of duplicates, which are excluded.
     training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each fitted to its own frame. surfaces_mm:
     (n, grid) deflections at the poses, on optical_grid(gel). real, simulated: (n, rows, columns, 3)
-    uint8. scores: means. each: the score of each press. uncertainty: bounds of depths and forces.
+    uint8. scores: means. each: the score of each press. coverage: by all presses, in the order of
+    training_poses and poses. uncertainty: bounds of depths and forces.
     """
 
     optics: Optics
@@ -107,6 +109,7 @@ class OpticsReport:
     simulated: np.ndarray
     scores: OpticsScores
     each: list[Score]
+    coverage: Coverage
     uncertainty: OpticsUncertainty | None
 
 
@@ -199,6 +202,9 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
     )
     scores = OpticsScores(*(mean_score(scored) for scored in (each, *baselines)))
     _check_explains(scores)
+    all_poses = np.concatenate([fit.state.poses, poses])
+    diameters_mm = inputs.measurements.diameters_mm[[*train, *test]]
+    coverage = coverage_of(fit.model.camera, inputs.sensor.own_gel, all_poses, diameters_mm)
     return OpticsReport(
         optics=optics,
         scored_by=optics,
@@ -212,6 +218,7 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
         simulated=simulated,
         scores=scores,
         each=each,
+        coverage=coverage,
         uncertainty=None,
     )
 
@@ -314,7 +321,7 @@ def cut_and_paste(
 
 
 def write_record(path: Path, report: OpticsReport) -> None:
-    """Write optics.json: names, scores, each held-out press, the uncertainty.
+    """Write optics.json: names, scores, each held-out press, the coverage, the uncertainty.
 
     Raises T2TwinError where it cannot be written.
     """
@@ -330,6 +337,8 @@ def write_record(path: Path, report: OpticsReport) -> None:
         "repeated": report.repeated,
         "held_out": held_out,
         "scores": asdict(report.scores),
+        "covered": report.coverage.covered,
+        "next_mm": report.coverage.next_mm.tolist(),
         "uncertainty": None if report.uncertainty is None else asdict(report.uncertainty),
     }
     write_json(path, content)

@@ -119,8 +119,17 @@ class Sums:
 
 
 def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.ndarray:
-    """(RGB, entries): the response with the least penalized error."""
-    return np.linalg.solve(squares + terms.penalty(squares), products).T
+    """(RGB, entries): the response with the least penalized error.
+
+    Raises T2TwinError where no LED's light changes, as that of LEDs which the gel hides.
+    """
+    try:
+        return np.linalg.solve(squares + terms.penalty(squares), products).T
+    except np.linalg.LinAlgError as error:
+        raise T2TwinError(
+            "no press changes the light of the LEDs in the sensor's file; give LEDs beside the "
+            "gel, on the camera's side of its surface"
+        ) from error
 
 
 def select_terms(presses: Sequence[Sums], leds: int) -> Terms:
