@@ -1,0 +1,145 @@
+"""The part of the image that presses cover, and where the next ones belong.
+
+An optics file is fitted to the light around the presses. Farther away it is extrapolated.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.optical.camera.pinhole import Camera
+
+COVER_MM = 2.5
+"""Distance to the middle of a press within which it covers the gel, mm."""
+STEPS = 40
+"""Number of places across the shorter side of the image that are compared with the presses."""
+ENOUGH = 0.97
+"""Share of the image from which on no more presses are needed (assumed)."""
+MOST = 8
+"""Largest number of next presses."""
+EDGE_MM = 1.2
+"""Distance of the next presses to the edge of the image, mm (assumed: a contact is as wide)."""
+BRIGHT_GREY, SHADE = 110.0, 0.35
+"""Mean grey level of the picture's background, and the factor of its shaded part."""
+PICTURE_PX = 720
+"""Longer side of the picture, at least, px."""
+PRESSED, NEXT = (255, 255, 255), (255, 220, 0)
+"""Colors of the presses and of the next ones."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Presses and the part of the image that they cover.
+
+    poses: (n, 3) x_mm, y_mm, depth_mm of the presses. radii_mm: (n,) of their contacts.
+    covered: share of the image within COVER_MM of a press. next_mm: (m, 2) x_mm and y_mm of presses
+    that would cover the rest, those that cover most first.
+    """
+
+    poses: np.ndarray
+    radii_mm: np.ndarray
+    covered: float
+    next_mm: np.ndarray
+
+
+def coverage_of(
+    camera: Camera, gel: Elastomer, poses: np.ndarray, diameters_mm: np.ndarray
+) -> Coverage:
+    """The coverage by presses (n, 3) of balls (n,)."""
+    radii_mm, depths_mm = diameters_mm / 2.0, np.minimum(poses[:, 2], diameters_mm / 2.0)
+    contacts_mm = np.sqrt(radii_mm**2 - (radii_mm - depths_mm) ** 2)
+    step = max(min(camera.rows, camera.columns) // STEPS, 1)
+    x_mm, y_mm, _ = camera.gel_points(
+        gel, np.arange(step / 2, camera.columns, step), np.arange(step / 2, camera.rows, step)
+    )
+    places = np.stack([x_mm.ravel(), y_mm.ravel()], axis=1)
+    reachable = _within(x_mm) & _within(y_mm)
+    candidates = places[reachable.ravel()]
+    bare = ~_near(places, poses[:, :2]).any(axis=1)
+    covered, near = 1.0 - float(bare.mean()), _near(places, candidates)
+    chosen = []
+    while len(chosen) < MOST and len(candidates) and bare.mean() > 1.0 - ENOUGH:
+        best = int(np.argmax(near[bare].sum(axis=0)))
+        chosen.append(candidates[best])
+        bare &= ~near[:, best]
+    return Coverage(poses, contacts_mm, covered, np.array(chosen).reshape(-1, 2))
+
+
+def _within(along_mm: np.ndarray) -> np.ndarray:
+    """Whether places are EDGE_MM away from the edges that they span."""
+    return (along_mm > along_mm.min() + EDGE_MM) & (along_mm < along_mm.max() - EDGE_MM)
+
+
+def _near(places: np.ndarray, presses: np.ndarray) -> np.ndarray:
+    """(places, presses) bool: whether presses (n, 2) cover places (m, 2)."""
+    return np.hypot(*np.moveaxis(places[:, None] - presses, -1, 0)) <= COVER_MM
+
+
+def coverage_sentences(coverage: Coverage, camera: Camera) -> list[str]:
+    """Which part of the image no press covers, and where the next ones belong."""
+    bare = 100.0 * (1.0 - coverage.covered)
+    if not len(coverage.next_mm):
+        return [f"The presses cover the image, except for {bare:.0f} % of it."]
+    places = [_named(place, camera) for place in coverage.next_mm]
+    return [
+        f"No press lies within {COVER_MM:g} mm of {bare:.0f} % of the image. There, the light is a "
+        "guess.",
+        f"Press next, in mm from the middle of the image: {'; '.join(places)}.",
+    ]
+
+
+def _named(place_mm: np.ndarray, camera: Camera) -> str:
+    """A place in words, such as "3.1 left, 0.2 down (left)"."""
+    (x_mm, y_mm), (half_x, half_y) = place_mm.tolist(), camera.seen_half_extent_mm()
+    third_x, third_y = (round(np.clip(1.5 * at / half, -1, 1))
+                        for at, half in ((x_mm, half_x), (y_mm, half_y)))  # fmt: skip
+    words = [{-1: "upper", 1: "lower"}.get(third_y), {-1: "left", 1: "right"}.get(third_x)]
+    part = " ".join(word for word in words if word) or "middle"
+    across, down = "left" if x_mm < 0 else "right", "up" if y_mm < 0 else "down"
+    return f"{abs(x_mm):.1f} {across}, {abs(y_mm):.1f} {down} ({part})"
+
+
+def coverage_picture(
+    coverage: Coverage, background: np.ndarray, camera: Camera, gel: Elastomer
+) -> Image.Image:
+    """The background with the presses' contacts, the uncovered part shaded, and the next presses.
+
+    background: (rows, columns, 3) uint8.
+    """
+    x_mm, y_mm, _ = camera.gel_points(gel, np.arange(camera.columns), np.arange(camera.rows))
+    places = np.stack([x_mm.ravel(), y_mm.ravel()], axis=1)
+    covered = np.zeros(len(places), dtype=bool)
+    for pose in coverage.poses:
+        covered |= _near(places, pose[None, :2])[:, 0]
+    light = background * np.clip(BRIGHT_GREY / max(float(background.mean()), 1.0), 1.0, 4.0)
+    shown = np.where(covered.reshape(*x_mm.shape, 1), light, SHADE * light)
+    zoom = -(-PICTURE_PX // max(shown.shape[:2]))
+    image = Image.fromarray(np.clip(np.rint(shown), 0, 255).astype(np.uint8))
+    image = image.resize((zoom * camera.columns, zoom * camera.rows))
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(14)
+    contacts = zip(coverage.poses[:, :2], coverage.radii_mm.tolist(), strict=True)
+    for number, (place, radius_mm) in enumerate(contacts, start=1):
+        _draw_circle(pen, font, place, radius_mm, zoom, camera, PRESSED, str(number))
+    for number, place in enumerate(coverage.next_mm, start=1):
+        _draw_circle(pen, font, place, EDGE_MM, zoom, camera, NEXT, f"next {number}")
+    return image
+
+
+def _draw_circle(
+    pen: ImageDraw.ImageDraw,
+    font: ImageFont.ImageFont | ImageFont.FreeTypeFont,
+    place_mm: np.ndarray,
+    radius_mm: float,
+    zoom: int,
+    camera: Camera,
+    color: tuple[int, int, int],
+    label: str,
+) -> None:
+    x_mm, y_mm = place_mm
+    row, column = (zoom * float(at) for at in camera.project(x_mm, y_mm, np.zeros(())))
+    radius = zoom * radius_mm * camera.scale_px_per_mm
+    box = (column - radius, row - radius, column + radius, row + radius)
+    pen.ellipse(box, outline=color, width=2)
+    pen.text((column, row), label, fill=color, font=font, anchor="mm")
