@@ -28,11 +28,12 @@ from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sampling import protocol
+from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.contact.dome",
@@ -93,7 +94,9 @@ RIM_MM = (1.0, 2.0, 3.0)
 DRAWN = 20
 """Presses of each shape drawn from the protocol."""
 
-DOMED = replace(DIGIT_GEL, law="linear")
+CAMERA = SensorPair().camera
+GEL = CAMERA.own_gel
+DOMED = replace(GEL, law="linear")
 FLAT = replace(DOMED, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
 WIDE = replace(FLAT, width_mm=WIDE_MM, length_mm=WIDE_MM)
 
@@ -138,7 +141,7 @@ def compare(shape: Shape, command: PressCommand, ground: Ground) -> dict[str, An
     """Figures of one press, the engine against the solid; less force where 8 N goes through."""
     while True:
         try:
-            contact = solve_contact(shape, command, ground.elastomer, DIGIT_PITCH_MM)
+            contact = solve_contact(shape, command, ground.elastomer, CAMERA.pitch_mm)
             break
         except T2TwinError:
             command = replace(command, force_n=command.force_n / 2)
@@ -215,10 +218,10 @@ def near_rim(names: Iterable[str], rng: np.random.Generator) -> dict[str, Any]:
         grid = protocol.grid_of(name)
         for index in rng.choice(grid.points**2 * grid.orientations, DRAWN, replace=False):
             command = protocol.press_at(shape, int(index))
-            contact = solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM)
+            contact = solve_contact(shape, command, GEL, CAMERA.pitch_mm)
             to_rim = np.minimum(
-                DIGIT_GEL.width_mm / 2 - np.abs(contact.x_mm)[None, :],
-                DIGIT_GEL.length_mm / 2 - np.abs(contact.y_mm)[:, None],
+                GEL.width_mm / 2 - np.abs(contact.x_mm)[None, :],
+                GEL.length_mm / 2 - np.abs(contact.y_mm)[:, None],
             )
             pressure = contact.pressure_kpa
             near = [to_rim < distance for distance in RIM_MM]

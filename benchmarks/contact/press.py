@@ -34,11 +34,11 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact import pin_layout
-from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.sampling import protocol
-from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, load_layout
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.pads import pad_pressure_mpa
 
 BENCHMARK = Benchmark(
@@ -115,22 +115,23 @@ class Sensor:
     pitch_mm: float
 
 
+PAIR = SensorPair()
+GEL, COVER = PAIR.camera.own_gel, PAIR.array.elastomer
+
 SENSORS = {
     "digit": Sensor(
-        DIGIT_GEL,
+        GEL,
         replace(
-            DIGIT_GEL,
+            GEL,
             law="linear",
             width_mm=FLAT_WIDTH_MM,
             dome_width_radius_mm=np.inf,
             dome_length_radius_mm=np.inf,
         ),
-        DIGIT_PITCH_MM,
+        PAIR.camera.pitch_mm,
     ),
     # 0.3 MPa is an effective modulus at the working strain.
-    "cyskin": Sensor(
-        CYSKIN_COVER, replace(CYSKIN_COVER, law="linear", young_mpa=0.3), CYSKIN_PITCH_MM
-    ),
+    "cyskin": Sensor(COVER, replace(COVER, law="linear", young_mpa=0.3), PAIR.array.pitch_mm),
 }
 
 LIMITS = {
@@ -223,8 +224,8 @@ def compare(shape: Shape, sensor: Sensor, pads: list[FlatPad], force_n: float) -
         "pressure_error": _pressure_error(contact, pads[-1], fine.pressure_mpa),
         "force_error": contact.force_n / force_n - 1,
     }
-    if sensor.own == CYSKIN_COVER:
-        layout = load_layout(DEFAULT_LAYOUT)
+    if sensor.own == COVER:
+        layout = PAIR.array.layout
         expected = pads[-1].pad_pressure_mpa(fine.pressure_mpa, layout)
         off = np.abs(pad_pressure_mpa(contact, layout) - expected).max()
         row["pad_error"] = float(off / expected.max())
@@ -285,7 +286,7 @@ def orientations(shape: Shape, sensor: Sensor) -> float:
 
 def thick_layer() -> Elastomer:
     """A layer so thick that it is a half-space to a small contact."""
-    own = DIGIT_GEL
+    own = GEL
     return Elastomer("thick", HERTZ_LAYER_MM, own.young_mpa, own.poisson, 18.0, 18.0, law="linear")
 
 

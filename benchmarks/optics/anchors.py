@@ -20,15 +20,13 @@ from PIL import Image
 
 from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
-from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.calibrate import calibrate
 from t2twin.sim.optical.calibrate.frames import clean_background, contact_patch
 from t2twin.sim.optical.calibrate.measurements import FORCES, Measurements, Presses, fit_presses
 from t2twin.sim.optical.calibrate.uncertainty import Bounds, OpticsUncertainty, ball_forces_n
-from t2twin.sim.optical.camera.pinhole import Camera
-from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.anchors",
@@ -59,6 +57,8 @@ BALLS_MM = {"one_ball": (4.7,), "two_balls": (4.0, 6.0)}
 BALL, DEPTH, FORCE = "ball_diameter_mm", "depth_mm", "force_n"
 """Columns of the table beside the frames."""
 PRESSES, HELD_OUT, DISPLACEMENTS = 8, 2, 3
+SENSOR = SensorPair().camera
+GEL, NOISE_GREY = SENSOR.own_gel, SENSOR.spec.camera.noise_grey
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     for name, balls_mm in BALLS_MM.items():
         diameters_mm = np.resize(balls_mm, PRESSES)
         background, frames = _frames(poses, diameters_mm, rng)
-        forces_n = ball_forces_n(poses, diameters_mm) * YOUNG_MPA / DIGIT_GEL.young_mpa
+        forces_n = ball_forces_n(SENSOR, poses, diameters_mm) * YOUNG_MPA / GEL.young_mpa
         known = {BALL: diameters_mm}
         stated = _certainty(background, frames, known)
         known |= {DEPTH: poses[:DISPLACEMENTS, 2], FORCE: forces_n}
@@ -87,11 +87,13 @@ def measure(options: Namespace) -> dict[str, Any]:
 def _frames(
     poses: np.ndarray, diameters_mm: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The background frame and those of the presses, (n, 320, 240, 3) uint8."""
-    renderer = ImageRenderer(replace(Optics.load(), scale_px_per_mm=SCALE_PX_PER_MM))
-    still = renderer.render(0.0 * ball_surface(0.0, 0.0, 1.0), rng, NOISE_GREY)
+    """The background frame and those of the presses, (n, rows, columns, 3) uint8."""
+    renderer = ImageRenderer(
+        replace(SENSOR.optics, scale_px_per_mm=SCALE_PX_PER_MM), GEL, NOISE_GREY
+    )
+    still = renderer.render(0.0 * ball_surface(GEL, 0.0, 0.0, 1.0), rng, NOISE_GREY)
     surfaces = (
-        ball_surface(x_mm, y_mm, depth_mm, diameter_mm / 2)
+        ball_surface(GEL, x_mm, y_mm, depth_mm, diameter_mm / 2)
         for (x_mm, y_mm, depth_mm), diameter_mm in zip(poses, diameters_mm, strict=True)
     )
     return still, np.array([renderer.render(surface, rng, NOISE_GREY) for surface in surfaces])
@@ -104,10 +106,13 @@ def _lost_db(
     patches = np.array([contact_patch(frame, background) for frame in frames])
     nothing = np.full(PRESSES, np.nan)
     known = Measurements(diameters_mm, nothing, nothing)
-    presses = Presses(clean_background(background, frames), frames, patches, known)
-    true = fit_presses(presses, Camera(SCALE_PX_PER_MM)).state
+    presses = Presses(SENSOR, clean_background(background, frames), frames, patches, known)
+    true = fit_presses(presses, replace(SENSOR.camera, scale_px_per_mm=SCALE_PX_PER_MM)).state
     errors = {
-        off: fit_presses(presses, Camera(off * SCALE_PX_PER_MM), true).state.error for off in OFF
+        off: fit_presses(
+            presses, replace(SENSOR.camera, scale_px_per_mm=off * SCALE_PX_PER_MM), true
+        ).state.error
+        for off in OFF
     }
     return {f"at_{off:g}": float(10 * np.log10(of / true.error)) for off, of in errors.items()}
 

@@ -34,12 +34,12 @@ from t2twin.sim.optical.calibrate.calibrate import (
     sample_lights,
 )
 from t2twin.sim.optical.calibrate.frames import contact_patch, read_frames
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.optical.camera.response import linear
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.randomization.lighting import SampledLight, light_at_rest
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.background_frames",
@@ -62,6 +62,9 @@ NEAREST = 30
 """Number of the best units that are averaged."""
 BLOCK_PX = 10
 """Side of the blocks of pixels that are compared, px."""
+
+SENSOR = SensorPair().camera
+GEL, LEDS = SENSOR.own_gel, tuple(table.led for table in SENSOR.spec.light.leds)
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ class Shown:
     patches: np.ndarray
 
     def score(self, light: Optics) -> Score:
-        renderer = ImageRenderer(light)
+        renderer = ImageRenderer(light, GEL, SENSOR.spec.camera.noise_grey)
         shown = np.array([renderer.render(surface_mm) for surface_mm in self.surfaces_mm])
         return mean_score(crop_scores(self.frames, shown, self.patches))
 
@@ -99,23 +102,23 @@ class Shown:
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
-    background, frames, names = read_frames(background, options.frames)
+    background, frames, names = read_frames(background, options.frames, SENSOR.camera)
     last = _shown(background, report.real, report.surfaces_mm)
     balls = [
-        ball_surface(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
+        ball_surface(GEL, x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
         for x_mm, y_mm, depth_mm in report.training_poses
     ]
     trained = frames[[names.index(name) for name in report.trained]]
     first = _shown(background, trained, np.array(balls))
     explained = sorted(_explained(background), key=lambda one: one.off_grey)
-    shipped, best = Optics.load(), [one.light for one in explained[:NEAREST]]
+    shipped, best = SENSOR.optics, [one.light for one in explained[:NEAREST]]
     lights = {
         "shipped": shipped,
         "shipped_on_own_background": replace(shipped, background=background),
         "nearest": best[0],
         "nearest_bent": explained[0].bent,
         "mean_of_nearest": mean_light(best),
-        "mean_of_all": mean_light(sample_lights(background, DIGIT_CAMERA)),
+        "mean_of_all": mean_light(sample_lights(background, SENSOR, SENSOR.camera)),
         "fitted": report.scored_by,
     }
     return {
@@ -143,13 +146,14 @@ def _mean_psnr_db(shown: Shown, lights: Iterable[Optics]) -> float:
 
 
 def _explained(background: np.ndarray) -> list[Explained]:
-    blocks = background.reshape(ROWS // BLOCK_PX, BLOCK_PX, COLUMNS // BLOCK_PX, BLOCK_PX, 3)
+    rows, columns = SENSOR.camera.rows, SENSOR.camera.columns
+    blocks = background.reshape(rows // BLOCK_PX, BLOCK_PX, columns // BLOCK_PX, BLOCK_PX, 3)
     grey = blocks.mean(axis=(1, 3))
     rows, columns = (BLOCK_PX * np.arange(n) + (BLOCK_PX - 1) / 2 for n in grey.shape[:2])
     explained = []
-    for unit in sample_lights(background, DIGIT_CAMERA, DRAWN):
-        light = SampledLight(unit.leds_mm, unit.sizes_mm, unit.response)
-        lit = light_at_rest(light, DIGIT_CAMERA, columns, rows).reshape(-1, 3)
+    for unit in sample_lights(background, SENSOR, SENSOR.camera, DRAWN):
+        light = SampledLight(unit.leds_mm, unit.sizes_mm, unit.response, LEDS)
+        lit = light_at_rest(light, SENSOR.camera, GEL, columns, rows).reshape(-1, 3)
         wanted = linear(grey, unit.gamma).reshape(-1, 3)
         fits = [
             nnls(np.stack([lit[:, c], np.ones(len(lit))], axis=1), wanted[:, c]) for c in range(3)

@@ -19,13 +19,11 @@ from tqdm import tqdm
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad.catalogue import NAMES, load
-from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.camera.pinhole import optical_grid
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.optical.surface import surface_on
+from t2twin.sim.sensors.pair import SensorPair
 
 MIN_PSNR_DB, MIN_SSIM = 32.0, 0.95
 """Limits for the baked image in the contact, compared with the rendered one."""
@@ -59,6 +57,8 @@ TACTO_MS = 51.0
 """TACTO's renderer, ms a frame of 240 x 320, a plain ball without shadows, software GL on two
 cores (measured with TACTO as published; not part of this run)."""
 
+SENSOR = SensorPair().camera
+
 
 def deflections(presses: int) -> Iterator[tuple[PressCommand, np.ndarray]]:
     """The presses, each a little off the middle and turned, and the gel's deflection under it."""
@@ -71,8 +71,8 @@ def deflections(presses: int) -> Iterator[tuple[PressCommand, np.ndarray]]:
         command = PressCommand(
             name, float(x_mm), float(y_mm), float(rng.uniform(0.0, 6.28)), FORCE_N
         )
-        contact = solve_contact(load(name), command, DIGIT_GEL, DIGIT_PITCH_MM)
-        yield command, surface_on(contact, *optical_grid())
+        contact = SENSOR.press(load(name), command)
+        yield command, surface_on(contact, *optical_grid(SENSOR.own_gel))
 
 
 def contact_crop(picture: np.ndarray, command: PressCommand) -> np.ndarray:
@@ -80,8 +80,8 @@ def contact_crop(picture: np.ndarray, command: PressCommand) -> np.ndarray:
     row, column = (
         int(np.clip(round(float(value)), HALF_CROP_PX, count - HALF_CROP_PX))
         for value, count in zip(
-            DIGIT_CAMERA.project(np.array(command.x_mm), np.array(command.y_mm), np.array(0.0)),
-            (ROWS, COLUMNS),
+            SENSOR.camera.project(np.array(command.x_mm), np.array(command.y_mm), np.array(0.0)),
+            (SENSOR.camera.rows, SENSOR.camera.columns),
             strict=True,
         )
     )
@@ -117,11 +117,12 @@ def score(command: PressCommand, wanted: np.ndarray, given: np.ndarray, still: n
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    renderer = ImageRenderer.load()
+    renderer, light = SENSOR.image_renderer, SENSOR.spec.light
+    leds = tuple(table.led for table in light.leds)
     rng = np.random.default_rng(1)
     times: dict[str, list[float]] = {"baked": [], "baked_noisy": [], "reference": []}
     rows = []
-    with ReferenceRenderer() as reference:
+    with ReferenceRenderer(leds, light.ambient, SENSOR.camera, SENSOR.own_gel) as reference:
         presses = tqdm(deflections(options.presses), total=options.presses, unit="press")
         for number, (command, surface) in enumerate(presses):
             if number == 0:  # loads the compiled loops and the shaders

@@ -9,7 +9,6 @@ have the presses and one figure of each sensor.
 from argparse import Namespace
 from typing import Any
 
-import numpy as np
 from PIL import Image, ImageDraw
 
 from benchmarks import ROOT
@@ -19,9 +18,7 @@ from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sampling.protocol import FORCE_N
-from t2twin.sim.sensors import SensorPair
-from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
-from t2twin.sim.taxels.phi import Phi
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.sim.touch import Touch
 
@@ -75,8 +72,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def draw(sensors: SensorPair, samples: list[Touch]) -> Image.Image:
     """The picture, a column a sample."""
-    layout = sensors.cyskin.layout
-    phi = Phi(layout.x_mm, layout.y_mm)
+    layout, full_scale = sensors.array.layout, sensors.array.full_scale
     width = len(samples) * (SHAPE_PX[0] + GAP_PX) - GAP_PX
     height = SHAPE_PX[1] + DIGIT_PX[1] + TACTILE_PX[1] + 2 * GAP_PX
     page = Image.new("RGB", (width, height), "white")
@@ -84,9 +80,8 @@ def draw(sensors: SensorPair, samples: list[Touch]) -> Image.Image:
         left = column * (SHAPE_PX[0] + GAP_PX)
         page.paste(_drawn_shape(sample.command.shape), (left, 0))
         page.paste(Image.fromarray(sample.image), (left, SHAPE_PX[1] + GAP_PX))
-        counts = sample.counts.astype(np.float32)
-        brightest = min(FULL_SCALE_COUNTS, BRIGHTEST * float(counts.max()))
-        tactile = colored_tactile_image(phi(counts), layout.x_mm, layout.y_mm, brightest)
+        brightest = min(full_scale, BRIGHTEST * float(sample.counts.max()))
+        tactile = colored_tactile_image(sample.tactile_image, layout.x_mm, layout.y_mm, brightest)
         page.paste(tactile.resize(TACTILE_PX), (left, height - TACTILE_PX[1]))
     return page
 

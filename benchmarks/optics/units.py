@@ -24,11 +24,11 @@ from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from maintenance.bake_optics import block
 from t2twin.core.files import atomic_write
 from t2twin.sim.calibrate import calibrate
-from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
 from t2twin.sim.optical.randomization.unit import Unit, UnitRanges, sample_unit
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.units",
@@ -58,12 +58,15 @@ SHEET = (3, 8)
 """Rows and columns of units in the picture."""
 TILE_PX = (150, 200)
 
+SENSOR = SensorPair().camera
+GEL, NOISE_GREY = SENSOR.own_gel, SENSOR.spec.camera.noise_grey
+
 
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
     real = report.optics
-    known = {"real": Unit(real, NOISE_GREY), "shipped": Unit(Optics.load(), NOISE_GREY)}
+    known = {"real": Unit(real, NOISE_GREY), "shipped": Unit(SENSOR.optics, NOISE_GREY)}
     units = [drawn(number) for number in range(DRAWN)]
     if not options.keep_nothing:
         with atomic_write(PICTURE) as temporary:
@@ -80,7 +83,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def drawn(number: int) -> Unit:
     """One unit of the shipped distribution."""
-    return sample_unit(np.random.default_rng([SEED, number]), UnitRanges())
+    return sample_unit(np.random.default_rng([SEED, number]), SENSOR.spec, UnitRanges())
 
 
 def _cost() -> dict[str, float]:
@@ -93,7 +96,7 @@ def _cost() -> dict[str, float]:
         start = time.thread_time()
         unit = drawn(number)
         draws.append(time.thread_time() - start)
-        ImageRenderer(unit.optics)
+        ImageRenderer(unit.optics, GEL, NOISE_GREY)
         whole.append(time.thread_time() - start)
     return {
         "draw_best_ms": 1e3 * min(draws),
@@ -198,9 +201,9 @@ def _pictures(units: list[Unit], known: dict[str, Unit]) -> dict[str, Any]:
 
 def _shown(unit: Unit) -> tuple[np.ndarray, np.ndarray]:
     """(presses, rows, columns, RGB) int16 change of the pictures, and the background."""
-    renderer = ImageRenderer(unit.optics)
+    renderer = ImageRenderer(unit.optics, GEL, NOISE_GREY)
     still = renderer.background[::STRIDE, ::STRIDE].astype(np.int16)
-    pressed = [renderer.render(ball_surface(*ball))[::STRIDE, ::STRIDE] for ball in BALLS]
+    pressed = [renderer.render(ball_surface(GEL, *ball))[::STRIDE, ::STRIDE] for ball in BALLS]
     return np.array(pressed).astype(np.int16) - still, still
 
 
@@ -210,10 +213,12 @@ def _distances(one: np.ndarray, among: np.ndarray) -> np.ndarray:
 
 def sheet() -> Image.Image:
     """Drawn units, each pressed by a ball and a block."""
-    surface = np.maximum(ball_surface(-1.5, -2.5, 1.1), block(1.8, 3.0, 0.7, 5.0, 2.0, 0.5))
+    surface = np.maximum(
+        ball_surface(GEL, -1.5, -2.5, 1.1), block(GEL, 1.8, 3.0, 0.7, 5.0, 2.0, 0.5)
+    )
     page = Image.new("RGB", (SHEET[1] * TILE_PX[0], SHEET[0] * TILE_PX[1]))
     for number in range(SHEET[0] * SHEET[1]):
-        picture = ImageRenderer(drawn(number).optics).render(surface)
+        picture = ImageRenderer(drawn(number).optics, GEL, NOISE_GREY).render(surface)
         row, column = divmod(number, SHEET[1])
         tile = Image.fromarray(picture).resize(TILE_PX)
         page.paste(tile, (column * TILE_PX[0], row * TILE_PX[1]))

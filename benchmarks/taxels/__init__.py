@@ -1,1 +1,1 @@
-"""Counts of the CySkin."""
+"""Counts of a taxel array."""

@@ -1,4 +1,4 @@
-"""Simulated CySkin recordings with the imperfections "recorded", compared with real ones.
+"""Simulated recordings with the imperfections "recorded", compared with real ones of a CySkin.
 
     python -m benchmarks.taxels.recordings [--arrays N]
 
@@ -10,19 +10,20 @@ Each figure is the ratio of the simulated value to the real one.
 
 from argparse import Namespace
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 from tqdm import tqdm
 
 from benchmarks.contact.solids import ball
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.sensors import CySkin
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels import reading
-from t2twin.sim.taxels.reading import FRAME_S, Imperfections
+from t2twin.sim.taxels.reading import Imperfections
+from t2twin.sim.taxels.taxel_array import TaxelArray
 
 REAL: dict[str, dict[str, float]] = {
     "untouched_noise_counts": {"10": 6, "25": 26, "50": 74, "75": 160, "90": 262, "99": 448},
@@ -87,8 +88,8 @@ SEED = 0
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    cyskin = CySkin(imperfections="recorded")
-    simulated = simulate(cyskin, options.arrays)
+    array = SensorPair.of(imperfections="recorded").array
+    simulated = simulate(array, options.arrays)
     return {
         "recordings": FINGERS * options.arrays,
         "real": REAL,
@@ -100,15 +101,15 @@ def measure(options: Namespace) -> dict[str, Any]:
     }
 
 
-def simulate(cyskin: CySkin, arrays: int) -> dict[str, Any]:
+def simulate(array: TaxelArray, arrays: int) -> dict[str, Any]:
     """The figures of REAL of simulated recordings, and percentiles of their largest counts."""
-    rng, quiet = np.random.default_rng(SEED), without_noise(cyskin.flaws)
+    rng, quiet = np.random.default_rng(SEED), without_noise(array.flaws)
     pressed, released, drifts, untouched, largest = [], [], [], [], []
-    for true_counts in tqdm(list(fingers(cyskin, rng)), desc="recordings", unit="finger"):
+    for true_counts in tqdm(list(fingers(array, rng)), desc="recordings", unit="finger"):
         for _ in range(arrays):
-            array = int(rng.integers(2**32))
-            frames = recording(true_counts, cyskin, cyskin.flaws, rng, array)
-            untouched.append(recording(0 * true_counts, cyskin, cyskin.flaws, rng, array + 1))
+            seed = int(rng.integers(2**32))
+            frames = recording(true_counts, array, array.flaws, rng, seed)
+            untouched.append(recording(0 * true_counts, array, array.flaws, rng, seed + 1))
             largest.append(frames.max())
             held = frames[UNTOUCHED : UNTOUCHED + HELD]
             is_pressed = true_counts >= PRESSED_COUNTS
@@ -118,7 +119,7 @@ def simulate(cyskin: CySkin, arrays: int) -> dict[str, Any]:
             pressed.append(np.stack([level, noise]))
             after = frames[UNTOUCHED + HELD :] - frames[:UNTOUCHED].mean(axis=0)
             released.append(100 * after[:, is_pressed] / level)
-            noiseless = recording(true_counts, cyskin, quiet, rng, array)[:, is_pressed]
+            noiseless = recording(true_counts, array, quiet, rng, seed)[:, is_pressed]
             first = UNTOUCHED
             rise = noiseless[first + _frames("800")] - noiseless[first]
             drifts.append(100 * rise / noiseless[first])
@@ -148,34 +149,42 @@ def simulate(cyskin: CySkin, arrays: int) -> dict[str, Any]:
     }
 
 
-def fingers(cyskin: CySkin, rng: np.random.Generator) -> Iterator[np.ndarray]:
+def fingers(array: TaxelArray, rng: np.random.Generator) -> Iterator[np.ndarray]:
     """Noiseless counts of random fingers, (n,) each.
 
     A soft ball on a soft layer has the pressure of a larger rigid ball. Its radius is larger by the
     ratio of the moduli plus one (Hertz contact with equal Poisson's ratios, Johnson 1985).
     """
-    softness = 1 + cyskin.cover.young_mpa / FINGER_YOUNG_MPA
+    softness = 1 + array.elastomer.young_mpa / FINGER_YOUNG_MPA
     for _ in range(FINGERS):
         radius_mm, (x_mm, y_mm) = rng.uniform(*RADII_MM), rng.uniform(-PLACE_MM, PLACE_MM, 2)
         force_n = np.exp(rng.uniform(*np.log(FORCES_N)))
         shape = ball(softness * radius_mm)
         command = PressCommand(shape.name, float(x_mm), float(y_mm), 0.0, float(force_n))
-        yield cyskin.counts(cyskin.press(shape, command)).astype(float)
+        yield np.rint(array.noiseless(array.press(shape, command), array.layout))
 
 
 def recording(
     true_counts: np.ndarray,
-    cyskin: CySkin,
+    array: TaxelArray,
     flaws: Imperfections,
     rng: np.random.Generator,
     array_seed: int,
 ) -> np.ndarray:
     """The frames of a press of an array with these noiseless counts, held and released, (30, n)."""
-    memory, frames = None, []
+    memory, frames, frame_s = None, [], 1.0 / array.spec.counts.rate_hz
     for frame in range(UNTOUCHED + HELD + RELEASED):
         is_held = UNTOUCHED <= frame < UNTOUCHED + HELD
         counts, memory = reading.read_after(
-            memory, is_held * true_counts, cyskin.layout, flaws, rng, array_seed, FRAME_S, 1
+            memory,
+            is_held * true_counts,
+            array.layout,
+            flaws,
+            array.spec.counts,
+            rng,
+            array_seed,
+            frame_s,
+            1,
         )
         frames.append(counts.astype(float))
     return np.array(frames)
@@ -183,7 +192,7 @@ def recording(
 
 def without_noise(flaws: Imperfections) -> Imperfections:
     """The imperfections with the memory alone."""
-    return replace(flaws, noise_counts=(), offset_counts=(), load_noise_counts=0.0)
+    return structs.replace(flaws, noise_counts=(), offset_counts=(), load_noise_counts=0.0)
 
 
 def percentiles(values: np.ndarray, at: Any) -> dict[str, float]:
@@ -193,7 +202,7 @@ def percentiles(values: np.ndarray, at: Any) -> dict[str, float]:
 
 def _frames(milliseconds: str) -> int:
     """The number of frames in a time."""
-    return round(1e-3 * float(milliseconds) / FRAME_S)
+    return round(1e-3 * float(milliseconds) * SensorPair().array.spec.counts.rate_hz)
 
 
 def _like(name: str, values: np.ndarray) -> dict[str, float]:

@@ -1,5 +1,7 @@
 """Optics of LEDs that a sensor's file describes: a Lambertian coating, lit by spot lights."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
@@ -44,8 +46,7 @@ def optics_of_leds(
                 f"the LEDs leave the background {what} in every pixel and color; change their "
                 "color or the ambient light"
             )
-    values = {name: getattr(blank, name) for name in blank.__dataclass_fields__}
-    return Optics(**values | {"background": background})
+    return replace(blank, background=background)
 
 
 def _beam_terms(led: Led, camera: Camera, gel: Elastomer) -> np.ndarray:
