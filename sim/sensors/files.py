@@ -6,7 +6,7 @@ A file is TOML. `extends` names another sensor, whose values hold where the file
 import tomllib
 from functools import cache
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
 
 import msgspec
 from msgspec import Struct, structs
@@ -104,9 +104,9 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
     extends = content.pop("extends", None)
     if extends is None:
         return content, path.parent
-    if path in extended:
+    if path.resolve() in extended:
         raise T2TwinError(f"{path} extends itself; remove one `extends`")
-    base, folder = _content(path_of(_beside(path, extends)), (*extended, path))
+    base, folder = _content(path_of(_beside(path, extends)), (*extended, path.resolve()))
     own_files = any(
         isinstance(content.get(table), dict) and key in content[table]
         for table, key in (("light", "optics"), ("layout", "file"))
@@ -178,41 +178,58 @@ def _faults(content: object, record: type[Struct], place: str) -> list[str]:
             if field.required:
                 found.append(f"{inside}{key} is missing")
             continue
-        table = _table_of(field.type)
-        if table is not None:
-            found += _faults(content[key], table, f"{inside}{key}")
-            continue
-        found += _value_faults(content[key], field.type, f"{inside}{key}")
+        table, tables = _tables_in(field.type, content[key], f"{inside}{key}")
+        for name, value in tables.items():
+            found += _faults(value, table, name)
+        if not tables:
+            found += _value_faults(content[key], field.type, f"{inside}{key}")
     if not found:
-        found += _value_faults(content, record, place or "the file")
+        found += _value_faults(content, record, place)
     return found
 
 
+def _tables_in(kind: Any, value: object, place: str) -> tuple[type[Struct], dict[str, object]]:
+    """The record of the tables in a value, and the tables by their places; none for other types."""
+    for each in (kind, *get_args(kind)):
+        for part in (each, *get_args(each)):
+            if not (isinstance(part, type) and issubclass(part, Struct)):
+                continue
+            container = next((o for of in (kind, each) if (o := get_origin(of)) in (tuple, dict)),
+                             None)  # fmt: skip
+            if container is None:
+                return part, {place: value}
+            if container is tuple and isinstance(value, list):
+                return part, {f"{place}[{n}]": table for n, table in enumerate(value)}
+            if container is dict and isinstance(value, dict):
+                return part, {f"{place}.{name}": table for name, table in value.items()}
+    return Struct, {}
+
+
 def _value_faults(value: object, kind: Any, place: str) -> list[str]:
-    """The fault of a value, if any."""
+    """The fault of a value, if any. place: its name, "" for the whole file."""
     if _has_nan(value):
         return [f"{place} is not a number"]
+    allowed = _choices(kind)
+    if allowed and isinstance(value, str) and value not in allowed:
+        return [f"{place} is {value!r}; allowed are {', '.join(allowed)}"]
     try:
         convert({"value": value}, msgspec.defstruct("Value", [("value", kind)]), "")
     except T2TwinError as error:
         text = str(error).removeprefix(": ").replace("value.", f"{place}.")
-        return [text.replace("value", place, 1) if text.startswith("value") else text]
+        text = text.replace("value", place, 1) if text.startswith("value") else text
+        return [text.removeprefix(": ")]
     return []
 
 
+def _choices(kind: Any) -> tuple[str, ...]:
+    """The words that a value may be, none for other types."""
+    parts = (kind, *get_args(kind), *(inner for each in get_args(kind) for inner in get_args(each)))
+    return next((get_args(part) for part in parts if get_origin(part) is Literal), ())
+
+
 def _has_nan(value: object) -> bool:
+    if isinstance(value, dict):
+        return any(_has_nan(each) for each in value.values())
     if isinstance(value, list):
         return any(_has_nan(each) for each in value)
     return isinstance(value, float) and value != value
-
-
-def _table_of(kind: Any) -> type[Struct] | None:
-    """The record of a nested table, None for another type."""
-    for each in (kind, *get_args(kind)):
-        for inner in (each, *get_args(each)):
-            if isinstance(inner, type) and issubclass(inner, Struct):
-                is_list = any(
-                    getattr(part, "__origin__", None) in (tuple, dict) for part in (kind, each)
-                )
-                return None if is_list else inner
-    return None

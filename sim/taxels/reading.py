@@ -115,7 +115,8 @@ def chosen(presets: Presets, name: str, dead: tuple[int, ...], taxels: int) -> I
     if arguments.text(name, "imperfections") not in presets and name != NONE:
         allowed = ", ".join(dict.fromkeys((NONE, *presets)))
         raise T2TwinError(f"no imperfections called {name!r}; allowed are {allowed}")
-    flaws = structs.replace(presets.get(name, Imperfections()), dead=dead)
+    flaws = presets.get(name, Imperfections())
+    flaws = structs.replace(flaws, dead=tuple(dict.fromkeys((*flaws.dead, *dead))))
     flaws.check_dead(taxels)
     return flaws
 

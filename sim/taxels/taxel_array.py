@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
@@ -69,6 +70,28 @@ class TaxelArray:
             object.__setattr__(self, "imperfections", own)
         flaws = reading.chosen(presets, self.imperfections or "", tuple(self.dead), layout.size)
         object.__setattr__(self, "flaws", flaws)
+        if (self.layout_source, self.cover) == (None, None):
+            self._check_file()
+
+    def _check_file(self) -> None:
+        """Raises T2TwinError for tables of the sensor's file that do not fit its taxels."""
+        for name, flaws in self.spec.imperfections.items():
+            try:
+                flaws.check_dead(self.layout.size)
+            except T2TwinError as error:
+                raise T2TwinError(f"imperfections.{name}: {error}") from None
+        table = self.spec.tactile_image
+        for axis, pixels, places in (
+            ("columns", table.columns, self.layout.x_mm), ("rows", table.rows, self.layout.y_mm),
+        ):  # fmt: skip
+            half_mm, most_mm = pixels / table.px_per_mm / 2, float(np.abs(places).max())
+            if most_mm > half_mm:
+                raise T2TwinError(
+                    f"tactile_image.{axis} is {pixels}, which reaches {half_mm:.4g} mm from the "
+                    f"middle; the taxels reach {most_mm:.4g} mm"
+                )
+        if self.spec.dense is not None:
+            _ = self.dense.layout
 
     @property
     def name(self) -> str:
