@@ -17,7 +17,8 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.contact_solver import DEPTH_TOLERANCE_MM
 from t2twin.sim.sampling.protocol import indices, press_at, scale_of
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.files import SPECS
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.studio import cards, files, solids
 from t2twin.studio.files import COMMAND_FILE, zip_press
 from t2twin.studio.html import color_table, color_values
@@ -47,20 +48,24 @@ def result(session):
 @pytest.mark.parametrize(
     "state, line",
     [
-        (PressState(), "t2twin press square-2"),
+        (PressState(), "t2twin press square-1"),
         (
             PressState("pliers/teeth", x_mm=1.5, yaw_deg=-30.0, force_n=4.0),
             "t2twin press pliers/teeth --x-mm 1.5 --yaw-deg -30 --force-n 4",
         ),
         (
             PressState(seed=3, imperfections="all", layout="cyskin-63"),
-            "t2twin press square-2 --seed 3 --layout cyskin-63 --imperfections all",
+            "t2twin press square-1 --seed 3 --layout cyskin-63 --imperfections all",
         ),
         (
             PressState("/tmp/a/my part.stl", scale=25.4),
             "t2twin press 'my part.stl' --scale 25.4",
         ),
-        (PressState(depth_mm=0.25), "t2twin press square-2 --depth-mm 0.25"),
+        (PressState(depth_mm=0.25), "t2twin press square-1 --depth-mm 0.25"),
+        (
+            PressState(source="cyskin-63", target="/tmp/a/mine.toml"),
+            "t2twin press square-1 --source cyskin-63 --target mine.toml",
+        ),
     ],
 )
 def test_a_press_has_a_line_that_makes_it_again(state, line):
@@ -74,7 +79,7 @@ def test_the_line_makes_the_same_press(asked, session, tmp_path):
     seen = session.press(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, **asked))
     line = seen.state.command_line().split()
     main([*line[1:], "--out", str(tmp_path / "out")])
-    counts = json.loads((tmp_path / "out/cyskin.json").read_text())["counts"]
+    counts = json.loads((tmp_path / "out/cyskin-20.json").read_text())["counts"]
     assert counts == seen.touch.counts.tolist()
     with Image.open(tmp_path / "out/digit.png") as image:
         assert np.array_equal(np.asarray(image), seen.touch.image)
@@ -108,6 +113,8 @@ def test_a_link_holds_the_press_to_the_last_bit():
         ("shape=random-x", "random-x"),
         ("layout=/etc/passwd.csv", "no taxel layout"),
         ("imperfections=some", "imperfections"),
+        ("source=/etc/passwd.toml", "no source"),
+        ("target=none", "no target"),
         ("x_mm=nan", "finite"),
         ("force_n=1e9", "0.01 to 100 N"),
         ("depth_mm=deep", "finite"),
@@ -128,11 +135,11 @@ def test_a_link_holds_no_files():
 def test_presses_of_the_protocol_are_found_by_their_number(shapes):
     index = indices("square-2", scale_of("small"))[5]
     command = press_at(shapes("square-2"), index)
-    state = protocol_press(PressState(force_n=3.0), "small", 5)
+    state = protocol_press(PressState("square-2", force_n=3.0), "small", 5)
     assert (state.x_mm, state.y_mm, state.force_n) == (command.x_mm, command.y_mm, 8.0)
     assert np.deg2rad(state.yaw_deg) == pytest.approx(command.yaw_rad)
     with pytest.raises(T2TwinError, match="0 to 31"):
-        protocol_press(PressState(), "small", 32)
+        protocol_press(PressState("square-2"), "small", 32)
     with pytest.raises(T2TwinError, match="not a shape of the protocol"):
         protocol_press(PressState("random-3"), "small", 0)
 
@@ -144,7 +151,7 @@ def test_a_look_is_what_the_twin_gives(result):
     touch = t2twin.press(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0)
     assert np.array_equal(result.touch.image, touch.image)
     assert np.array_equal(result.touch.counts, touch.counts)
-    assert np.array_equal(result.tactile_image, touch.tactile_image)
+    assert np.array_equal(result.touch.tactile_image, touch.tactile_image)
 
 
 def test_noise_and_layout_are_those_of_the_twin(session):
@@ -170,8 +177,60 @@ def test_a_layout_on_a_line_has_counts_and_no_tactile_image(session, tmp_path):
     file = tmp_path / "line.csv"
     file.write_text("x_mm,y_mm\n0,-5\n0,0\n0,5\n")
     seen = session.press(PressState(SHAPE, layout=str(file)))
-    assert seen.tactile_image is None and "line" in seen.no_image
-    assert seen.no_image in cards.press_html(seen, cards.scales_of(seen), has_runs=True)
+    with pytest.raises(T2TwinError, match="line") as no_image:
+        _ = seen.touch.tactile_image
+    assert str(no_image.value) in cards.press_html(seen, cards.scales_of(seen), has_runs=True)
+
+
+# Sensors
+
+
+def test_the_first_shape_lies_in_the_image(session):
+    touch = session.press(PressState()).touch
+    pressed = touch.digit.pressure_kpa > 0
+    half_x, half_y = touch.of_camera.sensor.camera.seen_half_extent_mm()
+    assert np.abs(touch.digit.x_mm[pressed.any(axis=0)]).max() < half_x - 1.0
+    assert np.abs(touch.digit.y_mm[pressed.any(axis=1)]).max() < half_y - 1.0
+
+
+def test_any_two_sensors_are_pressed(tmp_path):
+    own, file = Session(Translators()), tmp_path / "soft.toml"
+    file.write_text('extends = "digit"\nname = "soft"\n[gel]\nyoung_mpa = 0.1\n')
+    arrays = PressState(SHAPE, source="cyskin-63")
+    for state in (arrays, PressState(SHAPE, target=str(file))):
+        seen = own.press(state)
+        touch = t2twin.Twin(source=state.source, target=state.target).press(SHAPE)
+        assert list(seen.touch.readings) == list(touch.readings)
+        for name in touch.readings:
+            assert seen.touch[name].contact.depth_mm == touch[name].contact.depth_mm
+        page = cards.press_html(seen, cards.scales_of(seen), has_runs=True)
+        assert all(f'data-name="{name}"' in page for name in touch.readings)
+    assert read_query(arrays.query()) == arrays
+
+
+def test_another_sensor_begins_with_its_own_options():
+    state = PressState(layout="cyskin-63", markers=True, imperfections="all", seed=1)
+    other = state.with_changes({"source": "cyskin-63"})
+    assert other == PressState(source="cyskin-63", seed=1)
+    assert not replace(other, motion="slide").continues(replace(state, motion="slide"))
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("extends = 5", "extends"),
+        ('extends = "../digit.toml"', "names the file"),
+        ('extends = "digit"\nname = "x"\n[light]\noptics = "/etc/passwd"', "names the file"),
+        ('extends = "cyskin-20"\nname = "x"\n[layout]\nfile = "a.csv"', "names the file"),
+        ('extends = "cyskin-20"\nname = "x"\n[layout]\nfile = "/etc/passwd"', "names the file"),
+        ("kind = ", "not TOML"),
+        ("light = 3", "kind is missing"),
+    ],
+)
+def test_an_uploaded_sensor_is_checked_and_reads_no_files_of_this_machine(text, words, tmp_path):
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(T2TwinError, match=words):
+        files.check_sensor(tmp_path / "mine.toml")
 
 
 # Translators
@@ -258,7 +317,7 @@ def pretrained(session):
 
 def test_the_pretrained_run_gives_intervals_and_the_force(pretrained):
     (translation,) = pretrained.translations
-    background = SensorPair().digit.background_frame()
+    background = SensorPair().camera.background_frame()
     estimate = t2twin.load(DEFAULT_RUN).estimate(pretrained.touch.image, background)
     assert np.allclose(translation.counts, estimate.counts, atol=0.5)
     for end, same in zip(translation.interval, estimate.interval(LEVEL), strict=True):
@@ -292,7 +351,7 @@ def test_a_run_without_intervals_has_a_card_without_them(untrained_runs):
 def test_a_frame_is_compared_with_a_background_frame(pretrained):
     translators = Translators()
     translators.search(below=NOWHERE)
-    background = SensorPair().digit.background_frame()
+    background = SensorPair().camera.background_frame()
     without, with_background = (
         translators.translate(pretrained.touch.image, translators.default_names, frame)
         for frame in (None, background)
@@ -372,7 +431,7 @@ def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
     assert path.resolve().is_relative_to(tmp_path)
     again = files.save_upload("shape", "..\\..\\$.stl", b"y", tmp_path)
     assert again.read_bytes() == b"y" and again.resolve().is_relative_to(tmp_path)
-    files.remove_uploads("shape", tmp_path, all_but=again)
+    files.remove_uploads("shape", tmp_path, all_but=[again])
     assert again.exists() and not path.exists()
 
 
@@ -407,9 +466,10 @@ def test_taken_away_it_is_the_folder_that_press_writes(result, tmp_path):
         assert taken[file].read_bytes() == made[file].read_bytes()
 
 
-def test_no_path_of_this_machine_is_taken_away(result, tmp_path):
-    state = replace(result.state, optics=str(tmp_path / "mine.npz"))
-    _, content = zip_press(replace(result, state=state), tmp_path)
+def test_no_path_of_this_machine_is_taken_away(session, result, tmp_path):
+    shutil.copy(SPECS / "digit.npz", tmp_path / "mine.npz")
+    seen = session.press(replace(result.state, optics=str(tmp_path / "mine.npz")))
+    _, content = zip_press(seen, tmp_path)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         summary = archive.read(f"{SHAPE}/press.json").decode()
     assert json.loads(summary)["digit"]["optics"] == "mine.npz"

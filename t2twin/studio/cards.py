@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from typing import Any
 
 import numpy as np
 
-from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
-from t2twin.sim.taxels.phi import PX_PER_MM, TACTILE_SHAPE
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.taxels.phi import PX_PER_MM
 from t2twin.sim.touch import Touch
 from t2twin.studio.charts import (
     PERCENT,
-    SENSORS,
     SLIP_RGB,
     STICK_RGB,
     arrows_of,
@@ -42,8 +42,12 @@ from t2twin.studio.session import PressResult
 from t2twin.studio.shared import NamedFrame
 from t2twin.studio.translators import TRAIN_COMMAND, Translation
 
-MIN_COUNTS, MIN_KPA = 100.0, 1.0
-"""Minimum upper ends of the color scales, so that noise is not drawn in strong colors."""
+MIN_SHARE, MIN_KPA = 0.0025, 1.0
+"""Minimum upper ends of the color scales, as a share of full scale and in kPa, so that noise is not
+drawn in strong colors."""
+
+MIN_COUNTS = 100.0
+"""The same where the full scale is unknown, counts."""
 
 MODELS = {"resnet18": "ResNet18", "touch2touch": "touch2touch", "field": "field"}
 """Displayed names of the models."""
@@ -68,25 +72,38 @@ NO_FRICTION = "The networks are trained on presses without friction."
 
 @dataclass(frozen=True)
 class Scales:
-    """Upper ends of the color scales: pressure on the gel and on the cover, kPa, counts, and
-    differences of counts, whose scale is symmetric."""
+    """Upper ends of the color scales: pressure by sensor, kPa, counts by taxel array, predicted
+    counts, and differences of counts, whose scale is symmetric."""
 
-    digit_kpa: float
-    cyskin_kpa: float
-    counts: float
+    kpa: dict[str, float]
+    counts: dict[str, float]
+    predicted: float
     difference: float
 
 
 def scales_of(result: PressResult) -> Scales:
     """The smallest rounded upper ends that include all values of a result."""
-    counts = [result.touch.counts.max(), *(each.counts.max() for each in result.translations)]
-    residuals = [np.abs(each.counts - each.truth).max() for each in result.translations
+    touch, translations = result.touch, result.translations
+    least = MIN_COUNTS if touch.of_array is None else MIN_SHARE * touch.of_array.sensor.full_scale
+    predicted = [each.counts.max() for each in translations]
+    residuals = [np.abs(each.counts - each.truth).max() for each in translations
                  if each.truth is not None]  # fmt: skip
+    counts = {}
+    reading: Any
+    for sensor, reading in touch.readings.items():
+        if (values := getattr(reading, "counts", None)) is not None:
+            # The first array has the scale of the predictions, which are compared with it.
+            others = predicted if reading is touch.of_array else []
+            own = MIN_SHARE * reading.sensor.full_scale
+            counts[sensor] = nice_end(max(values.max(), *others, 0.0), own)
+    kpa = {
+        name: nice_end(each.pressure_kpa.max(), MIN_KPA) for name, each in touch.contacts.items()
+    }
     return Scales(
-        nice_end(result.touch.digit.pressure_kpa.max(), MIN_KPA),
-        nice_end(result.touch.cyskin.pressure_kpa.max(), MIN_KPA),
-        nice_end(max(counts), MIN_COUNTS),
-        nice_end(max(residuals, default=0.0), MIN_COUNTS),
+        kpa,
+        counts,
+        next(iter(counts.values()), nice_end(max(predicted, default=0.0), least)),
+        nice_end(max(residuals, default=0.0), least),
     )
 
 
@@ -99,30 +116,39 @@ def press_html(result: PressResult, scales: Scales, has_runs: bool, loading: boo
     """All cards of a press. has_runs: whether there are runs. loading: whether runs are being
     searched or loaded."""
     touch = result.touch
-    digit = figure("DIGIT", "camera image, from below", image_url(touch.image), "digit")
-    if result.tactile_image is None:
-        cyskin = f"<figure><b>CySkin</b>{paragraph(result.no_image)}</figure>"
-    else:
-        url = color_image_url(result.tactile_image, scales.counts)
-        cyskin = figure("CySkin", f"tactile image, {touch.layout.size} taxels", url, "cyskin")
-    bars = (
-        _bar("pressure on the gel", SEQUENTIAL, "0", f"{scales.digit_kpa:,g} kPa"),
-        _bar("pressure on the cover", SEQUENTIAL, "0", f"{scales.cyskin_kpa:,g} kPa"),
-        _bar("taxels", SEQUENTIAL, "0", f"{scales.counts:,.0f} counts"),
-    )
-    parts = [row(digit, cyskin, f"<div><b>Colors</b>{''.join(bars)}</div>"), _slide(result)]
+    readings = [_reading(name, each, scales) for name, each in touch.readings.items()]
+    bars = [
+        *(_bar(f"pressure on {name}", SEQUENTIAL, "0", f"{end:,g} kPa")
+          for name, end in scales.kpa.items()),
+        *(_bar(f"taxels of {name}", SEQUENTIAL, "0", f"{end:,.0f} counts")
+          for name, end in scales.counts.items()),
+    ]  # fmt: skip
+    parts = [row(*readings, f"<div><b>Colors</b>{''.join(bars)}</div>"), _slide(result)]
     if result.translations:
-        parts.append(heading("CySkin predicted from the DIGIT image"))
+        parts.append(heading(f"Counts predicted from the image of {touch.of_camera.sensor.name}"))
         parts.append(paragraph(NO_FRICTION) if result.has_slid else "")
-        force_n = touch.command.force_n
-        parts += [_translation(each, scales, force_n) for each in result.translations]
+        parts += [_translation(each, scales, touch) for each in result.translations]
     elif loading:
         parts += [heading("Translation"), paragraph(LOADING)]
     elif not has_runs:
         parts.append(_no_runs())
     parts += [_contacts(result), *map(paragraph, _notes(touch))]
-    counts = f'<p><code class="counts">{_listed(touch.counts)}</code></p>'
-    return page([*parts, heading("True counts by taxel"), counts])
+    for name, each in touch.readings.items():
+        if (values := getattr(each, "counts", None)) is not None:
+            listed = f'<p><code class="counts">{_listed(values)}</code></p>'
+            parts += [heading(f"True counts of {name} by taxel"), listed]
+    return page(parts)
+
+
+def _reading(name: str, reading: Any, scales: Scales) -> str:
+    """The image of a gel camera, or the tactile image of a taxel array."""
+    if (image := getattr(reading, "image", None)) is not None:
+        return figure(name, "camera image, from below", image_url(image), name)
+    try:
+        url = color_image_url(reading.tactile_image, scales.counts[name])
+    except T2TwinError as error:  # a layout without a tactile image
+        return f"<figure><b>{escape(name)}</b>{paragraph(str(error))}</figure>"
+    return figure(name, f"tactile image, {reading.sensor.layout.size} taxels", url, name)
 
 
 def reproduce_html(line: str, link: str | None) -> str:
@@ -156,22 +182,24 @@ def frame_html(
     return page(parts)
 
 
-def _translation(translation: Translation, scales: Scales, force_n: float) -> str:
-    """Predicted tactile image of a run, differences from the true counts, error and intervals.
-
-    force_n: true force.
-    """
-    rmse_counts = translation.rmse_counts or 0.0
-    percent = 100.0 * rmse_counts / FULL_SCALE_COUNTS
+def _translation(translation: Translation, scales: Scales, touch: Touch) -> str:
+    """Predicted tactile image of a run, differences from the true counts, error and intervals."""
+    force_n = touch.command.force_n
+    if translation.rmse_counts is None:  # no array was pressed
+        notes = f'<div class="wide">{_unreliable(translation)}</div>'
+        figures = row(_predicted(translation, scales.predicted), notes)
+        return figures + _force(translation, force_n) + intervals_html(translation)
+    rmse_counts, full_scale = translation.rmse_counts, touch.of_array.sensor.full_scale
+    percent = 100.0 * rmse_counts / full_scale
     discs = _discs(translation, scales.difference)
     right = f'<figure><b>Difference</b>{discs}<span class="soft">predicted − true</span></figure>'
     bar = _bar("counts", DIVERGING, f"-{scales.difference:,.0f}", f"+{scales.difference:,.0f}")
     notes = (
         f"<p><b>RMSE {rmse_counts:,.0f} counts</b>"
         f'<span class="soft">{percent:.2f}&nbsp;% of full scale '
-        f"({FULL_SCALE_COUNTS:,.0f})</span></p>{_unreliable(translation)}"
+        f"({full_scale:,.0f})</span></p>{_unreliable(translation)}"
     )
-    figures = row(_predicted(translation, scales.counts), right, f"<div>{bar}{notes}</div>")
+    figures = row(_predicted(translation, scales.predicted), right, f"<div>{bar}{notes}</div>")
     return figures + _force(translation, force_n) + intervals_html(translation)
 
 
@@ -202,7 +230,7 @@ def _force(translation: Translation, true_n: float | None) -> str:
 def _discs(translation: Translation, high: float) -> str:
     """Differences of the taxels as discs at their positions, in the size of a tactile image."""
     assert translation.truth is not None
-    rows, columns = TACTILE_SHAPE
+    rows, columns = translation.tactile_image.shape
     colors = color_values(translation.counts - translation.truth, high, DIVERGING)
     layout = translation.layout
     discs = "".join(
@@ -242,7 +270,7 @@ def _slide(result: PressResult) -> str:
     for sensor, contact in contacts.items():
         note = f"largest {arrows_of(contact).peak_kpa:.3g} kPa"
         maps.append(
-            f"<figure><b>{SENSORS[sensor][0]}</b>{map_svg(contact, half_mm, sensor + '-traction')}"
+            f"<figure><b>{escape(sensor)}</b>{map_svg(contact, half_mm, sensor + '-traction')}"
             f'<span class="soft">{note}</span></figure>'
         )
     keys = [key(f"rgb{rgb}", name) for rgb, name in ((STICK_RGB, "stick"), (SLIP_RGB, "slip"))]
@@ -264,21 +292,20 @@ def _contacts(result: PressResult) -> str:
             ["torque, N mm", *(f"{each.torque_nmm:.2f}" for each in contacts)],
             ["slipping area, %", *(f"{100 * each.slip_share:.0f}" for each in contacts)],
         ]
-    return heading("Contact") + table([name for name, _ in SENSORS.values()], rows, "contact")
+    return heading("Contact") + table(list(result.touch.contacts), rows, "contact")
 
 
 def _notes(touch: Touch) -> list[str]:
     """Notes on a press: repairs of the mesh, and failures of the contact solver."""
     notes = list(touch.shape.notes)
-    for sensor, contact in touch.contacts.items():
-        name = SENSORS[sensor][0]
+    for name, contact in touch.contacts.items():
         if contact.smaller_than_grid:
-            notes.append(f"The contact of the {name} is smaller than the grid and not resolved.")
+            notes.append(f"The contact of {name} is smaller than the grid and not resolved.")
         elif not contact.settled:
-            notes.append(f"The press on the {name} did not converge.")
+            notes.append(f"The press on {name} did not converge.")
         if contact.bottomed:
             notes.append(
-                f"The press on the {name} bottomed out: its base plate (the lowest flat face) is "
+                f"The press on {name} bottomed out: its base plate (the lowest flat face) is "
                 "in contact."
             )
     return notes

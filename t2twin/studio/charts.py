@@ -26,8 +26,8 @@ TRUE_COLOR, PREDICTED_COLOR = ORANGE, BLUE
 PERCENT = f"{100 * LEVEL:.0f} %"
 """Nominal coverage of the intervals."""
 
-SENSORS = {"digit": ("DIGIT", BLUE), "cyskin": ("CySkin", ORANGE)}
-"""Displayed names of the sensors and their colors in charts."""
+SENSOR_COLORS = BLUE, ORANGE
+"""Colors of the source and of the target in charts."""
 
 MAX_DRAWN = 300
 """Maximum number of points of a drawn line (assumed: about one per pixel)."""
@@ -104,20 +104,21 @@ def slide_html(points: Sequence[SlidePoint]) -> str:
         text = f"Torque, N mm, over a rotation of {turned[-1]:.3g}°"
     else:
         return ""
+    colors = dict(zip(points[0].force_n, SENSOR_COLORS, strict=True))
     lines = [
         ([abs(getattr(points[n], quantity)[sensor]) for n in shown], f'stroke="{color}"')
-        for sensor, (_, color) in SENSORS.items()
+        for sensor, color in colors.items()
     ]
     if quantity == "force_n":
         lines += [
             ([points[max(n, 1)].limit_n[sensor] for n in shown],
              f'stroke="{color}" stroke-dasharray="4 4" opacity="0.7"')
-            for sensor, (_, color) in SENSORS.items()
+            for sensor, color in colors.items()
         ]  # fmt: skip
     end = nice_end(max(max(values) for values, _ in lines), 1e-6)
     across = LEFT + (WIDTH - LEFT) * travel[shown] / travel[-1]
     drawn = "".join(_line(across, values, end, style) for values, style in lines)
-    keys = " ".join(key(color, name) for name, color in SENSORS.values())
+    keys = " ".join(key(color, name) for name, color in colors.items())
     dashes = ", dashed: limit of friction" if quantity == "force_n" else ""
     return _chart("slide", _grid(end, ".3g") + drawn, f"{text}: {keys}{dashes}")
 

@@ -4,7 +4,9 @@ viser passes on whatever a client sends, so the values are checked here.
 """
 
 from collections.abc import Callable
+from functools import partial
 from math import inf, isfinite
+from pathlib import Path
 from typing import Any, get_args
 
 import viser
@@ -12,12 +14,13 @@ import viser
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, primitive_parameters
 from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
-from t2twin.sim.contact.elastomer import CYSKIN_COVER
-from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION
 from t2twin.sim.sampling.presses import MAX_SHAPE_SEED
 from t2twin.sim.sampling.protocol import SCALES
-from t2twin.sim.taxels.reading import PRESETS
+from t2twin.sim.sensors.defaults import ROLES
+from t2twin.sim.sensors.files import bundled_sensors, load_sensor
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.studio.press_state import (
+    IMPERFECTIONS,
     Motion,
     PressState,
     file_name,
@@ -43,8 +46,8 @@ TOLERANCE = 1e-6
 RANDOM, OWN_FILE = "random shapes", "uploaded file"
 """Groups of shapes in addition to the families and the tools."""
 
-DEFAULT_OPTICS = "default"
-"""Name of the default optics of the DIGIT."""
+OWN_OPTICS, OWN_LAYOUT = "those of the sensor", "of the sensor"
+"""Names of the optics and of the layout in a sensor's file."""
 
 MAX_SEED = 2**53
 """Largest seed, which a browser's numbers represent exactly."""
@@ -52,11 +55,11 @@ MAX_SEED = 2**53
 MAX_SLIDER_N, MIN_SLIDER_N = 20.0, 0.1
 """Range of the force slider, N (assumed: forces of fingers and grippers)."""
 
-_X_MM, _Y_MM = CYSKIN_COVER.width_mm / 2, CYSKIN_COVER.length_mm / 2
-
 SLIDERS = {
-    "x_mm": ("x, mm", -_X_MM, _X_MM, 0.1, "To the right in the image"),
-    "y_mm": ("y, mm", -_Y_MM, _Y_MM, 0.1, "Downwards in the image"),
+    # The sensors' widths and lengths replace these ranges, and half the source's thickness that of
+    # depth_mm, which few shapes reach with 100 N.
+    "x_mm": ("x, mm", -10.0, 10.0, 0.1, "To the right in the image"),
+    "y_mm": ("y, mm", -10.0, 10.0, 0.1, "Downwards in the image"),
     "yaw_deg": (
         "yaw, °", -180.0, 180.0, 1.0, "Rotation about the press axis, clockwise in the image"
     ),
@@ -64,16 +67,14 @@ SLIDERS = {
         "force, N", MIN_SLIDER_N, MAX_SLIDER_N, 0.1,
         "Commanded force; 8 N in the paper's protocol",
     ),
-    # Up to half the gel's thickness, which few shapes reach with 100 N.
     "depth_mm": (
         "depth, mm", 0.01, 2.0, 0.01,
-        "Depth in the DIGIT's gel, instead of a force; the force is computed",
+        "Depth in the elastomer of the source, instead of a force; the force is computed",
     ),
     # Up to twice that of rubber on dry solids (assumed).
     "friction": (
         "friction", 0.0, 2.0, 0.05,
-        f"Coefficient of friction of both sensors; until it is moved, {GEL_FRICTION} for the gel "
-        f"and {COVER_FRICTION} for the cover",
+        "Coefficient of friction of both sensors; until it is moved, that of each one's file",
     ),
 }  # fmt: skip
 """Sliders by their field of PressState: label, range, step and hint. A link may contain any valid
@@ -177,6 +178,7 @@ class Controls:
     ) -> None:
         self._inputs, self._change, self._lift_off = Inputs(client.gui, notices), change, lift_off
         self._state, gui = state, client.gui
+        self._shown_for: tuple[str, str] | None = None  # source and target
         self._handles: dict[str, Any] = {}  # by their field of PressState
         self.uploads: dict[str, viser.GuiUploadButtonHandle] = {}
         with gui.add_folder("Shape"):
@@ -192,11 +194,12 @@ class Controls:
     def show(self, state: PressState) -> None:
         """Shows a state in all controls, without a call of `change`."""
         self._state = state
+        self._show_sensors(state)
         group, has_noise = group_of(state.shape), state.seed is not None
         for name, handle in self._handles.items():
             _show_value(handle, getattr(state, name))
         if state.friction is None:
-            self.sliders["friction"].value = GEL_FRICTION
+            self.sliders["friction"].value = self._own_friction
         self._group.options = (*GROUPS, RANDOM, *([OWN_FILE] if group == OWN_FILE else []))
         self._group.value = group
         self._shape.visible = group in GROUPS
@@ -208,10 +211,10 @@ class Controls:
         self._own.visible = self._handles["scale"].visible = group == OWN_FILE
         self._own.content = f"**{markdown_safe(file_name(state.shape))}**, +z side pressed"
         self.sliders["friction"].visible = self._lift.visible = state.motion == "slide"
-        own_layout = is_file(state.layout)
-        self._layout.options = (*layout_names(), *([OWN_FILE] if own_layout else []))
-        self._layout.value = OWN_FILE if own_layout else state.layout
-        optics = markdown_safe(file_name(state.optics or DEFAULT_OPTICS))
+        layout = OWN_LAYOUT if state.layout is None else _choice(state.layout)
+        self._layout.options = tuple(dict.fromkeys((OWN_LAYOUT, *layout_names(), layout)))
+        self._layout.value = layout
+        optics = markdown_safe(file_name(state.optics or OWN_OPTICS))
         self._optics.content = f"Optics: **{optics}**"
         self.noise.value = has_noise
         self._handles["imperfections"].visible = self._handles["seed"].visible = has_noise
@@ -219,12 +222,40 @@ class Controls:
         self.number.max = max(presses - 1, 1)
         self.number.disabled = self._scale_name.disabled = presses == 0
 
+    def _show_sensors(self, state: PressState) -> None:
+        """Shows the sensors of a state, and what depends on them alone."""
+        if self._shown_for == (state.source, state.target):
+            return
+        self._shown_for = state.source, state.target
+        for role in ROLES:
+            chosen = _choice(getattr(state, role))
+            self._roles[role].options = tuple(dict.fromkeys((*bundled_sensors(), chosen)))
+            self._roles[role].value = chosen
+        pair = SensorPair.of(state.source, state.target)
+        layers = pair.source.elastomer, pair.target.elastomer
+        for name, side in (("x_mm", "width_mm"), ("y_mm", "length_mm")):
+            half_mm = max(getattr(each, side) for each in layers) / 2
+            self.sliders[name].min, self.sliders[name].max = -half_mm, half_mm
+        self.sliders["depth_mm"].max = max(round(layers[0].thickness_mm / 2, 1), 0.1)
+        self._own_friction = pair.source.friction
+        self._handles["imperfections"].options = state.imperfection_names
+        options = {name for each in (pair.source, pair.target) for name in each.OPTIONS}
+        for name, handles in (
+            ("layout", (self._layout, self.uploads["layout"])),
+            ("optics", (self._optics, self.uploads["optics"], self._no_optics)),
+            ("markers", (self._handles["markers"],)),
+        ):
+            for handle in handles:
+                handle.visible = name in options
+
     def show_solved_values(self, result: PressResult) -> None:
         """Shows the depth of a given force, or the force of a given depth, of the current state."""
         if result.state != self._state:
             return
         if result.state.depth_mm is None:
-            _show_value(self.sliders["depth_mm"], result.touch.digit.depth_mm)
+            _show_value(
+                self.sliders["depth_mm"], next(iter(result.touch.contacts.values())).depth_mm
+            )
         else:
             _show_value(self.sliders["force_n"], result.touch.command.force_n)
 
@@ -291,26 +322,36 @@ class Controls:
         self._inputs.on(self.number, self._number_changed)
 
     def _add_sensors(self, gui: viser.GuiApi) -> None:
-        self._layout = gui.add_dropdown("Taxels", layout_names(), hint="Taxel layout")
+        self._roles = {
+            role: gui.add_dropdown(role.capitalize(), bundled_sensors(), hint="Sensor to press")
+            for role in ROLES
+        }
+        for role, handle in self._roles.items():
+            self._inputs.on(handle, partial(self._sensor_changed, role))
+        self.uploads["sensor"] = self._inputs.upload(
+            "Upload a sensor",
+            "TOML file of a gel camera or a taxel array, which replaces the sensor of its kind",
+        )
+        layouts = OWN_LAYOUT, *layout_names()
+        self._layout = gui.add_dropdown("Taxels", layouts, hint="Taxel layout")
         self.uploads["layout"] = self._inputs.upload(
             "Upload a layout", "JSON or CSV with x_mm and y_mm"
         )
         self._optics = gui.add_markdown("")
         self.uploads["optics"] = self._inputs.upload(
             "Upload an optics file",
-            "The .npz file of t2twin calibrate, for the light of your DIGIT",
+            "The .npz file of t2twin calibrate, for the light of your unit",
         )
-        self._inputs.button(
+        self._no_optics = self._inputs.button(
             "Default optics", viser.Icon.REFRESH, lambda: self.apply({"optics": None})
         )
-        markers = gui.add_checkbox("Markers", False, hint="Markers printed on the gel of the DIGIT")
+        markers = gui.add_checkbox("Markers", False, hint="Markers printed on the gel")
         self.noise = gui.add_checkbox(
             "Noise", False, hint="Camera noise and imperfections of the array"
         )
         imperfections = gui.add_dropdown(
-            "Array", tuple(PRESETS), initial_value="white",
-            hint="white: reading noise; baseline: also drift; all: also hysteresis and gain; "
-            "recorded: as in real recordings",
+            "Array", self._state.imperfection_names, initial_value=IMPERFECTIONS,
+            hint="Imperfections in the file of the array, applied with noise",
         )  # fmt: skip
         seed = gui.add_number("Seed", 0, min=0, max=MAX_SEED, step=1, hint="Seed of the noise")
         self._bind(markers=markers, imperfections=imperfections, seed=seed)
@@ -329,7 +370,23 @@ class Controls:
 
     def _layout_changed(self, name: str) -> None:
         if name != OWN_FILE:
-            self._set("layout", name)
+            self._set("layout", None if name == OWN_LAYOUT else name)
+
+    def _sensor_changed(self, role: str, name: str) -> None:
+        if name != OWN_FILE:
+            self.apply({role: name})
+
+    def use_sensor(self, path: Path) -> None:
+        """Use a sensor file for the sensor of its kind, the source unless only the target is."""
+        kind = load_sensor(path).spec.kind
+        kinds = [load_sensor(getattr(self._state, role)).spec.kind for role in ROLES]
+        role = "target" if kinds[0] != kind and kinds[1] == kind else "source"
+        self.apply({role: str(path)})
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The user's files of the state that is shown."""
+        return self._state.files
 
     def _number_changed(self, number: int) -> None:
         state = protocol_press(self._state, self._scale_name.value, number)
@@ -379,6 +436,11 @@ def group_of(shape: str) -> str:
         if shape in names:
             return group
     return OWN_FILE if is_file(shape) or seed_of(shape) is None else RANDOM
+
+
+def _choice(source: str) -> str:
+    """A name in a dropdown; OWN_FILE for a file."""
+    return OWN_FILE if is_file(source) else source
 
 
 def _show_value(handle: Any, value: Any) -> None:

@@ -5,9 +5,9 @@ import json
 import re
 import shutil
 import tempfile
+import tomllib
 import zipfile
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from threading import Lock, Thread
 from typing import Any
@@ -18,8 +18,9 @@ from viser import _messages
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.mesh_io import read
 from t2twin.sim.optical.optics import Optics
+from t2twin.sim.sensors.files import load_sensor
+from t2twin.sim.taxels.dense import check_on_cover
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.sim.taxels.pads import pad_pressure_mpa
 from t2twin.studio.controls import Controls, Inputs
 from t2twin.studio.press_state import file_name
 from t2twin.studio.session import PATH_FILE, PressResult
@@ -40,6 +41,7 @@ SUFFIXES = {
     "shape": read.SUFFIXES,
     "layout": (".json", ".csv"),
     "optics": (".npz",),
+    "sensor": (".toml",),
     "frame": IMAGE_SUFFIXES,
     "background": IMAGE_SUFFIXES,
 }
@@ -126,14 +128,18 @@ class FileTasks:
             "shape": load_shape,
             "layout": self._check_layout,
             "optics": Optics.load,
+            "sensor": check_sensor,
         }
 
         def press_with(kind: str, path: Path) -> None:
             """Presses with a file if it is readable; otherwise the press remains as it is."""
             with self._notices.progress(f"Reading {path.name}", "This can take a while."):
                 readers[kind](path)
-            controls.apply({kind: str(path)} | ({"scale": None} if kind == "shape" else {}))
-            remove_uploads(kind, self.folder, all_but=path)
+            if kind == "sensor":
+                controls.use_sensor(path)
+            else:
+                controls.apply({kind: str(path)} | ({"scale": None} if kind == "shape" else {}))
+            remove_uploads(kind, self.folder, all_but=[Path(each) for each in controls.files])
 
         handlers = dict.fromkeys(readers, press_with)
         handlers["frame"] = lambda kind, path: tab.show_file(path)
@@ -177,8 +183,8 @@ class FileTasks:
     def _check_layout(self, path: Path) -> None:
         """Raises T2TwinError for an invalid layout and for one that exceeds the cover."""
         layout, result = load_layout(path), self._get_result()
-        if result is not None:
-            pad_pressure_mpa(result.touch.cyskin, layout)
+        if result is not None and result.touch.of_array is not None:
+            check_on_cover(layout, result.touch.of_array.sensor.elastomer)
 
     def _export(self) -> None:
         result = self._get_result()
@@ -261,10 +267,29 @@ def save_upload(kind: str, name: str, content: bytes, folder: Path) -> Path:
     return path
 
 
-def remove_uploads(kind: str, folder: Path, all_but: Path) -> None:
-    """Removes the stored files of a kind, except one."""
+def check_sensor(path: Path) -> None:
+    """Raises T2TwinError for an invalid sensor file, and for one that names files of this machine:
+    a client must not read them."""
+    try:
+        content = tomllib.loads(path.read_text("utf-8-sig"))
+    except (ValueError, RecursionError):
+        content = {}  # load_sensor names the fault
+    for table, key in ((None, "extends"), ("light", "optics"), ("layout", "file")):
+        place = content if table is None else content.get(table)
+        name = str(place.get(key, "") if isinstance(place, dict) else "")
+        if name and (Path(name).name != name or Path(name).suffix):
+            raise T2TwinError(
+                f"{path} names the file {name[:MAX_NAME]!r}, which a page cannot use; expected "
+                "names of bundled sensors and layouts"
+            )
+    load_sensor(path)
+
+
+def remove_uploads(kind: str, folder: Path, all_but: Collection[Path]) -> None:
+    """Removes the stored files of a kind, except some."""
+    kept = {path.parent for path in all_but}
     for place in folder.glob(f"{kind}-*"):
-        if place != all_but.parent:
+        if place not in kept:
             shutil.rmtree(place, ignore_errors=True)
 
 
@@ -292,10 +317,13 @@ def zip_press(result: PressResult, folder: Path) -> tuple[str, bytes]:
     without a tactile image.
     """
     name = result.touch.shape.name.replace("/", "-")
-    optics = result.state.optics
-    touch = replace(result.touch, optics=None if optics is None else file_name(optics))
-    place = folder / "press"
-    touch.save(place)
+    optics, place = result.state.optics, folder / "press"
+    result.touch.save(place)
+    if optics is not None:  # without its place on this machine
+        press = place / "press.json"
+        press.write_text(
+            press.read_text().replace(json.dumps(optics), json.dumps(file_name(optics)))
+        )
     (place / COMMAND_FILE).write_text(result.command_line() + "\n")
     if result.slide is not None and result.has_slid:
         (place / PATH_FILE).write_text(result.slide.path_csv())

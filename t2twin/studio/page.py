@@ -189,10 +189,9 @@ class Page:
         scales = scales_of(result)
         self._send_cards(result, scales, loading=not loaded)
         self.result = result
-        max_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
-        self._scene.draw(
-            result, self._view.shape_style.value, max_kpa, scales.counts, self._view.arrows.value
-        )
+        view = self._view
+        arrows = view.arrows.value
+        self._scene.draw(result, view.shape_style.value, scales.kpa, scales.counts, arrows)
         if result.is_behind:
             self._worker.request()
         self._shared.page_shown.set()

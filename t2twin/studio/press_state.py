@@ -16,12 +16,18 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import check_force
 from t2twin.sim.sampling.protocol import FORCE_N, indices, press_of, scale_of
+from t2twin.sim.sensors.defaults import ALIASES, ROLES, SOURCE, TARGET
+from t2twin.sim.sensors.files import bundled_sensors
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import check_friction
-from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, LAYOUTS
-from t2twin.sim.taxels.reading import PRESETS
+from t2twin.sim.taxels.layout import LAYOUTS
+from t2twin.sim.taxels.reading import NONE
 
-FIRST_SHAPE = "square-2"
-"""Shape of a new page."""
+FIRST_SHAPE = "square-1"
+"""Shape of a new page, which a gel camera sees as a whole."""
+
+IMPERFECTIONS = "white"
+"""Imperfections of a new page, for an array that has them."""
 
 MAX_QUERY = 2000
 """Maximum length of a link's query, characters (assumed: ten times the usual length)."""
@@ -29,8 +35,11 @@ MAX_QUERY = 2000
 Motion = Literal["jump", "slide"]
 """What a changed pose does: a press at the new pose, or sliding there with friction."""
 
-CONTACT = ("shape", "scale", "optics", "motion", "friction")
+CONTACT = ("shape", "scale", "optics", "motion", "friction", "source", "target")
 """Fields whose change lifts the shape off."""
+
+SENSORS = ("source", "target", "optics", "markers", "layout", "imperfections")
+"""Fields that the sensors depend on."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +48,11 @@ class PressState:
 
     shape: a name of the catalogue, `random-17`, or a file. x_mm, y_mm, yaw_deg, force_n: as for
     `t2twin press`. depth_mm: replaces the force, which then remains at its default. layout: a name
-    or a file. optics: a file, None for the default. imperfections: of the CySkin, applied with
-    a seed. seed: of camera noise and imperfections, None for neither. scale: millimeters per unit
-    of a file, None for the unit stated in the file. friction: as for `Twin.slide`.
-    markers: whether markers are printed on the DIGIT's gel.
+    or a file, None for the array's own. optics: a file, None for the camera's own. imperfections:
+    of an array, applied with a seed. seed: of camera noise and imperfections, None for neither.
+    scale: millimeters per unit of a file, None for the unit stated in the file. friction: as for
+    `Twin.slide`. markers: whether the camera's markers are printed on its gel. source, target:
+    names of bundled sensors, or sensor files.
     """
 
     shape: str = FIRST_SHAPE
@@ -51,17 +61,25 @@ class PressState:
     yaw_deg: float = 0.0
     force_n: float = FORCE_N
     depth_mm: float | None = None
-    layout: str = DEFAULT_LAYOUT
+    layout: str | None = None
     optics: str | None = None
-    imperfections: str = "white"
+    imperfections: str = IMPERFECTIONS
     seed: int | None = None
     scale: float | None = None
     motion: Motion = "jump"
     friction: float | None = None
     markers: bool = False
+    source: str = SOURCE
+    target: str = TARGET
 
     def with_changes(self, changes: dict[str, Any]) -> "PressState":
-        """The press with changed fields. A changed force replaces the depth, and vice versa."""
+        """The press with changed fields. A changed force replaces the depth, and vice versa.
+
+        A changed sensor begins with its own light, markers, layout and imperfections.
+        """
+        if any(changes.get(role, getattr(self, role)) != getattr(self, role) for role in ROLES):
+            own = {name: getattr(_DEFAULT, name) for name in SENSORS if name not in ROLES}
+            changes = own | changes
         if changes.get("depth_mm") is not None:
             changes = changes | {"force_n": FORCE_N}
         elif "force_n" in changes:
@@ -71,8 +89,27 @@ class PressState:
     @property
     def files(self) -> tuple[str, ...]:
         """The user's files."""
-        sources = (self.shape, self.layout, self.optics)
+        sources = (self.shape, self.layout, self.optics, self.source, self.target)
         return tuple(each for each in sources if each is not None and is_file(each))
+
+    @property
+    def sensors(self) -> SensorPair:
+        """The sensors, with their options. Raises T2TwinError as `SensorPair.of` does."""
+        return SensorPair.of(
+            self.source,
+            self.target,
+            optics=self.optics,
+            markers=self.markers or None,
+            layout=self.layout,
+            imperfections=None if self.imperfections == IMPERFECTIONS else self.imperfections,
+        )
+
+    @property
+    def imperfection_names(self) -> tuple[str, ...]:
+        """Names of the imperfections of the arrays."""
+        pair = SensorPair.of(self.source, self.target)
+        found = [getattr(each.spec, "imperfections", {}) for each in (pair.source, pair.target)]
+        return tuple(dict.fromkeys((IMPERFECTIONS, NONE, *(name for of in found for name in of))))
 
     def continues(self, before: "PressState") -> bool:
         """Whether the contact of another state can slide to this one.
@@ -95,13 +132,16 @@ class PressState:
         pose = ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm")
         if path is not None:
             words, pose = [*words, "--path", path], ("friction",)
+        for role in ROLES:
+            if getattr(self, role) != getattr(_DEFAULT, role):
+                words += [f"--{role}", file_name(getattr(self, role))]
         for name in (*pose, "scale", "seed"):
             value = getattr(self, name)
             if value != getattr(_DEFAULT, name):
                 words += [f"--{name.replace('_', '-')}", _shortest(value)]
         if self.markers:
             words.append("--markers")
-        if self.layout != _DEFAULT.layout:
+        if self.layout is not None:
             words += ["--layout", file_name(self.layout)]
         if self.optics is not None:
             words += ["--optics", file_name(self.optics)]
@@ -140,9 +180,14 @@ def read_query(query: str) -> PressState:
         raise T2TwinError(
             f"there is no shape {state.shape!r}; `t2twin shapes` lists all but the random ones"
         )
+    for role in ROLES:  # before the sensors are loaded
+        if (sensor := getattr(state, role)) not in (*bundled_sensors(), *ALIASES):
+            raise T2TwinError(
+                f"no {role} {sensor!r}; expected one of {', '.join(bundled_sensors())}"
+            )
     for value, name, known in (
-        (state.layout, "taxel layout", layout_names()),
-        (state.imperfections, "imperfections", PRESETS),
+        (state.layout or layout_names()[0], "taxel layout", layout_names()),
+        (state.imperfections, "imperfections", state.imperfection_names),
         (state.motion, "motion", get_args(Motion)),
     ):
         if value not in known:
@@ -225,7 +270,7 @@ def _read_flag(name: str, text: str) -> bool:
 
 
 _READERS: dict[str, Callable[[str, str], Any]] = {
-    **dict.fromkeys(("shape", "layout", "imperfections", "motion"), _read_name),
+    **dict.fromkeys(("shape", "layout", "imperfections", "motion", "source", "target"), _read_name),
     **dict.fromkeys(("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "friction"), _read_number),
     "seed": _read_seed,
     "markers": _read_flag,

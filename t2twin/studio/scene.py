@@ -1,18 +1,20 @@
 """The scene of one client: both sensors next to each other with the pressed shape, mm.
 
-The sensor frame is that of t2twin.primitives_cad.shape, shifted along x for each sensor.
+The sensor frame is that of t2twin.primitives_cad.shape, shifted along x for each sensor. The nodes
+of the sensors have the names of their roles, source and target.
 """
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import trimesh
 import viser
 
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
 from t2twin.sim.contact.types import Contact
+from t2twin.sim.sensors.defaults import ROLES
+from t2twin.sim.sensors.files import Sensor
 from t2twin.studio.charts import SLIP_RGB, STICK_RGB, arrows_of
 from t2twin.studio.session import PressResult
 from t2twin.studio.solids import (
@@ -28,16 +30,18 @@ from t2twin.studio.solids import (
     without_plate,
 )
 
-Sensors = Literal["both", "DIGIT", "CySkin"]
+Sensors = Literal["both", "source", "target"]
 """Visible sensors."""
 
-SENSOR_SPACING_MM = 40.0
-"""Distance between the sensor centers, mm, which leaves space for the shapes."""
+SENSOR_SPACING_MM, GAP_MM = 40.0, 16.8
+"""Least distance between the sensor centers, mm, and between their sides, mm, which leave space for
+the shapes."""
+
+LENGTH_MM = 46.0
+"""Length of a sensor from which on the camera is moved away, mm."""
 
 STEEL, GLASS_OPACITY = (150, 160, 175), 0.35
 """Color of the shape, and its opacity as glass."""
-
-LABELS = {"digit": "DIGIT: a gel with a camera below", "cyskin": "CySkin: a cover over taxels"}
 
 LABEL_MM = 3.0
 """Distance of a label from its elastomer, mm."""
@@ -86,18 +90,11 @@ class Scene:
 
     def __init__(self, client: viser.ClientHandle, on_drag: OnDrag) -> None:
         self._client, self._on_drag = client, on_drag
-        self._places = {
-            name: client.scene.add_frame(f"/{name}", show_axes=False)
-            for name in ("digit", "cyskin")
-        }
-        for name, elastomer in (("digit", DIGIT_GEL), ("cyskin", CYSKIN_COVER)):
-            client.scene.add_label(
-                f"/{name}/label",
-                LABELS[name],
-                position=(0.0, -elastomer.length_mm / 2 - LABEL_MM, -elastomer.thickness_mm),
-                anchor="top-center",
-            )
-        self._surfaces: dict[str, list[viser.GlbHandle]] = {"digit": [], "cyskin": []}
+        self._places = {role: client.scene.add_frame(f"/{role}", show_axes=False) for role in ROLES}
+        self._labels: dict[str, viser.LabelHandle] = {}
+        self._sensors: tuple[Sensor, ...] = ()
+        self._arranged: tuple[Sensors, int] = ("both", 0)
+        self._surfaces: dict[str, list[viser.GlbHandle]] = {role: [] for role in ROLES}
         self._shapes: dict[str, viser.MeshHandle] = {}
         self._arrows: dict[str, viser.ArrowsHandle] = {}
         self._drawn: tuple[Shape, ShapeStyle, float] | None = None
@@ -112,10 +109,16 @@ class Scene:
         hidden_px: width that panels will hide.
         """
         both = sensors == "both"
-        for name, side in (("digit", -0.5), ("cyskin", 0.5)):
-            self._places[name].visible = both or sensors.lower() == name
-            self._places[name].position = (side * SENSOR_SPACING_MM if both else 0.0, 0.0, 0.0)
+        self._arranged = (sensors, hidden_px)
+        layers = [each.elastomer for each in self._sensors]
+        widths_mm, lengths_mm = ([getattr(each, name) for each in layers]
+                                 for name in ("width_mm", "length_mm"))  # fmt: skip
+        spacing_mm = max(SENSOR_SPACING_MM, sum(widths_mm) / 2 + GAP_MM)
+        for role, side in zip(ROLES, (-0.5, 0.5), strict=True):
+            self._places[role].visible = sensors in ("both", role)
+            self._places[role].position = (side * spacing_mm if both else 0.0, 0.0, 0.0)
         camera, far, looking_at = self._client.camera, 1.0 if both else ONE_SENSOR, LOOKING_AT_MM
+        far *= max(spacing_mm / SENSOR_SPACING_MM, *(each / LENGTH_MM for each in lengths_mm), 1.0)
         narrow = NARROW
         if self._is_phone:
             narrow, hidden_px = NARROW_PHONE, 0
@@ -132,25 +135,48 @@ class Scene:
         result: PressResult,
         shape_style: ShapeStyle,
         max_kpa: dict[str, float],
-        max_counts: float,
+        max_counts: dict[str, float],
         with_arrows: bool,
     ) -> None:
-        """Draws a result. max_kpa, max_counts: upper ends of the color scales. with_arrows: draws
-        the tangential traction."""
-        contacts = result.touch.contacts
-        parts = {name: [elastomer_part(contacts[name], max_kpa[name])] for name in contacts}
-        parts["cyskin"].append(
-            taxels_part(result.touch.cyskin, result.touch.layout, result.touch.counts, max_counts)
-        )
-        surfaces = {name: as_glb(parts[name]) for name in contacts}
+        """Draws a result. max_kpa, max_counts: upper ends of the color scales, by sensor.
+        with_arrows: draws the tangential traction."""
+        contacts, surfaces = {}, {}
+        readings = zip(ROLES, result.touch.readings.items(), strict=True)
+        for role, (name, reading) in readings:
+            contacts[role] = contact = result.touch.contacts[name]
+            color = reading.sensor.mount.color
+            parts = [elastomer_part(contact, max_kpa[name], color)]
+            if name in max_counts:
+                counts: Any = reading
+                layout = counts.sensor.layout
+                parts.append(taxels_part(contact, layout, counts.counts, max_counts[name]))
+            surfaces[role] = as_glb(parts)
+        self._use(tuple(each.sensor for each in result.touch.readings.values()))
         with self._client.atomic():  # short, because the client receives no messages meanwhile
             self._draw_shape(
                 result.touch.shape, shape_style, result.touch.command.yaw_rad, contacts
             )
-            for name in contacts:
-                self._draw_surface(name, surfaces[name])
-                self._draw_arrows(name, contacts[name], with_arrows)
+            for role in contacts:
+                self._draw_surface(role, surfaces[role])
+                self._draw_arrows(role, contacts[role], with_arrows)
         self._client.flush()
+
+    def _use(self, sensors: tuple[Sensor, ...]) -> None:
+        """Labels and arranges the sensors, if they are others than before."""
+        before, self._sensors = self._sensors, sensors
+        if [each.spec for each in before] == [each.spec for each in sensors]:
+            return
+        for role, sensor in zip(ROLES, sensors, strict=True):
+            if role in self._labels:
+                self._labels.pop(role).remove()
+            elastomer = sensor.elastomer
+            self._labels[role] = self._client.scene.add_label(
+                f"/{role}/label",
+                f"{sensor.name}: {sensor.spec.kind.replace('-', ' ')}",
+                position=(0.0, -elastomer.length_mm / 2 - LABEL_MM, -elastomer.thickness_mm),
+                anchor="top-center",
+            )
+        self.arrange(*self._arranged)
 
     def hide_old_surfaces(self) -> None:
         """Hides the previous surfaces; call it when the browser has loaded the new ones."""

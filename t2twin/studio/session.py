@@ -2,12 +2,11 @@
 client.
 
 A slide is a contact that continues with friction, with its path since the press. The core has no
-part of the web page. Shape letters: R rows and C columns of a tactile image.
+part of the web page.
 """
 
 from contextlib import nullcontext
 from dataclasses import astuple, dataclass, replace
-from functools import lru_cache
 from math import ceil, hypot
 from threading import Lock
 
@@ -17,8 +16,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import PressCommand, check_force
-from t2twin.sim.optical.markers import Markers
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import (
     MAX_SLIDE_STEPS,
     MAX_STEP_DEG,
@@ -28,9 +26,8 @@ from t2twin.sim.slide import (
     PathRow,
     slide_to,
 )
-from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.touch import Touch
-from t2twin.studio.press_state import PressState
+from t2twin.studio.press_state import SENSORS, PressState
 from t2twin.studio.translators import Translation, Translators
 from t2twin.twin import load_shape, press_command
 
@@ -117,14 +114,11 @@ class Slide:
 class PressResult:
     """The results of one press or of one part of a slide.
 
-    tactile_image: (R, C) float32, counts; None for a layout without one, for the reason `no_image`.
     slide: the slide so far, None in the motion "jump".
     """
 
     state: PressState
     touch: Touch
-    tactile_image: np.ndarray | None
-    no_image: str
     translations: tuple[Translation, ...]
     slide: Slide | None = None
 
@@ -172,22 +166,17 @@ class Session:
         rng = None if state.seed is None else np.random.default_rng(state.seed)
         if self._slide is not None and state.continues(self._slide.state):
             before, self._slide = self._slide.touch, self._slide.toward(state, sensors)
-            layout, markers = sensors.cyskin.layout, sensors.digit.markers
-            touch = replace(self._slide.touch, layout=layout, markers=markers)
-            touch = sensors.with_readings(touch, rng, before)
+            touch = sensors.with_readings(self._slide.touch, rng, before)
             self._slide = replace(self._slide, touch=touch)
         else:
             self._slide = None
             touch = self._press(state, sensors, rng)
             self._slide = Slide.begin(state, touch) if state.motion == "slide" else None
-        tactile, no_image = None, ""
-        try:
-            tactile = _phi(tuple(touch.layout.x_mm), tuple(touch.layout.y_mm))(touch.counts)
-        except T2TwinError as error:
-            no_image = str(error)
-        background = sensors.digit.background_frame() if runs else None
-        translations = self.translators.translate(touch.image, runs, background, touch)
-        return PressResult(state, touch, tactile, no_image, translations, self._slide)
+        translations: tuple[Translation, ...] = ()
+        if runs and touch.of_camera is not None:
+            background = touch.of_camera.sensor.background_frame()
+            translations = self.translators.translate(touch.image, runs, background, touch)
+        return PressResult(state, touch, translations, self._slide)
 
     def _press(
         self, state: PressState, sensors: SensorPair, rng: np.random.Generator | None
@@ -199,25 +188,22 @@ class Session:
         shape = self._shape[1]
         force_n = state.force_n if state.depth_mm is None else None
         command = press_command(
-            shape, force_n, state.x_mm, state.y_mm, state.yaw_deg, state.depth_mm, sensors.digit
+            shape, force_n, state.x_mm, state.y_mm, state.yaw_deg, state.depth_mm, sensors.source
         )
         return sensors.press(shape, command, rng)
 
     def _sensors_for(self, state: PressState) -> SensorPair:
-        digit, cyskin, before = self._sensors.digit, self._sensors.cyskin, self._made_for
-        if (state.optics, state.markers) != (before.optics, before.markers):
-            markers = Markers() if state.markers else None
-            digit = replace(digit, optics_file=state.optics, markers=markers)
-        if (state.layout, state.imperfections) != (before.layout, before.imperfections):
-            cyskin = replace(cyskin, layout_source=state.layout, imperfections=state.imperfections)
-        self._sensors, self._made_for = SensorPair(digit, cyskin), state
+        before = self._made_for
+        if any(getattr(state, name) != getattr(before, name) for name in SENSORS):
+            # A sensor that did not change keeps what it has computed.
+            new, known = state.sensors, self._sensors.by_name.values()
+            kept = (
+                next((old for old in known if old == each), each)
+                for each in (new.source, new.target)
+            )
+            self._sensors = SensorPair(*kept)
+        self._made_for = state
         return self._sensors
-
-
-@lru_cache(maxsize=8)
-def _phi(x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> Phi:
-    """phi of a layout, which takes 50 ms to create."""
-    return Phi(np.array(x_mm), np.array(y_mm))
 
 
 def _command(touch: Touch, row: PathRow) -> PressCommand:

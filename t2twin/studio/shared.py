@@ -18,7 +18,7 @@ from t2twin.studio.translators import Translators
 
 if TYPE_CHECKING:
     from t2twin.live.sources import LatestFrame, Source
-    from t2twin.sim.sensors import SensorPair
+    from t2twin.sim.sensors.pair import SensorPair
 
 PAGE_TIMEOUT_S = 10.0
 """Maximum time for which loading of translators waits for a first page, s (assumed: the start of a
@@ -89,7 +89,7 @@ class SharedState:
     @cached_property
     def sensors(self) -> "SensorPair":
         """The default sensors; created by the first press, which pages wait for."""
-        from t2twin.sim.sensors import SensorPair
+        from t2twin.sim.sensors.pair import SensorPair
 
         return SensorPair()
 

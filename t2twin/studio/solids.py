@@ -20,9 +20,6 @@ from t2twin.studio.html import color_values
 ShapeStyle = Literal["glass", "solid", "cut open", "hidden"]
 """Style of the shape."""
 
-SIDE_RGB = (96, 101, 110)
-"""Color of an elastomer's sides."""
-
 RIM_RGB = (235, 235, 235)
 """Color of the ring around a taxel's disc."""
 
@@ -55,8 +52,11 @@ class SceneMesh:
     faces: np.ndarray
 
 
-def elastomer_part(contact: Contact, max_kpa: float) -> SceneMesh:
+def elastomer_part(
+    contact: Contact, max_kpa: float, side_rgba: Sequence[float] = (0.4, 0.4, 0.4, 1.0)
+) -> SceneMesh:
     """Deformed surface of an elastomer in colors from 0 to max_kpa, with its sides."""
+    side_rgb = np.rint(255 * np.array(side_rgba[:3]))
     z = surface_mm(contact)
     x, y = np.meshgrid(contact.x_mm, contact.y_mm)
     top = np.stack([x, y, z], axis=-1).reshape(-1, 3)
@@ -76,7 +76,7 @@ def elastomer_part(contact: Contact, max_kpa: float) -> SceneMesh:
     shaded = np.clip(share * color_values(contact.pressure_kpa.ravel(), max_kpa), 0, 255)
     return SceneMesh(
         np.concatenate([top, top[rim], bottom]),
-        np.concatenate([shaded, np.tile(SIDE_RGB, (2 * n, 1))]).astype(np.uint8),
+        np.concatenate([shaded, np.tile(side_rgb, (2 * n, 1))]).astype(np.uint8),
         np.concatenate([faces, sides]),
     )
 

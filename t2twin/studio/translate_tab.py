@@ -9,7 +9,7 @@ from threading import Event, Thread
 import numpy as np
 import viser
 
-from t2twin.sim.optical.image_renderer import NOISE_GREY
+from t2twin.core.errors import T2TwinError
 from t2twin.studio.cards import frame_html
 from t2twin.studio.controls import Inputs, markdown_safe
 from t2twin.studio.session import PressResult
@@ -44,13 +44,13 @@ class TranslateTab:
         self._worker = LatestOnlyWorker(lambda: notices.guard(self._translate))
         gui, inputs = client.gui, Inputs(client.gui, notices)
         gui.add_markdown(
-            "Predicts CySkin counts from an upright frame of a DIGIT (rows along its length)."
+            "Predicts counts from an upright frame of the gel camera that a run was trained on."
         )
         self.uploads = {"frame": inputs.upload("Upload a frame", "PNG or JPEG of any size")}
         inputs.button("Current image, with noise", viser.Icon.PHOTO, self._show_current)
         self._background_name = gui.add_markdown("")
         self.uploads["background"] = inputs.upload(
-            "Upload a background frame", "Frame of the same DIGIT without contact, PNG or JPEG"
+            "Upload a background frame", "Frame of the same sensor without contact, PNG or JPEG"
         )
         self._no_background = inputs.button(
             "Remove the background frame", viser.Icon.X, lambda: self._set_background(None)
@@ -124,7 +124,10 @@ class TranslateTab:
     def _show_current(self) -> None:
         result = self._get_result()
         if result is not None:
-            noise = np.random.default_rng().normal(0.0, NOISE_GREY, result.touch.image.shape)
+            if result.touch.of_camera is None:
+                raise T2TwinError("neither sensor is a gel camera, so there is no image")
+            noise_grey = result.touch.of_camera.sensor.spec.camera.noise_grey
+            noise = np.random.default_rng().normal(0.0, noise_grey, result.touch.image.shape)
             noisy = np.clip(np.rint(result.touch.image + noise), 0, 255).astype(np.uint8)
             self._show((noisy, f"{result.touch.shape.name}, one frame with noise"))
 

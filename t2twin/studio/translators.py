@@ -164,7 +164,10 @@ class Translators:
         data, interval, force = run.config.data, None, None
         background_used = isinstance(run, FieldPredictor) and background is not None
         used = background if background_used else None
-        pixels, own = run.pixels_of(image, used), classify_frame(image, used)
+        pixels, own = (
+            run.pixels_of(image, used),
+            classify_frame(image, run.config.data.aspect, used),
+        )
         if isinstance(run, FieldPredictor):
             estimate = run.estimate_pixels(pixels)
             counts, tactile = estimate.counts, run.dense_images(estimate)[0]
@@ -230,13 +233,13 @@ def _model_of(folder: Path) -> str:
     return config.model
 
 
-def _truth(touch: "Touch", layout: "Layout") -> np.ndarray:
+def _truth(touch: "Touch", layout: "Layout") -> np.ndarray | None:
     """True counts at the taxels of a layout; of the touch's own layout with its noise, of any other
-    without."""
-    from t2twin.sim.taxels import pads
-
+    without. None for a touch without an array."""
+    if touch.of_array is None:
+        return None
     own = np.stack([touch.layout.x_mm, touch.layout.y_mm])
     other = np.stack([layout.x_mm, layout.y_mm])
     if own.shape == other.shape and np.allclose(own, other):
         return touch.counts.astype(float)
-    return pads.counts(pads.pad_pressure_mpa(touch.cyskin, layout))
+    return touch.of_array.sensor.noiseless(touch.of_array.contact, layout)
