@@ -177,14 +177,14 @@ def untrained_runs(products):
 
 def write_untrained(folder):
     """Writes the run of the model that the folder is named after."""
-    from t2twin.sim.sensors.files import load_sensor
+    from t2twin.sim.sensors.pair import SensorPair
     from t2twin.translate.data.pairs import DataInfo
     from t2twin.translate.models.presets import PRESETS
     from t2twin.translate.runs.checkpoint import build, save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
     model = folder.name
-    array = load_sensor("cyskin-20")
+    array = SensorPair().array
     layout = array.layout
     data = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, array.full_scale)
     config = RunConfig(model, PRESETS[model]["smoke"], 0, data, None, None, 1, False, 1)
@@ -222,17 +222,17 @@ def protocol_dataset(products):
 @pytest.fixture(scope="module")
 def phi():
     """phi of the layout that ships."""
-    from t2twin.sim.sensors.files import load_sensor
+    from t2twin.sim.sensors.pair import SensorPair
 
-    return load_sensor("cyskin-20").phi
+    return SensorPair().array.phi
 
 
 @pytest.fixture(scope="module")
 def true():
     """(6, 20) counts: Gaussian responses about places in the middle of the array."""
-    from t2twin.sim.sensors.files import load_sensor
+    from t2twin.sim.sensors.pair import SensorPair
 
-    layout = load_sensor("cyskin-20").layout
+    layout = SensorPair().array.layout
     rng = np.random.default_rng(0)
     places = rng.uniform(-4, 4, (6, 2))
     squares = (layout.x_mm - places[:, :1]) ** 2 + (layout.y_mm - places[:, 1:]) ** 2

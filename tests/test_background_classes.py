@@ -6,7 +6,7 @@ from PIL import Image
 
 from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
-from t2twin.sim.sensors.files import load_sensor
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.uncertainty.ood import (
     INVERSE_TRANSFORMS,
@@ -16,9 +16,10 @@ from t2twin.translate.uncertainty.ood import (
     compare_with_background,
 )
 
-DIGIT = load_sensor("digit").with_options({"frames": 1})
+DIGIT = SensorPair.of(frames=1).camera
 LEDS = tuple(table.led for table in DIGIT.spec.light.leds)
 SIZE, UNITS = 96, 40
+ASPECT = DIGIT.camera.columns / DIGIT.camera.rows
 TURNED = {
     OODClass.ROTATED_LEFT: OODClass.ROTATED_RIGHT,
     OODClass.ROTATED_RIGHT: OODClass.ROTATED_LEFT,
@@ -62,12 +63,16 @@ def test_transforms_are_named(units, kind: OODClass):
 def test_frames_at_their_own_size():
     even = np.full((320, 240, 3), 90, np.uint8)
     noise = np.random.default_rng(0).integers(0, 256, even.shape, dtype=np.uint8)
-    assert classify_frame(even) == classify_frame(even[:, :, 0]) == OODClass.IN_DISTRIBUTION
-    assert classify_frame(np.full((640, 480), 90, np.uint8)) == OODClass.IN_DISTRIBUTION
-    assert classify_frame(noise) == classify_frame(noise[..., 0]) == OODClass.NOISE
-    assert classify_frame(even[:240]) == OODClass.OTHER_ASPECT
-    assert classify_frame(even, even[:240]) == OODClass.OTHER_ASPECT
-    assert classify_frame(even[:1, :1]) == OODClass.OTHER_ASPECT
+    assert (
+        classify_frame(even, ASPECT)
+        == classify_frame(even[:, :, 0], ASPECT)
+        == OODClass.IN_DISTRIBUTION
+    )
+    assert classify_frame(np.full((640, 480), 90, np.uint8), ASPECT) == OODClass.IN_DISTRIBUTION
+    assert classify_frame(noise, ASPECT) == classify_frame(noise[..., 0], ASPECT) == OODClass.NOISE
+    assert classify_frame(even[:240], ASPECT) == OODClass.OTHER_ASPECT
+    assert classify_frame(even, ASPECT, even[:240]) == OODClass.OTHER_ASPECT
+    assert classify_frame(even[:1, :1], ASPECT) == OODClass.OTHER_ASPECT
     assert combined(OODClass.OTHER_ASPECT, OODClass.ROTATED_LEFT) == OODClass.ROTATED_LEFT
     assert combined(OODClass.OTHER_ASPECT, OODClass.OTHER) == OODClass.OTHER_ASPECT
     assert combined(OODClass.IN_DISTRIBUTION, OODClass.OTHER) == OODClass.OTHER
@@ -78,6 +83,6 @@ def test_real_frames_agree_with_their_background(real_digit):
     background = np.asarray(Image.open(folder / "background.png").convert("RGB"))
     for path in sorted(folder.glob("press_*.png")):
         frame = np.asarray(Image.open(path).convert("RGB"))
-        assert classify_frame(frame, background) == OODClass.IN_DISTRIBUTION
+        assert classify_frame(frame, ASPECT, background) == OODClass.IN_DISTRIBUTION
         classes = compare_with_background(pixels(frame)[None], pixels(background)[None])
         assert classes == [OODClass.IN_DISTRIBUTION], path.name

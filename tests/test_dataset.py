@@ -270,12 +270,12 @@ def test_a_pair_is_what_the_sensors_take(made, shapes):
     sensors = SensorPair().with_imperfections(None)
     command = protocol.press_at(shapes("square-1"), index)
     rng = np.random.default_rng((0, catalogue.NAMES.index("square-1"), index))
-    readings = [
-        sensor.read(sensor.press(shapes("square-1"), command), rng)
-        for sensor in (sensors.camera, sensors.array)
-    ]
-    assert (decode_png(table["source_image"][1].as_py()["bytes"]) == readings[0].image).all()
-    assert table["target_counts"][1].as_py() == readings[1].counts.tolist()
+    camera, array = sensors.camera, sensors.array
+    image = camera.image(camera.press(shapes("square-1"), command), rng)
+    reading = array.read(array.press(shapes("square-1"), command), rng)
+    assert (decode_png(table["source_image"][1].as_py()["bytes"]) == image).all()
+    assert reading.counts is not None
+    assert table["target_counts"][1].as_py() == reading.counts.tolist()
 
 
 def test_a_pair_takes_at_most_80_kb(made):

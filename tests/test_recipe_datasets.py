@@ -294,6 +294,7 @@ def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
     contact = array.press(shapes("circle-2"), PressCommand("circle-2", 1.0, -2.0, 0.3, 6.0))
     reading = array.read(contact)
     counts = reading.dense_counts
+    assert reading.counts is not None
     for taxel, count in enumerate(reading.counts):
         at = (field.x_mm == layout.x_mm[taxel]) & (field.y_mm == layout.y_mm[taxel])
         assert abs(int(counts[at][0]) - int(count)) <= 1  # they are rounded apart

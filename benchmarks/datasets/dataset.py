@@ -25,6 +25,7 @@ from t2twin.core.files import atomic_write
 from t2twin.core.records import decode_json
 from t2twin.sim.dataset.store import LOG, read_info
 from t2twin.sim.dataset.timing import RunTiming
+from t2twin.sim.sensors.defaults import ROLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Page
@@ -52,7 +53,8 @@ BENCHMARK = Benchmark(
 )
 
 PICTURES = ROOT / "docs" / "pictures"
-SENSORS = ("digit", "cyskin")
+SENSORS = {"digit": "source", "cyskin": "target"}
+"""Roles of the sensors by their names in the results."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -66,12 +68,11 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def figures(dataset: Dataset) -> dict[str, Any]:
     """What a dataset's shards say."""
-    from t2twin.report import dataset_report as report
     from t2twin.report.near_duplicates import near_duplicates, noise_grey, scan
 
     scanned = scan(dataset, noise_grey(dataset))
-    counts, saturated = dataset.counts, dataset.saturated
-    largest = counts.max(axis=1)
+    array = dataset.array
+    counts, saturated, largest = array.counts, array.saturated, array.largest
     split = np.array([split for split, _ in dataset.places])
     size = sum((dataset.data / path).stat().st_size for path in dataset.info.shards)
     force = dataset.column("force_n")
@@ -82,16 +83,18 @@ def figures(dataset: Dataset) -> dict[str, Any]:
         "versions": dict(dataset.info.versions),
         "size_gib": size / 2**30,
         "kb_a_pair": size / len(counts) / 1e3,
-        "pairs_without_contact": int((largest < report.MIN_CONTACT_COUNTS).sum()),
-        "unsettled": int(sum((~dataset.column(f"{s}_settled")).sum() for s in SENSORS)),
-        "bottomed": int(sum(dataset.column(f"{s}_bottomed").sum() for s in SENSORS)),
+        "pairs_without_contact": int((largest < array.min_contact_counts).sum()),
+        "unsettled": int(sum((~dataset.contact(r, "settled")).sum() for r in ROLES)),
+        "bottomed": int(sum(dataset.contact(r, "bottomed").sum() for r in ROLES)),
         "force_off_percent": {
-            s: 100 * float(np.abs(dataset.column(f"{s}_force_n") / force - 1).max())
-            for s in SENSORS
+            name: 100 * float(np.abs(dataset.contact(role, "force_n") / force - 1).max())
+            for name, role in SENSORS.items()
         },
         "depth_mm": {
-            s: [float(of(dataset.column(f"{s}_depth_mm"))) for of in (np.min, np.median, np.max)]
-            for s in SENSORS
+            name: [
+                float(of(dataset.contact(role, "depth_mm"))) for of in (np.min, np.median, np.max)
+            ]
+            for name, role in SENSORS.items()
         },
         "largest_taxel_percentile_99_5": float(np.percentile(largest[split == "train"], 99.5)),
         "saturated_taxels_percent": 100 * float(saturated.mean()),
@@ -129,21 +132,22 @@ def draw(dataset: Dataset) -> None:
     from t2twin.report import dataset_report as report
     from t2twin.report.figures import figure
 
-    rows = report.gallery(dataset)
-    lines = -(-len(rows) // report.GALLERY_COLUMNS)
     drawings: dict[str, tuple[float, Callable[[Page], None]]] = {
         "forces_and_counts": (
             report.HEIGHT_IN,
             lambda page: report.forces_and_counts(page, dataset),
         ),
         "depths": (report.DEPTHS_IN, lambda page: report.depths_in(page, dataset)),
-        "saturation": (report.SATURATION_IN, lambda page: report.saturation(page, dataset)),
-        "gallery": (report.TILE_IN * lines, lambda page: report.tiles(page, dataset, rows)),
+        "saturation": (report.SATURATION_IN, lambda page: report.saturation(page, dataset.array)),
     }
     for name, (height_in, drawing) in drawings.items():
-        content = figure("png", report.WIDTH_IN, height_in, drawing)
-        with atomic_write(PICTURES / f"dataset_{name}.png") as temporary:
-            temporary.write_bytes(content)
+        _write(name, figure("png", report.WIDTH_IN, height_in, drawing))
+    _write("gallery", report.grid_of(dataset, report.gallery(dataset), SENSORS["digit"]))
+
+
+def _write(name: str, content: bytes) -> None:
+    with atomic_write(PICTURES / f"dataset_{name}.png") as temporary:
+        temporary.write_bytes(content)
 
 
 if __name__ == "__main__":

@@ -41,8 +41,7 @@ from t2twin.sim.dataset.shard import press_until_accepted
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.presses import PressSample, press_attempts, random_name, sample_force
 from t2twin.sim.sampling.recipe import Part, load_recipe
-from t2twin.sim.sensors import SensorPair
-from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.touch import Touch
 
 if TYPE_CHECKING:
@@ -279,6 +278,7 @@ def spread(values: np.ndarray, tools: np.ndarray) -> dict[str, dict[str, Any]]:
 def by_force(values: np.ndarray) -> list[dict[str, float]]:
     """What the largest taxel counts, and how many presses saturate one, by force."""
     force, largest = values[:, QUANTITIES.index("force_n")], values[:, -1]
+    full_scale = SensorPair().array.full_scale
     content = []
     for low, high in pairwise(FORCES_N):
         chosen = largest[(force >= low) & (force < high)]
@@ -289,7 +289,7 @@ def by_force(values: np.ndarray) -> list[dict[str, float]]:
                 "presses": chosen.size,
                 "median_counts": float(np.median(chosen)),
                 "percentile_99_5_counts": float(np.percentile(chosen, 99.5)),
-                "saturated_percent": 100.0 * float((chosen >= FULL_SCALE_COUNTS - 1).mean()),
+                "saturated_percent": 100.0 * float((chosen >= full_scale - 1).mean()),
             }
         )
     return content

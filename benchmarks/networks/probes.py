@@ -27,7 +27,7 @@ from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sampling import protocol
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
     import cadquery as cq

@@ -28,8 +28,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.calibrate import calibrate
 from t2twin.sim.optical.calibrate.frames import read_frame, upright_frame
-from t2twin.sim.optical.image_renderer import NOISE_GREY
-from t2twin.sim.sensors import Digit, SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
     from t2twin.adaptation.real_frame_evaluation import SimulatedReference
@@ -96,11 +95,11 @@ def real_references(folder: Path) -> tuple[list[SimulatedReference], np.ndarray]
     with tempfile.TemporaryDirectory() as temporary:
         optics = Path(temporary) / "optics.npz"
         report.scored_by.save(optics)
-        sensors = SensorPair(Digit(optics_file=str(optics), noise_grey=NOISE_GREY))
+        sensors = SensorPair.of(optics=optics, frames=1)
         ball = write_ball(Path(temporary) / "ball.step", BALL_DIAMETER_MM)
         balls = [ball] * len(report.held_out)
         references = simulate_reference(report.held_out, report.poses, report.real, balls, sensors)
-    return references, upright_frame(read_frame(background))
+    return references, upright_frame(read_frame(background), sensors.camera.camera)
 
 
 def _scores(

@@ -1,6 +1,6 @@
 """Accuracy of DIGIT images that are predicted from 20 counts.
 
-    t2twin train touch2touch --direction cyskin-to-digit --data data/paper --steps 6000 --out RUN
+    t2twin train touch2touch --direction counts-to-image --data data/paper --steps 6000 --out RUN
     python -m benchmarks.networks.reverse RUN --data data/paper
 
 The run is compared with three baselines: the mean image of the training pairs, the image of the
@@ -25,8 +25,7 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
-from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
-from t2twin.sim.sensors import Digit
+from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
     from benchmarks.networks.image_metrics import ImageFigures
@@ -50,7 +49,7 @@ BENCHMARK = Benchmark(
         )
     ),
     arguments=(
-        Argument("run", "folder of t2twin train --direction cyskin-to-digit", Path),
+        Argument("run", "folder of t2twin train --direction counts-to-image", Path),
         Argument("--data", "the dataset", Path, required=True, metavar="DIR"),
     ),
 )
@@ -82,7 +81,9 @@ def measure(options: Namespace) -> dict[str, Any]:
     size = run.config.preset.size
     train, *rest = (load_pairs(options.data, s, size, grey=True) for s in ("train", *SPLITS))
     mean = _mean(train)
-    background = to_pixels(Image.fromarray(Digit().background_frame()), size, grey=True)[..., 0]
+    frame = Image.fromarray(SensorPair().camera.background_frame())
+    background = to_pixels(frame, size, grey=True)[..., 0]
+    mm_per_px = _mm_per_px(run.config.data.view_mm, size)
     content, splits = {}, []
     for split, pairs in zip(SPLITS, rest, strict=True):
         real = pairs.images[:][..., 0]
@@ -96,7 +97,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         content[split] = _figures(figures, pairs) | {
             "contact_percent": 100.0 * float(in_contact(real, background).mean()),
             "explained": {
-                name: explained_by_detail(rows[name], real, mean, _mm_per_px(size))
+                name: explained_by_detail(rows[name], real, mean, mm_per_px)
                 for name in (NETWORK, NEAREST)
             },
         }
@@ -139,9 +140,10 @@ def _nearest(train: Pairs, pairs: Pairs) -> np.ndarray:
     return train.images[index][..., 0]
 
 
-def _mm_per_px(size: int) -> tuple[float, float]:
-    """Millimeters that a row and a column of a square picture are apart."""
-    half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
+def _mm_per_px(view_mm: tuple[float, float], size: int) -> tuple[float, float]:
+    """Millimeters that a row and a column of a square picture are apart. view_mm: half of what it
+    shows along x and y."""
+    half_width, half_height = view_mm
     return 2 * half_height / size, 2 * half_width / size
 
 

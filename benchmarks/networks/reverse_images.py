@@ -10,8 +10,6 @@ from matplotlib.patches import Rectangle
 
 from benchmarks import ROOT
 from t2twin.report.figures import draw_tactile_image, draw_taxels, figure
-from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
-from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import DataInfo, Pairs
 
 PICTURE = ROOT / "docs" / "pictures" / "reverse.png"
@@ -31,9 +29,6 @@ WIDTH_IN, ROW_IN = 6.6, 1.6
 GREYS = (40, 180)
 """Grey levels that are black and white, in all images alike (assumed: those that images
 of the default light have)."""
-
-ASPECT = 320 / 240
-"""Height over width of a DIGIT image."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +58,8 @@ def _chosen(split: Split) -> list[int]:
 
 
 def _draw(page: Figure, samples: Sequence[tuple[Split, int]], info: DataInfo) -> None:
-    phi = Phi(info.x_mm, info.y_mm)
-    tactile_width = ASPECT * phi.shape[1] / phi.shape[0]
+    phi, aspect = info.phi, 1.0 / info.aspect
+    tactile_width = aspect * phi.shape[1] / phi.shape[0]
     widths = (tactile_width, 1.0, 1.0, 1.0, 1.0)
     all_axes = page.subplots(len(samples), len(widths), squeeze=False, width_ratios=widths)
     for axes, (split, place) in zip(all_axes, samples, strict=True):
@@ -72,11 +67,11 @@ def _draw(page: Figure, samples: Sequence[tuple[Split, int]], info: DataInfo) ->
         counts = phi(pairs.counts[place])
         draw_tactile_image(axes[0], counts, phi, (0.0, float(counts.max())))
         draw_taxels(axes[0], info.x_mm, info.y_mm)
-        _view(axes[0])
+        _view(axes[0], info.view_mm)
         axes[0].set_ylabel(f"{pairs.shapes[place]}\n{SPLITS[split.name]}")
-        _picture(axes[1], split.real[place])
+        _picture(axes[1], split.real[place], aspect)
         for each, name in zip(axes[2:], TITLES, strict=True):
-            _picture(each, split.rows[name][place])
+            _picture(each, split.rows[name][place], aspect)
             each.text(
                 0.04, 0.97, f"{split.psnr_db[name][place]:.1f} dB", color="white",
                 transform=each.transAxes, va="top", fontsize=7,
@@ -86,16 +81,16 @@ def _draw(page: Figure, samples: Sequence[tuple[Split, int]], info: DataInfo) ->
         axes.set_title(title)
 
 
-def _view(axes: Axes) -> None:
-    """Marks what of the tactile image the DIGIT sees."""
-    half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
+def _view(axes: Axes, view_mm: tuple[float, float]) -> None:
+    """Marks what of the tactile image the DIGIT sees. view_mm: half of it along x and y."""
+    half_width, half_height = view_mm
     corner, size = (-half_width, -half_height), (2 * half_width, 2 * half_height)
     axes.add_patch(Rectangle(corner, *size, fill=False, color="white", linewidth=0.7, ls="--"))
 
 
-def _picture(axes: Axes, picture: np.ndarray) -> None:
-    """A grey picture, (S, S) uint8, in the DIGIT's proportions, in a thin frame."""
-    axes.imshow(picture, cmap="gray", vmin=GREYS[0], vmax=GREYS[1], aspect=ASPECT)
+def _picture(axes: Axes, picture: np.ndarray, aspect: float) -> None:
+    """A grey picture, (S, S) uint8, in a thin frame. aspect: its height over its width."""
+    axes.imshow(picture, cmap="gray", vmin=GREYS[0], vmax=GREYS[1], aspect=aspect)
     axes.set(xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set(visible=True, linewidth=0.4, color="#aaaaaa")

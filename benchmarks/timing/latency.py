@@ -25,8 +25,7 @@ from PIL import Image
 from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.sim.taxels.dense import dense_layout
-from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
     from t2twin.translate.models.presets import Model, Preset
@@ -113,7 +112,8 @@ def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> RunConfig:
     from t2twin.translate.runs.checkpoint import build, save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
-    layout, places = load_layout(), dense_layout()
+    array = SensorPair().array
+    layout, places = array.layout, array.dense.layout
     info = DataInfo(
         "0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE,
         dense_x_mm=places.x_mm, dense_y_mm=places.y_mm,

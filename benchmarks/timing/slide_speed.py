@@ -19,7 +19,7 @@ from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.motion.slides import SEED
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION, advance
+from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sampling.presses import random_name
 
@@ -40,14 +40,15 @@ BENCHMARK = Benchmark(
 SHAPES = ("hemisphere-4", "square-2", "wrench/open-end", *(random_name(SEED, n) for n in range(4)))
 FORCE_N, STEPS, STEP_MM = 4.0, 6, 0.2
 
-FRICTION = {"digit": GEL_FRICTION, "cyskin": COVER_FRICTION}
+SENSORS = ("digit", "cyskin")
+"""Names of the sensors in the results."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:
     twin = t2twin.Twin()
     rates = both_sensors(twin)
     return {
-        "one_sensor": {sensor: one_sensor(twin, sensor) for sensor in FRICTION},
+        "one_sensor": {sensor: one_sensor(twin, sensor) for sensor in SENSORS},
         "both_sensors": {
             "median_a_second": float(np.median(list(rates.values()))),
             "slowest_a_second": min(rates.values()),
@@ -60,7 +61,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 def one_sensor(twin: t2twin.Twin, sensor: str) -> dict[str, float]:
     """Median processor time of a step and of a press, ms, and their ratio."""
     presses, steps = [], []
-    of_sensor = twin.sensors.digit if sensor == "digit" else twin.sensors.cyskin
+    of_sensor = twin.sensors.camera if sensor == "digit" else twin.sensors.array
     for name in (*SHAPES, *SHAPES):  # the first round compiles code, loads models, computes kernels
         shape = catalogue.load(name)
         start = time.process_time()
@@ -68,7 +69,7 @@ def one_sensor(twin: t2twin.Twin, sensor: str) -> dict[str, float]:
         presses.append(1e3 * (time.process_time() - start))
         for _ in range(STEPS):
             start = time.process_time()
-            contact = advance(contact, STEP_MM, 0.0, 0.0, FORCE_N, FRICTION[sensor])
+            contact = advance(contact, STEP_MM, 0.0, 0.0, FORCE_N, of_sensor.friction)
             steps.append(1e3 * (time.process_time() - start))
     press_ms = float(np.median(presses[len(SHAPES) :]))
     step_ms = float(np.median(steps[len(SHAPES) * STEPS :]))

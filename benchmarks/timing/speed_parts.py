@@ -17,7 +17,7 @@ from t2twin.sim.contact.fixed_point import FixedPoint
 from t2twin.sim.contact.layer import Layer
 from t2twin.sim.dataset.timing import Stopwatch
 from t2twin.sim.sampling import protocol
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 
 PARTS: dict[str, tuple[Any, str]] = {
     "transforms": (Layer, "responses"),
@@ -55,7 +55,7 @@ def main() -> None:
         for index in protocol.indices(shape.name, protocol.SCALES[SCALE])
     ]
     content = {}
-    for name, sensor in (("digit", pair.digit), ("cyskin", pair.cyskin)):
+    for name, sensor in (("digit", pair.camera), ("cyskin", pair.array)):
         rows = np.empty((ROUNDS, len(presses), 1 + len(PARTS)))
         for turn in rows:
             for row, (shape, command) in zip(turn, presses, strict=True):

@@ -14,13 +14,19 @@ import numpy as np
 if Path("t2twin").is_dir():
     from t2twin.primitives_cad import catalogue
     from t2twin.sim.sampling import protocol
-    from t2twin.sim.sensors import SensorPair
 
-    PAIR = SensorPair()
-    press_digit, press_cyskin = PAIR.digit.press, PAIR.cyskin.press
+    try:
+        from t2twin.sim.sensors.pair import SensorPair
+
+        DIGIT, CYSKIN = SensorPair().camera, SensorPair().array
+    except ImportError:
+        from t2twin.sim.sensors import SensorPair
+
+        DIGIT, CYSKIN = SensorPair().digit, SensorPair().cyskin
+    press_digit, press_cyskin = DIGIT.press, CYSKIN.press
 
     def picture(contact, shape, command, rng):
-        return PAIR.digit.image(contact, rng)
+        return DIGIT.image(contact, rng)
 
 else:
     from sim.bench import Bench  # noqa: TID251
