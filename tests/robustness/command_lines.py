@@ -53,12 +53,18 @@ REFUSED = """
 | --no-such-flag => there is no option '--no-such-flag'; see t2twin --help
 press | => SHAPE is missing; see t2twin press --help | -- circle-1 b => unexpected argument 'b'
 press circle-1 | square-1 => unexpected argument 'square-1' | --force 8 => did you mean --force-n?
-press circle-1 | -f => there is no option '-f' | --sensor gelsight => expected digit, cyskin or
+press circle-1 | -f => there is no option '-f' | --sensor gelsight => no sensor
 press circle-1 | --force-n => --force-n has no value; expected a number | --sensor '' => --sensor
 press circle-1 | --x-mm --y-mm 3 => --x-mm has no value | --flat=yes => unexpected argument 'yes'
 press circle-1 | --depth_mm= => --depth-mm is ''; expected a number | --x-mm 1 --x-mm 2,0 => '2,0'
 press circle-1 | --optics => --optics has no value; expected FILE
 press random-3 --out out | --scale 2 => files only
+PRESS | --source gelsight => no sensor 'gelsight' | --target no.toml => no.toml | --source '' => no
+PRESS | --source digit --target digit --layout cyskin-63 => --layout | --source LONG => no sensor
+SIM | --source gelsight => no sensor 'gelsight' | --target no.toml => no.toml | --target / => sensor
+SIM | --source cyskin-63 --optics n.npz => optics | --target digit --layout cyskin-63 => layout
+simdata --recipe open --out out | --source no.toml => no.toml | --target cyskn-20 => cyskin-20?
+simdata --verify {data} | --source digit => --source cannot | --target x => --target cannot
 PRESS | --seed 1 --imperfections some => imperfections | --imperfections all => without --seed
 PRESS --sensor cyskin | --markers => --markers has no effect | --renderer pyrender => --renderer has
 PRESS --sensor digit | --layout cyskin-63 => --layout has no effect with --sensor digit
@@ -70,7 +76,7 @@ SIM | --layout none => layout | --imperfections some => imperfections | --optics
 SIM | --scheduler foo => scheduler | --scheduler tcp://127.0.0.1:1 --workers 2 => --workers
 train | => MODEL and --data are missing; see t2twin train --help | resnet18 => --data is missing
 train resnet18 --out out --data | nowhere => nowhere | '' => no dataset | {resnet18} => no dataset
-TRAIN | --direction cyskin-to-digit => touch2touch has both | --preset huge => preset
+TRAIN | --direction counts-to-image => touch2touch has both | --preset huge => preset
 evaluate --data {data} --out out | nowhere => nowhere | {data} => config.json
 evaluate --data {data} --out out | {resnet18} {resnet18} => twice | => run
 evaluate {resnet18} --data | nowhere => nowhere | {data} --split 'train set' => val, test or both
@@ -102,6 +108,7 @@ PRESS --yaw-deg 360000 | PRESS --force-n 8e-1 | PRESS --x-mm -0.0
 press circle-1 --out 'mein Ordner/für später' | press circle-1 --out ./a/../out
 TRAIN --seed 9223372036854775807 --epochs 1 | TRAIN --minutes 0.001
 PRESS --seed 0 --imperfections all | PRESS --x-mm 14 --depth-mm 0.5
+PRESS --source cyskin --target digit | PRESS --source digit --target digit | PRESS --sensor target
 PRESS --yaw_deg 3 --sensor=cyskin | PRESS --sensor digit --sensor cyskin
 --version | --help | simdata --help | simdata --verify {data}
 export --run {touch2touch} --out x.onnx

@@ -54,9 +54,9 @@ IN_THE_WAY: dict[str, Callable[[Path], object]] = {
 
 
 def _save_optics(place: str, box: Path, base: Base) -> None:
-    from t2twin.sim.optical.optics import Optics
+    from t2twin.sim.sensors.pair import SensorPair
 
-    Optics.load().save(Path(place))
+    SensorPair().camera.optics.save(Path(place))
 
 
 def cases() -> Iterator[Case]:

@@ -34,7 +34,7 @@ def _reverse_run(run_dir: Path) -> Any:
     from t2twin.translate.runs.checkpoint import build
 
     own = _run(run_dir)
-    config = structs.replace(own.config, direction="cyskin-to-digit")
+    config = structs.replace(own.config, direction="counts-to-image")
     return ImagePredictor(own.run_dir, config, build(config))  # pyright: ignore[reportArgumentType]
 
 
@@ -92,13 +92,17 @@ BAD: dict[str, Callable[[Base], object]] = {
     "at least one": lambda base: _run().estimate([]),
     "level": lambda base: _run().estimate(SMALL).interval("0.9"),
     "needs a field run": lambda base: _run(base.resnet18).estimate(SMALL),
-    "needs a cyskin-to-digit run": lambda base: _run(base.resnet18).predict_image(np.zeros(20)),
+    "needs a counts-to-image run": lambda base: _run(base.resnet18).predict_image(np.zeros(20)),
     "numbers from 0": lambda base: _reverse_run(base.touch2touch).predict_image(-np.ones(20)),
     "pixels have shape": lambda base: _run().predict_pixels(SMALL[None]),
     "no run feild": lambda base: t2twin.load("feild"),
     "parts": lambda base: t2twin.make_dataset(
         "out", recipe=structs.replace(t2twin.load_recipe("union"), parts=())),
-    "from 0.1 to 200": lambda base: replace(t2twin.Twin().sensors.digit.gel, thickness_mm=3000),
+    "from 0.1 to 200": lambda base: replace(t2twin.Twin().sensors.camera.own_gel,
+                                            thickness_mm=3000),
+    "there is no sensor 'gelsite'": lambda base: t2twin.Twin(source="gelsite"),
+    "neither digit nor digit": lambda base: t2twin.Twin(target="digit", layout="cyskin-63"),
+    "neither is a gel camera": lambda base: t2twin.Twin(source="cyskin").sensors.camera,
     "at least 3": lambda base: t2twin.Layout("two", *[np.array([1.0, 2.0])] * 3),
 }  # fmt: skip
 """Bad calls by a part of the sentence."""
@@ -113,6 +117,7 @@ FINE: tuple[Callable[[Base], object], ...] = (
     lambda base: _run().estimate(FRAME, background=SMALL).counts.shape == (20,),
     lambda base: np.abs(t2twin.load().predict(FRAME) - _run().predict(FRAME)).max() < 1.0,
     lambda base: t2twin.press("circle-1", **NUMPY).counts.any(),
+    lambda base: t2twin.Twin(source="cyskin", target="cyskin").press("circle-1").image is None,
     lambda base: _reverse_run(base.touch2touch).predict_image([0] * 20).ndim == 2,
 )  # fmt: skip
 """Valid calls whose result is true."""

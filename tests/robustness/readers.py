@@ -4,10 +4,11 @@ import io
 import json
 import pickle
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,10 @@ from PIL import Image
 from safetensors.numpy import load_file, save
 from solids import SOLIDS
 
-from t2twin.sim.optical.optics import DEFAULT_PATH
+from t2twin.sim.sensors.files import SPECS
+
+OPTICS = SPECS / "digit.npz"
+"""A valid optics file."""
 
 # Valid files
 
@@ -65,7 +69,66 @@ renderer = "baked"
 led_size_mm = [1.0, 2.0]
 """
 
+CAMERA = """extends = "digit"
+name = "mine"
+[gel]
+width_mm = 18.0
+thickness_mm = 4.0
+young_mpa = 0.4
+poisson = 0.47
+friction = 0.8
+grid_mm = 0.25
+[camera]
+rows = 320
+columns = 240
+scale_px_per_mm = 19.2
+distance_mm = 21.4
+rate_hz = 60
+frames = 30
+noise_grey = 2.8
+[light]
+ambient = [0.02, 0.03, 0.03]
+gamma = 2.2
+[mount]
+mass_kg = 0.01
+depth_mm = 20.0
+"""
+"""A valid gel camera's file."""
+
+OWN_LIGHT = 'extends = "digit"\nname = "mine"\n[light]\noptics = "c.npz"\n'
+ARRAY = """extends = "cyskin-20"
+name = "mine"
+[cover]
+width_mm = 30.0
+young_mpa = 0.2
+grid_mm = 0.5
+[layout]
+file = "l.csv"
+[transducer]
+law = "capacitive"
+modulus_mpa = 0.5
+largest_strain = 0.5
+[counts]
+gain = 5000.0
+full_scale = 4000
+bits = 12
+rate_hz = 25
+readings = 2
+[imperfections.white]
+white_counts = 2.0
+"""
+"""A taxel array's."""
+
 # Commands
+
+CAMERAS = (
+    "press circle-1 --source s.toml --out out", "simdata --scale smoke --target s.toml --out out",
+    "slide circle-1 --dx-mm 1 --target s.toml --out out",
+)  # fmt: skip
+ARRAYS_OF_TAXELS = (
+    "press circle-1 --target s.toml --out out", "simdata --recipe union --target s.toml --out out",
+)  # fmt: skip
+"""Commands that read a sensor's file, in turn."""
 
 PRESS = "press circle-1 --sensor digit --out out --optics c.npz"
 GIVEN = "--background background.png --presses presses --ball-diameter-mm 4.7 --out out"
@@ -99,7 +162,10 @@ KINDS: dict[str, tuple[Files, str, tuple[str, ...]]] = {
     "background": (FRAMES, "background.png", (CALIBRATE, ADAPT)),
     "press": (FRAMES, "presses/press_3.png", (CALIBRATE, ADAPT)),
     "forces": (FRAMES | {"presses/forces.csv": FORCES}, "presses/forces.csv", (CALIBRATE, ADAPT)),
-    "optics": ({"c.npz": DEFAULT_PATH.read_bytes()}, "c.npz", (PRESS,)),
+    "optics": ({"c.npz": OPTICS.read_bytes()}, "c.npz", (PRESS,)),
+    "sensor": ({"s.toml": CAMERA}, "s.toml", CAMERAS),
+    "optics of a sensor": ({"s.toml": OWN_LIGHT, "c.npz": OPTICS.read_bytes()}, "c.npz", CAMERAS),
+    "layout of a sensor": ({"s.toml": ARRAY, "l.csv": LAYOUT}, "l.csv", ARRAYS_OF_TAXELS),
     "pairs.csv": (PAIRS, "pairs.csv", (CSV,)),
     "pairs.parquet": ({"pairs.parquet": b"PAR1"}, "pairs.parquet", (PARQUET,)),
     "image of a pair": (PAIRS, "2.png", (CSV,)),
@@ -165,9 +231,31 @@ def wrong_recipes() -> Iterator[tuple[str, str]]:
         yield text[-20:], text
 
 
+def wrong_sensors(good: str) -> Iterator[tuple[str, str]]:
+    """A sensor's file with one value of another type or out of range, one name misspelled or
+    missing, or broken."""
+    lines = good.splitlines()
+    for number, line in enumerate(lines):
+        name, equals, value = line.partition(" = ")
+        if not equals or line.startswith("#") or name == "extends":
+            continue
+
+        def changed(new: str, number: int = number) -> str:
+            return "\n".join([*lines[:number], new, *lines[number + 1 :]])
+
+        for other in ("-1", "[]", "nan", "true", "{}", "1e400"):
+            yield f"{number} {name} = {other}", changed(f"{name} = {other}")
+        yield f"{number} {name}q", changed(f"{name}q = {value}")
+        yield f"{number} {name} twice", changed(f"{line}\n{line}")
+    for text in ('{"kind": 1}', good[:30], "kind = 3", 'kind = "gel"', "[gel]\n" * 2,
+                 "gel = " + "[" * 5000, 'extends = "s.toml"', 'extends = "nowhere"', "extends = 3",
+                 f"{good}\n[[gel]]"):  # fmt: skip
+        yield text[-20:], text
+
+
 def wrong_arrays() -> Iterator[tuple[str, bytes]]:
     """Optics files (.npz) with one array wrong, or damaged."""
-    with np.load(DEFAULT_PATH) as kept:
+    with np.load(OPTICS) as kept:
         good: dict[str, Any] = dict(kept)
 
     def packed(**arrays: Any) -> bytes:
@@ -201,19 +289,27 @@ COLUMNS: dict[str, tuple[Any, ...]] = {
 """Wrong values of the columns of pairs, in a Parquet file or a shard."""
 
 
-def wrong_columns(good: dict[str, list]) -> Iterator[tuple[str, bytes]]:
-    """Parquet files with one column wrong, in all rows or in the first, or damaged."""
+STORED = {"image": "source_image", "taxels": "target_counts"}
+"""Columns of a shard by those of a user's pairs."""
+
+
+def wrong_columns(
+    good: dict[str, list], names: Mapping[str, str] = MappingProxyType({})
+) -> Iterator[tuple[str, bytes]]:
+    """Parquet files with one column wrong, in all rows or in the first, or damaged. names: of
+    columns that differ from a user's."""
 
     def packed(columns: dict[str, list]) -> bytes:
         file = io.BytesIO()
         pq.write_table(pa.table(columns), file)
         return file.getvalue()
 
-    rows = len(good["image"])
+    rows = len(good[names.get("image", "image")])
     for name, values in COLUMNS.items():
         for value in values:
-            yield f"{name} {str(value)[:30]}", packed(good | {name: [value] * rows})
-    for name in ("image", "taxels"):
+            own = names.get(name, name)
+            yield f"{name} {str(value)[:30]}", packed(good | {own: [value] * rows})
+    for name in (names.get(each, each) for each in STORED):
         yield f"no {name}", packed({key: value for key, value in good.items() if key != name})
         yield f"first {name}", packed(good | {name: [None, *good[name][1:]]})
     yield "no rows", packed({name: values[:0] for name, values in good.items()})
@@ -227,7 +323,7 @@ def _shard(number: int) -> Callable[[Path], object]:
 
     def write(path: Path) -> None:
         columns = pq.read_table(path).to_pydict()
-        put(path, [*wrong_columns(columns)][number][1])
+        put(path, [*wrong_columns(columns, STORED)][number][1])
         info = path.parents[1] / "info.json"
         content = json.loads(info.read_text())
         shard = content["shards"]["train/circle-1.parquet"]
@@ -288,6 +384,8 @@ def cases() -> Iterator[Case]:
         ("parquet", (PARQUET,), {}, "pairs.parquet", wrong_columns(columns), ""),
         ("recipe", (MADE,), {}, "w.toml", wrong_recipes(), ""),
         ("optics", (PRESS,), {}, "c.npz", wrong_arrays(), "c.npz"),
+        ("camera", CAMERAS, {}, "s.toml", wrong_sensors(CAMERA), ""),
+        ("array", ARRAYS_OF_TAXELS, {"l.csv": LAYOUT}, "s.toml", wrong_sensors(ARRAY), ""),
         ("shard", READERS, DATA, SHARD, shards, ""),
         ("weights", USERS, RUN, WEIGHTS, wrong_weights(), ""),
     ):  # fmt: skip
@@ -333,10 +431,10 @@ def _of_runs() -> Iterator[Case]:
     def with_dense_counts(**changed: object) -> Callable[[Path], object]:
         return edit(lambda text: json.dumps(json.loads(text) | changed).encode())
 
-    turned = with_dense_counts(direction="cyskin-to-digit")
+    turned = with_dense_counts(direction="counts-to-image")
     files: Files = {"x.png": PNG, "run": Copy("touch2touch"), "run/config.json": turned}
     for user in (*USERS, "live --run run {data}", "studio --run run"):
-        yield Case(f"{user[:9]} with a reverse run", user, laid(files), "predicts DIGIT images")
+        yield Case(f"{user[:9]} with a reverse run", user, laid(files), "predicts images")
     files = RUN | {"run/config.json": with_dense_counts(seed=1)}
     yield Case("another seed", AGAIN, laid(files), "another")
     yield Case("no run", AGAIN.replace("--out run", "--out data"), laid(DATA), "contains no run")
