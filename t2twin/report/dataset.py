@@ -3,7 +3,6 @@
 Shape letters: P pairs of all splits, N taxels, R rows and C columns of an image.
 """
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from t2twin.sim.dataset.info import SPLITS, DatasetInfo, SensorInfo
 from t2twin.sim.dataset.store import lists, read_info, read_split, split_shards, stored_name
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.phi import Phi
+from t2twin.sim.taxels.reading import expected_reading
 
 COLUMNS = ("shape", "family", "index", *POSE)
 """Columns of the tables, besides those of the sensors."""
@@ -29,8 +29,13 @@ SATURATED_SHARE = 0.999
 """Share of full scale above which a count is saturated (assumed: ten times the noise)."""
 
 MIN_CONTACT_SHARE = 0.0025
-"""Smallest maximum count of a pair with contact, share of full scale (assumed: more than ten times
-the noise without contact of most arrays)."""
+"""Smallest count of a touched taxel, share of full scale (assumed)."""
+
+AT_REST_STDS = 5.0
+"""Smallest count of a touched taxel over its mean at rest, standard deviations of the noise
+(assumed: one of a million readings at rest has it)."""
+
+ROUNDING_COUNTS = 0.5
 
 
 @dataclass(frozen=True)
@@ -66,9 +71,16 @@ class Array:
         return self.counts.max(axis=1)
 
     @property
-    def min_contact_counts(self) -> int:
-        """Smallest maximum count of a pair with contact."""
-        return math.ceil(MIN_CONTACT_SHARE * self.full_scale)
+    def touched(self) -> np.ndarray:
+        """(P,) bool: pairs in which a taxel exceeds MIN_CONTACT_SHARE of full scale, and its
+        readings at rest if their noise is known."""
+        least = np.full(self.counts.shape[1], MIN_CONTACT_SHARE * self.full_scale)
+        flaws = self.info.imperfections
+        if flaws is not None:
+            mean, std = expected_reading(flaws, self.info.reading, np.zeros_like(least))
+            std = np.hypot(std, flaws.drift_counts if flaws.drift_share else 0.0)
+            least = np.maximum(least, mean + AT_REST_STDS * std + ROUNDING_COUNTS)
+        return (self.counts >= least).any(axis=1)
 
 
 @dataclass(frozen=True)
@@ -177,11 +189,10 @@ class Dataset:
 
     @property
     def without_contact(self) -> np.ndarray:
-        """(P,) bool: pairs without a count of contact; without taxel arrays, of 0 N."""
+        """(P,) bool: pairs in which no taxel is touched; without taxel arrays, of 0 N."""
         if not self.arrays:
             return self.column("force_n") == 0
-        contacts = [each.largest >= each.min_contact_counts for each in self.arrays.values()]
-        return ~np.any(contacts, axis=0)
+        return ~np.any([array.touched for array in self.arrays.values()], axis=0)
 
 
 def read_dataset(data: Path) -> Dataset:

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
 from t2twin.report import pairs
-from t2twin.report.dataset import Array, Dataset, read_dataset
+from t2twin.report.dataset import MIN_CONTACT_SHARE, Array, Dataset, read_dataset
 from t2twin.report.figures import aspect_of, draw_discs, figure, force_axis
 from t2twin.report.near_duplicates import Scan, duplicates, near_duplicates, noise_grey, scan
 from t2twin.report.page import (
@@ -23,7 +23,6 @@ from t2twin.report.page import (
     Section,
     check_out,
     forces_text,
-    listed,
     shape_name,
     write_page,
 )
@@ -35,10 +34,13 @@ MAX_BARS = 100
 
 GALLERY_COLUMNS, MAX_IMAGES = 10, 60
 GALLERY_SEED = 0
-BARS_WIDTH_IN, BAR_IN, MARGINS_IN = 4.4, 0.17, 0.8
+BARS_WIDTH_IN, BAR_IN, MARGINS_IN = 4.4, 0.17, 1.0
 """Width of the bar chart, which fits on a phone; height of a bar and of the margins, inches."""
 
 SATURATION_IN = 2.8
+MIN_BARS = 4
+"""Height of the charts of saturation, inches; smallest range of saturated taxels of a pair."""
+
 TILE_TITLE_IN = 0.22
 """Height of the title of an image of the grid, inches."""
 
@@ -85,20 +87,19 @@ def _share(which: np.ndarray) -> str:
 
 def _contact(dataset: Dataset) -> str:
     """The condition by which a pair has no contact, in words."""
-    least = [
-        f"{one.min_contact_counts:,} counts of {dataset.label(role)}"
-        for role, one in dataset.arrays.items()
-    ]
-    return f"all taxels below {listed(least)}" if least else "commanded force of 0 N"
+    if not dataset.arrays:
+        return "commanded force of 0 N"
+    return f"no count exceeds the noise at rest and {100 * MIN_CONTACT_SHARE:g} % of full scale"
 
 
 def about(dataset: Dataset) -> dict[str, Any]:
     """Number of shapes by split, size of the dataset, and pairs without contact."""
     sizes = [(dataset.data / path).stat().st_size for path in dataset.info.shards]
-    without_contact = dataset.without_contact
+    mib, without_contact = sum(sizes) / 2**20, dataset.without_contact
     return {
         "shapes": {s: len(table["shape"].unique()) for s, table in dataset.tables.items()},
-        "size_bytes": sum(sizes),
+        "size": f"{mib:,.0f}" if mib >= 10 else f"{mib:.1f}",
+        "pair_kb": sum(sizes) / without_contact.size / 1e3,
         "pairs": without_contact.size,
         "without_contact": int(without_contact.sum()),
         "contact": _contact(dataset),
@@ -174,7 +175,7 @@ def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
     axes.set_yticks(range(len(counted)), [shape_name(name) for _, name in counted], fontsize=7.5)
     axes.set(xlabel="pairs", ylim=(len(counted) - 0.4, -0.6))
     axes.locator_params(axis="x", integer=True)
-    axes.legend()
+    page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
 def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]], role: str) -> None:
@@ -197,6 +198,7 @@ def saturation(page: Figure, array: Array) -> None:
     times = np.bincount(saturated.sum(axis=1))
     number.bar(range(times.size), times, color="#0072b2")
     number.set(xlabel="saturated taxels of a pair", ylabel="pairs", yscale="log")
+    number.set(xlim=(-0.6, max(times.size, MIN_BARS) - 0.4), ylim=(0.5, None))
     number.locator_params(axis="x", integer=True)
     percent = 100 * saturated.mean(axis=0)
     drawn = draw_discs(
@@ -225,6 +227,7 @@ def forces(dataset: Dataset) -> dict[str, Any] | None:
         return figure("svg", WIDTH_IN, height_in, lambda page: draw(page, dataset))
 
     return {
+        "title": forces_title(dataset),
         "commanded": _range(commanded[contact], "N"),
         "without_contact": int((~contact).sum()),
         "sensors": [_sensor(dataset, role) for role in dataset.info.sensors],
@@ -235,6 +238,11 @@ def forces(dataset: Dataset) -> dict[str, Any] | None:
         "histograms": chart(forces_and_counts),
         "depths": chart(depths_in, DEPTHS_IN),
     }
+
+
+def forces_title(dataset: Dataset) -> str:
+    """Title of the section `forces`."""
+    return "Forces, depths, counts" if dataset.arrays else "Forces and depths"
 
 
 def _sensor(dataset: Dataset, role: str) -> dict[str, Any]:
@@ -364,7 +372,7 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
         "shapes": ("Pairs by shape", partial(shapes, dataset)),
         "gallery": ("Images", partial(images, dataset)),
         "pairs": ("Pairs", partial(pairs.section, dataset)),
-        "forces": ("Forces, depths, counts", partial(forces, dataset)),
+        "forces": (forces_title(dataset), partial(forces, dataset)),
         "saturation": ("Saturation", partial(saturation_charts, dataset)),
         "duplicates": ("Near-duplicates", lambda: scanned and duplicates(dataset, scanned)),
     }

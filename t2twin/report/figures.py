@@ -151,8 +151,10 @@ def draw_discs(
     return discs
 
 
-def color_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:
-    """Adds a color bar in counts next to an image. width: relative to that of the image."""
+def color_bar(
+    page: Figure, drawn: AxesImage, axes: Axes | list[Axes], width: float, title: str = ""
+) -> None:
+    """Adds a color bar in counts next to axes. width: relative to that of the axes."""
     bar = page.colorbar(drawn, ax=axes, fraction=width, pad=0.06, aspect=28, format="{x:,.0f}")
     bar.ax.spines["outline"].set_linewidth(0.4)
     bar.ax.tick_params(labelsize=7, length=2)

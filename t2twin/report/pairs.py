@@ -29,8 +29,11 @@ SEED = 0
 MAX_NAMES = 60
 """Maximum number of names that are sampled in their order (assumed: the number of images)."""
 
-WIDTH_IN, HEIGHT_IN = 4.4, 2.0
-"""Width of a pair's figure, and its largest height, inches."""
+WIDTH_IN, HEIGHT_IN, MARGIN_IN = 4.4, 2.0, 0.1
+"""Width of a pair's figure, largest height of its images, and its margin, inches."""
+
+STACKED_ASPECT = 1.2
+"""Aspect of a tactile image above which it is drawn below the pads (assumed)."""
 
 EXAMPLE_IN, EXAMPLE_HEIGHT_IN, TITLES_IN, BAR_IN = 4.2, 2.2, 0.45, 0.7
 """Width of the example, largest height of its images, height of its titles, width of a color bar,
@@ -68,12 +71,8 @@ def sampled_pairs(dataset: Dataset) -> list[tuple[str, int]]:
 
 def example(dataset: Dataset, split: str, row: int) -> bytes:
     """Content of a PNG file with a pair: images and tactile images."""
-    parts = [part for part in _parts(dataset, split, row) if part.title]
-    bars = BAR_IN * len(dataset.arrays)
-    height = min(EXAMPLE_HEIGHT_IN, (EXAMPLE_IN - bars) / sum(part.aspect for part in parts))
-    return figure(
-        "png", EXAMPLE_IN, height + TITLES_IN, lambda page: _draw(page, parts, has_titles=True)
-    )
+    parts = [column[-1:] for column in _columns(dataset, split, row)]
+    return _pair(dataset, parts, EXAMPLE_IN, EXAMPLE_HEIGHT_IN, has_titles=True)
 
 
 def translation(dataset: Dataset, split: str, row: int, predicted: np.ndarray) -> bytes:
@@ -97,18 +96,11 @@ def translation(dataset: Dataset, split: str, row: int, predicted: np.ndarray) -
     )
 
 
-def _figure(dataset: Dataset, split: str, row: int) -> bytes:
-    parts = _parts(dataset, split, row)
-    bars = BAR_IN * len(dataset.arrays)
-    height = min(HEIGHT_IN, (WIDTH_IN - bars) / sum(part.aspect for part in parts))
-    return figure("png", WIDTH_IN, height + 0.1, lambda page: _draw(page, parts))
-
-
 class _Part(NamedTuple):
     """A part of a pair's figure.
 
-    title: "" for the pads. aspect: width over height. draw: draws it, and returns what needs a
-    color bar.
+    title: of an image or a tactile image. aspect: width over height. draw: draws it, and returns
+    what needs a color bar.
     """
 
     title: str
@@ -116,25 +108,52 @@ class _Part(NamedTuple):
     draw: Callable[[Axes], AxesImage | None]
 
 
-def _draw(page: Figure, parts: list[_Part], has_titles: bool = False) -> None:
-    grid = page.subplots(1, len(parts), width_ratios=[part.aspect for part in parts], squeeze=False)
-    for axes, part in zip(grid.flat, parts, strict=True):
-        if has_titles:
-            axes.set_title(part.title)
-        drawn = part.draw(axes)
-        if drawn is not None:
-            color_bar(page, drawn, axes, BAR_WIDTH, "counts" if has_titles else "")
+_Column = list[_Part]
+"""One part, or two of the same aspect on top of each other."""
 
 
-def _parts(dataset: Dataset, split: str, row: int) -> list[_Part]:
+def _columns(dataset: Dataset, split: str, row: int) -> list[_Column]:
     """The image of each gel camera, the pads and the tactile image of each array, source first."""
-    parts = []
+    columns = []
     for role in dataset.info.sensors:
         if role in dataset.cameras:
-            parts.append(_image(dataset, role, dataset.image(split, row, role)))
+            columns.append([_image(dataset, role, dataset.image(split, row, role))])
         else:
-            parts += _array(dataset, role, dataset.counts_of(split, row, role))
-    return parts
+            columns.append(_array(dataset, role, dataset.counts_of(split, row, role)))
+    return columns
+
+
+def _figure(dataset: Dataset, split: str, row: int) -> bytes:
+    columns = []
+    for column in _columns(dataset, split, row):
+        columns += [column] if column[0].aspect > STACKED_ASPECT else [[part] for part in column]
+    return _pair(dataset, columns, WIDTH_IN, HEIGHT_IN)
+
+
+def _pair(
+    dataset: Dataset,
+    columns: list[_Column],
+    width_in: float,
+    height_in: float,
+    has_titles: bool = False,
+) -> bytes:
+    """Content of a PNG file. height_in: largest height of the images."""
+    aspects = [column[0].aspect / len(column) for column in columns]
+    height = min(height_in, (width_in - BAR_IN * len(dataset.arrays)) / sum(aspects))
+
+    def draw(page: Figure) -> None:
+        grid = page.add_gridspec(2, len(columns), width_ratios=aspects)
+        for place, column in enumerate(columns):
+            half = [grid[0, place], grid[1, place]]
+            spaces = half if len(column) == 2 else [grid[:, place]]
+            axes = [page.add_subplot(space) for space in spaces]
+            drawn = [part.draw(own) for part, own in zip(column, axes, strict=True)]
+            if drawn[-1] is not None:
+                color_bar(page, drawn[-1], axes, BAR_WIDTH, "counts" if has_titles else "")
+            if has_titles:
+                axes[0].set_title(column[0].title)
+
+    return figure("png", width_in, height + (TITLES_IN if has_titles else MARGIN_IN), draw)
 
 
 def _image(dataset: Dataset, role: str, image: np.ndarray) -> _Part:
@@ -142,7 +161,7 @@ def _image(dataset: Dataset, role: str, image: np.ndarray) -> _Part:
     return _Part(title, aspect_of(image), lambda axes: draw_image(axes, image))
 
 
-def _array(dataset: Dataset, role: str, counts: np.ndarray) -> tuple[_Part, _Part]:
+def _array(dataset: Dataset, role: str, counts: np.ndarray) -> _Column:
     """The pads and the tactile image. counts: (N,)."""
     array = dataset.arrays[role]
     phi, layout = array.phi, array.layout
@@ -168,7 +187,7 @@ def _array(dataset: Dataset, role: str, counts: np.ndarray) -> tuple[_Part, _Par
 
     aspect = phi.shape[1] / phi.shape[0]
     title = f"{dataset.label(role)}\n(counts)"
-    return _Part("", aspect, draw_pads), _Part(title, aspect, draw_tactile)
+    return [_Part(title, aspect, draw_pads), _Part(title, aspect, draw_tactile)]
 
 
 def sample_in_turn(

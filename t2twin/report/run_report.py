@@ -45,6 +45,14 @@ HEADS = [
 TITLES = {"val": "Validation, unseen versions", "test": "Test, objects"}
 """Titles of the splits of the paper's protocol."""
 
+TRANSDUCER = {
+    "modulus_mpa": "modulus {:g} MPa",
+    "largest_strain": "largest strain {:g}",
+    "a_per_kpa": "a = {:g}/kPa",
+    "b_per_kpa": "b = {:g}/kPa",
+}
+"""Constants of a transducer (t2twin.sim.taxels.transducer.TransducerTable), in words."""
+
 QUANTILES = {"val": (0.1, 0.5, 0.9, 1.0), "test": (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)}
 """Quantiles of the error at which samples are shown."""
 
@@ -165,7 +173,9 @@ def known_values(sensor: SensorInfo) -> list[str]:
         pads = sorted(set(sensor.pad_diameter_mm))
         values.append(f"pads with a diameter of {listed([f'{pad:.3g}' for pad in pads])} mm")
     if (transducer := spec.get("transducer")) is not None:
-        constants = [f"{n} {v:g}" for n, v in transducer.items() if isinstance(v, (int, float))]
+        constants = [
+            text.format(transducer[name]) for name, text in TRANSDUCER.items() if name in transducer
+        ]
         values.append(f"{transducer['law']} taxels ({', '.join(constants)})")
     if (counts := spec.get("counts")) is not None:
         values.append(f"{counts['gain']:,g} counts for a signal of 1")
