@@ -32,8 +32,8 @@ def evaluate(
             With both, writes DIR/val, DIR/test, DIR/findings.json and DIR/results.md.
         out: Output folder. Default: runs/evaluate/SPLIT; runs/evaluate with both or several
             datasets.
-        background: Image of the datasets' DIGIT without contact, for field runs. Default: each
-            pair's own, or that of the default optics, if the dataset was made with either.
+        background: Image of the datasets' gel camera without contact, for field runs. Default: each
+            pair's own, or that of the sensor's own light, if the dataset was made with either.
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.translate.evaluation import evaluate as evaluation

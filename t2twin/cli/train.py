@@ -34,7 +34,7 @@ def train(
         minutes: Maximum minutes; the epochs are planned to fit.
         steps: Maximum steps, rounded to whole epochs. Default: the preset's.
         init_from: Run of the same model, whose weights are the initial weights.
-        direction: image-to-counts, or for touch2touch counts-to-image: DIGIT images from counts.
+        direction: image-to-counts, or for touch2touch counts-to-image: images from counts.
         iou_weight: Weight of the soft IoU loss of the tactile image; that of L1 is 100. touch2touch
             only. Default: the preset's, 0.
     """

@@ -43,7 +43,7 @@ class PredictionOptions(RunOptions):
     Args:
         bf16: Compute in bfloat16 if the processor supports it: faster, counts differ by up to some
             hundreds.
-        background: Background frame of the same DIGIT, in the orientation of the images, for a
+        background: Background frame of the same sensor, in the orientation of the images, for a
             field run. Default: the mean background frame of its training.
     """
 
@@ -61,7 +61,7 @@ def translate(
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/translate"),
     png: Annotated[bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")] = True,
 ) -> None:
-    """Translate DIGIT images to CySkin counts; writes counts.csv, counts.json and PNG files.
+    """Translate images to counts; writes counts.csv, counts.json and PNG files.
 
     A field run also writes counts_std.csv, the standard deviation of each count, and the force, if
     it was trained on several. Its PNG files fade to white with increasing uncertainty.
@@ -126,8 +126,7 @@ def live(
 
     Args:
         source: Camera number, video file, or folder in which PNG or JPEG files appear.
-        turn_deg: Clockwise rotation that makes frames upright (rows along the length of the DIGIT):
-            270 for a DIGIT opened as a camera.
+        turn_deg: Clockwise rotation of the frames into the orientation of the training images.
         frames: Number of frames after which the command ends; unlimited unless given.
         zmq: Address at which a ZeroMQ PUB socket publishes each line, such as tcp://127.0.0.1:5555.
         rerun: Recording of the frames and predictions for the viewer of Rerun.

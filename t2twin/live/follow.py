@@ -119,7 +119,9 @@ def _translator(
 
     def translate(image: np.ndarray) -> dict[str, Any]:
         pixels = run.pixels_of(image, resized)
-        ood_class = combined(classify_frame(image, run.config.data.aspect, background), *run.classify(pixels))
+        ood_class = combined(
+            classify_frame(image, run.config.data.aspect, background), *run.classify(pixels)
+        )
         return _predict(run, pixels) | ood_entry(ood_class)
 
     translate(np.zeros((run.config.preset.size,) * 2, np.uint8))  # the first one is slow

@@ -18,7 +18,7 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 
 DEFAULT_HZ = 60.0
-"""Frame rate of a video without a valid rate: that of a DIGIT (digit-interface)."""
+"""Frame rate of a video without a valid rate (assumed: that of many cameras)."""
 
 MIN_HZ, MAX_HZ = 0.1, 1000.0
 """Range of valid frame rates of a video, Hz (assumed)."""
