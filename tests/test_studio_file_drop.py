@@ -106,8 +106,29 @@ def test_what_is_dropped_goes_by_its_kind(opened):
     tab, page = opened(PressState(SHAPE))
     layout = "x_mm,y_mm\n-5,-5\n5,-5\n0,5\n"
     tab.evaluate(DROP, ["taxels.csv", base64.b64encode(layout.encode()).decode()])
-    wait_until(lambda: page.state.layout.endswith("taxels.csv"))
+    wait_until(lambda: (page.state.layout or "").endswith("taxels.csv"))
     wait_until(lambda: len(counts_on(tab)) == 3)
+
+
+def test_a_dropped_sensor_replaces_the_one_of_its_kind(opened):
+    tab, page = opened(PressState(SHAPE, source="gelsight-mini"))
+    wide = tab.locator('img[data-name="gelsight-mini"]').first.bounding_box()
+    assert wide["width"] > wide["height"]
+    sensor = 'extends = "cyskin-20"\nname = "soft"\n[cover]\nyoung_mpa = 0.05\nwidth_mm = 40.0\n'
+    tab.evaluate(DROP, ["soft.toml", base64.b64encode(sensor.encode()).decode()])
+    wait_until(lambda: page.state.target.endswith("soft.toml"))
+    assert page.wait(60)
+    assert page.state.source == "gelsight-mini"
+    touch = t2twin.Twin(source="gelsight-mini", target=page.state.target).press(SHAPE)
+    wait_until(lambda: counts_on(tab) == touch.counts.tolist())
+    assert page.controls.sliders["x_mm"].max == 20.0
+    broken = "kind = 'taxel-array'\n"
+    tab.evaluate(DROP, ["broken.toml", base64.b64encode(broken.encode()).decode()])
+    tab.get_by_text("name is missing").wait_for()
+    assert page.state.target.endswith("soft.toml")
+    page.controls.apply({"source": "digit", "target": "cyskin-20"})
+    assert page.wait(60)
+    assert page.controls.sliders["x_mm"].max == 14.0
 
 
 def test_a_depth_is_pressed_and_the_force_follows(opened):

@@ -152,7 +152,7 @@ def test_the_page_shows_what_press_gives(desk, tmp_path):
     main([*STATE.command_line().split()[1:], "--out", str(tmp_path / "out")])
     with Image.open(tmp_path / "out/digit.png") as image:
         assert np.array_equal(picture(tab, "digit"), np.asarray(image))
-    assert counts_on(tab) == json.loads((tmp_path / "out/cyskin.json").read_text())["counts"]
+    assert counts_on(tab) == json.loads((tmp_path / "out/cyskin-20.json").read_text())["counts"]
     assert page.state == STATE
 
 
@@ -286,7 +286,7 @@ def test_on_a_desk_all_of_it_fits(desk):
 def fits(tab, size):
     """Fails where something is wider than the screen, or too small to be read."""
     assert tab.evaluate("document.documentElement.scrollWidth") <= size["width"]
-    for name in ("digit", "cyskin", "translated"):
+    for name in ("digit", "cyskin-20", "translated"):
         tab.locator(f'img[data-name="{name}"]').first.scroll_into_view_if_needed()
         box = tab.locator(f'img[data-name="{name}"]').first.bounding_box()
         assert box["width"] >= 100 and 0 <= box["x"] <= size["width"] - box["width"]
