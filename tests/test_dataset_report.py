@@ -21,6 +21,7 @@ from t2twin.report.near_duplicates import (
     scan,
 )
 from t2twin.report.page import PAGE, render_section
+from t2twin.sim.dataset.columns import schema_of
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import read_info, write_info, write_shard
 from t2twin.translate.evaluation.baselines import second_reading
@@ -74,18 +75,19 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
     rows = pq.ParquetFile(path).read().to_pylist()
     rng = np.random.default_rng(0)
     shaken = rng.normal(0.0, noise, (320, 240, 3))
-    again = np.clip(np.rint(decode_png(rows[1]["image"]["bytes"]) + shaken), 0, 255)
+    again = np.clip(np.rint(decode_png(rows[1]["source_image"]["bytes"]) + shaken), 0, 255)
+    schema = schema_of(before.info.values, before.info.recipe)
     picture = {"bytes": encode_png(again.astype(np.uint8)), "path": ""}
-    counts = np.array([row["taxels"] for row in rows[:2]], dtype=float)
+    counts = np.array([row["target_counts"] for row in rows[:2]], dtype=float)
     second = second_reading(counts, before.info)
     assert second is not None
     more = [
         *rows,
-        rows[1] | {"image": picture, "index": 587, "taxels": second[1].tolist()},
+        rows[1] | {"source_image": picture, "index": 587, "target_counts": second[1].tolist()},
         # the same image, but other counts
-        rows[0] | {"index": 588, "taxels": (counts[0] + 1000).tolist()},
+        rows[0] | {"index": 588, "target_counts": (counts[0] + 1000).tolist()},
     ]
-    info, digest = read_info(folder), write_shard(path, more)
+    info, digest = read_info(folder), write_shard(path, more, schema)
     shards = info.shards | {"train/square-1.parquet": Shard(digest, len(more))}
     pairs = info.pairs | {"train": info.pairs["train"] + 2}
     write_info(folder, replace(info, shards=shards, pairs=pairs))

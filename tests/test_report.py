@@ -156,16 +156,27 @@ def test_limits_name_the_optics_and_the_law_of_the_elastomer(
     report_data: ReportData, read: Reader
 ) -> None:
     text = read.text("limits")
-    assert "calibrated on a pyrender reference, not on your sensor" in text
+    assert "the light in the sensor's file, which was not calibrated on your sensor" in text
     assert "stiffens like that of a neo-Hookean solid" in text
-    parameters = report_data.info.parameters
-    assert parameters is not None
-    digit = replace(parameters.digit, optics_sha256="0123456789ab" + 52 * "0")
-    info = replace(report_data.info, parameters=replace(parameters, digit=digit))
-    own = replace(report_data, info=info)
-    text = render_section(run_report.RUNS, "limits", report=own, **run_report.limits(own))
-    assert "not on your sensor" not in text
-    assert "custom optics file (SHA-256 0123456789ab)" in " ".join(text.split())
+    assert "Gel camera digit: a layer of 4.07 mm with a modulus of 0.5 MPa" in text
+    assert "capacitive taxels (modulus 0.5 MPa, largest strain 0.5); 73,813 counts" in text
+    other = replace(report_data.info.source, optics_sha256="0123456789ab" + 52 * "0")
+    text = limits_text(replace(report_data, info=replace(report_data.info, source=other)))
+    assert "not calibrated on your sensor" not in text
+    assert "custom optics file (SHA-256 0123456789ab)" in text
+
+
+def test_limits_say_what_is_known_only(report_data: ReportData) -> None:
+    """A dataset of format 1 has no files of its sensors."""
+    target = replace(report_data.info.target, spec=None)
+    text = limits_text(replace(report_data, info=replace(report_data.info, target=target)))
+    assert "a layer of 2.5 mm" in text and "diameter of 4 mm." in text
+    assert "capacitive" not in text and "73,813" not in text
+
+
+def limits_text(report: ReportData) -> str:
+    text = render_section(run_report.RUNS, "limits", report=report, **run_report.limits(report))
+    return " ".join(text.split())
 
 
 def test_summary_says_what_the_evaluation_found(read: Reader, report_data: ReportData) -> None:
@@ -181,7 +192,7 @@ def test_summary_says_what_the_evaluation_found(read: Reader, report_data: Repor
         assert run_report.best_run(evaluation) == min(
             evaluation.runs, key=lambda name: rows[name].overall.rmse_counts
         )
-    assert "A simulated DIGIT" in said and "All data are simulated" in said
+    assert "A simulated gel camera, digit (" in said and "All data are simulated" in said
 
 
 def test_samples_stand_at_their_quantiles(report_data: ReportData) -> None:

@@ -16,7 +16,7 @@ from t2twin.report.dataset_report import write_data_report
 from t2twin.report.page import forces_text
 from t2twin.report.pairs import sample_in_turn
 from t2twin.report.run_report import write_report
-from t2twin.sim.dataset.store import read_info, sha256_of, write_info
+from t2twin.sim.dataset.store import lists, read_info, sha256_of, write_info
 from t2twin.translate.evaluation.records import read_evaluation
 
 FORCES_N = (0.0, 0.5, 2.0, 8.0)
@@ -56,7 +56,7 @@ def test_forces_text() -> None:
 def test_a_rows_picture_is_its_own_wherever_its_shape_lies(data_dir: Path) -> None:
     """Shards hold many shapes: the spot is as bright as its counts are many."""
     dataset = read_dataset(data_dir)
-    counts = np.stack(dataset.tables["train"]["taxels"].to_pylist()).max(axis=1)
+    counts = lists(dataset.tables["train"], "target_counts").max(axis=1)
     some = [8 * n + 7 for n in range(0, 27, 3)]  # all of 8 N
     bright = [int(dataset.image("train", row).max()) for row in some]
     inside = [row for row, light in zip(some, bright, strict=True) if light < 250]

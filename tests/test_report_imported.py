@@ -96,7 +96,8 @@ def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> No
 
 def test_the_summary_speaks_of_these_pairs(read: Reader) -> None:
     said = read.text("summary")
-    assert "an array of 5 pressure sensors" in said
+    assert "the image of a gel camera (digit)" in said
+    assert "an array of 5 pressure sensors, called taxels (cyskin-20)" in said
     assert "each from 0 to 1,000" in said and "were imported" in said
     assert "the 8 validation pairs (of training shapes)" in said
 
@@ -112,7 +113,7 @@ def test_the_dataset_alone_has_its_page_too(data_dir: Path, tmp_path: Path) -> N
     read, text = read_page(tmp_path / PAGE)
     assert not {"script", "link", "iframe"} & {tag for tag, _ in read.tags}
     assert "There are 24 pairs of 4 shapes: 16 for training, 8 for validation." in text
-    assert "The rectangle is the DIGIT's field of view" not in text
+    assert "The rectangle is the field of view" not in text
 
 
 def test_test_pairs_alone_are_evaluated_and_drawn(
