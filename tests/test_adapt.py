@@ -28,10 +28,9 @@ from t2twin.adaptation.record import PRESSES, RECORD, read_fitted
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.export import write_ball
+from t2twin.sim.calibrate import DEFAULT_TOLERANCE
 from t2twin.sim.dataset.store import read_info
-from t2twin.sim.optical.calibrate.calibrate import DEFAULT_TOLERANCE
-from t2twin.sim.optical.camera.pinhole import Camera
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.runs.config import HOME
 from t2twin.translate.training.train import train
@@ -130,10 +129,10 @@ def adapted_run(unit, calibrated, tmp_path_factory):
     """An adaptation on few shapes, with the optics that other tests use too."""
     out = tmp_path_factory.mktemp("adapted") / "out"
 
-    def calibrate(background, presses, ball_diameter_mm, held_out, camera, report, tolerance):
+    def calibrate(background, presses, ball_mm, held_out, camera, report, tolerance, sensor):
         assert (background, presses) == (unit / "background.png", unit)
-        assert (ball_diameter_mm, held_out) == (BALL_MM, HELD_OUT)
-        assert (camera, tolerance) == (Camera(), DEFAULT_TOLERANCE)
+        assert (ball_mm, held_out) == (BALL_MM, HELD_OUT)
+        assert (camera, tolerance) == (sensor.camera, DEFAULT_TOLERANCE)
         return calibrated
 
     with pytest.MonkeyPatch.context() as patch:

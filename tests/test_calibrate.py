@@ -13,7 +13,8 @@ from PIL import Image
 from benchmarks.optics.fitted_optics import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.calibrate.calibrate import _check_explains, calibrate, cut_and_paste, score
+from t2twin.sim.calibrate import calibrate
+from t2twin.sim.optical.calibrate.calibrate import _check_explains, cut_and_paste, score
 from t2twin.sim.optical.calibrate.fit import BallFit
 from t2twin.sim.optical.calibrate.frames import (
     clean_background,
@@ -21,13 +22,22 @@ from t2twin.sim.optical.calibrate.frames import (
     crop,
     upright_frame,
 )
-from t2twin.sim.optical.calibrate.ridge import MAX_TERMS, Sums, Terms, select_terms
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
-from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.optical.optics import DEFAULT_PATH, Optics
+from t2twin.sim.optical.calibrate.ridge import Sums, Terms, select_terms
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.pair import SensorPair
 
-ONE_PIXEL_MM = 1 / DIGIT_CAMERA.scale_px_per_mm
+DIGIT = SensorPair().camera
+CAMERA, GEL, NOISE_GREY = DIGIT.camera, DIGIT.own_gel, DIGIT.spec.camera.noise_grey
+ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
+ONE_PIXEL_MM = 1 / CAMERA.scale_px_per_mm
+LEDS = 3
+ALL_TERMS = Terms.most(LEDS)
+
+
+def renderer_of(optics):
+    return ImageRenderer(optics, GEL, NOISE_GREY)
 
 
 def run(*arguments, code=0):
@@ -56,7 +66,7 @@ def test_places_and_depths_are_found_again(report):
 
 
 def test_the_leds_are_found_again(report):
-    truth = Optics.load().leds_mm
+    truth = DIGIT.optics.leds_mm
     for fitted, true in zip(report.optics.leds_mm, truth, strict=True):
         directions = [np.arctan2(place[1], place[0]) for place in (fitted, true)]
         turn = np.angle(np.exp(1j * (directions[0] - directions[1])))
@@ -76,9 +86,9 @@ def test_held_out_presses_score_near_the_noise(report):
 
 def test_a_unit_of_another_make_is_not_what_ships(report, unit):
     """The fit must come from the frames: the colors handed round, it follows them."""
-    renderer = ImageRenderer(report.optics)
-    picture = renderer.render(ball_surface(0.5, 0.2, 1.0, BALL_MM / 2))
-    wanted = ImageRenderer.load().render(ball_surface(0.5, 0.2, 1.0, BALL_MM / 2))
+    renderer = renderer_of(report.optics)
+    picture = renderer.render(ball_surface(GEL, 0.5, 0.2, 1.0, BALL_MM / 2))
+    wanted = DIGIT.image_renderer.render(ball_surface(GEL, 0.5, 0.2, 1.0, BALL_MM / 2))
     place = (163.0, 129.0)
     assert score(crop(wanted, place), crop(picture, place)).psnr_db > 30
     swapped = wanted[..., [1, 2, 0]]
@@ -88,7 +98,7 @@ def test_a_unit_of_another_make_is_not_what_ships(report, unit):
 def test_the_file_is_what_press_takes(report, tmp_path):
     report.optics.save(tmp_path / "unit.npz")
     with np.load(tmp_path / "unit.npz", allow_pickle=False) as file:
-        shipped = set(np.load(DEFAULT_PATH).files)
+        shipped = set(np.load(DIGIT.optics_path).files)
         assert set(file.files) - {"lobe"} == shipped | {"noise_mix", "noise_taps"}
     with_own, shipped = tmp_path / "own", tmp_path / "shipped"
     arguments = ["press", "circle-1", "--sensor", "digit", "--force-n", "4"]
@@ -100,10 +110,10 @@ def test_the_file_is_what_press_takes(report, tmp_path):
 
 
 def test_an_untouched_gel_gives_the_cleaned_background(report):
-    renderer = ImageRenderer(report.optics)
-    still = renderer.render(ball_surface(0, 0, 1.0) * 0)
+    renderer = renderer_of(report.optics)
+    still = renderer.render(ball_surface(GEL, 0, 0, 1.0) * 0)
     np.testing.assert_array_equal(still, report.optics.background)
-    truth = ImageRenderer.load().background
+    truth = DIGIT.image_renderer.background
     assert np.abs(still.astype(float) - truth).mean() < 0.5 * NOISE_GREY
 
 
@@ -135,11 +145,12 @@ def test_light_that_drifts_is_the_frames_own():
 
 def sums_of(powers, presses, rng, noise):
     """What a fit needs of presses whose light has a known response, of this degree in the place."""
-    response = rng.normal(0.0, 1.0, (3, MAX_TERMS.entries))
-    response[:, np.setdiff1d(np.arange(MAX_TERMS.entries), Terms(powers, 1.0).among(MAX_TERMS))] = 0
+    response = rng.normal(0.0, 1.0, (3, ALL_TERMS.entries))
+    own = Terms(LEDS, powers, 1.0).among(ALL_TERMS)
+    response[:, np.setdiff1d(np.arange(ALL_TERMS.entries), own)] = 0
     made = []
     for _ in range(presses):
-        columns = rng.normal(0.0, 1.0, (400, MAX_TERMS.entries))
+        columns = rng.normal(0.0, 1.0, (400, ALL_TERMS.entries))
         shown = columns @ response.T + rng.normal(0.0, noise, (400, 3))
         made.append(Sums.of(columns, shown))
     return made
@@ -147,8 +158,8 @@ def sums_of(powers, presses, rng, noise):
 
 def test_as_many_terms_are_taken_as_presses_determine():
     rng = np.random.default_rng(0)
-    assert select_terms(sums_of(4, 12, rng, 0.1)).degree == 4
-    assert select_terms(sums_of(2, 6, rng, 3.0)).degree == 2
+    assert select_terms(sums_of(4, 12, rng, 0.1), LEDS).degree == 4
+    assert select_terms(sums_of(2, 6, rng, 3.0), LEDS).degree == 2
 
 
 def test_a_press_left_out_is_judged_by_its_own_columns():
@@ -165,14 +176,14 @@ def test_what_is_written_is_fitted_to_all_presses(report):
     assert report.optics.noise.grey == pytest.approx(NOISE_GREY, rel=0.06)
     assert report.scored_by.noise is None
     assert not np.array_equal(report.optics.response, report.scored_by.response)
-    surface = ball_surface(0.5, 0.2, 1.0, BALL_MM / 2)
-    one, other = (ImageRenderer(of).render(surface) for of in (report.optics, report.scored_by))
+    surface = ball_surface(GEL, 0.5, 0.2, 1.0, BALL_MM / 2)
+    one, other = (renderer_of(of).render(surface) for of in (report.optics, report.scored_by))
     assert score(one, other).psnr_db > 32
 
 
 def test_a_patch_is_where_the_press_is():
-    renderer = ImageRenderer.load()
-    picture = renderer.render(ball_surface(1.5, -2.0, 1.0))
+    renderer = DIGIT.image_renderer
+    picture = renderer.render(ball_surface(GEL, 1.5, -2.0, 1.0))
     patch = contact_patch(picture, renderer.background)
     assert patch is not None
     row, column = patch
@@ -233,15 +244,15 @@ def test_a_frame_of_another_size_is_refused(copy, capsys):
 def test_frames_as_the_camera_has_them_are_turned_upright():
     upright = np.zeros((ROWS, COLUMNS, 3), np.uint8)
     upright[:40, :30] = (200, 10, 10)  # upper left corner
-    np.testing.assert_array_equal(upright_frame(upright), upright)
+    np.testing.assert_array_equal(upright_frame(upright, CAMERA), upright)
     on_its_side = np.rot90(upright, -1)
     assert on_its_side.shape == (COLUMNS, ROWS, 3)
-    np.testing.assert_array_equal(upright_frame(on_its_side), upright)
+    np.testing.assert_array_equal(upright_frame(on_its_side, CAMERA), upright)
     large = on_its_side.repeat(2, axis=0).repeat(2, axis=1)
-    np.testing.assert_array_equal(upright_frame(large), upright)
+    np.testing.assert_array_equal(upright_frame(large, CAMERA), upright)
     for shape in ((ROWS, 239, 3), (160, 120, 3), (480, 480, 3)):
         with pytest.raises(T2TwinError, match="in these proportions"):
-            upright_frame(np.zeros(shape, np.uint8))
+            upright_frame(np.zeros(shape, np.uint8), CAMERA)
 
 
 def test_a_press_without_a_contact_is_named(copy, capsys):
@@ -299,7 +310,7 @@ def test_frames_of_another_gel_camera_are_refused_before_the_long_fit(copy, caps
 
 def test_what_is_no_optics_file_is_refused(tmp_path):
     good = tmp_path / "good.npz"
-    Optics.load().save(good)
+    DIGIT.optics.save(good)
     with np.load(good) as file:
         parts: dict[str, Any] = dict(file)
     bad = tmp_path / "bad.npz"

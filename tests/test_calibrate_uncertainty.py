@@ -10,19 +10,22 @@ from ball_frames import POSES, save
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.calibrate import calibrate
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.optical.calibrate.calibrate import calibrate
-from t2twin.sim.optical.calibrate.fit import START, BallFit, State
+from t2twin.sim.optical.calibrate.fit import BallFit, State
+from t2twin.sim.optical.calibrate.geometry import Geometry
 from t2twin.sim.optical.calibrate.measurements import FORCES, Tolerance, read_measurements
-from t2twin.sim.optical.calibrate.ridge import FIRST_TERMS
-from t2twin.sim.optical.calibrate.uncertainty import ball_forces_n, fit_young_mpa, uncertainty_lines
-from t2twin.sim.optical.image_renderer import NOISE_GREY, ImageRenderer
-from t2twin.sim.optical.optics import DEFAULT_PATH, Optics
+from t2twin.sim.optical.calibrate.ridge import Terms
+from t2twin.sim.optical.calibrate.uncertainty import ball_forces_n, force_ratio, uncertainty_lines
+from t2twin.sim.optical.image_renderer import ImageRenderer
+from t2twin.sim.optical.light.ray_casting import Leds
+from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.optical.surface import ball_surface
-from t2twin.sim.sensors import Digit
+from t2twin.sim.sensors.pair import SensorPair
 
+DIGIT = SensorPair().camera
+GEL = DIGIT.own_gel
 SCALE, YOUNG_MPA = 18.0, 0.42
 """The twin's; stated are 19.2 px/mm and assumed 0.5 MPa."""
 PRESSES = 7
@@ -36,19 +39,20 @@ NAMES = [f"press_{index:02d}.png" for index in range(PRESSES)]
 @pytest.fixture(scope="module")
 def twin_frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("twin")
-    renderer = ImageRenderer(replace(Optics.load(), scale_px_per_mm=SCALE))
+    optics = replace(DIGIT.optics, scale_px_per_mm=SCALE)
+    renderer = ImageRenderer(optics, GEL, DIGIT.spec.camera.noise_grey)
     rng = np.random.default_rng(5)
-    still = renderer.render(ball_surface(0, 0, 1.0) * 0, rng, NOISE_GREY)
+    still = renderer.render(ball_surface(GEL, 0, 0, 1.0) * 0, rng)
     save(still, folder / "background.png")
     for name, (x_mm, y_mm, depth_mm), ball_mm in zip(NAMES, TRUE_POSES, BALLS_MM, strict=True):
-        surface = ball_surface(x_mm, y_mm, depth_mm, ball_mm / 2)
-        save(renderer.render(surface, rng, NOISE_GREY), folder / name)
+        surface = ball_surface(GEL, x_mm, y_mm, depth_mm, ball_mm / 2)
+        save(renderer.render(surface, rng), folder / name)
     return folder
 
 
 @pytest.fixture(scope="module")
 def true_forces_n():
-    return ball_forces_n(TRUE_POSES, BALLS_MM) * YOUNG_MPA / DIGIT_GEL.young_mpa
+    return ball_forces_n(DIGIT, TRUE_POSES, BALLS_MM) * YOUNG_MPA / GEL.young_mpa
 
 
 def table(folder, *columns, rows=PRESSES):
@@ -121,27 +125,27 @@ def test_anchors_find_scale_and_modulus(anchored, true_forces_n):
 def test_a_fitted_modulus_is_pressed_into(anchored, shapes):
     optics = Optics.load(anchored / "optics.npz")
     assert optics.young_mpa == pytest.approx(YOUNG_MPA, rel=0.04)
-    digit, assumed = Digit(optics_file=str(anchored / "optics.npz")), Digit()
-    assert digit.elastomer == replace(DIGIT_GEL, young_mpa=optics.young_mpa)
-    assert assumed.elastomer == DIGIT_GEL
+    digit = DIGIT.with_options({"optics": anchored / "optics.npz"})
+    assert digit.elastomer == replace(GEL, young_mpa=optics.young_mpa)
+    assert DIGIT.elastomer == GEL
     soft, hard = (
         of.press(shapes("circle-1"), PressCommand("circle-1", 0.0, 0.0, 0.0, 4.0))
-        for of in (digit, assumed)
+        for of in (digit, DIGIT)
     )
     assert soft.depth_mm > 1.05 * hard.depth_mm
-    unit = sample_unit(np.random.default_rng(0), UnitRanges(), optics)
-    assert assumed.with_unit(unit).elastomer == digit.elastomer
-    linear = replace(DIGIT_GEL, young_mpa=0.5, law="linear")
-    assert Digit(gel=linear, optics_file=digit.optics_file).elastomer == linear
-    assert replace(digit, optics_file=None).elastomer == DIGIT_GEL
+    unit = sample_unit(np.random.default_rng(0), DIGIT.spec, UnitRanges(), optics)
+    assert DIGIT.with_unit(unit).elastomer == digit.elastomer
+    linear = replace(GEL, young_mpa=0.5, law="linear")
+    assert digit.with_options({"gel": linear}).elastomer == linear
+    assert replace(digit, optics_file=None).elastomer == GEL
 
 
 def test_a_file_without_a_modulus_stays_as_it_was(tmp_path):
-    shipped = Optics.load()
+    shipped = DIGIT.optics
     assert shipped.young_mpa is None
     replace(shipped, young_mpa=0.31).save(tmp_path / "soft.npz")
     assert Optics.load(tmp_path / "soft.npz").young_mpa == 0.31
-    with np.load(DEFAULT_PATH) as before, np.load(tmp_path / "soft.npz") as after:
+    with np.load(DIGIT.optics_path) as before, np.load(tmp_path / "soft.npz") as after:
         assert set(after.files) - set(before.files) == {"young_mpa"}
     with pytest.raises(T2TwinError, match="young_mpa reaches 50"):
         replace(shipped, young_mpa=50.0)
@@ -150,14 +154,14 @@ def test_a_file_without_a_modulus_stays_as_it_was(tmp_path):
 def test_force_goes_with_the_modulus(shapes):
     """What the modulus is fitted by: at one depth, all pressures are as many times as large."""
     command = PressCommand("hemisphere-1", 0.5, -1.0, 0.0, 3.0)
-    hard = Digit().press(shapes("hemisphere-1"), command)
-    soft_gel = replace(DIGIT_GEL, young_mpa=0.6 * DIGIT_GEL.young_mpa)
-    soft = Digit(gel=soft_gel).press(shapes("hemisphere-1"), replace(command, force_n=1.8))
+    hard = DIGIT.press(shapes("hemisphere-1"), command)
+    softer = DIGIT.with_options({"gel": replace(GEL, young_mpa=0.6 * GEL.young_mpa)})
+    soft = softer.press(shapes("hemisphere-1"), replace(command, force_n=1.8))
     assert soft.depth_mm == pytest.approx(hard.depth_mm, rel=1e-3)
     known, assumed = np.array([1.8, np.nan, 2.0]), np.array([3.0, 1.0, np.nan])
-    assert fit_young_mpa(known, assumed) == pytest.approx(soft_gel.young_mpa)
+    assert force_ratio(known, assumed) == pytest.approx(0.6)
     with pytest.raises(T2TwinError, match="no press with a measured force"):
-        fit_young_mpa(known, np.full(3, np.nan))
+        force_ratio(known, np.full(3, np.nan))
 
 
 def test_it_is_said(stated):
@@ -179,19 +183,22 @@ def test_it_is_said(stated):
         ("file,force_n\npress_00.png,0\n", r"line 2: force_n must be a number at least 0.01"),
         ("file,force_n\npress_00.png,soft\n", r"line 2: force_n is text; it must be a number"),
         ("file,force_n\npress_00.png,inf\n", r"line 2: force_n is inf; it must be a finite"),
-        ("file,depth_mm\npress_00.png,7\n", r"line 2: depth_mm must be a number at most 4"),
-        ("file,ball_diameter_mm\npress_00.png,40\n", r"line 2: ball_diameter_mm must be a number"),
+        (
+            "file,depth_mm\npress_00.png,7\n",
+            "depth_mm of press_00.png is 7; it must be at most 4",
+        ),
+        ("file,ball_diameter_mm\npress_00.png,40\n", "ball_diameter_mm of press_00.png is 40"),
     ],
 )
 def test_the_table_is_checked(content, says, tmp_path):
     (tmp_path / FORCES).write_text(content)
     if says is None:
-        known = read_measurements(tmp_path, NAMES, 4.7)
+        known = read_measurements(tmp_path, NAMES, 4.7, DIGIT)
         assert (known.diameters_mm == 4.7).all() and not known.has_depths
         assert known.has_forces == ("1,5" in content)
         return
     with pytest.raises(T2TwinError, match=says):
-        read_measurements(tmp_path, NAMES, 4.7)
+        read_measurements(tmp_path, NAMES, 4.7, DIGIT)
 
 
 def refused(folder, **numbers):
@@ -205,7 +212,7 @@ def test_tolerances_that_cannot_be_are_refused(twin_frames):
     assert "ball_mm is -1" in refused(twin_frames, ball_mm=-1.0)
     assert "scale_px_per_mm is nan" in refused(twin_frames, scale_px_per_mm=float("nan"))
     assert "the ball's diameter in mm is 0.7" in refused(twin_frames, ball_mm=4.0)
-    assert "beyond 10 to 40 px/mm" in refused(twin_frames, scale_px_per_mm=15.0)
+    assert "beyond 9.6 to 38.4 px/mm" in refused(twin_frames, scale_px_per_mm=15.0)
     assert "must be less" in refused(twin_frames, young_mpa=0.5)
 
 
@@ -218,7 +225,9 @@ def test_displacements_of_held_out_presses_alone_are_refused(twin_frames, tmp_pa
 def test_displacements_in_another_unit_are_refused(twin_frames, tmp_path_factory, monkeypatch):
     """The depths that a fit would find are given, as the fit takes long."""
     poses = TRUE_POSES[: PRESSES - 1]
-    found = State(START, poses, FIRST_TERMS, np.zeros((3, FIRST_TERMS.entries)), 0.0)
+    geometry = Geometry.of(Leds(DIGIT.optics.leds_mm, DIGIT.optics.sizes_mm))
+    terms = Terms.first(geometry.count)
+    found = State(geometry, poses, terms, np.zeros((3, terms.entries)), 0.0)
     monkeypatch.setattr(BallFit, "fit", lambda self, start=None: found)
     folder = copy_of(twin_frames, tmp_path_factory)
     table(folder, ("depth_mm", TRUE_POSES[:, 2] / 10))

@@ -1,5 +1,7 @@
 """A light from the background alone: whose background, whose camera, and that it is a middle."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -13,30 +15,36 @@ from t2twin.sim.optical.calibrate.calibrate import (
     mean_score,
     sample_lights,
 )
-from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.randomization.unit import sample_unit
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.pair import SensorPair
 
 FEW = 60
+DIGIT = SensorPair().camera
+CAMERA = replace(DIGIT.camera, scale_px_per_mm=18.0, distance_mm=21.0)
+
+
+def renderer_of(optics):
+    return ImageRenderer(optics, DIGIT.own_gel, DIGIT.noise_grey)
 
 
 @pytest.fixture(scope="module")
 def background():
-    return sample_unit(np.random.default_rng((9, 0)), RANGES).optics.background
+    return sample_unit(np.random.default_rng((9, 0)), DIGIT.spec, RANGES).optics.background
 
 
 @pytest.fixture(scope="module")
 def lights(background):
-    return sample_lights(background, Camera(18.0, 21.0), FEW)
+    return sample_lights(background, DIGIT, CAMERA, FEW)
 
 
 def test_camera_and_background_are_the_users_own(lights, background):
     light = mean_light(lights)
     np.testing.assert_array_equal(light.background, background)
-    assert light.camera == Camera(18.0, 21.0) and light.noise is None
-    np.testing.assert_array_equal(ImageRenderer(light).background, background)
+    assert light.camera == CAMERA and light.noise is None
+    np.testing.assert_array_equal(renderer_of(light).background, background)
     np.testing.assert_allclose(light.response, np.mean([of.response for of in lights], axis=0))
     for name in ("leds_mm", "sizes_mm"):
         each = np.array([getattr(of, name) for of in lights])
@@ -46,16 +54,16 @@ def test_camera_and_background_are_the_users_own(lights, background):
 
 def test_the_mean_errs_less_than_the_drawn_ones(lights):
     """On a unit that is none of them, which is why it is the mean."""
-    surface = ball_surface(0.5, 0.2, 1.0)
+    surface = ball_surface(DIGIT.own_gel, 0.5, 0.2, 1.0)
     places = np.array([(163.0, 129.0)])
     mean, singly = [], []
     for number in range(1, 7):
-        unit = sample_unit(np.random.default_rng((9, number)), RANGES).optics
-        own = sample_lights(unit.background, unit.camera, FEW)
-        wanted = ImageRenderer(unit).render(surface)[None]
+        unit = sample_unit(np.random.default_rng((9, number)), DIGIT.spec, RANGES).optics
+        own = sample_lights(unit.background, DIGIT, unit.camera, FEW)
+        wanted = renderer_of(unit).render(surface)[None]
 
         def psnr_db(light: Optics, wanted: np.ndarray = wanted) -> float:
-            shown = ImageRenderer(light).render(surface)[None]
+            shown = renderer_of(light).render(surface)[None]
             return mean_score(crop_scores(wanted, shown, places)).psnr_db
 
         mean.append(psnr_db(mean_light(own)))

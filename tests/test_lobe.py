@@ -9,18 +9,21 @@ from ball_frames import BALL_MM, POSES
 from benchmarks.optics.fitted_optics import rim_steepness
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.calibrate.calibrate import score
-from t2twin.sim.optical.calibrate.fit import START, BallFit
+from t2twin.sim.optical.calibrate.fit import BallFit
 from t2twin.sim.optical.calibrate.frames import clean_background, contact_patch, crop
+from t2twin.sim.optical.calibrate.geometry import Geometry
 from t2twin.sim.optical.calibrate.ridge import Terms
-from t2twin.sim.optical.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.light.leds import DIGIT_LEDS
 from t2twin.sim.optical.light.lobe import LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.optical.light.ray_casting import Leds
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.pair import SensorPair
 
 DRIFT_GREY = np.array([4, -3, 5])
 HOLD, SKIRT = 0.8, 1.0
+DIGIT = SensorPair().camera
+GEL = DIGIT.own_gel
 
 
 @pytest.fixture(scope="module")
@@ -30,37 +33,30 @@ def unit():
     rng = np.random.default_rng(0)
     for led in range(3):
         lobe[led, led] = 0.5 * rng.uniform(-1, 1, (LOBE_PLACES, LOBE_TERMS))
-    return replace(Optics.load(), lobe=lobe)
+    return replace(DIGIT.optics, lobe=lobe)
 
 
 def surface(pose):
     x_mm, y_mm, depth_mm = pose
-    return ball_surface(x_mm, y_mm, depth_mm, BALL_MM / 2, HOLD, SKIRT)
-
-
-def true_geometry():
-    geometry = START.copy()
-    geometry[0:3] = [led.angle_deg for led in DIGIT_LEDS]
-    geometry[3:6] = [np.degrees(np.arctan2(-led.z_mm, led.radius_mm)) for led in DIGIT_LEDS]
-    geometry[6] = DIGIT_LEDS[0].radius_mm
-    geometry[7:10] = np.log([led.size_mm for led in DIGIT_LEDS])
-    geometry[10:12] = HOLD, SKIRT
-    return geometry
+    return ball_surface(GEL, x_mm, y_mm, depth_mm, BALL_MM / 2, HOLD, SKIRT)
 
 
 def test_a_unit_with_a_lobe_and_drift_is_recovered(unit):
     warm = np.clip(unit.background.astype(int) + DRIFT_GREY, 0, 255).astype(np.uint8)
-    renderer = ImageRenderer(replace(unit, background=warm))
+    renderer = ImageRenderer(replace(unit, background=warm), GEL, 0.0)
     frames = np.array([renderer.render(surface(pose)) for pose in POSES])
     clean = clean_background(unit.background, frames[1:])
     assert np.abs(clean.astype(float) - warm).mean() < 0.5
     patches = np.array([contact_patch(frame, unit.background) for frame in frames])
     radii_mm = np.full(len(POSES) - 1, BALL_MM / 2)
-    model = BallFit(clean, frames[1:], patches[1:], radii_mm, DIGIT_CAMERA)
+    leds = Leds(unit.leds_mm, unit.sizes_mm)
+    model = BallFit(clean, frames[1:], patches[1:], radii_mm, DIGIT.camera, GEL, leds)
+    geometry = Geometry.of(leds)
+    geometry = replace(geometry, values=np.array([*geometry.values[:-2], HOLD, SKIRT]))
     psnr_db = {}
     for has_lobe in (False, True):
-        state = model._solved(true_geometry(), POSES[1:], Terms(4, 1e-4, has_lobe))
-        fitted = ImageRenderer(model.optics(state)).render(surface(POSES[0]))
+        state = model._solved(geometry, POSES[1:], Terms(3, 4, 1e-4, has_lobe))
+        fitted = ImageRenderer(model.optics(state), GEL, 0.0).render(surface(POSES[0]))
         psnr_db[has_lobe] = score(crop(frames[0], patches[0]), crop(fitted, patches[0])).psnr_db
     assert psnr_db[True] > 38
     assert psnr_db[True] > psnr_db[False] + 3
@@ -71,21 +67,21 @@ def test_a_file_keeps_the_lobe(unit, tmp_path):
     again = Optics.load(tmp_path / "unit.npz")
     assert again.lobe is not None
     np.testing.assert_array_equal(again.lobe, unit.lobe)
-    assert Optics.load().lobe is None
+    assert DIGIT.optics.lobe is None
     for wrong in (unit.lobe[:2], np.full_like(unit.lobe, np.nan), np.full_like(unit.lobe, 1e9)):
         with pytest.raises(T2TwinError, match="lobe"):
             replace(unit, lobe=wrong)
 
 
 def test_a_gel_at_rest_gives_the_background_with_a_lobe(unit):
-    still = ImageRenderer(unit).render(np.zeros_like(surface(POSES[0])))
+    still = ImageRenderer(unit, GEL, 0.0).render(np.zeros_like(surface(POSES[0])))
     np.testing.assert_array_equal(still, unit.background)
 
 
 def test_a_lobe_of_zeros_changes_nothing(unit):
-    zero = ImageRenderer(replace(unit, lobe=np.zeros_like(unit.lobe)))
+    zero = ImageRenderer(replace(unit, lobe=np.zeros_like(unit.lobe)), GEL, 0.0)
     pressed = surface(POSES[0])
-    np.testing.assert_array_equal(zero.render(pressed), ImageRenderer.load().render(pressed))
+    np.testing.assert_array_equal(zero.render(pressed), DIGIT.image_renderer.render(pressed))
 
 
 def test_a_blurred_rim_is_less_steep():

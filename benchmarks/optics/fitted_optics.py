@@ -27,7 +27,7 @@ from t2twin.sim.optical.calibrate.calibrate import (
 )
 from t2twin.sim.optical.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
 from t2twin.sim.optical.calibrate.measurements import fit_presses
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.fitted_optics",
@@ -51,6 +51,7 @@ BENCHMARK = Benchmark(
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
 )
 
+SENSOR = SensorPair().camera
 BALL_DIAMETER_MM = 4.70
 """Diameter of the ball in the frames, mm."""
 HELD_OUT = 7
@@ -102,7 +103,7 @@ def background_floor(frames: np.ndarray, places: np.ndarray) -> Score | None:
 def rim_steepness(real: np.ndarray, simulated: np.ndarray, outside: np.ndarray) -> float:
     """Steepness of the simulated shadow rims over that of the real ones, mean over the colors.
 
-    real, simulated: (ROWS, COLUMNS, 3) uint8. outside: (ROWS, COLUMNS) bool, pixels near the
+    real, simulated: (rows, columns, 3) uint8. outside: (rows, columns) bool, pixels near the
     contact that the ball does not touch. The steepness is a percentile of the gradient, so a
     displaced rim has the same.
     """
@@ -120,10 +121,11 @@ def rim_steepness(real: np.ndarray, simulated: np.ndarray, outside: np.ndarray) 
 
 
 def outside_of(pose: np.ndarray) -> np.ndarray:
-    """(ROWS, COLUMNS) bool: pixels up to RIM_MM from a ball's contact, but not in it."""
+    """(rows, columns) bool: pixels up to RIM_MM from a ball's contact, but not in it."""
     radius_mm, (x_mm, y_mm, depth_mm) = BALL_DIAMETER_MM / 2, pose
     contact_mm = np.sqrt(radius_mm**2 - (radius_mm - depth_mm) ** 2)
-    x, y, _ = DIGIT_CAMERA.gel_points(np.arange(COLUMNS), np.arange(ROWS))
+    camera = SENSOR.camera
+    x, y, _ = camera.gel_points(SENSOR.own_gel, np.arange(camera.columns), np.arange(camera.rows))
     off_mm = np.hypot(x - x_mm, y - y_mm) - contact_mm
     return (off_mm > 0) & (off_mm < RIM_MM)
 
@@ -138,7 +140,7 @@ def cross_validate(inputs: Inputs, parts: list[list[int]]) -> dict[str, Any]:
         train = [index for part in parts if part is not test for index in part]
         fold = replace(inputs, train=sorted(train), test=test)
         presses = fold.presses(fold.train)
-        report = evaluate(fold, presses, fit_presses(presses, DIGIT_CAMERA))
+        report = evaluate(fold, presses, fit_presses(presses, SENSOR.camera))
         scores.append(report.scores.calibrated)
         steepness += [
             rim_steepness(real, simulated, outside_of(pose))
@@ -156,7 +158,7 @@ def cross_validate(inputs: Inputs, parts: list[list[int]]) -> dict[str, Any]:
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
-    still, frames, names = read_frames(background, options.frames)
+    still, frames, names = read_frames(background, options.frames, SENSOR.camera)
     frames = frames[[names.index(name) for name in (*report.trained, *report.held_out)]]
     poses = np.concatenate([report.training_poses, report.poses])
     places = np.array([contact_patch(frame, still) for frame in frames])
@@ -166,7 +168,13 @@ def measure(options: Namespace) -> dict[str, Any]:
         "background_floor": background_floor(frames[held_out], places[held_out]),
     }
     inputs = read_inputs(
-        background, options.frames, BALL_DIAMETER_MM, HELD_OUT, DIGIT_CAMERA, tolerance=None
+        background,
+        options.frames,
+        BALL_DIAMETER_MM,
+        HELD_OUT,
+        SENSOR,
+        SENSOR.camera,
+        tolerance=None,
     )
     different = sorted([*inputs.train, *inputs.test])
     ours, pasted = report.scores.calibrated, report.scores.cut_and_paste

@@ -11,16 +11,18 @@ from PIL import Image, ImageDraw, ImageFont
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera.pinhole import Camera
 
-COVER_MM = 2.5
-"""Distance to the middle of a press within which it covers the gel, mm."""
+COVER_MM = 1.5
+"""Distance to the middle of a press within which it covers the gel, mm (measured on a real DIGIT:
+presses nearer than this to one of those fitted score 31 dB in the mean, farther ones 27 dB)."""
 STEPS = 40
 """Number of places across the shorter side of the image that are compared with the presses."""
 ENOUGH = 0.97
 """Share of the image from which on no more presses are needed (assumed)."""
-MOST = 8
+MOST = 12
 """Largest number of next presses."""
 EDGE_MM = 1.2
-"""Distance of the next presses to the edge of the image, mm (assumed: a contact is as wide)."""
+"""Distance of presses to the edge of the image, mm (assumed: a contact is as wide). Nearer to it,
+the gel is as covered as at this distance."""
 BRIGHT_GREY, SHADE = 110.0, 0.35
 """Mean grey level of the picture's background, and the factor of its shaded part."""
 PICTURE_PX = 720
@@ -34,7 +36,7 @@ class Coverage:
     """Presses and the part of the image that they cover.
 
     poses: (n, 3) x_mm, y_mm, depth_mm of the presses. radii_mm: (n,) of their contacts.
-    covered: share of the image within COVER_MM of a press. next_mm: (m, 2) x_mm and y_mm of presses
+    covered: share of the image near presses. next_mm: (m, 2) x_mm and y_mm of presses
     that would cover the rest, those that cover most first.
     """
 
@@ -51,25 +53,26 @@ def coverage_of(
     radii_mm, depths_mm = diameters_mm / 2.0, np.minimum(poses[:, 2], diameters_mm / 2.0)
     contacts_mm = np.sqrt(radii_mm**2 - (radii_mm - depths_mm) ** 2)
     step = max(min(camera.rows, camera.columns) // STEPS, 1)
-    x_mm, y_mm, _ = camera.gel_points(
-        gel, np.arange(step / 2, camera.columns, step), np.arange(step / 2, camera.rows, step)
-    )
-    places = np.stack([x_mm.ravel(), y_mm.ravel()], axis=1)
-    reachable = _within(x_mm) & _within(y_mm)
-    candidates = places[reachable.ravel()]
+    places = _places(camera, gel, step)
+    candidates = np.unique(places.round(3), axis=0)
     bare = ~_near(places, poses[:, :2]).any(axis=1)
     covered, near = 1.0 - float(bare.mean()), _near(places, candidates)
     chosen = []
-    while len(chosen) < MOST and len(candidates) and bare.mean() > 1.0 - ENOUGH:
+    while len(chosen) < MOST and bare.mean() > 1.0 - ENOUGH:
         best = int(np.argmax(near[bare].sum(axis=0)))
         chosen.append(candidates[best])
         bare &= ~near[:, best]
     return Coverage(poses, contacts_mm, covered, np.array(chosen).reshape(-1, 2))
 
 
-def _within(along_mm: np.ndarray) -> np.ndarray:
-    """Whether places are EDGE_MM away from the edges that they span."""
-    return (along_mm > along_mm.min() + EDGE_MM) & (along_mm < along_mm.max() - EDGE_MM)
+def _places(camera: Camera, gel: Elastomer, step: int) -> np.ndarray:
+    """(n, 2) mm: the place of each step-th pixel along both axes, moved to where presses can be."""
+    columns, rows = (np.arange(step / 2, count, step) for count in (camera.columns, camera.rows))
+    moved = []
+    for along_mm in camera.gel_points(gel, columns, rows)[:2]:
+        low, high = along_mm.min() + EDGE_MM, along_mm.max() - EDGE_MM
+        moved.append(np.clip(along_mm, low, max(low, high)).ravel())
+    return np.stack(moved, axis=1)
 
 
 def _near(places: np.ndarray, presses: np.ndarray) -> np.ndarray:
@@ -108,13 +111,12 @@ def coverage_picture(
 
     background: (rows, columns, 3) uint8.
     """
-    x_mm, y_mm, _ = camera.gel_points(gel, np.arange(camera.columns), np.arange(camera.rows))
-    places = np.stack([x_mm.ravel(), y_mm.ravel()], axis=1)
+    places = _places(camera, gel, 1)
     covered = np.zeros(len(places), dtype=bool)
     for pose in coverage.poses:
         covered |= _near(places, pose[None, :2])[:, 0]
     light = background * np.clip(BRIGHT_GREY / max(float(background.mean()), 1.0), 1.0, 4.0)
-    shown = np.where(covered.reshape(*x_mm.shape, 1), light, SHADE * light)
+    shown = np.where(covered.reshape(*light.shape[:2], 1), light, SHADE * light)
     zoom = -(-PICTURE_PX // max(shown.shape[:2]))
     image = Image.fromarray(np.clip(np.rint(shown), 0, 255).astype(np.uint8))
     image = image.resize((zoom * camera.columns, zoom * camera.rows))

@@ -1,0 +1,157 @@
+"""Calibration of any gel camera: its size, LEDs wherever they are, what presses cover, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ball_frames import save
+from msgspec import structs
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.calibrate import calibrate, guess_light
+from t2twin.sim.optical.calibrate.calibrate import Inputs, evaluate
+from t2twin.sim.optical.calibrate.coverage import (
+    coverage_of,
+    coverage_picture,
+    coverage_sentences,
+)
+from t2twin.sim.optical.calibrate.frames import contact_patch
+from t2twin.sim.optical.calibrate.measurements import Measurements, fit_presses
+from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.sensors.pair import SensorPair
+
+BALL_MM = 5.0
+HELD_OUT = 3
+COLORS = ((0.9, 0.1, 0.1), (0.1, 0.8, 0.2), (0.2, 0.2, 0.9), (0.5, 0.5, 0.5))
+
+
+def sensor_of(turn_deg=0.0, colors=COLORS):
+    """A flat gel of 24 x 18 mm in small images, lit from four sides, one of them white."""
+    own = SensorPair().camera.spec
+    flat = {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf}
+    gel = structs.replace(own.gel, width_mm=24.0, length_mm=18.0, **flat)
+    camera = structs.replace(own.camera, rows=128, columns=176, scale_px_per_mm=8.0, noise_grey=1.5)
+    plain = structs.replace(own.light.leds[0], aim_mm=(0.0, 0.0, 0.0), beam_deg=(60.0, 85.0))
+    leds = tuple(
+        structs.replace(plain, color=color, angle_deg=(90.0 * number + 20.0 + turn_deg) % 360.0)
+        for number, color in enumerate(colors)
+    )
+    light = structs.replace(own.light, leds=leds, optics=None)
+    spec = structs.replace(own, name="small", gel=gel, camera=camera, light=light, markers=None)
+    return GelCamera(spec)
+
+
+def poses_of(count):
+    """Presses all over the image."""
+    index = np.arange(count)
+    across, down = (index * 0.618 + 0.3) % 1.0 - 0.5, (index + 0.5) / count - 0.5
+    places = np.stack([18.0 * across, 12.0 * down], axis=1)[
+        np.random.default_rng(0).permutation(count)
+    ]
+    return np.column_stack([places, 0.8 + 0.5 * np.sin(3.0 * index) ** 2])
+
+
+def frames_of(unit, poses, ball_mm=BALL_MM):
+    """A background frame, and one of each press."""
+    rng, gel = np.random.default_rng(2), unit.own_gel
+    surfaces = [ball_surface(gel, *pose, ball_mm / 2) for pose in poses]
+    render = unit.image_renderer.render
+    still = render(np.zeros_like(surfaces[0]), rng)
+    return still, np.array([render(surface, rng) for surface in surfaces])
+
+
+def inputs_of(sensor, unit, poses):
+    """Inputs of a fit to the frames of a unit that is unlike the sensor's file."""
+    background, frames = frames_of(unit, poses)
+    count, missing = len(poses), np.full(len(poses), np.nan)
+    patches = [contact_patch(frame, background) for frame in frames]
+    assert None not in patches
+    measured = Measurements(np.full(count, BALL_MM), missing, missing)
+    names, first = [f"press_{index:02d}.png" for index in range(count)], count - HELD_OUT
+    train, test = list(range(first)), list(range(first, count))
+    return Inputs(
+        sensor, background, frames, names, measured, np.array(patches, float), train, test
+    )
+
+
+def score_of(unit, poses):
+    """Score of the held-out presses, PSNR in dB, and the azimuths of the fitted LEDs, degrees."""
+    sensor = sensor_of()
+    inputs = inputs_of(sensor, unit, poses)
+    training = inputs.presses(inputs.train)
+    fit = fit_presses(training, sensor.camera)
+    azimuth_deg = fit.state.geometry.values[: fit.state.geometry.count]
+    return evaluate(inputs, training, fit).scores.calibrated.psnr_db, azimuth_deg
+
+
+@pytest.fixture(scope="module")
+def unturned():
+    return score_of(sensor_of(), poses_of(12))[0]
+
+
+@pytest.mark.parametrize("turn_deg, colors", [(45.0, COLORS), (65.0, COLORS[::-1])])
+def test_light_from_elsewhere_in_other_colors_is_found(unturned, turn_deg, colors):
+    unit = sensor_of(turn_deg, colors)
+    psnr_db, azimuth_deg = score_of(unit, poses_of(12))
+    assert unturned > 30 and psnr_db > unturned - 1
+    true = np.radians([led.angle_deg for led in unit.spec.light.leds])
+    found = np.radians(azimuth_deg)
+    apart = np.abs(np.angle(np.exp(1j * (found[:, None] - true))))
+    assert np.degrees(apart.min(axis=1)).max() < 12 and set(apart.argmin(axis=1)) == {0, 1, 2, 3}
+
+
+def test_the_presses_that_are_missing_are_named():
+    sensor = sensor_of()
+    camera, gel = sensor.camera, sensor.own_gel
+    grid = np.meshgrid(np.arange(-10.0, 11.0, 2.0), np.arange(-7.0, 8.0, 2.0))
+    poses = np.column_stack([*(axis.ravel() for axis in grid), np.ones(grid[0].size)])
+    everywhere = coverage_of(camera, gel, poses, np.full(len(poses), BALL_MM))
+    assert everywhere.covered > 0.95 and not len(everywhere.next_mm)
+    assert coverage_sentences(everywhere, camera)[0].startswith("The presses cover the image")
+    left = poses[poses[:, 0] < 1]
+    half = coverage_of(camera, gel, left, np.full(len(left), BALL_MM))
+    assert 0.25 < half.covered < 0.65
+    assert len(half.next_mm) and (half.next_mm[:, 0] > 0).all()
+    sentences = " ".join(coverage_sentences(half, camera))
+    assert "right" in sentences and "left" not in sentences
+    both = np.concatenate([left[:, :2], half.next_mm])
+    added = np.column_stack([both, np.ones(len(both))])
+    after = coverage_of(camera, gel, added, np.full(len(added), BALL_MM))
+    assert after.covered > half.covered + 0.3
+    picture = np.asarray(coverage_picture(half, sensor.image_renderer.background, camera, gel))
+    middle = picture.shape[1] // 2
+    assert picture[:, :middle].mean() > 1.5 * picture[:, middle:].mean()
+
+
+def written(folder, background, frames):
+    folder.mkdir()
+    save(background, folder / "background.png")
+    for number, frame in enumerate(frames):
+        save(frame, folder / f"press_{number:02d}.png")
+    return folder
+
+
+def refused(folder, *, ball_mm=BALL_MM, sensor, **options):
+    with pytest.raises(T2TwinError) as error:
+        calibrate(
+            folder / "background.png", folder, ball_mm, tolerance=None, sensor=sensor, **options
+        )
+    said = str(error.value)
+    assert "\n" not in said
+    return said
+
+
+def test_what_cannot_be_fitted_is_one_sentence(tmp_path):
+    sensor = sensor_of()
+    folder = written(tmp_path / "frames", *frames_of(sensor, poses_of(9)))
+    assert "too small" in refused(folder, ball_mm=2.0, sensor=sensor)
+    assert "must be 240 wide, 320 high" in refused(folder, sensor="digit")
+    assert "is a taxel array; expected a gel camera" in refused(folder, sensor="cyskin-20")
+    camera = replace(sensor.camera, rows=64)
+    assert "has 64 rows" in refused(folder, sensor=sensor, camera=camera)
+    assert "at least 6" in refused(folder, sensor=sensor, held_out=5)
+    assert "from 1 to 16" in refused(folder, ball_mm=17.0, sensor=sensor)
+    dark = structs.replace(sensor.spec, units=None)
+    with pytest.raises(T2TwinError, match=r"has no table \[units\]"):
+        guess_light(folder / "background.png", sensor=GelCamera(dark))
