@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+from kinds import gel_camera
 from PIL import Image
 
 from t2twin.sim.optical.surface import ball_surface
-from t2twin.sim.sensors.files import load_sensor
 
 BALL_MM = 4.7
 POSES = np.array(
@@ -26,7 +26,7 @@ def save(picture, path):
 def write_frames(folder: Path) -> None:
     """background.png and press_*.png, with a frame's noise."""
     folder.mkdir(parents=True, exist_ok=True)
-    digit, rng = load_sensor("digit"), np.random.default_rng(3)
+    digit, rng = gel_camera(), np.random.default_rng(3)
     renderer, gel = digit.image_renderer, digit.own_gel
     still = ball_surface(gel, 0, 0, 1.0) * 0
     save(renderer.render(still, rng), folder / "background.png")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kinds import gel_camera
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
@@ -20,10 +21,9 @@ from t2twin.sim.optical.randomization.unit import Unit, UnitRanges, sample_unit
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.recipe import load_recipe
-from t2twin.sim.sensors.files import load_sensor
 
 NO_ARTIFACTS = Artifacts(streaks=(0, 0), glares=(0, 0), worn=0.0, drift_grey=(0.0, 0.0))
-DIGIT = load_sensor("digit")
+DIGIT = gel_camera()
 LEDS = tuple(table.led for table in DIGIT.spec.light.leds)
 NOISE_GREY = DIGIT.spec.camera.noise_grey
 BALL = ball_surface(DIGIT.own_gel, 0.5, -1.0, 1.1)
@@ -216,12 +216,12 @@ def test_a_recipe_with_artifacts_is_independent_of_workers(tmp_path, shape_cache
     assert "artifacts" not in (tmp_path / "plain" / "info.json").read_text()
     plain, worn = (read_split(tmp_path / name, "test") for name in ("plain", "used"))
     assert plain["force_n"].to_pylist() == worn["force_n"].to_pylist()
-    assert plain["taxels"].to_pylist() == worn["taxels"].to_pylist()
+    assert plain["target_counts"].to_pylist() == worn["target_counts"].to_pylist()
     apart = {}
     for name, table in (("plain", plain), ("used", worn)):
         still = [row for row in table.to_pylist() if row["force_n"] == 0.0]
-        frames = [(decode_png(r["image"]["bytes"]), decode_png(r["background"]["bytes"]))
-                  for r in still]  # fmt: skip
+        columns = ("source_image", "source_background")
+        frames = [[decode_png(row[column]["bytes"]) for column in columns] for row in still]
         apart[name] = [np.abs(one.astype(int) - other).mean() for one, other in frames]
     assert len(apart["plain"]) >= 1 and max(apart["plain"]) < 1.5 < max(apart["used"])
 
@@ -234,7 +234,7 @@ def test_a_share_of_the_units_is_the_fixed_one_without_artifacts(tmp_path, shape
     make_dataset(tmp_path / "mixed", recipe=recipe, workers=1, cache=shape_cache, shapes=TOOL)
     default = DIGIT.background_frame()
     rows = read_split(tmp_path / "mixed", "test").to_pylist()
-    frames = [decode_png(row["background"]["bytes"]) for row in rows]
+    frames = [decode_png(row["source_background"]["bytes"]) for row in rows]
     off = np.array([np.abs(frame.astype(float) - default).mean() for frame in frames])
     is_fixed = off < 1.5
     assert 3 <= is_fixed.sum() <= 13 and off[~is_fixed].min() > 5.0

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kinds import gel_camera
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.camera.pinhole import optical_grid
-from t2twin.sim.sensors.files import load_sensor
 
-GEL, CAMERA = load_sensor("digit").own_gel, load_sensor("digit").camera
+GEL, CAMERA = gel_camera().own_gel, gel_camera().camera
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
 
 

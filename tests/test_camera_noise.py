@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kinds import gel_camera
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.calibrate.frames import measure_noise
@@ -11,9 +12,8 @@ from t2twin.sim.optical.camera.noise import Noise
 from t2twin.sim.optical.camera.pinhole import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
-from t2twin.sim.sensors.files import load_sensor
 
-DIGIT = load_sensor("digit")
+DIGIT = gel_camera()
 GEL, NOISE_GREY = DIGIT.own_gel, DIGIT.spec.camera.noise_grey
 ROWS, COLUMNS = DIGIT.camera.rows, DIGIT.camera.columns
 

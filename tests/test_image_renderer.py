@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from kinds import gel_camera
 from skimage.metrics import structural_similarity
 
 from maintenance.bake_optics import block, ring
@@ -12,9 +13,8 @@ from t2twin.sim.optical.light import shadows
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.optical.surface import ball_surface
-from t2twin.sim.sensors.files import load_sensor
 
-DIGIT = load_sensor("digit")
+DIGIT = gel_camera()
 GEL, CAMERA, LIGHT = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.light
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
 LEDS = tuple(table.led for table in LIGHT.leds)

@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kinds import gel_camera
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.camera.pinhole import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer, encode
 from t2twin.sim.optical.surface import ball_surface
-from t2twin.sim.sensors.files import load_sensor
 
-DIGIT = load_sensor("digit")
+DIGIT = gel_camera()
 GEL, CAMERA, AMBIENT = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.light.ambient
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
 LEDS = tuple(table.led for table in DIGIT.spec.light.leds)

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 import trimesh
+from kinds import gel_camera
 
 from t2twin import Twin
 from t2twin.cli import main
@@ -20,13 +21,13 @@ from t2twin.sim.optical.light.ray_casting import Rays
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.optical.surface import ball_surface
-from t2twin.sim.sensors.files import load_sensor
 
-DIGIT = load_sensor("digit")
+DIGIT = gel_camera()
 GEL, CAMERA, FRAMES = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.camera.frames
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
 NOISE_GREY = DIGIT.spec.camera.noise_grey
 OWN = DIGIT.spec.units
+assert OWN is not None
 DRAW = UnitRanges()
 DRAWN = 500
 BALL = ball_surface(GEL, 0.5, -1.0, 1.1)

@@ -64,14 +64,14 @@ class TaxelArray:
             layout = load_layout(self.layout_source)
         object.__setattr__(self, "layout", layout)
         check_on_cover(layout, self.elastomer)
+        if (self.layout_source, self.cover) == (None, None):
+            self._check_file()
         presets = self.spec.imperfections
         if self.imperfections is None:
             own = reading.WHITE if reading.WHITE in presets else reading.NONE
             object.__setattr__(self, "imperfections", own)
         flaws = reading.chosen(presets, self.imperfections or "", tuple(self.dead), layout.size)
         object.__setattr__(self, "flaws", flaws)
-        if (self.layout_source, self.cover) == (None, None):
-            self._check_file()
 
     def _check_file(self) -> None:
         """Raises T2TwinError for tables of the sensor's file that do not fit its taxels."""

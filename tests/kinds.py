@@ -1,0 +1,19 @@
+"""Sensors of a known kind, for tests."""
+
+from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.sensors.files import load_sensor
+from t2twin.sim.taxels.taxel_array import TaxelArray
+
+
+def gel_camera(name: str = "digit") -> GelCamera:
+    """A gel camera by its name."""
+    sensor = load_sensor(name)
+    assert isinstance(sensor, GelCamera)
+    return sensor
+
+
+def taxel_array(name: str = "cyskin-20") -> TaxelArray:
+    """A taxel array by its name."""
+    sensor = load_sensor(name)
+    assert isinstance(sensor, TaxelArray)
+    return sensor

@@ -1,0 +1,480 @@
+"""Sensor files: bundled ones, a user's own, and the sentences for files that are wrong."""
+
+import copy
+import hashlib
+import itertools
+import math
+import re
+from typing import Any, get_args, get_origin
+
+import msgspec
+import numpy as np
+import pytest
+from kinds import gel_camera, taxel_array
+from msgspec import Struct, structs
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.optical.gel_camera import GelCamera, ImageReading
+from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
+from t2twin.sim.optical.randomization.ranges import UnitRanges
+from t2twin.sim.optical.randomization.unit import sample_unit
+from t2twin.sim.sensors import files
+from t2twin.sim.sensors.files import SPECS, bundled_sensors, load_sensor, sensor_of, spec_of
+from t2twin.sim.sensors.pair import SensorPair
+from t2twin.sim.taxels.taxel_array import TaxelArray
+
+SENSORS = bundled_sensors()
+COMPLETE = {"gel-camera": "digit", "taxel-array": "flexitac"}
+"""A bundled sensor of each kind whose file has all tables."""
+
+FORCE_N = 8.0
+
+
+def content_of(name: str) -> dict[str, Any]:
+    return copy.deepcopy(files._content(SPECS / f"{name}.toml", ())[0])
+
+
+def refused(content: dict[str, Any]) -> str:
+    """The message for a file with this content."""
+    with pytest.raises(T2TwinError) as stop:
+        sensor_of(spec_of(content, "my.toml"), str(SPECS), "my.toml")
+    message = str(stop.value)
+    assert message.startswith("my.toml: ") and "\n" not in message
+    return message
+
+
+def counts_of(array: TaxelArray, contact: Any) -> np.ndarray:
+    counts = array.read(contact).counts
+    assert counts is not None
+    return counts
+
+
+# Bundled files
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_every_value_has_a_source_or_is_assumed(name):
+    """In a comment behind it, or in one above its table."""
+    covered = above = False
+    for line in (SPECS / f"{name}.toml").read_text().splitlines():
+        code, _, comment = line.partition("#")
+        if not code.strip():
+            above = bool(comment.strip())
+        elif code.startswith("["):
+            covered = above
+        elif code.startswith(("kind", "name", "extends")):
+            assert above or covered is False
+        else:
+            assert comment.strip() or covered, line
+
+
+def test_bundled_sensors_have_the_names_of_their_files():
+    assert {"cyskin-20", "cyskin-63", "digit", "flexitac", "gelsight-mini"} <= set(SENSORS)
+    for name in SENSORS:
+        assert load_sensor(name).name == name and load_sensor(name) is load_sensor(name)
+    assert load_sensor("cyskin").name == "cyskin-20"
+
+
+def test_gelsight_mini_has_its_published_geometry():
+    sensor = gel_camera("gelsight-mini")
+    half_x, half_y = sensor.camera.seen_half_extent_mm()
+    assert (2 * half_x, 2 * half_y) == (pytest.approx(18.9, abs=0.1), pytest.approx(14.2, abs=0.1))
+    sag_mm = -sensor.elastomer.rest_surface_mm(np.array([9.716, 0.0]), np.array([0.0, 7.535]))
+    np.testing.assert_allclose(sag_mm, 0.25, atol=0.001)
+    printed = sensor.with_options({"markers": True}).markers
+    assert (
+        printed is not None
+        and len(printed.rest_mm) == 9 * 7
+        and np.abs(printed.rest_mm).max(axis=0).tolist() == [8, 6]
+    )
+
+
+def test_a_gelsight_mini_is_red_above_blue_below_and_green_at_the_right(shapes):
+    sensor = gel_camera("gelsight-mini")
+    contact = sensor.press(shapes("hemisphere-4"), PressCommand("ball", 0.0, 0.0, 0.0, 5.0))
+    change = sensor.image(contact).astype(int) - sensor.background_frame()
+    radius_px = int(0.6 * np.sqrt(contact.contact_area_mm2 / np.pi) * 16.9)
+    for red_green_blue, rows, columns in (
+        (0, -radius_px, 0), (1, 0, radius_px), (2, radius_px, 0),
+    ):  # fmt: skip
+        flank = change[120 + rows - 3 : 120 + rows + 4, 160 + columns - 3 : 160 + columns + 4]
+        assert flank[..., red_green_blue].mean() > 5
+        assert flank.mean(axis=(0, 1)).argmax() == red_green_blue
+
+
+def test_flexitac_reads_in_the_order_of_its_driver(shapes):
+    """12 rows along y of 32 values along x, and a place of the dense counts at every point."""
+    sensor = taxel_array("flexitac")
+    frame_x, frame_y = (v.reshape(12, 32) for v in (sensor.layout.x_mm, sensor.layout.y_mm))
+    np.testing.assert_allclose(np.diff(frame_x, axis=1), 2.0)
+    np.testing.assert_allclose(np.diff(frame_y, axis=0), 2.0)
+    places = {(round(x, 6), round(y, 6)) for x, y in zip(
+        sensor.dense.layout.x_mm, sensor.dense.layout.y_mm, strict=True
+    )}  # fmt: skip
+    own = zip(sensor.layout.x_mm, sensor.layout.y_mm, strict=True)
+    assert places == {(round(x, 6), round(y, 6)) for x, y in own}
+    contact = sensor.press(shapes("hemisphere-4"), PressCommand("ball", 10.0, -4.0, 0.0, FORCE_N))
+    frame = counts_of(sensor, contact).reshape(12, 32)
+    row, column = np.unravel_index(frame.argmax(), frame.shape)
+    assert abs(2.0 * column - 31.0 - 10.0) <= 1.0 and abs(2.0 * row - 11.0 + 4.0) <= 1.0
+    assert sensor.full_scale == 255 and sensor.read(contact).tactile_image.shape == (72, 192)
+
+
+@pytest.mark.parametrize("name", SENSORS)
+def test_8_newtons_in_are_8_newtons_out(name, shapes):
+    sensor = load_sensor(name)
+    contact = sensor.press(shapes("square-1"), PressCommand("square", 0.5, -0.5, 0.3, FORCE_N))
+    assert contact.settled
+    newtons = 1e-3 * contact.pressure_kpa.sum() * contact.pitch_mm**2
+    assert newtons == pytest.approx(FORCE_N, rel=0.01)
+    reading: Any = sensor.read(contact, np.random.default_rng(0))
+    if isinstance(sensor, GelCamera):
+        background = sensor.background_frame()
+        assert reading.image.shape == (sensor.camera.rows, sensor.camera.columns, 3)
+        assert np.abs(reading.image.astype(int) - background).max() > 30
+        assert (background <= 2).mean() < 0.02 and (background >= 253).mean() < 0.02
+    else:
+        assert 0.02 * sensor.full_scale < reading.counts.max() < sensor.full_scale
+        normal_n = 1e-3 * reading.tractions[0].sum() * sensor.dense.cell_mm2
+        assert normal_n == pytest.approx(FORCE_N, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "pair", [*itertools.combinations_with_replacement(SENSORS, 2)], ids="-and-".join
+)
+def test_any_two_sensors_are_a_pair(pair, shapes):
+    sensors = SensorPair.of(*pair)
+    touch = sensors.press(
+        shapes("hemisphere-4"), PressCommand("ball", 0.0, 0.0, 0.0, 4.0), np.random.default_rng(0)
+    )
+    assert len(touch.readings) == len(touch.contacts) == 2
+    for reading in touch.readings.values():
+        value = reading.image if isinstance(reading, ImageReading) else reading.counts
+        assert value is not None and np.ptp(value) > 0
+    if pair[0] == pair[1]:
+        assert list(touch.readings) == [pair[0], f"{pair[0]}-2"]
+
+
+# The default pair
+
+
+def digest(*arrays: Any) -> str:
+    both = b"".join(np.ascontiguousarray(each).tobytes() for each in arrays)
+    return hashlib.sha256(both).hexdigest()[:16]
+
+
+def test_the_default_pair_keeps_its_bytes(shapes):
+    """Those of version 0.3, before sensors were files, on x86-64 processors."""
+    sensors = SensorPair()
+    found = {}
+    for name, command in {
+        "square-1": PressCommand("square-1", 0.0, 0.0, 0.0, 8.0),
+        "hemisphere-4": PressCommand("hemisphere-4", 2.0, -3.0, float(np.radians(20)), 8.0),
+        "pliers/jaw-tip": PressCommand("pliers/jaw-tip", 0.0, 0.0, float(np.radians(60)), 4.0),
+    }.items():
+        rng = np.random.default_rng(3) if name == "hemisphere-4" else None
+        touch = sensors.press(shapes(name), command, rng)
+        found[name] = (digest(touch.image), digest(touch.counts), digest(touch.dense_counts))
+    assert found == {
+        "square-1": ("123b7060bfdb9512", "94083469db5bb154", "1b3e4f10938fa150"),
+        "hemisphere-4": ("18a821ef2b6cc516", "e2e4e4dbe3bff9d6", "02d0c1b1aeafd453"),
+        "pliers/jaw-tip": ("7de169688f3be1b5", "4289a519076d942b", "bcae6c6804a46451"),
+    }
+
+
+def test_a_sampled_unit_keeps_its_bytes():
+    sensor, rng = gel_camera(), np.random.default_rng(0)
+    unit = sample_unit(rng, sensor.spec, UnitRanges())
+    assert digest(unit.optics.background) == "b0db7fa84ec322df"
+    assert digest(unit.optics.response) == "707ee6898f2a010d"
+    unit = with_artifacts(rng, unit, Artifacts(), tuple(t.led for t in sensor.spec.light.leds))
+    assert digest(unit.optics.background) == "a256981fb25b80d9"
+    assert digest(unit.earlier_background) == "ed816a268d5ba230"
+
+
+def test_the_places_of_the_dense_counts_stay():
+    places = taxel_array().dense.layout
+    assert places.size == 216
+    assert (digest(places.x_mm), digest(places.y_mm)) == ("23aa197308d1df21", "4bf0d32d915db8af")
+
+
+# Faults, one sentence each
+
+
+Place = tuple[str | int, ...]
+
+
+def fields_of(record: type[Struct], content: Any, at: Place = ()) -> list[tuple[Place, Any]]:
+    """Every field of a record and of the tables in it, by its place in a file."""
+    found = []
+    for field in structs.fields(record):
+        place = (*at, field.encode_name)
+        found.append((place, field))
+        inner = content.get(field.encode_name)
+        kind, tables = files._tables_in(field.type, inner, "")
+        if isinstance(inner, dict) and list(tables) == [""]:
+            found += fields_of(kind, inner, place)
+        elif tables:
+            first = 0 if isinstance(inner, list) else next(iter(inner))
+            found += fields_of(kind, inner[first], (*place, first))
+    return found
+
+
+def shown(place: Place) -> str:
+    """The place as in a message."""
+    return "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in place).removeprefix(".")
+
+
+def changed(content: dict[str, Any], place: Place, *value: Any) -> dict[str, Any]:
+    """The content with another value at a place, or without one."""
+    content = copy.deepcopy(content)
+    table: Any = content
+    for part in place[:-1]:
+        table = table[part]
+    if value:
+        table[place[-1]] = value[0]
+    else:
+        table.pop(place[-1], None)
+    return content
+
+
+def value_at(content: Any, place: Place) -> Any:
+    for part in place:
+        content = content[part] if isinstance(part, int) or part in content else None
+        if content is None:
+            return None
+    return content
+
+
+def bounds_of(kind: Any) -> tuple[type, float | None, float | None] | None:
+    """The type of the numbers in a type, and a value below and one above the allowed ones."""
+    parts, number, low, high = [kind], None, None, None
+    while parts:
+        part = parts.pop(0)
+        if part in (int, float) and number is None:
+            number = part
+        elif isinstance(part, msgspec.Meta):
+            low = part.ge - 1 if part.ge is not None else part.gt if part.gt is not None else low
+            high = 2 * part.le + 1 if part.le is not None else high
+        elif get_origin(part) is not dict:
+            parts += [*get_args(part), *getattr(part, "__metadata__", ())]
+    return None if number is None else (number, low, high)
+
+
+CASES = [
+    (kind, place, field)
+    for kind, name in COMPLETE.items()
+    for place, field in fields_of(files.KINDS[kind][0], content_of(name))
+]
+FIELDS = pytest.mark.parametrize(
+    ("kind", "place", "field"), CASES, ids=[f"{kind}-{shown(place)}" for kind, place, _ in CASES]
+)
+
+
+@FIELDS
+def test_a_fault_is_one_sentence_with_its_key(kind, place, field):
+    """Missing, of another type, not a number, too small and too large."""
+    content, key = content_of(COMPLETE[kind]), shown(place)
+    if place == ("kind",):
+        assert "kind is missing" in refused(changed(content, place))
+        assert "kind is 3" in refused(changed(content, place, 3))
+        return
+    if field.required:
+        assert f"{key} is missing" in refused(changed(content, place))
+    is_text = bool(re.search(r"\bstr\b", repr(field.type)))
+    is_text = is_text or isinstance(value_at(content, place), str)
+    assert key in refused(changed(content, place, 3 if is_text else "wrong"))
+    _, tables = files._tables_in(field.type, value_at(content, place), "")
+    numbers = bounds_of(field.type)
+    if tables or is_text or numbers is None:
+        return
+    number, low, high = numbers
+    old = value_at(content, place)
+    if number is float:
+        assert f"{key} is not a number" in refused(
+            changed(content, place, with_first(old, math.nan))
+        )
+    for value in (low, high):
+        if value is not None and math.isfinite(value):
+            message = refused(changed(content, place, with_first(old, number(value))))
+            assert key in message or place[-1] in message
+
+
+def with_first(old: Any, value: float) -> Any:
+    """A value, or the list that begins with it."""
+    if not isinstance(old, list):
+        return value
+    return [with_first(old[0], value), *old[1:]]
+
+
+@pytest.mark.parametrize("kind", COMPLETE)
+def test_unknown_keys_are_named_in_every_table(kind):
+    content = content_of(COMPLETE[kind])
+    tables = {place[:-1] for k, place, _ in CASES if k == kind}
+    assert len(tables) >= 8
+    for table in tables:
+        key = (*table, "young_mpaa")
+        assert f"{shown(key)} is unknown" in refused(changed(content, key, 1.0))
+    meant = refused(changed(content, ("mount", "mass_g"), 20.0))
+    assert "mount.mass_g is unknown, did you mean mass_kg?" in meant
+
+
+def test_a_file_with_three_faults_names_all_three():
+    content = content_of("digit")
+    content["gel"]["thickness_mm"] = "thick"
+    content["light"]["leds"][2]["z_mm"] = math.nan
+    del content["camera"]["rows"]
+    message = refused(content)
+    for fault in ("gel.thickness_mm is text", "light.leds[2].z_mm is not a number",
+                  "camera.rows is missing"):  # fmt: skip
+        assert fault in message
+    for table in ("gel", "camera", "mount"):
+        content[table] = {}
+    assert refused(content).count(";") == files.MAX_LISTED
+
+
+WIDE = content_of("digit")["camera"] | {"columns": 320, "scale_px_per_mm": 25.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "value", "sentence"),
+    [
+        ("digit", ("camera", "scale_px_per_mm"), 9.0, "the camera sees 26.7 mm of the gel's width"),
+        ("digit", ("camera", "rows"), 600, "the camera sees 31.2 mm of the gel's length"),
+        ("flexitac", ("cover", "grid_mm"), 0.1, "cover: grid_mm is 0.1, which gives 660 cells"),
+        ("digit", ("units", "distance_mm"), [22.0, 20.8], "expected low first"),
+        ("digit", ("light",), {"ambient": [0.1, 0.1, 0.1]}, "at least one of leds and optics"),
+        ("digit", ("light", "optics"), "none.npz", "none.npz does not exist"),
+        ("digit", ("camera",), WIDE, "columns; expected 320 and 320"),
+        ("gelsight-mini", ("markers", "rows"), 0, "columns and rows"),
+        ("gelsight-mini", ("markers", "diameter_mm"), 3.0, "diameter_mm"),
+        ("gelsight-mini", ("light", "ambient"), [90.0, 90.0, 90.0], "background white"),
+        ("flexitac", ("layout", "pitch_mm"), 3.0, "taxel(s) off the cover"),
+        ("flexitac", ("layout", "pad"), "oval", "layout.pad is 'oval'; allowed are round, square"),
+        ("flexitac", ("layout", "file"), "a.csv", "expected file, or all of rows, columns"),
+        ("flexitac", ("layout",), {"file": "none.json"}, "no taxel layout none.json"),
+        ("flexitac", ("transducer", "modulus_mpa"), 1.0, "is not of the law piezoresistive"),
+        ("flexitac", ("transducer", "law"), "capacitive", "modulus_mpa is missing"),
+        ("flexitac", ("counts", "full_scale"), 256, "8 bits hold at most 255"),
+        ("flexitac", ("tactile_image", "rows"), 40, "tactile_image.rows is 40"),
+        ("flexitac", ("dense", "spacing_mm"), 0.2, "use a larger spacing_mm"),
+        ("flexitac", ("imperfections", "white", "dead"), [384], "imperfections.white: dead"),
+        ("flexitac", ("name",), "My Sensor", "name must be"),
+    ],
+)  # fmt: skip
+def test_values_that_contradict_each_other_are_one_sentence(name, place, value, sentence):
+    assert sentence in refused(changed(content_of(name), place, value))
+
+
+# A user's own files
+
+
+def test_a_file_extends_another_and_a_chain_of_them(tmp_path):
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "soft.toml").write_text(
+        'extends = "digit"\nname = "soft"\n[gel]\nyoung_mpa = 0.2\n'
+    )
+    (tmp_path / "mine.toml").write_text(
+        'extends = "other/soft.toml"\nname = "mine"\n[camera]\nnoise_grey = 0.5\n'
+    )
+    mine, digit = load_sensor(tmp_path / "mine.toml"), gel_camera()
+    assert isinstance(mine, GelCamera)
+    assert (mine.name, mine.elastomer.young_mpa, mine.noise_grey < 0.1) == ("mine", 0.2, True)
+    np.testing.assert_array_equal(mine.background_frame(), digit.background_frame())
+    own = digit.spec
+    assert mine.spec == structs.replace(
+        own,
+        name="mine",
+        gel=structs.replace(own.gel, young_mpa=0.2),
+        camera=structs.replace(own.camera, noise_grey=0.5),
+    )
+
+
+@pytest.mark.parametrize("extends", ["a.toml", "./b/../a.toml", "b/b.toml"])
+def test_a_file_that_extends_itself_is_refused(extends, tmp_path):
+    (tmp_path / "b").mkdir()
+    (tmp_path / "a.toml").write_text(f'extends = "{extends}"\nname = "a"\n')
+    (tmp_path / "b" / "b.toml").write_text('extends = "../a.toml"\nname = "b"\n')
+    with pytest.raises(T2TwinError, match="extends itself; remove one"):
+        load_sensor(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ('extends = "digitt"\n', "there is no sensor 'digitt'.*did you mean digit"),
+        ('extends = "none.toml"\n', r"none\.toml"),
+        ("extends = 3\n", "extends"),
+        ("a = [\n", "is not TOML"),
+        ("", "kind is missing; expected gel-camera or taxel-array"),
+        ('kind = "camera"\n', "kind is 'camera'"),
+        ('extends = "digit"\nkind = "taxel-array"\n', "cover is missing"),
+    ],
+)
+def test_files_that_are_no_sensors_are_one_sentence(text, sentence, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(T2TwinError, match=sentence) as stop:
+        load_sensor(path)
+    assert "\n" not in str(stop.value)
+
+
+def test_unknown_sensors_are_refused(tmp_path):
+    with pytest.raises(T2TwinError, match="did you mean gelsight-mini"):
+        load_sensor("gelsight-mni")
+    with pytest.raises(T2TwinError, match="allowed are cyskin-20"):
+        load_sensor(tmp_path / "mine.json")
+    with pytest.raises(T2TwinError, match=r"absent\.toml"):
+        load_sensor(tmp_path / "absent.toml")
+
+
+def test_a_users_files_lie_beside_each_other(tmp_path, shapes):
+    """Optics and a layout of its own in another folder than the working one."""
+    folder = tmp_path / "sensors"
+    folder.mkdir()
+    optics = gel_camera("gelsight-mini").optics
+    optics.save(folder / "my_unit.npz")
+    (folder / "camera.toml").write_text(
+        'extends = "gelsight-mini"\nname = "my-camera"\n[light]\noptics = "my_unit.npz"\n'
+    )
+    (folder / "pads.csv").write_text("x_mm,y_mm\n-5,-5\n5,-5\n0,5\n")
+    (folder / "array.toml").write_text(
+        'extends = "cyskin-20"\nname = "my-array"\n[layout]\nfile = "pads.csv"\n'
+    )
+    sensors = SensorPair.of(folder / "camera.toml", folder / "array.toml")
+    touch = sensors.press(shapes("square-1"), PressCommand("square-1", 0.0, 0.0, 0.0, 8.0))
+    assert list(touch.readings) == ["my-camera", "my-array"] and touch.counts.shape == (3,)
+    np.testing.assert_array_equal(sensors.camera.background_frame(), optics.background)
+    assert sensors.camera.optics_path == folder / "my_unit.npz"
+
+
+def test_an_array_needs_no_imperfections(tmp_path):
+    content = content_of("flexitac")
+    del content["imperfections"], content["dense"]
+    array = sensor_of(spec_of(content, ""), "", "")
+    assert isinstance(array, TaxelArray)
+    assert array.imperfections == "none" and array.dense.layout.size > 100
+    assert not counts_of(array, None).any()
+
+
+@pytest.mark.parametrize("size", [(246, 318), (98, 130), (16, 22)])
+def test_images_of_any_even_size(size, shapes):
+    """With markers, sampled units and artifacts: sizes that no step of theirs divides."""
+    content = content_of("gelsight-mini")
+    rows, columns = size
+    scale = max(16.9, columns / 20.0)
+    content["camera"] |= {"rows": rows, "columns": columns, "scale_px_per_mm": scale}
+    sensor = sensor_of(spec_of(content, ""), str(SPECS), "")
+    assert isinstance(sensor, GelCamera)
+    marked = sensor.with_options({"markers": True})
+    contact = sensor.press(shapes("hemisphere-4"), PressCommand("ball", 0.0, 0.0, 0.0, 5.0))
+    leds = tuple(table.led for table in sensor.spec.light.leds)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        unit = sample_unit(rng, sensor.spec, UnitRanges())
+        for each in (unit, with_artifacts(rng, unit, Artifacts(worn=1.0), leds)):
+            for of in (sensor.with_unit(each), marked.with_unit(each)):
+                image, background = of.image(contact, rng), of.background_frame(rng)
+                assert image.shape == background.shape == (rows, columns, 3)
+                assert np.abs(image.astype(int) - background).max() > 5
