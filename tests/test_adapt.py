@@ -32,6 +32,7 @@ from t2twin.sim.calibrate import DEFAULT_TOLERANCE
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.runs.config import HOME
 from t2twin.translate.training.train import train
 
@@ -41,7 +42,10 @@ BLACK = np.zeros((320, 240, 3), np.uint8)
 
 def fake_run(counts) -> Any:
     layout = load_layout("cyskin-20")
-    data = SimpleNamespace(x_mm=layout.x_mm, y_mm=layout.y_mm, full_scale_counts=FULL_SCALE)
+    data = SimpleNamespace(
+        x_mm=layout.x_mm, y_mm=layout.y_mm, full_scale_counts=FULL_SCALE,
+        phi=Phi(layout.x_mm, layout.y_mm),
+    )  # fmt: skip
     return cast(
         Any,
         SimpleNamespace(
@@ -177,9 +181,16 @@ def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run)
     np.testing.assert_allclose(fitted.poses[:, :2], POSES[-HELD_OUT:, :2], atol=0.15)
     info = read_info(out / "data")
     assert info.recipe is not None and info.recipe.light.frames == 1
-    assert info.parameters is not None
-    assert info.parameters.digit.noise_grey == pytest.approx(2.8)
-    for name in ("optics.npz", "ball.step", "recipe.toml", "index.html", RECORD, "field"):
+    assert info.source.noise_grey == pytest.approx(2.8)
+    for name in (
+        "optics.npz",
+        "optics_coverage.png",
+        "ball.step",
+        "recipe.toml",
+        "index.html",
+        RECORD,
+        "field",
+    ):
         assert (out / name).exists(), name
     uncertainty = fitted.uncertainty
     assert len(uncertainty.presses) == len(POSES) and adapted.uncertainty == uncertainty

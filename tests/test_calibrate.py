@@ -98,7 +98,7 @@ def test_a_unit_of_another_make_is_not_what_ships(report, unit):
 def test_the_file_is_what_press_takes(report, tmp_path):
     report.optics.save(tmp_path / "unit.npz")
     with np.load(tmp_path / "unit.npz", allow_pickle=False) as file:
-        shipped = set(np.load(DIGIT.optics_path).files)
+        shipped = set(np.load(str(DIGIT.optics_path)).files)
         assert set(file.files) - {"lobe"} == shipped | {"noise_mix", "noise_taps"}
     with_own, shipped = tmp_path / "own", tmp_path / "shipped"
     arguments = ["press", "circle-1", "--sensor", "digit", "--force-n", "4"]

@@ -55,7 +55,7 @@ def poses_of(count):
 def frames_of(unit, poses, ball_mm=BALL_MM):
     """A background frame, and one of each press."""
     rng, gel = np.random.default_rng(2), unit.own_gel
-    surfaces = [ball_surface(gel, *pose, ball_mm / 2) for pose in poses]
+    surfaces = [ball_surface(gel, x, y, depth, ball_mm / 2) for x, y, depth in poses]
     render = unit.image_renderer.render
     still = render(np.zeros_like(surfaces[0]), rng)
     return still, np.array([render(surface, rng) for surface in surfaces])
@@ -119,7 +119,7 @@ def test_the_presses_that_are_missing_are_named():
     added = np.column_stack([both, np.ones(len(both))])
     after = coverage_of(camera, gel, added, np.full(len(added), BALL_MM))
     assert after.covered > half.covered + 0.3
-    picture = np.asarray(coverage_picture(half, sensor.image_renderer.background, camera, gel))
+    picture = np.asarray(coverage_picture(half, sensor.optics, gel))
     middle = picture.shape[1] // 2
     assert picture[:, :middle].mean() > 1.5 * picture[:, middle:].mean()
 

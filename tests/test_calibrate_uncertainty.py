@@ -145,7 +145,7 @@ def test_a_file_without_a_modulus_stays_as_it_was(tmp_path):
     assert shipped.young_mpa is None
     replace(shipped, young_mpa=0.31).save(tmp_path / "soft.npz")
     assert Optics.load(tmp_path / "soft.npz").young_mpa == 0.31
-    with np.load(DIGIT.optics_path) as before, np.load(tmp_path / "soft.npz") as after:
+    with np.load(str(DIGIT.optics_path)) as before, np.load(tmp_path / "soft.npz") as after:
         assert set(after.files) - set(before.files) == {"young_mpa"}
     with pytest.raises(T2TwinError, match="young_mpa reaches 50"):
         replace(shipped, young_mpa=50.0)

@@ -48,6 +48,7 @@ from t2twin.sim.calibrate import DEFAULT_TOLERANCE, calibrate, sensor_and_camera
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.pool import check_workers
 from t2twin.sim.optical.calibrate.calibrate import Inputs, read_inputs
+from t2twin.sim.optical.calibrate.coverage import coverage_sentences
 from t2twin.sim.optical.calibrate.measurements import Tolerance
 from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
@@ -198,8 +199,8 @@ def adapt(
 ) -> AdaptationResult:
     """Adapts a translator to one gel camera, or resumes an interrupted adaptation.
 
-    Writes optics.npz, presses.json, recipe.toml, data/, training/, averaged/, a run named after
-    the model, adapted.json and index.html to the folder out. The run is the trained one, a field
+    Writes optics.npz, optics_coverage.png, presses.json, recipe.toml, data/, training/, averaged/,
+    a run named after the model, adapted.json and index.html to the folder out. The run is the trained one, a field
     run with weights averaged with those of init_from, or a copy of init_from if that is more
     accurate on the held-out presses.
 
@@ -352,8 +353,11 @@ def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> F
         config.background, config.presses, config.ball_diameter_mm, config.held_out, config.camera,
         report, config.tolerance, config.sensor,
     )  # fmt: skip
+    for sentence in coverage_sentences(optics.coverage, optics.optics.camera):
+        report(sentence)
     write_ball(config.out / BALL, config.ball_diameter_mm)
-    return write_fitted(config.out, optics, digest, config.ball_diameter_mm)
+    gel = config.sensor.own_gel
+    return write_fitted(config.out, optics, digest, config.ball_diameter_mm, gel)
 
 
 def _references(

@@ -24,7 +24,6 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.evaluation.reliability import REPORTED_LEVEL
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
@@ -203,7 +202,7 @@ def evaluate_frame(
         counts=counts,
         rmse_percent=100.0 * rmse / layout.full_scale_counts,
         centroid_mm=float(np.linalg.norm(apart_mm)),
-        regions=_regions(Phi(layout.x_mm, layout.y_mm)(counts), least),
+        regions=_regions(layout.phi(counts), least),
         force_error=float(ratio) - 1.0,
         coverage=coverage,
     )

@@ -22,16 +22,17 @@ from t2twin.core.records import read_json
 from t2twin.core.tables import Table
 from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import Section, write_page
-from t2twin.sim.optical.calibrate.calibrate import OpticsReport
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.optical.calibrate.calibrate import OpticsReport, write_coverage
 from t2twin.sim.optical.calibrate.uncertainty import (
     Bounds,
     OpticsUncertainty,
     uncertainty_sentences,
 )
-from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.inference.predictor import CountsPredictor
 
 OPTICS, PRESSES, RECORD = "optics.npz", "presses.json", "adapted.json"
+COVERAGE = "optics_coverage.png"
 
 FORMAT = 3
 """Format of presses.json."""
@@ -110,11 +111,11 @@ class AdaptationResult:
 
 
 def write_fitted(
-    folder: Path, report: OpticsReport, inputs_digest: str, ball_diameter_mm: float
+    folder: Path, report: OpticsReport, inputs_digest: str, ball_diameter_mm: float, gel: Elastomer
 ) -> FittedOptics:
-    """Writes optics.npz, then presses.json; returns the content of the latter.
+    """Writes optics.npz and its coverage, then presses.json; returns the content of the latter.
 
-    report: of an optics file with tolerances.
+    report: of an optics file with tolerances. gel: of the sensor.
     """
     assert report.uncertainty is not None
     fitted = FittedOptics(
@@ -133,6 +134,7 @@ def write_fitted(
         uncertainty=report.uncertainty,
     )
     report.optics.save(folder / OPTICS)
+    write_coverage(folder / COVERAGE, report, gel)
     write_json(folder / PRESSES, asdict(fitted))
     return fitted
 
@@ -205,7 +207,7 @@ def _bounds(bounds: Bounds | None) -> list[str]:
 def _figure(run: CountsPredictor, comparison: PressComparison) -> bytes:
     """Content of a PNG file with both frames of a press, their translations and the reference."""
     reference, layout = comparison.reference, run.config.data
-    phi = Phi(layout.x_mm, layout.y_mm)
+    phi = layout.phi
     panels = [
         Panel("real frame", reference.frame),
         Panel("translated", phi(comparison.real.counts)),

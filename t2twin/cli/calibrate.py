@@ -129,8 +129,8 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
 
     from t2twin.core.files import atomic_write
     from t2twin.sim.calibrate import sensor_and_camera
-    from t2twin.sim.optical.calibrate.calibrate import write_record
-    from t2twin.sim.optical.calibrate.coverage import coverage_picture, coverage_sentences
+    from t2twin.sim.optical.calibrate.calibrate import write_coverage, write_record
+    from t2twin.sim.optical.calibrate.coverage import coverage_sentences
     from t2twin.sim.optical.calibrate.uncertainty import uncertainty_lines
 
     simulated, noise, rng = report.simulated, report.optics.noise, np.random.default_rng(0)
@@ -140,14 +140,12 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     strip = np.concatenate([np.concatenate(row, axis=1) for row in (report.real, simulated)])
     with atomic_write(out / "optics_strip.png") as temporary:
         Image.fromarray(strip).save(temporary)
-    gel, optics = sensor_and_camera(sensor, None)[0].own_gel, report.optics
-    picture = coverage_picture(report.coverage, optics.background, optics.camera, gel)
-    with atomic_write(out / "optics_coverage.png") as temporary:
-        picture.save(temporary)
+    gel_camera, _ = sensor_and_camera(sensor, None)
+    write_coverage(out / "optics_coverage.png", report, gel_camera.own_gel)
     write_record(out / "optics.json", report)
     report.optics.save(out / "optics.npz")
     lines = [] if report.uncertainty is None else uncertainty_lines(report.uncertainty)
-    covered = coverage_sentences(report.coverage, optics.camera)
+    covered = coverage_sentences(report.coverage, report.optics.camera)
     for line in (*_score_lines(report), *lines, *covered, ""):
         print(line)
 

@@ -14,8 +14,9 @@ import numpy as np
 from skimage.metrics import structural_similarity
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import write_json
-from t2twin.sim.optical.calibrate.coverage import Coverage, coverage_of
+from t2twin.core.files import atomic_write, write_json
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.optical.calibrate.coverage import Coverage, coverage_of, coverage_picture
 from t2twin.sim.optical.calibrate.fit import GAMMA
 from t2twin.sim.optical.calibrate.frames import (
     clean_background,
@@ -318,6 +319,16 @@ def cut_and_paste(
         top, left = rows + rows // 2 - row, columns + columns // 2 - column
         pasted.append(background + mean[top : top + rows, left : left + columns])
     return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
+
+
+def write_coverage(path: Path, report: OpticsReport, gel: Elastomer) -> None:
+    """Write the picture of the presses and of what they leave bare.
+
+    gel: of the sensor. Raises T2TwinError where it cannot be written.
+    """
+    picture = coverage_picture(report.coverage, report.optics, gel)
+    with atomic_write(path) as temporary:
+        picture.save(temporary)
 
 
 def write_record(path: Path, report: OpticsReport) -> None:

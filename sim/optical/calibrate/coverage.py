@@ -10,6 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.optics import Optics
 
 COVER_MM = 1.5
 """Distance to the middle of a press within which it covers the gel, mm (measured on a real DIGIT:
@@ -104,13 +105,9 @@ def _named(place_mm: np.ndarray, camera: Camera) -> str:
     return f"{abs(x_mm):.1f} {across}, {abs(y_mm):.1f} {down} ({part})"
 
 
-def coverage_picture(
-    coverage: Coverage, background: np.ndarray, camera: Camera, gel: Elastomer
-) -> Image.Image:
-    """The background with the presses' contacts, the uncovered part shaded, and the next presses.
-
-    background: (rows, columns, 3) uint8.
-    """
+def coverage_picture(coverage: Coverage, optics: Optics, gel: Elastomer) -> Image.Image:
+    """The background with the contacts, the uncovered part shaded, and the next presses."""
+    background, camera = optics.background, optics.camera
     places = _places(camera, gel, 1)
     covered = np.zeros(len(places), dtype=bool)
     for pose in coverage.poses:
