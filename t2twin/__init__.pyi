@@ -31,6 +31,7 @@ from .translate.training.train import train as train
 from .twin import Twin as Twin
 from .twin import load_shape as load_shape
 from .twin import press as press
+from .twin import sensors as sensors
 from .twin import shapes as shapes
 
 __all__: list[str]

@@ -22,7 +22,7 @@ from t2twin.sim.optical.image_renderer import Renderer
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.sampling.protocol import FORCE_N
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
-from t2twin.sim.sensors.files import Sensor
+from t2twin.sim.sensors.files import Sensor, bundled_sensors
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import (
     check_friction,
@@ -221,6 +221,11 @@ def shapes() -> tuple[str, ...]:
     Any number of random shapes exists besides: `random-0`, `random-1` and so on.
     """
     return catalogue.NAMES
+
+
+def sensors() -> tuple[str, ...]:
+    """Names of the bundled sensors, which `Twin` and `attach` take; they also take sensor files."""
+    return bundled_sensors()
 
 
 def load_shape(

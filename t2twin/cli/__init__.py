@@ -15,6 +15,7 @@ from t2twin.cli import (
     doctor,
     evaluate,
     press,
+    sensors,
     studio,
     train,
     translate,
@@ -28,6 +29,7 @@ from t2twin.core.signals import Stopped, report_stop
 COMMANDS = {
     "shapes": press.shapes,
     "primitives": press.primitives,
+    "sensors": sensors.sensors,
     "calibrate": calibrate.calibrate,
     "adapt": calibrate.adapt,
     "press": press.press,
@@ -91,7 +93,7 @@ def _run(given: list[str]) -> None:
         tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="t2twin",
-            description="Simulate two tactile sensors, and predict the readings of one from the other.",
+            description="Predict the readings of one tactile sensor from those of another.",
             args=given,
             config=(tyro.conf.FlagCreatePairsOff,),
         )

@@ -1,0 +1,146 @@
+"""t2twin sensors: the bundled sensors, their files, and a first press of a sensor file."""
+
+import json
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+import tyro
+
+from t2twin.core.errors import T2TwinError
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+    from t2twin.primitives_cad.shape import Shape
+    from t2twin.sim.contact.types import Contact
+    from t2twin.sim.sensors.files import Sensor
+
+BALL_MM, FORCE_N = 6.0, 2.0
+"""Diameter of the ball that `check` presses, mm, and its force, N."""
+
+DEEPEST = 0.5
+"""Largest depth of that press, as a share of the elastomer's thickness; it reduces the force."""
+
+PITCH_MM = 0.05
+"""Pitch of the ball's height map, mm: at most a fifth of a contact's grid."""
+
+GREY = 128
+"""Grey level of no difference."""
+
+
+def sensors(
+    action: Annotated[
+        Literal["list", "show", "check"], tyro.conf.Positional, tyro.conf.arg(metavar="ACTION")
+    ] = "list",
+    sensor: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SENSOR")] = None,
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+) -> None:
+    """List the bundled sensors, print the file of one to start from, or check a file of your own.
+
+    Args:
+        action: list; show SENSOR, which prints its file; or check SENSOR, which presses a ball of
+            6 mm with 2 N, or with less where it would sink in by more than half the thickness.
+        sensor: Name of a bundled sensor, or a sensor file.
+        out: Picture that check writes: of a gel camera the background frame, the image and their
+            difference; of a taxel array the tactile image; default runs/sensors/NAME.png.
+    """
+    from t2twin.sim.sensors.files import bundled_sensors, load_sensor
+
+    if action == "list" and sensor is not None:
+        raise T2TwinError(f"list takes no sensor; expected show {sensor} or check {sensor}")
+    if action != "check" and out is not None:
+        raise T2TwinError(f"--out has no effect with {action}; only check writes a picture")
+    if action == "list":
+        for name in bundled_sensors():
+            print(_line(load_sensor(name)))
+        print("also any .toml file; t2twin sensors show NAME prints one to start from")
+    elif sensor is None:
+        raise T2TwinError(f"SENSOR is missing; expected t2twin sensors {action} SENSOR")
+    elif action == "show":
+        print(_file(sensor), end="")
+    else:
+        _check(load_sensor(sensor), out)
+
+
+def _line(sensor: Any) -> str:
+    """Name, kind, and size of the images or number of taxels."""
+    if hasattr(sensor, "camera"):
+        size = f"{sensor.camera.columns} x {sensor.camera.rows} pixels"
+    else:
+        size = f"{sensor.layout.size} taxels"
+    return f"{sensor.name:16}{sensor.spec.kind.replace('-', ' '):14}{size}"
+
+
+def _file(source: str) -> str:
+    """The file of a sensor; an optics file beside it is named with its folder."""
+    from t2twin.sim.sensors.files import load_sensor, path_of
+
+    path = path_of(source)
+    optics = getattr(load_sensor(source), "optics_path", None)
+    text = path.read_text(encoding="utf-8")
+    if optics is None:
+        return text
+    return text.replace(json.dumps(optics.name), json.dumps(str(optics.absolute())), 1)
+
+
+def _check(sensor: "Sensor", out: Path | None) -> None:
+    """Press a ball and write the picture."""
+    from t2twin.cli.press import contact_summary
+    from t2twin.core.files import atomic_write
+
+    contact = _pressed(sensor)
+    picture = _picture(sensor, contact)
+    path = out or Path("runs/sensors") / f"{sensor.name}.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as temporary:
+        picture.save(temporary, "PNG")
+    print(f"{contact_summary(sensor.name, contact)}; wrote {path}")
+
+
+def _pressed(sensor: "Sensor") -> "Contact":
+    """The contact of the ball in the middle of a sensor."""
+    from t2twin.sim.contact.contact_solver import force_at_depth
+    from t2twin.sim.contact.types import PressCommand
+
+    ball = _ball()
+    command = PressCommand(ball.name, 0.0, 0.0, 0.0, FORCE_N)
+    contact = sensor.press(ball, command)
+    deepest_mm = DEEPEST * sensor.elastomer.thickness_mm
+    if contact.depth_mm > deepest_mm:
+        force_n = force_at_depth(partial(sensor.press, ball), command, deepest_mm)
+        contact = sensor.press(ball, replace(command, force_n=force_n))
+    return contact
+
+
+def _ball() -> "Shape":
+    from trimesh.creation import icosphere
+
+    from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+
+    radius_mm = BALL_MM / 2
+    steps = np.ceil(radius_mm / PITCH_MM)
+    axis = PITCH_MM * np.arange(-steps, steps + 1)
+    below = radius_mm**2 - axis**2 - axis[:, None] ** 2
+    heights = np.where(below >= 0, np.sqrt(np.maximum(below, 0.0)) - radius_mm, NOTHING_MM)
+    mesh = icosphere(subdivisions=4, radius=radius_mm)
+    mesh.apply_translation((0.0, 0.0, -radius_mm))
+    return Shape("ball", mesh, HeightMap(heights.astype(np.float32), axis, axis), (1.0, 1.0))
+
+
+def _picture(sensor: Any, contact: "Contact") -> "Image.Image":
+    from PIL import Image
+
+    from t2twin.sim.taxels.tactile_image import colored_tactile_image
+
+    reading = sensor.read(contact)
+    if hasattr(reading, "image"):
+        image, background = reading.image, sensor.background_frame()
+        difference = np.clip(GREY + image.astype(int) - background, 0, 255).astype(np.uint8)
+        return Image.fromarray(np.hstack([background, image, difference]))
+    tactile, layout = reading.tactile_image, sensor.layout
+    brightest, scale = max(float(tactile.max()), 1.0), sensor.spec.tactile_image.px_per_mm
+    places = layout.x_mm, layout.y_mm
+    return colored_tactile_image(tactile, *places, brightest, px_per_mm=scale)

@@ -1,0 +1,97 @@
+"""t2twin sensors: list, show and check."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import t2twin
+from t2twin.cli import main
+from t2twin.cli.sensors import _ball
+from t2twin.sim.sensors.files import load_sensor
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_list_names_all_bundled_sensors(capsys):
+    main(["sensors"])
+    lines = capsys.readouterr().out.splitlines()
+    assert tuple(line.split()[0] for line in lines[:-1]) == t2twin.sensors()
+    assert any(
+        line.split() == ["digit", "gel", "camera", "240", "x", "320", "pixels"] for line in lines
+    )
+    assert any(line.split() == ["cyskin-63", "taxel", "array", "63", "taxels"] for line in lines)
+
+
+@pytest.mark.parametrize("name", t2twin.sensors())
+def test_the_shown_file_is_a_file_to_start_from(name, capsys):
+    main(["sensors", "show", name])
+    Path("mine.toml").write_text(capsys.readouterr().out)
+    assert load_sensor("mine.toml").spec.name == name
+    assert load_sensor("mine.toml").elastomer == load_sensor(name).elastomer
+
+
+def test_check_of_a_gel_camera_writes_background_image_and_difference(capsys):
+    Path("mine.toml").write_text('extends = "digit"\nname = "mine"\n[gel]\nyoung_mpa = 0.3\n')
+    main(["sensors", "check", "mine.toml", "--out", "pictures/mine.png"])
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith("mine: 2.00 N at ") and line.endswith("wrote pictures/mine.png")
+    with Image.open("pictures/mine.png") as image:
+        background, pressed, difference = np.split(np.asarray(image).astype(int), 3, axis=1)
+    assert background.shape == (320, 240, 3)
+    assert np.array_equal(np.clip(128 + pressed - background, 0, 255), difference)
+    assert np.abs(difference - 128).max() > 40
+
+
+def test_check_of_a_thin_array_presses_half_way_and_writes_the_tactile_image(capsys):
+    text = 'extends = "cyskin-63"\nname = "thin"\n[cover]\nthickness_mm = 0.6\n'
+    Path("thin.toml").write_text(text)
+    main(["sensors", "check", "thin.toml"])
+    line = capsys.readouterr().out
+    assert " at 0.300 mm" in line
+    assert 0.01 < float(line.split()[1]) < 2.0
+    with Image.open("runs/sensors/thin.png") as image:
+        assert image.width > 2 * 240 and image.height > 2 * 396
+
+
+def test_the_ball_is_that_of_hertz():
+    shape = _ball()
+    assert shape.surface.heights_mm.max() == 0.0
+    row = shape.surface.heights_mm[shape.surface.y_mm.size // 2]
+    x_mm = shape.surface.x_mm
+    assert row == pytest.approx(np.sqrt(9.0 - x_mm**2) - 3.0, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (("show",), "SENSOR is missing; expected t2twin sensors show SENSOR"),
+        (("check",), "SENSOR is missing"),
+        (("look",), "ACTION is 'look'; expected list, show or check"),
+        (("list", "digit"), "list takes no sensor"),
+        (("--out", "x.png"), "--out has no effect with list"),
+        (("show", "digitt"), "there is no sensor 'digitt'"),
+        (("check", "missing.toml"), "missing.toml"),
+        (("check", "bad.toml"), "gel is missing; camera is missing"),
+        (("check", "text.toml"), "text.toml is not TOML"),
+        (("check", "line.toml"), "line"),
+        (("check", "digit", "--out", "folder"), "folder"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments, words, capsys):
+    Path("folder").mkdir()
+    Path("bad.toml").write_text('kind = "gel-camera"\nname = "bad"\n')
+    Path("text.toml").write_text("a sensor")
+    layout = '[layout]\nrows = 1\ncolumns = 5\npitch_mm = 3.0\npad = "round"\npad_mm = 2.0\n'
+    Path("line.toml").write_text(f'extends = "cyskin-20"\nname = "line"\n{layout}')
+    before = set(Path.cwd().rglob("*"))
+    with pytest.raises(SystemExit) as ended:
+        main(["sensors", *arguments])
+    said = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert words in said and said.startswith("t2twin: ") and said.count("\n") == 1
+    assert set(Path.cwd().rglob("*")) == before
