@@ -1,10 +1,12 @@
-"""The imperfections "recorded" of the CySkin: noise, offsets and memory."""
+"""The imperfections "recorded" of the default array: noise, offsets and memory."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from kinds import taxel_array
+from msgspec import structs
 
 import t2twin
 from benchmarks.taxels import recordings
@@ -17,14 +19,15 @@ from t2twin.sim.dataset.timing import Stopwatch
 from t2twin.sim.sampling.presses import PressSample
 from t2twin.sim.slide import path_commands, touches_along
 from t2twin.sim.taxels import reading
-from t2twin.sim.taxels.layout import load_layout
-from t2twin.sim.taxels.reading import FRAME_S, SAMPLE_S, Imperfections, read_after
+from t2twin.sim.taxels.reading import Imperfections, read_after
 from t2twin.translate.evaluation.predictions import as_readings
 from t2twin.translate.uncertainty.estimate import Estimate
 
-LAYOUT, RECORDED = load_layout(), reading.imperfections("recorded")
+ARRAY = taxel_array()
+LAYOUT, COUNTS, RECORDED = ARRAY.layout, ARRAY.spec.counts, ARRAY.spec.imperfections["recorded"]
+FRAME_S, SAMPLE_S = 1.0 / COUNTS.rate_hz, COUNTS.sample_s
 LEVEL = 10_000.0
-QUIET = replace(recordings.without_noise(RECORDED), memory_spread=0.0)
+QUIET = structs.replace(recordings.without_noise(RECORDED), memory_spread=0.0)
 """The memory alone, the same for all taxels."""
 
 
@@ -33,7 +36,7 @@ def frames(levels, flaws, seed=0, array=0):
     rng, memory, found = np.random.default_rng(seed), None, []
     for level in levels:
         counts, memory = read_after(
-            memory, np.full(LAYOUT.size, level), LAYOUT, flaws, rng, array, FRAME_S, 1
+            memory, np.full(LAYOUT.size, level), LAYOUT, flaws, COUNTS, rng, array, FRAME_S, 1
         )
         found.append(counts.astype(float))
     return np.array(found)
@@ -67,7 +70,7 @@ def test_noise_and_offset_without_contact_have_the_recorded_percentiles():
 
 def test_the_mean_at_rest_is_that_of_a_clipped_normal_distribution():
     found = frames(np.zeros(4000), RECORDED).mean(axis=0)
-    expected, _ = reading.expected_reading(RECORDED, np.zeros(LAYOUT.size))
+    expected, _ = reading.expected_reading(RECORDED, COUNTS, np.zeros(LAYOUT.size))
     np.testing.assert_allclose(found, expected, atol=30, rtol=0)
 
 
@@ -80,13 +83,17 @@ def test_an_estimate_of_noiseless_counts_becomes_one_of_readings(tmp_path):
     none, unknown = np.zeros_like(truth), np.zeros(len(truth), np.float32)
     exact = Estimate(truth, none, none, none, unknown, unknown, None, None, 40_000.0)
     estimate = as_readings(exact, info)
-    readings = np.stack([reading.read(row, LAYOUT, RECORDED, rng).astype(float) for row in truth])
+    readings = np.stack(
+        [read_after(None, row, LAYOUT, RECORDED, COUNTS, rng)[0].astype(float) for row in truth]
+    )
     low, high = estimate.interval(0.9)
     inside = (low <= readings) & (readings <= high)
     assert inside.mean() == pytest.approx(0.9, abs=0.03)
     bias = (readings - estimate.counts).mean(axis=0)
     np.testing.assert_allclose(bias, 0.0, atol=40)
-    assert as_readings(exact, replace(info, parameters=None)) is exact
+    assert (
+        as_readings(exact, replace(info, target=replace(info.target, imperfections=None))) is exact
+    )
 
 
 @pytest.mark.parametrize("level", [300.0, 3_000.0, 14_000.0])
@@ -113,12 +120,12 @@ def test_a_held_level_soon_stays():
 def test_a_sample_is_the_mean_of_its_readings_and_has_their_memory():
     pressed = np.full((2, LAYOUT.size), LEVEL)
     at, released = np.random.default_rng(0), np.zeros(LAYOUT.size)
-    counts, memory = read_after(pressed, released, LAYOUT, QUIET, at)
-    expected = LEVEL * np.mean([remaining(FRAME_S * n) for n in range(1, reading.READINGS + 1)])
+    counts, memory = read_after(pressed, released, LAYOUT, QUIET, COUNTS, at)
+    expected = LEVEL * np.mean([remaining(FRAME_S * n) for n in range(1, COUNTS.readings + 1)])
     assert counts == pytest.approx(np.full(LAYOUT.size, expected), abs=0.51)
     half = pressed
     for _ in range(2):
-        half = read_after(half, released, LAYOUT, QUIET, at, seconds=SAMPLE_S / 2)[1]
+        half = read_after(half, released, LAYOUT, QUIET, COUNTS, at, seconds=SAMPLE_S / 2)[1]
     assert half == pytest.approx(memory)
 
 
@@ -134,7 +141,7 @@ def test_arrays_differ_and_each_has_the_whole_distribution():
 
 
 def test_dead_taxels_read_0():
-    flaws = replace(RECORDED, dead=tuple(range(0, 20, 2)))
+    flaws = structs.replace(RECORDED, dead=tuple(range(0, 20, 2)))
     found = frames([LEVEL, 0.0, LEVEL, 0.0], flaws)
     assert not found[:, ::2].any() and (found[::2, 1::2] > 0).all()
 
@@ -142,22 +149,23 @@ def test_dead_taxels_read_0():
 def test_the_memory_goes_along_a_path(twin, shape):
     commands = path_commands(shape.name, [[0, 0, 0, 8], *2 * [[0, 0, 0, 0]]])
     rng = np.random.default_rng(1)
-    touches = list(touches_along(twin.sensors, shape, commands, None, rng, "cyskin"))
-    level = twin.sensors.cyskin.counts(touches[0].cyskin)
+    touches = list(touches_along(twin.sensors, shape, commands, None, rng, ARRAY.name))
+    level = np.rint(ARRAY.noiseless(touches[0].cyskin, LAYOUT))
     for touch, time_s in zip(touches, (0.0, SAMPLE_S, 2 * SAMPLE_S), strict=True):
         decay = np.exp(-time_s / np.array(RECORDED.memory_s))
         assert touch.memory == pytest.approx(decay[:, None] * level, abs=0.51)
-    alone = twin.sensors.press(shape, commands[1], np.random.default_rng(1), sensor="cyskin")
+    alone = twin.sensors.press(shape, commands[1], np.random.default_rng(1), only=ARRAY.name)
     most = level.argmax()
     assert touches[1].counts[most] > alone.counts[most]
 
 
 def test_a_slide_continues_the_memory_of_its_touch(twin, shape):
     command = PressCommand(shape.name, 0.0, 0.0, 0.0, 8.0)
-    touch = twin.sensors.press(shape, command, np.random.default_rng(0), sensor="cyskin")
+    touch = twin.sensors.press(shape, command, np.random.default_rng(0), only=ARRAY.name)
     slid, again = (twin.slide(touch, dx_mm=0.2, force_n=1, steps=1, seed=1)[0] for _ in range(2))
     assert np.array_equal(slid.counts, again.counts)
-    fresh = twin.slide(replace(touch, memory=None), dx_mm=0.2, force_n=1, steps=1, seed=1)[0]
+    readings = {ARRAY.name: replace(touch[ARRAY.name], memory=None)}
+    fresh = twin.slide(replace(touch, readings=readings), dx_mm=0.2, force_n=1, steps=1, seed=1)[0]
     most = touch.counts.argmax()
     assert (slid.memory > fresh.memory + 500)[:, most].all()
     assert slid.counts[most] > fresh.counts[most]
@@ -166,7 +174,7 @@ def test_a_slide_continues_the_memory_of_its_touch(twin, shape):
 def test_a_path_of_a_dataset_is_that_of_the_twin(twin, shape):
     commands = path_commands(shape.name, [[0, 0, 0, 8], [0.1, 0, 0, 4], [0.2, 0, 0, 1]])
     sample = PressSample(0, commands[0], np.random.default_rng(2), 0, tuple(commands[1:]))
-    friction = {"digit": 0.7, "cyskin": 0.7}
+    friction = dict.fromkeys(twin.sensors.by_name, 0.7)
     made = shard._touches(twin.sensors, friction, Stopwatch(), shape, sample)
     rng = np.random.default_rng(2)
     for one, other in zip(
@@ -189,7 +197,7 @@ def test_rows_do_not_depend_on_the_workers(tmp_path: Path, shape_cache: Path):
     for workers in (1, 2):
         make_dataset(tmp_path / str(workers), recipe=recipe, workers=workers, cache=shape_cache)
     info = read_info(tmp_path / "1")
-    assert info.parameters and info.parameters.cyskin.imperfections == RECORDED
+    assert info.target.imperfections == RECORDED
     for path in info.shards:
         assert sha256_of(tmp_path / "1" / path) == sha256_of(tmp_path / "2" / path)
     assert read_split(tmp_path / "1", "train").num_rows == 6

@@ -83,11 +83,8 @@ def test_gelsight_mini_has_its_published_geometry():
     sag_mm = -sensor.elastomer.rest_surface_mm(np.array([9.716, 0.0]), np.array([0.0, 7.535]))
     np.testing.assert_allclose(sag_mm, 0.25, atol=0.001)
     printed = sensor.with_options({"markers": True}).markers
-    assert (
-        printed is not None
-        and len(printed.rest_mm) == 9 * 7
-        and np.abs(printed.rest_mm).max(axis=0).tolist() == [8, 6]
-    )
+    assert printed is not None and len(printed.rest_mm) == 9 * 7
+    assert np.abs(printed.rest_mm).max(axis=0).tolist() == [8, 6]
 
 
 def test_a_gelsight_mini_is_red_above_blue_below_and_green_at_the_right(shapes):

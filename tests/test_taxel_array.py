@@ -3,19 +3,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kinds import taxel_array
 from scipy.spatial import KDTree
 
 from benchmarks.contact.solids import ball, punch
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.sensors import CySkin
 from t2twin.sim.taxels import pads, reading
 from t2twin.sim.taxels.layout import Layout, load_layout
 
 
 @pytest.fixture(scope="module")
 def sensor():
-    return CySkin()
+    return taxel_array()
 
 
 def dense(pitch):
@@ -37,9 +37,9 @@ def test_one_pitch_further_is_one_taxel_further(sensor):
     here = int(np.argmin(np.hypot(layout.x_mm + 3.2476, layout.y_mm + 1.875)))
     there = int(np.argmin(np.hypot(layout.x_mm + 3.2476, layout.y_mm - 5.625)))
     felt = [
-        sensor.counts(
+        sensor.read(
             sensor.press(ball(5.0), PressCommand("ball", layout.x_mm[n], layout.y_mm[n], 0.0, 8.0))
-        )
+        ).counts
         for n in (here, there)
     ]
     assert felt[0].argmax() == here and felt[1].argmax() == there
@@ -48,46 +48,45 @@ def test_one_pitch_further_is_one_taxel_further(sensor):
 
 def test_counts_rise_with_force_and_flatten_at_saturation(sensor):
     pressure = np.linspace(0.0, 5.0, 200)
-    read = pads.counts(pressure)
-    assert read[0] == 0 and read[-1] == pads.FULL_SCALE_COUNTS
-    below = read < pads.FULL_SCALE_COUNTS
+    read = np.rint(sensor.counts_of(pressure)).astype(int)
+    assert read[0] == 0 and read[-1] == sensor.full_scale
+    below = read < sensor.full_scale
     assert (np.diff(read[below]) > 0).all()
-    assert (read <= pads.FULL_SCALE_COUNTS).all()
+    assert (read <= sensor.full_scale).all()
 
 
-def test_untouched_readings_scatter_as_the_real_ones_do():
-    layout, rng = load_layout(), np.random.default_rng(0)
-    flaws = reading.imperfections("baseline")
+def test_untouched_readings_scatter_as_the_real_ones_do(sensor):
+    array, rng = sensor.with_options({"imperfections": "baseline"}), np.random.default_rng(0)
     # Around an offset, so that readings below the baseline are seen too.
     offset = 5000.0
-    samples = np.array([reading.read(np.full(20, offset), layout, flaws, rng) for _ in range(2000)])
+    samples = np.array([array.imperfect(None, np.full(20, offset), rng)[0] for _ in range(2000)])
     away = np.abs(samples.astype(float) - offset).ravel()
     assert np.percentile(away, 95) == pytest.approx(600, rel=0.15)
     assert np.percentile(away, 50) < 7
 
 
-def test_every_imperfection_does_what_it_says():
+def test_every_imperfection_does_what_it_says(sensor):
     layout, true = load_layout(), np.full(20, 10_000.0)
 
     def read(rng=0, **flaws):
-        found = reading.read(
-            true, layout, reading.Imperfections(**flaws), np.random.default_rng(rng)
-        )
-        return found.astype(float)
+        own, counts = reading.Imperfections(**flaws), sensor.spec.counts
+        found = reading.read_after(None, true, layout, own, counts, np.random.default_rng(rng))
+        return found[0].astype(float)
 
     assert (read() == true).all()
     assert read(dead=(3,))[3] == 0 and (np.delete(read(dead=(3,)), 3) == 10_000).all()
     assert (read(crosstalk=0.01) > true).all()
+    in_line = 1e-3 * (read(line_crosstalk=0.1) - true)  # of 4 others in its row
+    np.testing.assert_allclose(in_line.min(), 4, atol=1e-3)
     assert (read(hysteresis=0.1) >= 9_000).all() and (read(hysteresis=0.1) < true).all()
     assert read(gain_spread=0.1).std() == pytest.approx(1000, rel=0.5)
     assert (read(0, gain_spread=0.1) == read(1, gain_spread=0.1)).all()
     assert 0 < read(white_counts=50.0).std() < 50
 
 
-def test_saturated_readings_stay_at_full_scale():
-    flaws = reading.imperfections("white")
-    found = reading.read(np.full(20, 60_000.0), load_layout(), flaws, np.random.default_rng(0))
-    assert (found == pads.FULL_SCALE_COUNTS).all()
+def test_saturated_readings_stay_at_full_scale(sensor):
+    found, _ = sensor.imperfect(None, np.full(20, 60_000.0), np.random.default_rng(0))
+    assert (found == sensor.full_scale).all()
 
 
 def test_the_default_layout_is_a_triangular_grid():
