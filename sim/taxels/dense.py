@@ -65,12 +65,13 @@ class DenseTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
 @dataclass(frozen=True)
 class DenseGrid:
     """The dense counts of an array. taxels_mm: x and y of its taxels; the grid passes through the
-    first one. pad_diameter_mm: of the pads at the places."""
+    first one. pad_diameter_mm: of the pads at the places. pitch_mm: of the contact's grid."""
 
     cover: Elastomer
     table: DenseTable
     taxels_mm: tuple[tuple[float, float], ...]
     pad_diameter_mm: float
+    pitch_mm: float = 0.0
 
     @property
     def cell_mm2(self) -> float:
@@ -154,9 +155,12 @@ def _covariance(
     return np.interp(distance_mm, radii, profile)
 
 
-def check_on_cover(layout: Layout, cover: Elastomer) -> None:
-    """Raises T2TwinError for a layout with taxels that do not lie on the cover."""
-    half_x, half_y = cover.width_mm / 2, cover.length_mm / 2
+def check_on_cover(layout: Layout, cover: Elastomer, pitch_mm: float = 0.0) -> None:
+    """Raises T2TwinError for a layout with taxels that do not lie on the cover.
+
+    pitch_mm: of the contact's grid, whose outermost cells' centers bound the taxels; 0 for none.
+    """
+    half_x, half_y = reach_mm(cover, pitch_mm)
     outside = (np.abs(layout.x_mm) > half_x) | (np.abs(layout.y_mm) > half_y)
     if outside.any():
         n = int(np.flatnonzero(outside)[0])
@@ -167,6 +171,16 @@ def check_on_cover(layout: Layout, cover: Elastomer) -> None:
         )
 
 
+def reach_mm(cover: Elastomer, pitch_mm: float) -> tuple[float, float]:
+    """Distance of the outermost cells' centers of a contact's grid from the cover's center along x
+    and y, mm; of the cover's edges for a pitch of 0."""
+    halves = cover.width_mm / 2, cover.length_mm / 2
+    if pitch_mm == 0.0:
+        return halves
+    x_mm, y_mm = (int(half / pitch_mm + 1e-9) * pitch_mm - pitch_mm / 2 for half in halves)
+    return x_mm, y_mm
+
+
 @lru_cache(maxsize=8)
 def _places(grid: DenseGrid) -> Layout:
     """The places of a grid on its cover."""
@@ -174,12 +188,14 @@ def _places(grid: DenseGrid) -> Layout:
     is_triangular = grid.table.grid == "triangular"
     across = (spacing * np.sqrt(0.75), spacing / 2) if is_triangular else (spacing, 0.0)
     steps_mm = np.array([across, (0.0, spacing)])
-    reach_x, reach_y = cover.width_mm / 2, cover.length_mm / 2
+    reach_x, reach_y = reach_mm(cover, grid.pitch_mm)
     most = int(np.ceil((cover.width_mm + 2 * cover.length_mm) / spacing))
     steps = np.arange(-most, most + 1)
     i, j = (each.ravel() for each in np.meshgrid(steps, steps, indexing="ij"))
     x, y = np.array(grid.taxels_mm[0])[:, None] + steps_mm.T @ np.stack([i, j])
-    on = (np.abs(x) <= reach_x - EDGE_MM) & (np.abs(y) <= reach_y - EDGE_MM)
+    on = (np.abs(x) <= min(reach_x, cover.width_mm / 2 - EDGE_MM)) & (
+        np.abs(y) <= min(reach_y, cover.length_mm / 2 - EDGE_MM)
+    )
     if (count := int(on.sum())) > MAX_TAXELS:
         raise T2TwinError(
             f"the dense counts of {cover.name} have {count} places, {spacing:g} mm apart; at most "

@@ -63,7 +63,7 @@ class TaxelArray:
         else:
             layout = load_layout(self.layout_source)
         object.__setattr__(self, "layout", layout)
-        check_on_cover(layout, self.elastomer)
+        check_on_cover(layout, self.elastomer, self.pitch_mm)
         if (self.layout_source, self.cover) == (None, None):
             self._check_file()
         presets = self.spec.imperfections
@@ -133,7 +133,9 @@ class TaxelArray:
         own = self.spec.layout.layout(self.name, self.folder)
         table = self.spec.dense or DenseTable(max(0.2, self.elastomer.thickness_mm))
         places = tuple(zip(own.x_mm.tolist(), own.y_mm.tolist(), strict=True))
-        return DenseGrid(self.elastomer, table, places, float(own.pad_diameter_mm[0]))
+        return DenseGrid(
+            self.elastomer, table, places, float(own.pad_diameter_mm[0]), self.pitch_mm
+        )
 
     @property
     def phi(self) -> Phi:
