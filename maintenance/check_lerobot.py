@@ -25,12 +25,15 @@ SPLITS = ("train", "val", "test")
 
 SCALARS = {
     "action": ("x_mm", "y_mm", "yaw_rad", "force_n"),
-    "observation.digit_contact": ("digit_depth_mm", "digit_force_n"),
-    "observation.cyskin_contact": ("cyskin_depth_mm", "cyskin_force_n"),
+    "observation.source_contact": ("source_depth_mm", "source_force_n"),
+    "observation.target_contact": ("target_depth_mm", "target_force_n"),
 }
 """Columns of the dataset by feature; of contacts, the first ones."""
 
-LISTS = ("taxels", "field", "cover_pressure_kpa", "cover_shear_x_kpa", "cover_shear_y_kpa")
+LISTS = ("counts", "dense_counts", "pressure_kpa", "shear_x_kpa", "shear_y_kpa")
+"""Columns of lists after the role."""
+
+ROLES = ("source", "target")
 
 
 class _ToTensor:
@@ -83,12 +86,14 @@ def check(data: Path, converted: Path) -> str:
     splits = [split for split in SPLITS if info["pairs"][split]]
     paths = [data / path for split in splits for path in sorted(info["shards"])
              if path.startswith(f"{split}/")]  # fmt: skip
-    number, ends, means = 0, [], []
+    cameras = [role for role in ROLES if info[role]["value"] == "image"]
+    number, ends, means = 0, [], {role: [] for role in cameras}
     for path in paths:
         for row in ds.dataset(path).to_table().to_pylist():
             item = dataset[number]
             _check_frame(item, row, f"frame {number}")
-            means.append(item["observation.images.digit"].numpy().mean((1, 2), np.float64))
+            for role in cameras:
+                means[role].append(_image(item, role).mean((1, 2), np.float64))
             is_first = int(item["frame_index"]) == 0
             if is_first:
                 ends.append(number)
@@ -99,22 +104,30 @@ def check(data: Path, converted: Path) -> str:
     assert dataset.num_episodes == len(ends)
     starts = [dataset.meta.episodes[n]["dataset_from_index"] for n in range(len(ends))]
     assert starts == ends
-    mean = dataset.meta.stats["observation.images.digit"]["mean"]
-    assert np.allclose(np.ravel(mean), np.mean(means, axis=0), atol=1e-6), mean
+    for role in cameras:
+        mean = dataset.meta.stats[f"observation.images.{role}"]["mean"]
+        assert np.allclose(np.ravel(mean), np.mean(means[role], axis=0), atol=1e-6), mean
     _check_statistics(dataset)
     return (
         f"LeRobot {version} reads {len(ends)} episodes with {number} frames, equal to the dataset's"
     )
 
 
+def _image(item: dict[str, Any], name: str) -> np.ndarray:
+    """(3, rows, columns) float32, an image of a frame."""
+    return item[f"observation.images.{name}"].numpy()
+
+
 def _check_frame(item: dict[str, Any], row: dict[str, Any], place: str) -> None:
     """Images and counts must be equal, other values equal in float32."""
-    for name, column in (("digit", "image"), ("digit_background", "background")):
+    names = {f"{role}_image": role for role in ROLES}
+    names |= {f"{role}_background": f"{role}_background" for role in ROLES}
+    for column, name in names.items():
         if column in row:
             pixels = np.asarray(Image.open(io.BytesIO(row[column]["bytes"])).convert("RGB"))
-            values = item[f"observation.images.{name}"].permute(1, 2, 0).numpy()
+            values = _image(item, name).transpose(1, 2, 0)
             assert np.array_equal(np.rint(values * 255).astype(np.uint8), pixels), (place, name)
-    for column in LISTS:
+    for column in (f"{role}_{name}" for role in ROLES for name in LISTS):
         if column in row:
             values = item[f"observation.{column}"].numpy()
             assert np.array_equal(values, np.array(row[column], np.float32)), (place, column)

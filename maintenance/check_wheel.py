@@ -28,13 +28,13 @@ MAX_BYTES = 20 * 10**6
 LINK = 0o120000
 """Type of a symbolic link in the attributes of a zip file (zip's external attributes, 4.4.15)."""
 
-COMMANDS = (("doctor",), ("press", "square-2", "--sensor", "cyskin"))
+COMMANDS = (("doctor",), ("press", "square-2", "--sensor", "target"))
 """Commands that are run unless one is given."""
 
 REQUIRED = (
     "t2twin/translate/weights/field/best.safetensors",
     "t2twin/sim/sampling/recipes/open.toml",
-    "t2twin/sim/optical/default_optics.npz",
+    "t2twin/sim/sensors/specs/digit.npz",
     "t2twin/primitives_cad/bundled/square-2.npz",
     "t2twin/report/templates/page.html",
 )

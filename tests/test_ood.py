@@ -69,7 +69,7 @@ def test_how_a_picture_is_wrong_is_told():
 
 def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
     data, folder = run
-    rows = read_split(data, "test")["image"].to_pylist()
+    rows = read_split(data, "test")["source_image"].to_pylist()
     for number, row in enumerate(rows):
         Image.fromarray(decode_png(row["bytes"])).save(tmp_path / f"{number}.png")
     noise = np.random.default_rng(0).integers(0, 256, (320, 240, 3), dtype=np.uint8)

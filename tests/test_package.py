@@ -36,7 +36,8 @@ def test_a_wheel_has_one_top_level_name_and_everything_in_it(wheel):
     templates = {p.relative_to(ROOT) for p in (ROOT / "t2twin").rglob("templates/**/*.*")}
     assert templates and {str(path) for path in templates} <= set(names)
     assert {"t2twin/sim/dataset/card.md", "t2twin/translate/runs/card.md"} <= set(names)
-    assert "t2twin/sim/optical/default_optics.npz" in names
+    specs = {p.relative_to(ROOT) for p in (ROOT / "sim/sensors/specs").iterdir()}
+    assert len(specs) > 3 and {f"t2twin/{path}" for path in specs} <= set(names)
     assert "t2twin/sim/taxels/layouts/cyskin-20.json" in names
 
 

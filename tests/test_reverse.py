@@ -22,7 +22,7 @@ from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.onnx_export import export_onnx
 from t2twin.translate.models.presets import PRESETS, Preset
-from t2twin.translate.models.touch2touch import CySkinToDigit, Pix2Pix
+from t2twin.translate.models.touch2touch import CountsToImage, Pix2Pix
 from t2twin.translate.runs import config as run_config
 from t2twin.translate.runs.checkpoint import build
 from t2twin.translate.runs.config import DEFAULT_RUN, RunConfig, load_config
@@ -30,7 +30,7 @@ from t2twin.translate.runs.log import read_log
 from t2twin.translate.training.train import train
 
 SMOKE = PRESETS["touch2touch"]["smoke"]
-WAY = "cyskin-to-digit"
+WAY = "counts-to-image"
 
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -58,7 +58,7 @@ def translator(data_dir: Path, preset: Preset, direction: str) -> Pix2Pix:
 
 
 def test_the_networks_keep_their_form(data_dir: Path) -> None:
-    both = (translator(data_dir, SMOKE, way) for way in (WAY, "digit-to-cyskin"))
+    both = (translator(data_dir, SMOKE, way) for way in (WAY, "image-to-counts"))
     ours, paper = (
         {
             f"{name}/{key}": tensor
@@ -78,7 +78,7 @@ def test_overfits_one_batch(data_dir: Path) -> None:
     """Eight pairs seen again and again are drawn by heart, to 2 % of full scale."""
     torch.set_num_threads(1)
     ours = translator(data_dir, replace(SMOKE, learning_rate=2e-3), WAY)
-    assert isinstance(ours, CySkinToDigit)
+    assert isinstance(ours, CountsToImage)
     pairs = load_pairs(data_dir, "train", SMOKE.size, SMOKE.grey)
     torch.manual_seed(0)  # dropout
     pixels, counts = pairs.images[:8].astype(np.float32), torch.from_numpy(pairs.counts[:8])
@@ -152,13 +152,13 @@ def test_jitter_is_not_put_on_what_is_drawn(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = []
-    step = CySkinToDigit.step
+    step = CountsToImage.step
 
-    def watched(self: CySkinToDigit, examples: Examples) -> dict[str, float]:
+    def watched(self: CountsToImage, examples: Examples) -> dict[str, float]:
         seen.append(examples.images.numpy().copy())
         return step(self, examples)
 
-    monkeypatch.setattr(CySkinToDigit, "step", watched)
+    monkeypatch.setattr(CountsToImage, "step", watched)
     train("touch2touch", data_dir, replace(SMOKE, noise=0.1), tmp_path, epochs=1, direction=WAY)
     grey = (np.concatenate(seen) + 1.0) * 127.5
     np.testing.assert_allclose(grey, np.rint(grey), atol=1e-3)
@@ -178,17 +178,17 @@ def test_stopped_and_resumed_is_as_undisturbed(data_dir: Path, tmp_path: Path) -
 def test_another_direction_into_a_run_is_refused(
     data_dir: Path, run_dir: Path, tmp_path: Path
 ) -> None:
-    with pytest.raises(T2TwinError, match=r"another direction \(cyskin-to-digit\)"):
+    with pytest.raises(T2TwinError, match=r"another direction \(counts-to-image\)"):
         train("touch2touch", data_dir, "smoke", run_dir, epochs=40)
     train("touch2touch", data_dir, "smoke", tmp_path, epochs=1)
-    with pytest.raises(T2TwinError, match=r"another direction \(digit-to-cyskin\)"):
+    with pytest.raises(T2TwinError, match=r"another direction \(image-to-counts\)"):
         train("touch2touch", data_dir, "smoke", tmp_path, epochs=1, direction=WAY)
 
 
 def test_a_direction_that_cannot_be_gone_is_one_sentence(data_dir: Path, tmp_path: Path) -> None:
-    with pytest.raises(T2TwinError, match="resnet18 has no direction cyskin-to-digit"):
+    with pytest.raises(T2TwinError, match="resnet18 has no direction counts-to-image"):
         train("resnet18", data_dir, "smoke", tmp_path, direction=WAY)
-    with pytest.raises(T2TwinError, match="'sideways'; it must be one of digit-to-cyskin, cyskin"):
+    with pytest.raises(T2TwinError, match="'sideways'; it must be one of image-to-counts, counts"):
         train("touch2touch", data_dir, "smoke", tmp_path, direction="sideways")
     assert not list(tmp_path.iterdir())
 
@@ -196,9 +196,9 @@ def test_a_direction_that_cannot_be_gone_is_one_sentence(data_dir: Path, tmp_pat
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("direction", "sideways", "'sideways'; it must be one of digit-to-cyskin, cyskin-to-digit"),
+        ("direction", "sideways", "'sideways'; it must be one of image-to-counts, counts-to-image"),
         ("direction", 3, "direction is a whole number; it must be text"),
-        ("model", "resnet18", "resnet18 has no direction cyskin-to-digit"),
+        ("model", "resnet18", "resnet18 has no direction counts-to-image"),
     ],
 )
 def test_a_wrong_direction_in_the_config_is_one_sentence(
@@ -238,7 +238,7 @@ def test_commands_that_want_counts_refuse_it_in_one_sentence(
         main([word.format(run=run_dir, data=data_dir) for word in words])
     said = capsys.readouterr().err.strip()
     assert stop.value.code == 2 and len(said.splitlines()) == 1
-    assert f"{run_dir} is a {WAY} run, which predicts DIGIT images" in said
+    assert f"{run_dir} is a {WAY} run, which predicts images" in said
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -258,14 +258,14 @@ def test_a_loaded_run_gives_no_counts(
     ask: Callable, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(T2TwinError, match=r"DIGIT images; .* needs a (field|digit-to-cyskin) run"):
+    with pytest.raises(T2TwinError, match=r"predicts images; .* (field|image-to-counts) run"):
         ask(t2twin.load(run_dir), np.zeros((320, 240, 3), np.uint8))
     assert not list(tmp_path.iterdir())
 
 
 def test_a_run_of_the_papers_way_draws_no_pictures(untrained_runs: list[Path]) -> None:
     for run in untrained_runs:
-        with pytest.raises(T2TwinError, match="predict_image needs a cyskin-to-digit run"):
+        with pytest.raises(T2TwinError, match="predict_image needs a counts-to-image run"):
             t2twin.load(run).predict_image(np.zeros(20))
 
 
@@ -273,12 +273,12 @@ def test_the_studio_passes_it_over_and_refuses_it_by_name(run_dir: Path) -> None
     translators = Translators()
     translators.search(below=run_dir.parent)
     assert translators.names == (DEFAULT_RUN,)
-    with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
+    with pytest.raises(T2TwinError, match="needs an image-to-counts run"):
         translators.search([run_dir])
 
 
 def test_load_run_is_of_translators_to_counts(run_dir: Path) -> None:
-    with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
+    with pytest.raises(T2TwinError, match="needs an image-to-counts run"):
         load_run(run_dir)
 
 
@@ -288,17 +288,17 @@ def test_load_run_knows_runs_that_ship_by_their_names(
     monkeypatch.setattr(run_config, "HOME", untrained_runs[0].parent)
     assert load_run(untrained_runs[0].name).run_dir == untrained_runs[0]
     monkeypatch.setattr(run_config, "HOME", run_dir.parent)
-    with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
+    with pytest.raises(T2TwinError, match="needs an image-to-counts run"):
         load_run(run_dir.name)
 
 
 def test_the_card_says_which_way_it_goes(run_dir: Path) -> None:
     _, head, text = (run_dir / "README.md").read_text().split("---\n", 2)
     [result] = yaml.safe_load(head)["model-index"][0]["results"]
-    assert result["task"]["name"] == "CySkin counts to DIGIT image"
+    assert result["task"]["name"] == "counts of cyskin-20 to image of digit"
     names = [metric["name"] for metric in result["metrics"]]
     assert names == ["RMSE, grey levels", "RMSE, % of full scale"]
-    for words in ("Reversed touch2touch", "predict_image(counts)", "| direction | cyskin-to-digit |",  # noqa: E501
+    for words in ("Reversed touch2touch", "predict_image(counts)", "| direction | counts-to-image |",  # noqa: E501
                   "grey levels of the image's pixels", "invents them"):  # fmt: skip
         assert words in text, words
     assert "predict(" not in text

@@ -150,13 +150,13 @@ def test_a_run_keeps_its_weight_and_its_log_the_loss(data_dir: Path, tmp_path: P
     [
         (
             "resnet18",
-            "digit-to-cyskin",
+            "image-to-counts",
             1.0,
-            "resnet18 digit-to-cyskin run predicts no tactile",
+            "resnet18 image-to-counts run predicts no tactile",
         ),
-        ("touch2touch", "cyskin-to-digit", 1.0, "cyskin-to-digit run predicts no tactile image"),
-        ("touch2touch", "digit-to-cyskin", -1.0, "is -1; it must be 0 or more"),
-        ("touch2touch", "digit-to-cyskin", float("nan"), "is nan; it must be 0 or more"),
+        ("touch2touch", "counts-to-image", 1.0, "counts-to-image run predicts no tactile image"),
+        ("touch2touch", "image-to-counts", -1.0, "is -1; it must be 0 or more"),
+        ("touch2touch", "image-to-counts", float("nan"), "is nan; it must be 0 or more"),
     ],
 )
 def test_a_weight_that_cannot_be_used_is_one_sentence(
