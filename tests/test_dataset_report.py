@@ -12,7 +12,7 @@ from pages import read_page
 from t2twin.cli import main
 from t2twin.core.images import decode_png, encode_png
 from t2twin.report import dataset_report, pairs
-from t2twin.report.dataset import Dataset, read_dataset
+from t2twin.report.dataset import MIN_CONTACT_SHARE, Dataset, read_dataset
 from t2twin.report.near_duplicates import (
     Scan,
     near_duplicates,
@@ -22,9 +22,15 @@ from t2twin.report.near_duplicates import (
 )
 from t2twin.report.page import PAGE, render_section
 from t2twin.sim.dataset.columns import schema_of
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import read_info, write_info, write_shard
+from t2twin.sim.sensors.pair import SensorPair
+from t2twin.sim.taxels.reading import read_after
 from t2twin.translate.evaluation.baselines import second_reading
+
+ALL = ("summary", "about", "shapes", "gallery", "pairs", "forces", "saturation", "duplicates")
+"""Sections of a dataset of a gel camera and a taxel array."""
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +42,7 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
     main(["report", "--data", str(data_dir), "--out", str(tmp_path)])
     read, text = read_page(tmp_path / PAGE)
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
-    assert sections == [
-        "summary", "about", "shapes", "gallery", "pairs", "forces", "saturation", "duplicates",
-    ]  # fmt: skip
+    assert sections == list(ALL)
     images = [tag for tag, _ in read.tags if tag == "img"]
     assert len(images) == 1 + 1 + 1 + pairs.PAIRS + 2 + 1 + 1
     assert "12 pairs of 4 shapes" in text and "2 pairs of 2 shapes" in text
@@ -56,6 +60,45 @@ def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
     assert "All pairs are simulated" in said
     twins = replace(scanned, alike_counts=np.where(np.arange(20) < 5, 0.0, np.inf))
     assert "Near-duplicates: 25 % of the pairs" in summary_text(dataset, twins)
+
+
+@pytest.mark.parametrize(
+    "source, target, left_out, said",
+    [
+        ("gelsight-mini", "flexitac", (), "The rectangle is the field of view of gelsight-mini"),
+        ("flexitac", "digit", (), "flexitac, is a taxel array"),
+        ("digit", "digit", ("saturation", "duplicates"), "Left: digit (source). Right: digit (t"),
+        ("flexitac", "cyskin-20", ("gallery", "duplicates"), "384 counts, each from 0 to 255"),
+    ],
+)
+def test_any_two_sensors_have_a_page(
+    source: str, target: str, left_out: tuple[str, ...], said: str, tmp_path: Path
+) -> None:
+    sensors = SensorPair.of(source, target)
+    shapes = ("circle-1", "square-3")
+    folder = tmp_path / "data"
+    make_dataset(folder, "smoke", workers=1, shapes=shapes, sensors=sensors)
+    read, text = read_page(dataset_report.write_data_report(tmp_path / "page", folder))
+    sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
+    assert sections == [name for name in ALL if name not in left_out]
+    assert said in text
+    assert source in text and target in text
+    assert ("counts" in text) is ("saturation" in sections)
+
+
+def test_contact_is_found_over_the_noise_at_rest(data_dir: Path) -> None:
+    """The recorded noise of some taxels is over the least share of full scale."""
+    array = read_dataset(data_dir).array
+    assert array.touched.all()
+    rng = np.random.default_rng(0)
+    flaws, reading = array.info.imperfections, array.info.reading
+    assert flaws is not None
+    at_rest = [
+        read_after(None, np.zeros(20), array.layout, flaws, reading, rng)[0] for _ in range(100)
+    ]
+    rest = replace(array, counts=np.stack(at_rest))
+    assert rest.largest.max() > MIN_CONTACT_SHARE * array.full_scale
+    assert not rest.touched.any()
 
 
 def summary_text(dataset: Dataset, scanned: Scan) -> str:
