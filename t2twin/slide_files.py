@@ -15,7 +15,6 @@ import importlib
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import asdict
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -43,6 +42,9 @@ SLIDE_CSV, FRAMES = "slide.csv", "frames"
 CONTACT_FILE = re.compile(r"contact_([a-z0-9_-]+)_\d+\.npz")
 COUNTS_FILE = re.compile(r"counts(_[a-z0-9_-]+)?\.csv")
 FRAME_FILE = re.compile(r"(?:([a-z0-9_-]+)_)?\d+\.png")
+
+MARKER_VALUES = ("pitch_mm", "diameter_mm", "jitter_mm", "seed")
+"""Attributes of markers that are columns of slide.csv."""
 
 MIN_DIGITS = 3
 """Digits of a step in a file's name, at least."""
@@ -171,7 +173,7 @@ def _row(step: int, touch: Touch) -> Row:
             f"{sensor}_bottomed": bool(contact.bottomed),
         }
     if touch.markers is not None:
-        row |= {f"marker_{name}": value for name, value in asdict(touch.markers).items()}
+        row |= {f"marker_{name}": getattr(touch.markers, name) for name in MARKER_VALUES}
     return row
 
 

@@ -7,10 +7,10 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.contact_solver import DEPTH_TOLERANCE_MM, force_at_depth
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.sensors import CySkin, Digit
+from t2twin.sim.sensors.files import load_sensor
 
 
-@pytest.mark.parametrize("sensor", [Digit(), CySkin()])
+@pytest.mark.parametrize("sensor", [load_sensor("digit"), load_sensor("cyskin-20")])
 @pytest.mark.parametrize(("name", "force"), [("hemisphere-2", 0.7), ("square-2", 8.0)])
 def test_a_forces_depth_gives_the_force_back(shapes, sensor, name, force):
     command = PressCommand(name, 0.5, 1.0, 0.3, force)
@@ -28,7 +28,7 @@ def test_a_forces_depth_gives_the_force_back(shapes, sensor, name, force):
 
 
 def test_deeper_needs_more_force(shapes):
-    digit = Digit()
+    digit = load_sensor("digit")
     command = PressCommand("hemisphere-3", 0.0, 0.0, 0.0, 8.0)
     forces = [
         force_at_depth(lambda at: digit.press(shapes("hemisphere-3"), at), command, depth)

@@ -11,19 +11,20 @@ import pytest
 from t2twin import Markers, Twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.optical import pyrender_renderer
 from t2twin.sim.optical.camera import response
-from t2twin.sim.optical.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.optical.camera.pinhole import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.markers import INK_REFLECTANCE, MarkerImage
-from t2twin.sim.optical.optics import Optics
-from t2twin.sim.sensors import Digit
+from t2twin.sim.sensors.files import load_sensor
 
-X_MM, Y_MM = optical_grid()
+DIGIT: Any = load_sensor("digit")
+GEL, CAMERA = DIGIT.own_gel, DIGIT.camera
+ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
+X_MM, Y_MM = optical_grid(GEL)
 FLAT = np.zeros((Y_MM.size, X_MM.size), dtype=np.float32)
-FLAT_GEL = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
+FLAT_GEL = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
 GAMMA = 2.2
 HALF = 10
 """Half the side of a window around a marker, px: less than half the pitch, more than a radius."""
@@ -60,54 +61,61 @@ def spots(dark: np.ndarray, centers_px: np.ndarray):
     return np.array(sums), np.array(centroids), inside
 
 
-def seen(places_mm: np.ndarray, gel=DIGIT_GEL) -> np.ndarray:
+def seen(places_mm: np.ndarray, gel=GEL) -> np.ndarray:
     """(n, 2) rows and columns of points of the gel at rest."""
     x, y = places_mm.T
-    return np.stack(DIGIT_CAMERA.project(x, y, gel.rest_surface_mm(x, y)), axis=-1)
+    return np.stack(CAMERA.project(x, y, gel.rest_surface_mm(x, y)), axis=-1)
 
 
 @pytest.fixture(scope="module")
 def renderer():
-    return {m: ImageRenderer(Optics.load(), markers=m) for m in (None, Markers())}
+    return {
+        m: ImageRenderer(DIGIT.optics, GEL, 0.0, markers=m and m.printed(CAMERA))
+        for m in (None, Markers())
+    }
 
 
 # the pattern
 
 
 def test_markers_at_rest_lie_on_the_pitch_grid_and_cover_the_image():
-    markers = Markers(pitch_mm=1.1)
+    markers = Markers(pitch_mm=1.1).printed(CAMERA)
     steps = markers.rest_mm / 1.1
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
     assert len(np.unique(np.rint(steps), axis=0)) == len(steps)
-    half = np.array(DIGIT_CAMERA.seen_half_extent_mm())
+    half = np.array(CAMERA.seen_half_extent_mm())
     assert (markers.rest_mm.max(axis=0) > half).all()
     assert (markers.rest_mm.min(axis=0) < -half).all()
 
 
 def test_jitter_is_of_the_seed_and_limited():
     grid, one, other = (
-        Markers(jitter_mm=j, seed=s).rest_mm for j, s in ((0, 1), (0.2, 1), (0.2, 2))
+        Markers(jitter_mm=j, seed=s).printed(CAMERA).rest_mm
+        for j, s in ((0, 1), (0.2, 1), (0.2, 2))
     )
     offset = one - grid
     assert 0.15 < np.abs(offset).max() <= 0.2
     assert offset.std() == pytest.approx(0.2 / np.sqrt(3), rel=0.1)
     assert not np.array_equal(one, other)
-    np.testing.assert_array_equal(one, Markers(jitter_mm=0.2, seed=1).rest_mm)
+    np.testing.assert_array_equal(one, Markers(jitter_mm=0.2, seed=1).printed(CAMERA).rest_mm)
 
 
 def test_the_record_is_a_value():
     one = Markers(2.0, 0.4, 0.1, 3)
-    assert one.rest_mm.size  # cached values do not change the record
+    with pytest.raises(T2TwinError, match="the markers are on no sensor"):
+        _ = one.rest_mm
+    printed = one.printed(CAMERA)
+    assert printed.rest_mm.size  # cached values do not change the record
+    assert pickle.loads(pickle.dumps(printed)) == printed == one.printed(CAMERA)
     assert pickle.loads(pickle.dumps(one)) == one == Markers(2.0, 0.4, 0.1, 3)
     pitch: Any = np.float32(2.0)
     seed: Any = np.int64(3)
     assert json.loads(json.dumps(asdict(Markers(pitch, seed=seed))))["seed"] == 3
     assert hash(one) == hash(Markers(2.0, 0.4, 0.1, 3)) and one != Markers()
-    digit = pickle.loads(pickle.dumps(Digit(markers=one)))
-    assert digit == Digit(markers=one) and digit != Digit()
-    np.testing.assert_array_equal(
-        digit.background_frame(), Digit(markers=one).image_renderer.background
-    )
+    marked = DIGIT.with_options({"markers": one})
+    digit = pickle.loads(pickle.dumps(marked))
+    assert digit == marked and digit != DIGIT
+    np.testing.assert_array_equal(digit.background_frame(), marked.image_renderer.background)
 
 
 @pytest.mark.parametrize(
@@ -128,20 +136,21 @@ def test_invalid_patterns_are_refused(given, message):
 
 @pytest.mark.parametrize("markers", [1.4, "yes", {"pitch_mm": 1.4}])
 def test_anything_but_a_pattern_is_refused(markers):
-    for make in (Twin, Digit):
-        with pytest.raises(T2TwinError, match="expected an object of the class Markers"):
-            make(markers=markers)
+    with pytest.raises(T2TwinError, match="expected an object of the class Markers"):
+        Twin(markers=markers)
+    with pytest.raises(T2TwinError, match="expected an object of the class Markers"):
+        DIGIT.with_options({"markers": markers})
 
 
 # how the image shows them
 
 
 def test_each_marker_has_its_area_wherever_it_lies_between_pixels():
-    image = MarkerImage(Markers(), DIGIT_CAMERA, FLAT_GEL, FLAT, GAMMA)
-    area = np.pi * (Markers().diameter_mm / 2 * DIGIT_CAMERA.scale_px_per_mm) ** 2
+    image = MarkerImage(Markers().printed(CAMERA), CAMERA, FLAT_GEL, FLAT, GAMMA)
+    area = np.pi * (Markers().diameter_mm / 2 * CAMERA.scale_px_per_mm) ** 2
     for shift in np.random.default_rng(0).uniform(-0.1, 0.1, (20, 2)):
         dark = covered(image.shade(FLAT, uniform(*shift)))
-        sums, _, _ = spots(dark, seen(Markers().rest_mm + shift, FLAT_GEL))
+        sums, _, _ = spots(dark, seen(Markers().printed(CAMERA).rest_mm + shift, FLAT_GEL))
         assert sums.size > 60
         np.testing.assert_allclose(sums, area, rtol=2e-3)
 
@@ -149,9 +158,9 @@ def test_each_marker_has_its_area_wherever_it_lies_between_pixels():
 def test_stretch_and_shear_make_ellipses_of_their_area_and_axes():
     gradient = np.array([[0.3, 0.4], [-0.1, -0.2]])  # du/dX
     values = np.einsum("ij,jyx->iyx", gradient, np.stack(np.meshgrid(X_MM, Y_MM)))
-    image = MarkerImage(Markers(), DIGIT_CAMERA, FLAT_GEL, FLAT, GAMMA)
+    image = MarkerImage(Markers().printed(CAMERA), CAMERA, FLAT_GEL, FLAT, GAMMA)
     dark = covered(image.shade(FLAT, SurfaceShift(X_MM, Y_MM, values)))
-    radius_px = Markers().diameter_mm / 2 * DIGIT_CAMERA.scale_px_per_mm
+    radius_px = Markers().diameter_mm / 2 * CAMERA.scale_px_per_mm
     deformation = np.eye(2) + gradient
     middle = dark[ROWS // 2 - HALF : ROWS // 2 + HALF, COLUMNS // 2 - HALF : COLUMNS // 2 + HALF]
     rows, columns = np.indices(middle.shape) - (HALF - 0.5)
@@ -171,9 +180,9 @@ def test_a_shift_of_the_surface_moves_the_markers_in_the_image_by_it(renderer):
         light, plain = (
             response.linear(i, GAMMA).sum(axis=2) for i in (image, renderer[None].background)
         )
-        places = Markers().moved_mm(uniform(x_mm, y_mm))
+        places = Markers().printed(CAMERA).moved_mm(uniform(x_mm, y_mm))
         np.testing.assert_allclose(
-            places - Markers().rest_mm, [[x_mm, y_mm]] * len(places), atol=1e-6
+            places - Markers().printed(CAMERA).rest_mm, [[x_mm, y_mm]] * len(places), atol=1e-6
         )
         expected = seen(places)
         _, found, inside = spots(1.0 - light / plain, expected)
@@ -186,7 +195,7 @@ def test_without_markers_images_keep_their_bytes(renderer):
     plain, marked = (renderer[m].render(surface) for m in (None, Markers()))
     shifted = renderer[None].render(surface, shift=uniform(0.5, 0.5))
     np.testing.assert_array_equal(shifted, plain)
-    np.testing.assert_array_equal(Digit(markers=None).background_frame(), renderer[None].background)
+    np.testing.assert_array_equal(DIGIT.background_frame(), renderer[None].background)
     changed = (marked != plain).any(axis=2)
     assert 0.08 < changed.mean() < 0.15  # of the area: pi / 4 (0.5 / 1.4)^2 is 0.10
     assert (marked[changed] <= plain[changed]).all()
@@ -202,8 +211,8 @@ def test_both_renderers_show_the_markers_at_the_same_places(shapes, monkeypatch)
             t.press(shapes("hemisphere-4"), force_n=3.0, y_mm=1.0) for t in (marked, bare)
         )
         light, full = (response.linear(t.image, GAMMA).sum(axis=2) for t in (touch, without))
-        rest, moved = Markers().seen_px(DIGIT_CAMERA, touch.digit)
-        np.testing.assert_allclose(rest, seen(Markers().rest_mm))
+        rest, moved = Markers().printed(CAMERA).seen_px(CAMERA, touch.digit)
+        np.testing.assert_allclose(rest, seen(Markers().printed(CAMERA).rest_mm))
         _, centroids, inside = spots(1.0 - light / full, moved)
         np.testing.assert_allclose(centroids, moved[inside], atol=0.5)
         found.append(centroids)
@@ -216,10 +225,10 @@ def test_both_renderers_show_the_markers_at_the_same_places(shapes, monkeypatch)
 
 
 def test_a_slide_drags_the_markers_along(shapes):
-    markers = Markers(pitch_mm=2.0)
-    twin = Twin(markers=markers)
+    twin = Twin(markers=Markers(pitch_mm=2.0))
     touch = twin.press(shapes("hemisphere-4"), force_n=3.0)
-    press_mm = touch.markers_mm
+    press_mm, markers = touch.markers_mm, touch.markers
+    assert markers is not None
     middle = np.hypot(*markers.rest_mm.T) == 0
     np.testing.assert_allclose(press_mm[middle], 0.0, atol=1e-3)
     assert 0.01 < np.abs(press_mm - markers.rest_mm).max() < 0.5
@@ -248,14 +257,14 @@ def test_press_and_slide_record_the_markers(shape_cache, tmp_path, capsys):
     given = ["hemisphere-4", "--force-n", "2", "--sensor", "digit", "--marker-pitch-mm", "2"]
     main(["press", *given, "--out", "press"])
     press = json.loads((tmp_path / "press" / "press.json").read_text())
-    assert press["digit"]["markers"] == asdict(Markers(2.0))
+    assert press["digit"]["markers"] == json.loads(json.dumps(asdict(Markers(2.0).printed(CAMERA))))
     names, values = table(tmp_path / "press" / "markers.csv")
     assert names == ["marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm"]
-    np.testing.assert_allclose(values[:, 1:3], Markers(2.0).rest_mm)
+    np.testing.assert_allclose(values[:, 1:3], Markers(2.0).printed(CAMERA).rest_mm)
     main(["slide", *given, "--dx-mm", "0.2", "--steps", "2", "--out", "slide"])
     names, values = table(tmp_path / "slide" / "markers.csv")
     assert names == ["step", "marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm"]
-    count = len(Markers(2.0).rest_mm)
+    count = len(Markers(2.0).printed(CAMERA).rest_mm)
     np.testing.assert_array_equal(values[:, 0], np.repeat([0, 1, 2], count))
     first, last = values[:count], values[-count:]
     assert np.abs(last[:, 4:] - first[:, 4:]).max() == pytest.approx(0.2, abs=0.02)

@@ -21,11 +21,11 @@ def test_a_touch_is_its_contacts(twin: t2twin.Twin) -> None:
         f"force 4 N, depth {digit.depth_mm:.3g} mm, area {digit.contact_area_mm2:.3g} mm2, settled"
     )
     assert repr(digit) == f"Contact('square-1', digit: {expected})"
-    assert repr(touch) == f"Touch('square-1', digit: {expected}; cyskin: {cyskin.summary})"
+    assert repr(touch) == f"Touch('square-1', digit: {expected}; cyskin-20: {cyskin.summary})"
     assert str(touch) == repr(touch)
     other = replace(digit, settled=False, bottomed=True)
     assert other.summary.endswith("mm2, not settled, bottomed")
-    assert repr(replace(touch, digit=None, cyskin=None)) == "Touch('square-1', no contact)"
+    assert repr(replace(touch, readings={})) == "Touch('square-1', no contact)"
     lacking = replace(touch, notices=(Notice("hand", "a mesh", (0.0, 0.3, 0.4)),))
     assert repr(lacking) == f"{repr(touch)[:-1]}; not read: 0.5 N)"
 
