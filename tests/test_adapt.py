@@ -182,15 +182,8 @@ def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run)
     info = read_info(out / "data")
     assert info.recipe is not None and info.recipe.light.frames == 1
     assert info.source.noise_grey == pytest.approx(2.8)
-    for name in (
-        "optics.npz",
-        "optics_coverage.png",
-        "ball.step",
-        "recipe.toml",
-        "index.html",
-        RECORD,
-        "field",
-    ):
+    optics = "optics.npz", "optics_coverage.png"
+    for name in (*optics, "ball.step", "recipe.toml", "index.html", RECORD, "field"):
         assert (out / name).exists(), name
     uncertainty = fitted.uncertainty
     assert len(uncertainty.presses) == len(POSES) and adapted.uncertainty == uncertainty

@@ -200,9 +200,9 @@ def adapt(
     """Adapts a translator to one gel camera, or resumes an interrupted adaptation.
 
     Writes optics.npz, optics_coverage.png, presses.json, recipe.toml, data/, training/, averaged/,
-    a run named after the model, adapted.json and index.html to the folder out. The run is the trained one, a field
-    run with weights averaged with those of init_from, or a copy of init_from if that is more
-    accurate on the held-out presses.
+    a run named after the model, adapted.json and index.html to the folder out. The run is the
+    trained one, a field run with weights averaged with those of init_from, or a copy of init_from
+    if that is more accurate on the held-out presses.
 
     background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. sensor:
     the gel camera, by name or file. minutes: approximate duration of all steps on two cores, 1 to
