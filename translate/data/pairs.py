@@ -359,12 +359,13 @@ def load_info(data_dir: Path) -> DataInfo:
     array, camera = info.array, info.camera
     assert array.layout is not None and array.full_scale_counts is not None
     assert camera.image_shape is not None
+    arrays = ("dense_x_mm", "dense_y_mm", "pad_diameter_mm")
     given = {
         "view_mm": camera.view_mm,
         "tactile_image": array.tactile_image,
         "dense_pad_mm": array.dense_pad_mm,
         "cover": array.elastomer,
-    }
+    } | {name: getattr(array, name) and np.array(getattr(array, name)) for name in arrays}
     return DataInfo(
         sha256=sha256_of(data_dir / INFO),
         layout=array.layout,
@@ -373,18 +374,10 @@ def load_info(data_dir: Path) -> DataInfo:
         full_scale_counts=float(array.full_scale_counts),
         recipe=info.recipe_name,
         train_pairs=info.pairs["train"],
-        dense_x_mm=_optional_array(array.dense_x_mm),
-        dense_y_mm=_optional_array(array.dense_y_mm),
-        pad_diameter_mm=_optional_array(array.pad_diameter_mm),
         has_shear=True if info.recipe is not None and info.recipe.motion else UNSET,
         image_shape=camera.image_shape,
         **{name: value for name, value in given.items() if value is not None},
     )
-
-
-def _optional_array(values: tuple[float, ...] | None) -> np.ndarray | None:
-    """An array, or None for None."""
-    return None if values is None else np.array(values)
 
 
 def load_pairs(
