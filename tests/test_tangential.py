@@ -11,7 +11,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact import pin_layout
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import base_stress, cached_layer, compliance_mm_per_mpa
 from t2twin.sim.contact.pin_layout import PinLayout, Survey
 from t2twin.sim.contact.sliding import advance
@@ -21,7 +21,10 @@ from t2twin.sim.contact.tangential.shear_layer import DomedLayer, cached_shear_l
 from t2twin.sim.contact.tangential.traction import solve_traction
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
 from t2twin.sim.optical.surface import surface_on
+from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.pads import pad_pressure_mpa
+
+GEL, COVER = load_sensor("digit").elastomer, load_sensor("cyskin-20").elastomer
 
 YOUNG, THICK = 1.0, 200.0
 """Modulus, MPa, and thickness of a layer that is a half-space for contacts of 1 mm."""
@@ -78,7 +81,7 @@ def test_normal_part_is_that_of_the_normal_press():
 
 def test_kernels_are_the_inverse_transform_of_the_spectra():
     pitch, n, over, period = 0.5, 16, 8, 96
-    cover = CYSKIN_COVER
+    cover = COVER
     kernels = shear_kernels(cover, cover.thickness_mm, n, n, pitch)
     k = 2 * np.pi * np.fft.fftfreq(period * over, pitch / over)
     kx, ky = np.meshgrid(k, k)
@@ -218,7 +221,7 @@ def test_unloading_and_reloading_of_a_ball():
 
 @pytest.fixture(scope="module")
 def press():
-    def solve(name, elastomer=CYSKIN_COVER, pitch=0.5, force=4.0, x=0.0, y=0.0, yaw=0.0):
+    def solve(name, elastomer=COVER, pitch=0.5, force=4.0, x=0.0, y=0.0, yaw=0.0):
         shape = catalogue.load(name)
         return solve_contact(shape, PressCommand(name, x, y, yaw, force), elastomer, pitch)
 
@@ -226,7 +229,7 @@ def press():
 
 
 def test_no_motion_is_the_press(press):
-    contact = press("hemisphere-4", DIGIT_GEL, 0.25)
+    contact = press("hemisphere-4", GEL, 0.25)
     still = advance(contact, 0.0, 0.0, 0.0, 4.0, 0.8)
     assert still.settled and not still.shear_kpa.any() and still.slip_share == 0.0
     assert np.array_equal(still.pressure_kpa, contact.pressure_kpa)
@@ -235,7 +238,7 @@ def test_no_motion_is_the_press(press):
 
 def test_sliding_ends_at_the_limit_of_friction(press):
     friction, force = 0.6, 4.0
-    contact = press("square-2", DIGIT_GEL, 0.25, force)
+    contact = press("square-2", GEL, 0.25, force)
     forces = []
     for _ in range(10):
         contact = advance(contact, 0.2, 0.0, 0.0, force, friction)
@@ -252,7 +255,7 @@ def test_sliding_ends_at_the_limit_of_friction(press):
 
 
 def test_gross_sliding_moves_the_contact(press):
-    contact = press("hemisphere-4", replace(DIGIT_GEL, dome_width_radius_mm=np.inf), 0.25)
+    contact = press("hemisphere-4", replace(GEL, dome_width_radius_mm=np.inf), 0.25)
     for _ in range(10):
         contact = advance(contact, 0.2, 0.0, 0.0, 4.0, 0.2)
     pressure = contact.pressure_kpa
@@ -285,7 +288,7 @@ def test_a_quarter_turn_turns_all_fields(press):
 
 
 def test_a_twist_gives_a_torque_and_no_force(press):
-    contact = press("hemisphere-4", DIGIT_GEL, 0.25)
+    contact = press("hemisphere-4", GEL, 0.25)
     torques = []
     for _ in range(4):
         contact = advance(contact, 0.0, 0.0, np.deg2rad(2.0), 4.0, 0.8)
@@ -316,8 +319,8 @@ def test_slides_do_not_depend_on_the_number_of_steps():
     assert len(few) == 2 and len(many) == 6
     for a, b in ((few[0], many[2]), (few[1], many[5])):
         assert a.command.x_mm == pytest.approx(b.command.x_mm)
-        for sensor in ("digit", "cyskin"):
-            one, other = getattr(a, sensor), getattr(b, sensor)
+        for sensor in touch.contacts:
+            one, other = a[sensor].contact, b[sensor].contact
             assert one.shear_n == pytest.approx(other.shear_n, abs=0.01 * 4.0)
     assert few[1].image.shape == (320, 240, 3) and few[1].counts.shape == (20,)
     assert touch.digit.motion is None  # the given touch does not change
@@ -358,18 +361,18 @@ def test_only_a_touch_with_contact_can_slide():
         twin.slide("x")  # pyright: ignore[reportArgumentType]
     touch = twin.press("square-2", force_n=2.0)
     with pytest.raises(T2TwinError, match="the touch has no contact"):
-        twin.slide(replace(touch, digit=None, cyskin=None))
+        twin.slide(replace(touch, readings={}))
 
 
 @pytest.mark.parametrize("excess_mm", [-0.5, 0.3])
 def test_a_dome_responds_as_a_layer_of_its_thickness(excess_mm):
     rng, shape = np.random.default_rng(0), (24, 20)
     y, x = ((np.arange(n) - (n - 1) / 2) * 0.25 for n in shape)
-    found = domed_layer(DIGIT_GEL, x, y, np.ones(shape))
+    found = domed_layer(GEL, x, y, np.ones(shape))
     middle, slope, thickness = found.middle, found.slope, 4.0
-    assert middle is cached_shear_layer(DIGIT_GEL, thickness, 0.25, shape) and slope is not None
+    assert middle is cached_shear_layer(GEL, thickness, 0.25, shape) and slope is not None
     dome = DomedLayer(middle, slope, np.full(shape, excess_mm))
-    expected = cached_shear_layer(DIGIT_GEL, thickness + excess_mm, 0.25, shape)
+    expected = cached_shear_layer(GEL, thickness + excess_mm, 0.25, shape)
     traction, pressure = rng.uniform(size=(2, *shape)), rng.uniform(size=shape)
     for one, other in (
         (dome.response_mm(traction), expected.response_mm(traction)),
@@ -382,7 +385,7 @@ def test_a_dome_responds_as_a_layer_of_its_thickness(excess_mm):
 
 def test_the_image_shows_each_point_where_it_has_moved():
     contact = solve_contact(
-        catalogue.load("hemisphere-4"), PressCommand("", 0.0, 0.0, 0.0, 4.0), DIGIT_GEL, 0.25
+        catalogue.load("hemisphere-4"), PressCommand("", 0.0, 0.0, 0.0, 4.0), GEL, 0.25
     )
     contact = advance(contact, 0.2, 0.1, 0.0, 4.0, 0.8)
     x, y = contact.x_mm.copy(), contact.y_mm.copy()
@@ -433,7 +436,7 @@ def test_a_tip_settles_between_two_sets_of_cells():
     """A smallest displacement adds two cells to the two that it loads, and takes them away."""
     shape = catalogue.load("random-4322000000063")
     start = PressCommand(shape.name, 0.6804239, -1.4767772, 4.4165892, 1.2738230)
-    contact = solve_contact(shape, start, CYSKIN_COVER, 0.5)
+    contact = solve_contact(shape, start, COVER, 0.5)
     for _ in range(6):
         contact = advance(contact, 0.08064944, 0.16800086, -0.00170563, 1.2738230, 1.2796767)
     assert contact.settled or contact.smaller_than_grid
@@ -444,7 +447,7 @@ def test_a_layout_returns_to_smaller_pins_only_where_they_are_clearly_fewer(monk
     monkeypatch.setattr(pin_layout, "POOL_SIZES", (8192,))  # fewer than this shape needs
     shape = catalogue.load("random-4322000001087")
     command = PressCommand(shape.name, 0.378, 1.078, 2.3, 2.25)
-    survey = Survey(shape, command, cached_layer(DIGIT_GEL, 0.25))
+    survey = Survey(shape, command, cached_layer(GEL, 0.25))
     light, medium, heavy = (survey.expected_contact(force_n) for force_n in (0.2, 3.0, 4.0))
     large, small = PinLayout([survey], [heavy]), PinLayout([survey], [medium])
     assert large.sizes < small.sizes
@@ -455,7 +458,7 @@ def test_a_layout_returns_to_smaller_pins_only_where_they_are_clearly_fewer(monk
 
 def test_tips_settle_and_each_unsettled_step_counts(press):
     """A tip that the linear response would pull through itself."""
-    contact = press("random-4322000000089", DIGIT_GEL, 0.25, 11.5)
+    contact = press("random-4322000000089", GEL, 0.25, 11.5)
     for _ in range(4):
         contact = advance(contact, -0.1, 0.1, -0.03, 11.5, 1.2)
     assert contact.settled or contact.smaller_than_grid

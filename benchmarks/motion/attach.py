@@ -35,20 +35,20 @@ from benchmarks.motion.attach_scenes import (
     Body,
     compile_grip,
     compile_scene,
+    contact_of,
     contact_wrench,
     geom,
     mesh_body,
     settle,
 )
 from t2twin.attachment.geometry import Region, body_surface
-from t2twin.attachment.sensor import NOTHING, AttachedSensor, SensorName
+from t2twin.attachment.sensor import NOTHING, AttachedSensor
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.height_map import rasterize_triangles
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact import pin_layout
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.taxels.pads import FULL_SCALE_COUNTS
 from t2twin.sim.touch import Touch
 
 BENCHMARK = Benchmark(
@@ -71,7 +71,7 @@ BENCHMARK = Benchmark(
     ),
 )
 
-SENSORS: tuple[SensorName, ...] = ("digit", "cyskin")
+SENSORS = ("digit", "cyskin")
 
 PRIMITIVES = catalogue.PRIMITIVES[:: max(1, len(catalogue.PRIMITIVES) // 15)][:15]
 """Shapes whose meshes are pressed in MuJoCo."""
@@ -167,7 +167,7 @@ FORMULAS: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = {
 """Heights of the geoms with a formula, mm."""
 
 
-def read_at_rest(sensor: SensorName, body: Body, **options: Any) -> Touch:
+def read_at_rest(sensor: str, body: Body, **options: Any) -> Touch:
     """The touch of a body that has come to rest. options: of all geoms."""
     attached, model, data = compile_scene(sensor, [body], **options)
     settle(model, data)
@@ -195,13 +195,15 @@ def same_press(count: int | None = None) -> dict[str, Any]:
             x_mm, y_mm, _ = (1e3 * data.body("body-0").xpos).tolist()
             expected = twin.press(shape, force_n=force_n, x_mm=x_mm, y_mm=y_mm, yaw_deg=yaw_deg)
             row = {"shape": shape.name, "force_n": force_n, "yaw_deg": yaw_deg}
-            depths = [each.contacts[sensor].depth_mm for each in (touch, expected)]
+            depths = [getattr(each, sensor).depth_mm for each in (touch, expected)]
             row["depth_error"] = depths[0] / depths[1] - 1
             if sensor == "digit":
                 row["image_db"] = psnr_db(touch.image, expected.image)
             else:
                 difference = touch.counts.astype(float) - expected.counts
-                row["counts_error"] = float(np.abs(difference).max()) / FULL_SCALE_COUNTS
+                row["counts_error"] = (
+                    float(np.abs(difference).max()) / twin.sensors.array.full_scale
+                )
             rows[sensor].append(row)
     return {"worst": {sensor: worst(rows[sensor]) for sensor in SENSORS}, "presses": rows}
 
@@ -237,7 +239,7 @@ def wrench() -> dict[str, Any]:
             attached, model, data = compile_scene(sensor, [pushed], friction=[1.2, 0.005, 0.0001])
             settle(model, data)
             touch = attached.read(model, data)
-            contact = touch.contacts[sensor]
+            contact = contact_of(touch)
             force, torque = contact_wrench(model, data, attached.pose(model, data))
             found = np.array([*contact.shear_n, -contact.force_n])
             size = float(np.linalg.norm(force))
@@ -261,9 +263,7 @@ def compliance() -> dict[str, Any]:
         row: dict[str, Any] = {"shape": shape.name}
         for sensor in SENSORS:
             depths = [
-                read_at_rest(sensor, pressed(body, 8.0), solref=[each, 1.0])
-                .contacts[sensor]
-                .depth_mm
+                contact_of(read_at_rest(sensor, pressed(body, 8.0), solref=[each, 1.0])).depth_mm
                 for each in COMPLIANCES_S
             ]
             row[f"{sensor}_error"] = depths[1] / depths[0] - 1

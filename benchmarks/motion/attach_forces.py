@@ -34,11 +34,12 @@ from benchmarks.motion.attach_scenes import (
     FACE_DOWN,
     Body,
     compile_scene,
+    contact_of,
     geom,
     mesh_body,
     settle,
 )
-from t2twin.attachment.sensor import NOTHING, AttachedSensor, SensorName
+from t2twin.attachment.sensor import NOTHING, AttachedSensor
 from t2twin.core.errors import T2TwinWarning
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
@@ -65,7 +66,7 @@ BENCHMARK = Benchmark(
     arguments=(Argument("--scenes", "random scenes", int, 2000, partial=True),),
 )
 
-SENSORS: tuple[SensorName, ...] = ("digit", "cyskin")
+SENSORS = ("digit", "cyskin")
 GRAVITY = 9.81
 """m/s2"""
 
@@ -128,7 +129,7 @@ def drops() -> dict[str, Any]:
     return {"drops": len(cases), "wrong": len(found), "failures": found}
 
 
-def drop(case: tuple[SensorName, str, float, float, float]) -> dict[str, Any] | None:
+def drop(case: tuple[str, str, float, float, float]) -> dict[str, Any] | None:
     sensor, kind, mass_kg, drop_mm, step_s = case
     size, half_mm = DROPPED[kind]
     spec = mujoco.MjSpec()
@@ -147,7 +148,7 @@ def drop(case: tuple[SensorName, str, float, float, float]) -> dict[str, Any] | 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", T2TwinWarning)
         touch = attached.read(model, data)
-    force_n = touch.contacts[sensor].force_n if touch.contacts else 0.0
+    force_n = contact_of(touch).force_n if touch.contacts else 0.0
     pose = attached.pose(model, data)
     z_mm = 1e3 * (data.body("dropped").xpos - pose[:3, 3])[2]
     is_on_pad = bool(
@@ -170,7 +171,7 @@ def grasps() -> dict[str, Any]:
     return {"grasps": len(cases), "wrong": len(found), "failures": found}
 
 
-def grasp(case: tuple[str, float, float, float, SensorName]) -> dict[str, Any] | None:
+def grasp(case: tuple[str, float, float, float, str]) -> dict[str, Any] | None:
     """A gripper with two light fingers closes on an object and lifts it."""
     name, mass_kg, gain, step_s, sensor = case
     spec = mujoco.MjSpec()
@@ -208,7 +209,7 @@ def grasp(case: tuple[str, float, float, float, SensorName]) -> dict[str, Any] |
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", T2TwinWarning)
             touch = each.read(model, data)
-        contact = touch.contacts.get(sensor)
+        contact = contact_of(touch)
         expected = -sum(force[2] for force in forces_on(model, data, each).values())
         values.append((float(expected), contact.force_n if contact else 0.0))
     if all(abs(true - read) <= max(0.02 * abs(true), 0.03) for true, read in values):
@@ -262,7 +263,7 @@ def random_outcome(number: int) -> tuple[Counter[str], list[dict[str, Any]]]:
 def random_scene(number: int) -> tuple[Counter[str], list[dict[str, Any]]]:
     """Reads of up to three random bodies on a random sensor, on the way to rest and there."""
     rng = np.random.default_rng((number, 52))
-    sensor: SensorName = SENSORS[number % 2]
+    sensor: str = SENSORS[number % 2]
     bodies = [random_body(rng, sensor) for _ in range(rng.integers(1, 4))]
     sleeps = rng.random() < 0.1
     if sleeps:  # weights press instead of forces on the joints, which would wake the bodies
@@ -301,20 +302,20 @@ def random_scene(number: int) -> tuple[Counter[str], list[dict[str, Any]]]:
         touch = attached.read(model, data)
         tally["reads"] += 1
         tally["noticed"] += bool(touch.notices)
-        contact = touch.contacts.get(sensor)
+        contact = contact_of(touch)
         tally["unsettled"] += contact is not None and not contact.settled
         tally["asleep"] += bool((data.tree_asleep >= 0).any())
         force_n = np.sum([*known.values(), np.zeros(3)], axis=0)
-        lost_n = lost(touch, sensor, force_n, len(bodies))
+        lost_n = lost(touch, force_n, len(bodies))
         if lost_n > 0:
             tally["lost"] += 1
             failures.append({"scene": number, "lost_n": lost_n, "mujoco_n": force_n.tolist()})
     return tally, failures
 
 
-def lost(touch: Touch, sensor: SensorName, force_n: np.ndarray, bodies: int) -> float:
+def lost(touch: Touch, force_n: np.ndarray, bodies: int) -> float:
     """Force of MuJoCo that is neither read nor named beyond the tolerance, N."""
-    contact = touch.contacts.get(sensor)
+    contact = contact_of(touch)
     read_n = np.zeros(3) if contact is None else np.array([*contact.shear_n, -contact.force_n])
     rest_n = force_n - read_n - np.sum([each.force_n for each in touch.notices] or [0.0], axis=0)
     normal = abs(rest_n[2]) - max(SHARE * abs(force_n[2]), MIN_LOST_N * bodies)
@@ -323,7 +324,7 @@ def lost(touch: Touch, sensor: SensorName, force_n: np.ndarray, bodies: int) -> 
     return float(max(normal, across, 0.0))
 
 
-def random_body(rng: np.random.Generator, sensor: SensorName) -> Body:
+def random_body(rng: np.random.Generator, sensor: str) -> Body:
     """A geom, a primitive or a ring at any turn, or face down and tilted by up to 10 degrees."""
     a, b, c = rng.uniform(1.0, 10.0, 3)
     kinds = ("sphere", "capsule", "ellipsoid", "cylinder", "box")

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 import t2twin
 from t2twin.attachment.geometry import Geometry
-from t2twin.attachment.sensor import AttachedSensor, SensorName
+from t2twin.attachment.sensor import AttachedSensor
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.touch import Touch
 
 FACE_DOWN = Rotation.from_euler("x", 180.0, degrees=True)
 """From the shape frame to the sensor frame of a press without yaw."""
@@ -48,6 +49,11 @@ class Body:
     mass_kg: float = MASS_KG
 
 
+def contact_of(touch: Touch) -> Any:
+    """The contact of the sensor in a touch; None without one."""
+    return next(iter(touch.contacts.values()), None)
+
+
 def geom(kind: str, *size_mm: float, **options: Any) -> dict[str, Any]:
     """Arguments of add_geom."""
     size = [1e-3 * each for each in (*size_mm, 0.0, 0.0)][:3]
@@ -61,7 +67,7 @@ def mesh_body(shape: Shape, **options: Any) -> Body:
 
 
 def compile_scene(
-    sensor: SensorName,
+    sensor: str,
     bodies: list[Body],
     geometry: Geometry = "collision",
     change: Callable[["mujoco.MjSpec"], object] = lambda spec: None,

@@ -34,12 +34,12 @@ from benchmarks.motion import slides_fem as fem
 from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.sampling.presses import random_name
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import slide_to
 
 BENCHMARK = Benchmark(
@@ -90,6 +90,9 @@ RADIUS_MM, SIDE_MM = 30.0, 4.0
 SLIDE_MM, SLIDE_FRICTION, SLIDE_POISSON = 0.2, 0.8, 0.45
 
 
+PAIR = SensorPair()
+
+
 @dataclass(frozen=True)
 class Layer:
     """A flat layer of the comparison with CalculiX. block_mm: half the block's width. depths_mm: of
@@ -103,8 +106,8 @@ class Layer:
 
 
 LAYERS = {
-    "gel": Layer(4.07, DIGIT_GEL.young_mpa, 11.0, (0.08, 0.05), DIGIT_PITCH_MM),
-    "cover": Layer(2.0, CYSKIN_COVER.young_mpa, 7.0, (0.06, 0.03), CYSKIN_PITCH_MM),
+    "gel": Layer(4.07, PAIR.source.elastomer.young_mpa, 11.0, (0.08, 0.05), PAIR.source.pitch_mm),
+    "cover": Layer(2.0, PAIR.target.elastomer.young_mpa, 7.0, (0.06, 0.03), PAIR.target.pitch_mm),
 }
 
 FEM_PITCH_MM = {"ball": 0.25, "punch": 0.08}
@@ -124,7 +127,7 @@ PLACES_MM = (2.0, 3.0)
 
 def measure(options: Namespace) -> dict[str, Any]:
     fem.require_calculix()
-    half_space = closed_forms.against_tamaas(DIGIT_GEL.poisson)
+    half_space = closed_forms.against_tamaas(PAIR.source.elastomer.poisson)
     worst = closed_forms.largest
     return {
         "pushed_ball": {

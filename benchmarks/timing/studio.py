@@ -147,10 +147,12 @@ def _core_ms(run: Path) -> float:
         started = time.perf_counter()
         result = session.press(PressState(force_n=float(force_n)), translators.default_names)
         scales = scales_of(result)
-        digit, cyskin = result.touch.digit, result.touch.cyskin
-        pads = taxels_part(cyskin, result.touch.layout, result.touch.counts, scales.counts)
-        as_glb([elastomer_part(digit, scales.digit_kpa)])
-        as_glb([elastomer_part(cyskin, scales.cyskin_kpa), pads])
+        for name, contact in result.touch.contacts.items():
+            parts = [elastomer_part(contact, scales.kpa[name])]
+            if name in scales.counts:
+                layout, high = result.touch.layout, scales.counts[name]
+                parts.append(taxels_part(contact, layout, result.touch.counts, high))
+            as_glb(parts)
         press_html(result, scales, has_runs=True)
         times.append(1e3 * (time.perf_counter() - started))
     return statistics.median(times[1:])
