@@ -23,6 +23,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.calibrate.measurements import read_measurements
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.sampling.recipe import Light, Motion, Part, Recipe, load_recipe
+from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path
 from t2twin.sim.taxels.layout import load_layout
 
@@ -383,9 +384,11 @@ def run_block(block, namespace, expensive, capsys):
                 more = [words for start, words in SHORT.items() if line.startswith(start)]
                 cli.main(shlex.split(" ".join([line.replace(REPLACED, ""), *more]))[1:])
     elif block.language == "toml":
-        recipe = block.page.with_suffix(".toml").name
-        Path(recipe).write_text(block.text)
-        assert load_recipe(recipe)
+        name = re.search(r'(?m)^name = "(.*)"$', block.text)
+        path = Path(f"{name[1] if name else block.page.stem}.toml")
+        path.write_text(block.text)
+        is_sensor = block.text.startswith(("kind", "extends"))
+        assert load_sensor(path) if is_sensor else load_recipe(path)
     elif block.language == "json":
         check_json(block, capsys.readouterr().out)
     elif block.language == "csv":
