@@ -23,6 +23,7 @@ from t2twin.translate.evaluation.predictions import (
     splits_with_pairs,
 )
 from t2twin.translate.evaluation.records import Evaluation, Finding, read_evaluation, write_findings
+from t2twin.translate.evaluation.table import counts_form
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.runs.config import BEST, load_config, resolve_run
@@ -50,6 +51,10 @@ class ReportData(Dataset):
     predictions: dict[str, Predictions]
     folders: dict[str, Path]
     gap: dict[str, Finding]
+
+    def counts(self, value: float) -> str:
+        """A number of counts as text, with a decimal for a small full scale."""
+        return counts_form(self.layout.full_scale_counts).format(value)
 
     @property
     def evaluation(self) -> Evaluation:

@@ -193,7 +193,7 @@ def saturation(page: Figure, array: Array) -> None:
     full_scale, layout, saturated = array.full_scale, array.layout, array.saturated
     largest.hist(array.largest, np.linspace(0, full_scale, 41).tolist(), color="#0072b2")
     largest.set(xlabel="largest count of a pair", ylabel="pairs")
-    largest.xaxis.set_major_formatter("{x:,.0f}")
+    largest.xaxis.set_major_formatter("{x:,g}")
     largest.locator_params(axis="x", nbins=4)
     times = np.bincount(saturated.sum(axis=1))
     number.bar(range(times.size), times, color="#0072b2")
@@ -325,7 +325,7 @@ def _counts(axes: Axes, dataset: Dataset, role: str) -> None:
         xlabel=f"counts of {dataset.label(role)}", ylabel="% of the split's counts", yscale="log"
     )
     axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
-    axes.xaxis.set_major_formatter("{x:,.0f}")
+    axes.xaxis.set_major_formatter("{x:,g}")
     axes.legend()
 
 

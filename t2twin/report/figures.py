@@ -155,7 +155,7 @@ def color_bar(
     page: Figure, drawn: AxesImage, axes: Axes | list[Axes], width: float, title: str = ""
 ) -> None:
     """Adds a color bar in counts next to axes. width: relative to that of the axes."""
-    bar = page.colorbar(drawn, ax=axes, fraction=width, pad=0.06, aspect=28, format="{x:,.0f}")
+    bar = page.colorbar(drawn, ax=axes, fraction=width, pad=0.06, aspect=28, format="{x:,g}")
     bar.ax.spines["outline"].set_linewidth(0.4)
     bar.ax.tick_params(labelsize=7, length=2)
     bar.set_label(title, fontsize=7)

@@ -170,7 +170,7 @@ def _shape_bars(page: Figure, report: ReportData, split: str) -> None:
     axes.set(xlabel="RMSE, counts", title=title)
     axes.set(xlim=(0, 1.05 * high or 1), ylim=(len(names) - 0.4, -0.6))
     axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
-    axes.xaxis.set_major_formatter("{x:,.0f}")
+    axes.xaxis.set_major_formatter("{x:,g}")
     page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
@@ -205,7 +205,7 @@ def _epochs(page: Figure, report: ReportData) -> None:
                 linestyle=(0, (6, 3)), label=f"{name_of(name)}, validation",
             )  # fmt: skip
     axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
-    axes.yaxis.set_major_formatter("{x:,.0f}")
+    axes.yaxis.set_major_formatter("{x:,g}")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend()
 
@@ -251,6 +251,6 @@ def _coverage(page: Figure, evaluations: dict[str, Evaluation]) -> None:
         xlabel="presses with the lowest uncertainty, %", ylabel="RMSE, counts", xlim=(0, 100),
         ylim=(0, None),
     )  # fmt: skip
-    right.yaxis.set_major_formatter("{x:,.0f}")
+    right.yaxis.set_major_formatter("{x:,g}")
     left.legend()
     right.legend()

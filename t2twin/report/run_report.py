@@ -250,7 +250,7 @@ def sample_image(report: ReportData, split: str, row: int) -> bytes:
         if run.reads_any_layout:
             panels.append(Panel(f"{title}\ngenerated", run.tactile_images([image])[0]))
         error = predictions.rmse_counts(name)[row]
-        panels.append(Panel(f"φ(Ŷ) {title}\n{error:,.0f} counts", predicted))
+        panels.append(Panel(f"φ(Ŷ) {title}\n{report.counts(error)} counts", predicted))
         panels.append(Panel("φ(Ŷ) − I\n", predicted - truth, is_difference=True))
     panels.append(Panel("I = φ(Y)\ntrue", truth))
     return panels_image(panels, phi, layout.x_mm, layout.y_mm)

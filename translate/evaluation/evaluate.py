@@ -15,7 +15,9 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
+from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import sha256_of
+from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_pairs, usable_cache
 from t2twin.translate.evaluation import array_errors
 from t2twin.translate.evaluation.array_errors import by_force, by_motion
@@ -215,7 +217,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
             confidence=array_errors.CONFIDENCE,
         ),
         paired=differences,
-        paper=PAPER.get(split, {}) if inputs.dataset.is_protocol else {},
+        paper=PAPER.get(split, {}) if _is_papers(inputs.dataset) else {},
         findings=findings(rows, differences),
         recipe=info.recipe,
         background=None if inputs.background is None else inputs.background.source,
@@ -227,6 +229,11 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         | {name: getattr(pairs, name) for name in ("x_mm", "y_mm", "yaw_rad", "force_n")},
         std_by_model={name: each.counts_std for name, each in estimates.items()},
     )
+
+
+def _is_papers(dataset: DatasetInfo) -> bool:
+    """Whether it follows the paper's protocol with the paper's sensors."""
+    return dataset.is_protocol and (dataset.source.name, dataset.target.name) == (SOURCE, TARGET)
 
 
 def _score(

@@ -56,6 +56,9 @@ FURTHER = (
 FORMS: dict[FigureName, str] = {column.figure: column.form for column in (*MAIN, *FURTHER)}
 """Number formats by figure (records.Figures)."""
 
+SMALL_FULL_SCALE = 1000
+"""Full scale below which counts have a decimal."""
+
 PAPER = "Grella et al. 2023, on hardware"
 PAPER_FORMS: dict[FigureName, str] = {**FORMS, "ssim": "{:.2f}"}
 """Number formats of the paper's rows, with its decimals."""
@@ -110,12 +113,18 @@ def figures_table(
     not the paper's.
     """
     each = list(evaluations.values())
+    form = counts_form(each[0].full_scale_counts)
+    columns = [c._replace(form=form) if c.figure.endswith("_counts") else c for c in columns]
     groups: dict[str, list[list[Cell]]] = {own: [], PAPER: []}
     for row in dict.fromkeys(row for one in each for row in one.models):
         cells = (_cell(one.models.get(row), c, intervals) for one in each for c in columns)
         groups[own].append([name(row), *cells])
     for row in dict.fromkeys(row for one in each for row in one.paper):
-        cells = [_figure(one.paper.get(row), c, PAPER_FORMS) for one in each for c in columns]
+        cells = [
+            _figure(one.paper.get(row), c._replace(form=PAPER_FORMS[c.figure]))
+            for one in each
+            for c in columns
+        ]
         if any(cell != NONE for cell in cells):
             groups[PAPER].append([name(row), *cells])
     return Table(
@@ -134,12 +143,17 @@ def _cell(
     if row is None:
         return NONE, ""
     interval = row.interval[column.figure] if column.figure in intervals else None
-    return _figure(row.overall, column, FORMS), _interval(interval, column.form)
+    return _figure(row.overall, column), _interval(interval, column.form)
 
 
-def _figure(row: Figures | PaperRow | None, column: Column, forms: Mapping[FigureName, str]) -> str:
+def _figure(row: Figures | PaperRow | None, column: Column) -> str:
     value = getattr(row, column.figure, None)
-    return NONE if value is None else forms[column.figure].format(value)
+    return NONE if value is None else column.form.format(value)
+
+
+def counts_form(full_scale: float) -> str:
+    """Number format of counts of an array."""
+    return "{:,.1f}" if full_scale < SMALL_FULL_SCALE else "{:,.0f}"
 
 
 def _interval(interval: Interval | None, form: str) -> str:
@@ -155,7 +169,7 @@ def _notes(evaluations: Evaluations, columns: Collection[Column]) -> Iterator[st
         f"Below or behind a figure: its {100 * one.bootstrap.confidence:.0f} % interval, by "
         f"bootstrap over the {shapes} shapes."
     )
-    if FURTHER[-1] in columns:
+    if FURTHER[-1].figure in (column.figure for column in columns):
         taxels = one.view.taxels
         yield (
             f"Of the taxels, {taxels.under} lie under the image's view, {taxels.near} within one "
