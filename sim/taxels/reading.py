@@ -42,8 +42,8 @@ class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
         deviation, counts.
     hysteresis: largest share of a count that is missing after loading (assumed).
     crosstalk: share of each nearest neighbor's count that is added (assumed).
-    line_crosstalk: share of the counts of the other taxels of the same row and of the same column
-        that is added, as in a resistive matrix that is scanned line by line (assumed).
+    line_crosstalk: share of the counts of the other taxels in its row and in its column that is
+        added, as in a resistive matrix (assumed).
     gain_spread: standard deviation of the taxels' gains around 1, fixed for an array (assumed).
     dead: indices of taxels that read 0.
     noise_counts: standard deviation of the noise of each reading over the taxels, counts.

@@ -14,8 +14,8 @@ MAX_BITS = 16
 class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The law of a taxel.
 
-    capacitive: strain m (1 - exp(-p / (M m))) of a dielectric of modulus M and largest strain m;
-    the signal is the relative increase of the parallel-plate capacitance, strain / (1 - strain)
+    capacitive: strain m (1 - exp(-p / (M m))) of a dielectric of modulus M and largest strain m.
+    The signal is strain / (1 - strain), the relative increase of the capacitance of parallel plates
     (Schmitz et al. 2011). piezoresistive: the conductance a p / (1 + b p), which saturates.
     """
 
