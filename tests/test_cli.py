@@ -214,7 +214,10 @@ def test_commands_import_no_renderer_of_mujoco(backend):
         (("--sensor", "cyskin", "--flat"), "--flat has no effect on cyskin-20"),
         (("--source", "cyskin-63", "--optics", "x.npz"), "no effect on cyskin-63 and cyskin-20"),
         (("--sensor", "target", "--renderer", "pyrender"), "--renderer has no effect on cyskin-20"),
-        (("--sensor", "cyskin-63"), "'cyskin-63' in the twin; allowed are digit, cyskin-20"),
+        (
+            ("--sensor", "cyskin-63"),
+            "--sensor is 'cyskin-63'; expected one of both, source, target, digit, cyskin-20",
+        ),
         (("--source", "digitt"), "there is no sensor 'digitt'"),
         (("--target", "none.toml"), "none.toml"),
         (("--seed", "1", "--imperfections", "worse"), "no imperfections called 'worse'"),

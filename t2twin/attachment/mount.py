@@ -102,13 +102,8 @@ def attach(
         )
     device = _device(sensor, optics=optics, layout=layout, imperfections=imperfections,
                      markers=markers)  # fmt: skip
-    mounted = AttachedSensor(
-        name=_free_name(spec, name, sensor),
-        device=device,
-        geometry=geometry,
-        rate_hz=rate_hz,
-        seed=seed,
-    )
+    own_name = _free_name(spec, name, sensor)
+    mounted = AttachedSensor(own_name, device, geometry, rate_hz, seed)
     pose = arguments.vector(pos, "pos", 3), _unit(quat)
     place, prefix = _place(spec, site, body), f"{mounted.name}/"
     depth_m = _backing_m(spec, place.name, site is not None, *pose, device)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from t2twin.sim.sensors.defaults import SOURCE, TARGET
+from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
 
 if TYPE_CHECKING:
     from t2twin.primitives_cad.shape import Shape
@@ -167,7 +167,18 @@ class TouchOptions:
 
     def only(self, sensors: "SensorPair") -> str | None:
         """The name in a touch of the sensor to press, None for both."""
-        return None if self.sensor == BOTH else sensors.named(self.sensor)
+        from t2twin.core.errors import T2TwinError
+
+        if self.sensor == BOTH:
+            return None
+        try:
+            return sensors.named(self.sensor)
+        except T2TwinError:
+            names = ", ".join((BOTH, *ROLES, *sensors.by_name))
+            raise T2TwinError(
+                f"--sensor is {self.sensor!r}; expected one of {names}, or other sensors by "
+                "--source and --target"
+            ) from None
 
     def pressed(self, sensors: "SensorPair") -> "dict[str, Sensor]":
         """The sensors to press, by their names in a touch."""

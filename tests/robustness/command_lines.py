@@ -53,21 +53,24 @@ REFUSED = """
 | --no-such-flag => there is no option '--no-such-flag'; see t2twin --help
 press | => SHAPE is missing; see t2twin press --help | -- circle-1 b => unexpected argument 'b'
 press circle-1 | square-1 => unexpected argument 'square-1' | --force 8 => did you mean --force-n?
-press circle-1 | -f => there is no option '-f' | --sensor gelsight => no sensor
+press circle-1 | -f => there is no option '-f' | --sensor gelsight => one of both, source
 press circle-1 | --force-n => --force-n has no value; expected a number | --sensor '' => --sensor
 press circle-1 | --x-mm --y-mm 3 => --x-mm has no value | --flat=yes => unexpected argument 'yes'
 press circle-1 | --depth_mm= => --depth-mm is ''; expected a number | --x-mm 1 --x-mm 2,0 => '2,0'
 press circle-1 | --optics => --optics has no value; expected FILE
 press random-3 --out out | --scale 2 => files only
-PRESS | --source gelsight => no sensor 'gelsight' | --target no.toml => no.toml | --source '' => no
-PRESS | --source digit --target digit --layout cyskin-63 => --layout | --source LONG => no sensor
+PRESS | --source gelsight => no sensor 'gelsight' | --target no.toml => no.toml | --source '' => a
+PRESS | --source digit --target digit --layout cyskin-63 => --layout | --source LONG => shorter
 SIM | --source gelsight => no sensor 'gelsight' | --target no.toml => no.toml | --target / => sensor
 SIM | --source cyskin-63 --optics n.npz => optics | --target digit --layout cyskin-63 => layout
 simdata --recipe open --out out | --source no.toml => no.toml | --target cyskn-20 => cyskin-20?
 simdata --verify {data} | --source digit => --source cannot | --target x => --target cannot
+sensors | look => expected list, show or check | show => SENSOR is missing | list x => no sensor
+sensors check | no.toml => no.toml | gelsight => no sensor 'gelsight' | '' => sensor | / => sensor
+sensors | --out x.png => no effect with list | show digit --out x.png => no effect with show
 PRESS | --seed 1 --imperfections some => imperfections | --imperfections all => without --seed
 PRESS --sensor cyskin | --markers => --markers has no effect | --renderer pyrender => --renderer has
-PRESS --sensor digit | --layout cyskin-63 => --layout has no effect with --sensor digit
+PRESS --sensor digit | --layout cyskin-63 => --layout has no effect on digit
 slide circle-1 --dx-mm 1 --sensor cyskin --out out | --marker-pitch-mm 2 => --marker-pitch-mm has
 simdata --out out | => --scale is missing | --scale huge => scale | --renderer x => expected baked
 simdata --verify | => --verify has no value | nowhere => no dataset | /dev/null => no dataset
