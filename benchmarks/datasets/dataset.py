@@ -83,7 +83,7 @@ def figures(dataset: Dataset) -> dict[str, Any]:
         "versions": dict(dataset.info.versions),
         "size_gib": size / 2**30,
         "kb_a_pair": size / len(counts) / 1e3,
-        "pairs_without_contact": int((largest < array.min_contact_counts).sum()),
+        "pairs_without_contact": int(dataset.without_contact.sum()),
         "unsettled": int(sum((~dataset.contact(r, "settled")).sum() for r in ROLES)),
         "bottomed": int(sum(dataset.contact(r, "bottomed").sum() for r in ROLES)),
         "force_off_percent": {

@@ -80,7 +80,7 @@ class Array:
             mean, std = expected_reading(flaws, self.info.reading, np.zeros_like(least))
             std = np.hypot(std, flaws.drift_counts if flaws.drift_share else 0.0)
             least = np.maximum(least, mean + AT_REST_STDS * std + ROUNDING_COUNTS)
-        return (self.counts >= least).any(axis=1)
+        return np.any(self.counts >= least, axis=1)
 
 
 @dataclass(frozen=True)
