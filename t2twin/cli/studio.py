@@ -28,7 +28,7 @@ def studio(
         host: Address to listen on; reachable from this machine only unless given. 0.0.0.0 allows
             everyone who can reach this machine.
         port: Port to listen on.
-        background: Background frame of the same DIGIT for field runs; the mean background frame of
+        background: Background frame of the same sensor for field runs; the mean background frame of
             their training unless given.
         allow_origin: Additional origin whose pages may use the studio, such as https://lab.example
             of a proxy. Can be repeated.

@@ -148,7 +148,7 @@ class Translators:
     ) -> tuple[Translation, ...]:
         """Predictions of these runs for a frame, (h, w, 3) or (h, w) uint8.
 
-        background: background frame of the same DIGIT, for field runs. touch: of the frame, for the
+        background: background frame of the same sensor, for field runs. touch: of the frame, for the
         true counts. Raises T2TwinError for a run that cannot be loaded.
         """
         return tuple(self._translate(name, image, background, touch) for name in runs)
