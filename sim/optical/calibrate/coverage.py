@@ -88,8 +88,8 @@ def coverage_sentences(coverage: Coverage, camera: Camera) -> list[str]:
         return [f"The presses cover the image, except for {bare:.0f} % of it."]
     places = [_named(place, camera) for place in coverage.next_mm]
     return [
-        f"No press lies within {COVER_MM:g} mm of {bare:.0f} % of the image. There, the light is a "
-        "guess.",
+        f"No press lies within {COVER_MM:g} mm of {bare:.0f} % of the image. There, the light is "
+        "extrapolated.",
         f"Press next, in mm from the middle of the image: {'; '.join(places)}.",
     ]
 

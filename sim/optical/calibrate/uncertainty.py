@@ -121,7 +121,8 @@ def estimate_uncertainty(
 ) -> OpticsUncertainty:
     """Bounds around a fit to all presses, (n,) names.
 
-    tolerance: complete. report: called with progress messages.
+    tolerance: complete. report: called with progress messages. Raises T2TwinError where the presses
+    cannot be fitted within the tolerances.
     """
     measurements, sensor = presses.measurements, presses.sensor
     assert tolerance.young_mpa is not None
@@ -131,7 +132,13 @@ def estimate_uncertainty(
     for sign, word in ((DEEPEST, "deepest"), (SHALLOWEST, "shallowest")):
         report(f"fitting within the tolerances, {word}")
         shifted, camera = _shifted(presses, fit.model.camera, tolerance, sign)
-        shifted_fit = fit_presses(shifted, camera, fit.state)
+        try:
+            shifted_fit = fit_presses(shifted, camera, fit.state)
+        except T2TwinError as error:
+            raise T2TwinError(
+                f"with all inputs at the end of their tolerances where presses are {word}, {error}; "
+                "or give smaller tolerances"
+            ) from error
         estimates.append(_estimate(shifted, shifted_fit, own_mpa - sign * tolerance.young_mpa))
     depths_mm, forces_n = (
         np.array([getattr(each, name) for each in estimates]) for name in ("depths_mm", "forces_n")
