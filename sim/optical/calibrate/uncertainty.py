@@ -136,8 +136,8 @@ def estimate_uncertainty(
             shifted_fit = fit_presses(shifted, camera, fit.state)
         except T2TwinError as error:
             raise T2TwinError(
-                f"with all inputs at the end of their tolerances where presses are {word}, {error}; "
-                "or give smaller tolerances"
+                f"with all inputs at the end of their tolerances where presses are {word}, "
+                f"{error}; or give smaller tolerances"
             ) from error
         estimates.append(_estimate(shifted, shifted_fit, own_mpa - sign * tolerance.young_mpa))
     depths_mm, forces_n = (
