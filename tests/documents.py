@@ -46,11 +46,12 @@ class Block(NamedTuple):
         return f"{name_of(self.page)}:{self.line}"
 
     def commands(self) -> Iterator[str]:
-        """The command lines, without comments and the sign of a background job."""
+        """The command lines, without comments, redirections and the sign of a background job."""
         for line in self.text.replace("\\\n", " ").splitlines():
             words = shlex.split(line, comments=True)
             if words and words[-1] == "&":
                 words.pop()
+            words = words[: words.index(">")] if ">" in words else words
             if words:
                 yield shlex.join(words)
 

@@ -331,7 +331,10 @@ def test_a_file_with_three_faults_names_all_three():
     assert refused(content).count(";") == files.MAX_LISTED
 
 
-WIDE = content_of("digit")["camera"] | {"columns": 320, "scale_px_per_mm": 25.0}
+ON_ITSELF = content_of("digit")["light"]["leds"][0] | {
+    "angle_deg": 0.0, "radius_mm": 5.0, "z_mm": -3.0, "aim_mm": [5.0, 0.0, -3.0],
+}  # fmt: skip
+WIDE = content_of("digit")["camera"] | {"columns": 300, "scale_px_per_mm": 25.0}
 
 
 @pytest.mark.parametrize(
@@ -341,9 +344,12 @@ WIDE = content_of("digit")["camera"] | {"columns": 320, "scale_px_per_mm": 25.0}
         ("digit", ("camera", "rows"), 600, "the camera sees 31.2 mm of the gel's length"),
         ("flexitac", ("cover", "grid_mm"), 0.1, "cover: grid_mm is 0.1, which gives 660 cells"),
         ("digit", ("units", "distance_mm"), [22.0, 20.8], "expected low first"),
+        ("digit", ("units", "scale_px_per_mm"), [9.0, 20.0], "a unit's camera sees 26.7 mm"),
+        ("digit", ("light", "leds", 1, "beam_deg"), [9.0, 9.0], "leds[1]: beam_deg is [9, 9]"),
+        ("digit", ("light", "leds", 0), ON_ITSELF, "light.leds[0]: aim_mm is the LED's own place"),
         ("digit", ("light",), {"ambient": [0.1, 0.1, 0.1]}, "at least one of leds and optics"),
         ("digit", ("light", "optics"), "none.npz", "none.npz does not exist"),
-        ("digit", ("camera",), WIDE, "columns; expected 320 and 320"),
+        ("digit", ("camera",), WIDE, "columns; expected 320 and 300"),
         ("gelsight-mini", ("markers", "rows"), 0, "columns and rows"),
         ("gelsight-mini", ("markers", "diameter_mm"), 3.0, "diameter_mm"),
         ("gelsight-mini", ("light", "ambient"), [90.0, 90.0, 90.0], "background white"),

@@ -89,6 +89,13 @@ class LedTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
         tuple[Beam, Beam], Meta(description="half angles between which the beam fades out")
     ] = (80.0, 90.0)
 
+    def __post_init__(self) -> None:
+        inner, outer = self.beam_deg
+        if inner >= outer:
+            raise T2TwinError(f"beam_deg is [{inner:g}, {outer:g}]; expected the smaller first")
+        if np.allclose(self.led.position_mm, self.aim_mm):
+            raise T2TwinError("aim_mm is the LED's own place; expected a point away from it")
+
     @property
     def led(self) -> Led:
         inner, outer = np.radians(self.beam_deg).tolist()
@@ -175,12 +182,18 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     about: Annotated[str | None, Meta(description="remark, which is not read")] = None
 
     def __post_init__(self) -> None:
-        half = self.camera.camera.seen_half_extent_mm()
-        for seen, side, axis in zip(
-            half, (self.gel.width_mm, self.gel.length_mm), ("width", "length"), strict=True
-        ):
-            if 2 * seen > side:
-                raise T2TwinError(
-                    f"the camera sees {2 * seen:.1f} mm of the gel's {axis}, which is {side:g} mm; "
-                    "expected a larger scale_px_per_mm, a smaller image or a larger gel"
-                )
+        camera = self.camera
+        scales = [("the camera", "camera", camera.scale_px_per_mm)]
+        if self.units is not None:
+            scales.append(("a unit's camera", "units", self.units.scale_px_per_mm[0]))
+        for which, table, scale in scales:
+            for pixels, side, axis in (
+                (camera.columns, self.gel.width_mm, "width"),
+                (camera.rows, self.gel.length_mm, "length"),
+            ):
+                if pixels / scale > side:
+                    raise T2TwinError(
+                        f"{which} sees {pixels / scale:.1f} mm of the gel's {axis}, which is "
+                        f"{side:g} mm; expected a larger {table}.scale_px_per_mm, a smaller image "
+                        "or a larger gel"
+                    )
