@@ -29,6 +29,9 @@ from t2twin.sim.optical.randomization.ranges import UnitRanges, log_uniform, uni
 MIN_OWN = 0.5
 """Share of an LED's brightest color from which on it has another color too (assumed: color filters
 of cameras leak less)."""
+STATED_LEDS = 3
+"""LEDs of the units to whose leaks and irregularity the ranges refer. Each of more LEDs has less of
+both, so that their sums stay."""
 MIDDLE_COSINE = 0.4
 """Cosine of incidence at which relative light is defined (assumed: flanks of a press)."""
 DEGREE = 2
@@ -113,9 +116,10 @@ def _relative(
     """
     count = len(leds)
     by_power = np.zeros((count, 3, 3, TERMS))  # LED, color, power of the cosine, place
-    leaks = mixed * float(uniform(rng, ranges.leak_amount))
+    few = min(1.0, STATED_LEDS / count)
+    leaks = few * mixed * float(uniform(rng, ranges.leak_amount))
     leaks = leaks * uniform(rng, ranges.leak_part, (count, 3))
-    amount = mixed * float(uniform(rng, ranges.irregular_amount))
+    amount = np.sqrt(few) * mixed * float(uniform(rng, ranges.irregular_amount))
     patterns = amount * rng.standard_normal((count, 3, *IRREGULAR.shape)) * IRREGULAR
     by_power[:, :, 0, 0] = leaks
     by_power[:, :, : len(IRREGULAR)] += patterns
