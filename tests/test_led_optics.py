@@ -30,7 +30,8 @@ def test_an_image_in_the_light_of_leds_is_the_reference(name, least_db):
         pressed.astype(float) - still,
         renderer.render(ball) - renderer.background.astype(float),
     ]
-    assert np.corrcoef(*(change.ravel() for change in changes))[0, 1] > 0.97
+    one, other = (change.ravel() for change in changes)
+    assert np.corrcoef(one, other)[0, 1] > 0.97
 
 
 def test_the_light_follows_the_beam_and_the_distance():

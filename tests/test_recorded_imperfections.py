@@ -180,6 +180,7 @@ def test_a_path_of_a_dataset_is_that_of_the_twin(twin, shape):
     for one, other in zip(
         made, touches_along(twin.sensors, shape, commands, 0.7, rng), strict=True
     ):
+        assert one.memory is not None and other.memory is not None
         assert np.array_equal(one.memory, other.memory)
         assert np.array_equal(one.counts, other.counts)
 
