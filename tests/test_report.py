@@ -25,6 +25,7 @@ from t2twin.translate.evaluation.records import (
     read_evaluation,
     write_evaluation,
 )
+from t2twin.translate.evaluation.table import MAIN, figures_table
 
 
 @pytest.fixture(scope="module")
@@ -121,6 +122,14 @@ def test_table_has_the_numbers_of_metrics(evaluations: dict[str, Evaluation], re
         ["4,007", "10.01", "0.96", "6,072", "15.18", "–"],
         ["3,931", "9.83", "0.95", "4,867", "12.17", "–"],
     ]
+
+
+def test_counts_of_a_small_full_scale_have_a_decimal(evaluations: dict[str, Evaluation]) -> None:
+    small = replace(evaluations["val"], full_scale_counts=255.0)
+    for one, form in ((evaluations["val"], "{:,.0f}"), (small, "{:,.1f}")):
+        rows = {row[0]: row[1] for row in figures_table({"val": one}, MAIN).lines[""]}
+        expected = form.format(one.models["resnet18"].overall.rmse_counts)
+        assert rows["resnet18"] == expected
 
 
 def test_findings_on_the_page_are_those_of_the_file(page: Path, read: Reader) -> None:
