@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 from documents import PAGES, ROOT, anchors, blocks, inline_code, links, name_of
+from kinds import gel_camera
 from PIL import Image
 
 import t2twin
@@ -21,7 +22,6 @@ from benchmarks.evidence.record import find_benchmarks
 from t2twin import cli
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.calibrate.measurements import read_measurements
-from t2twin.sim.optical.optics import Optics
 from t2twin.sim.sampling.recipe import Light, Motion, Part, Recipe, load_recipe
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path
@@ -306,7 +306,7 @@ def examples(products, small_dataset, trained):
         (folder / "my-recipe.toml").write_text(
             recipe.replace("val_share = 0.02", "val_share = 0.5")
         )
-        Optics.load().save(folder / "runs" / "optics" / "optics.npz")
+        gel_camera().optics.save(folder / "runs" / "optics" / "optics.npz")
         video = cv2.VideoWriter(
             str(folder / "video.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 60, (240, 320)
         )
@@ -347,7 +347,7 @@ def check_csv(block):
     elif header.startswith("file,"):
         path.rename("forces.csv")
         names = [line.partition(",")[0] for line in block.text.splitlines()[1:]]
-        measured = read_measurements(Path(), names, 4.7)
+        measured = read_measurements(Path(), names, 4.7, gel_camera())
         assert measured.has_forces and measured.has_depths and measured.diameters_mm[2] == 6.0
     else:
         assert header.startswith("image,taxel_0"), block.place
