@@ -329,6 +329,18 @@ def test_the_pretrained_run_gives_intervals_and_the_force(pretrained):
     assert translation.background_used and 10 < translation.covered <= 20
 
 
+def test_another_array_has_no_true_counts_for_a_run(pretrained):
+    translators = Translators()
+    translators.search(below=NOWHERE)
+    for target in ("flexitac", "digit"):
+        state = PressState(SHAPE, force_n=6.0, target=target)
+        seen = Session(translators).press(state, translators.default_names)
+        (translation,) = seen.translations
+        assert translation.truth is None
+        assert np.array_equal(translation.counts, pretrained.translations[0].counts)
+        assert "RMSE" not in cards.press_html(seen, cards.scales_of(seen), has_runs=True)
+
+
 def test_intervals_and_force_are_on_the_card(pretrained):
     (translation,) = pretrained.translations
     page = cards.press_html(pretrained, cards.scales_of(pretrained), has_runs=True)

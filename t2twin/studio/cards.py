@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.taxels.phi import PX_PER_MM
 from t2twin.sim.touch import Touch
 from t2twin.studio.charts import (
     PERCENT,
@@ -185,7 +184,7 @@ def frame_html(
 def _translation(translation: Translation, scales: Scales, touch: Touch) -> str:
     """Predicted tactile image of a run, differences from the true counts, error and intervals."""
     force_n = touch.command.force_n
-    if translation.rmse_counts is None:  # no array was pressed
+    if translation.rmse_counts is None:  # no such array was pressed
         notes = f'<div class="wide">{_unreliable(translation)}</div>'
         figures = row(_predicted(translation, scales.predicted), notes)
         return figures + _force(translation, force_n) + intervals_html(translation)
@@ -230,13 +229,13 @@ def _force(translation: Translation, true_n: float | None) -> str:
 def _discs(translation: Translation, high: float) -> str:
     """Differences of the taxels as discs at their positions, in the size of a tactile image."""
     assert translation.truth is not None
-    rows, columns = translation.tactile_image.shape
+    (rows, columns), px_per_mm = translation.tactile_image.shape, translation.px_per_mm
     colors = color_values(translation.counts - translation.truth, high, DIVERGING)
     layout = translation.layout
     discs = "".join(
-        f'<circle cx="{columns / 2 + PX_PER_MM * layout.x_mm[n]:.1f}"'
-        f' cy="{rows / 2 + PX_PER_MM * layout.y_mm[n]:.1f}"'
-        f' r="{PX_PER_MM * layout.pad_diameter_mm[n] / 2:.1f}"'
+        f'<circle cx="{columns / 2 + px_per_mm * layout.x_mm[n]:.1f}"'
+        f' cy="{rows / 2 + px_per_mm * layout.y_mm[n]:.1f}"'
+        f' r="{px_per_mm * layout.pad_diameter_mm[n] / 2:.1f}"'
         f' fill="rgb({red},{green},{blue})"/>'
         for n, (red, green, blue) in enumerate(colors.tolist())
     )

@@ -135,8 +135,8 @@ def studio(
     """Serves the studio within the block.
 
     runs: folders of trained runs; if empty, runs in the folder `runs` are found. source: frames to
-    translate, as for `t2twin live`. background: background frame of the same sensor, for field runs.
-    allow_origins: additional origins whose pages may connect, such as that of a proxy. Raises
+    translate, as for `t2twin live`. background: background frame of the same sensor, for field
+    runs. allow_origins: additional origins whose pages may connect, such as that of a proxy. Raises
     T2TwinError for an invalid run, source, image or origin, and for an unusable host and port.
     """
     _check_address(host, port)

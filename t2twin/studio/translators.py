@@ -7,7 +7,7 @@ N taxels of a run.
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -19,6 +19,7 @@ from t2twin.core.errors import T2TwinError
 if TYPE_CHECKING:
     from t2twin.sim.taxels.layout import Layout
     from t2twin.sim.touch import Touch
+    from t2twin.translate.data.pairs import DataInfo
     from t2twin.translate.inference.predictor import CountsPredictor
     from t2twin.translate.uncertainty.estimate import Estimate
 
@@ -41,10 +42,10 @@ class Translation:
     """The prediction of a run for one image.
 
     model: "field", "resnet18" or "touch2touch". counts: (N,) float32. layout: taxels of the run.
-    tactile_image: (R, C) float32, counts. in_distribution: whether the image resembles the training
-    images. truth: (N,) float64, true counts at these taxels, None if unknown. interval: lower and
-    upper bounds of the counts, (N,) float32 each, and force: None for runs without uncertainty.
-    background_used: whether the run received a background frame.
+    tactile_image: (R, C) float32, counts. px_per_mm: its scale. in_distribution: whether the image
+    resembles the training images. truth: (N,) float64, true counts at these taxels, None if
+    unknown. interval: lower and upper bounds of the counts, (N,) float32 each, and force: None for
+    runs without uncertainty. background_used: whether the run received a background frame.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Translation:
     layout: "Layout"
     tactile_image: np.ndarray
     in_distribution: bool
+    px_per_mm: float
     truth: np.ndarray | None = None
     interval: tuple[np.ndarray, np.ndarray] | None = None
     force: ForceInterval | None = None
@@ -148,8 +150,8 @@ class Translators:
     ) -> tuple[Translation, ...]:
         """Predictions of these runs for a frame, (h, w, 3) or (h, w) uint8.
 
-        background: background frame of the same sensor, for field runs. touch: of the frame, for the
-        true counts. Raises T2TwinError for a run that cannot be loaded.
+        background: background frame of the same sensor, for field runs. touch: of the frame, for
+        the true counts. Raises T2TwinError for a run that cannot be loaded.
         """
         return tuple(self._translate(name, image, background, touch) for name in runs)
 
@@ -175,7 +177,8 @@ class Translators:
             interval, force = (low[0], high[0]), _force(estimate)
         else:
             counts, tactile = run.counts_and_tactile_images(pixels)
-        pads = np.full(data.x_mm.size, PAD_DIAMETER_MM)
+        pads = data.pad_diameter_mm
+        pads = np.full(data.x_mm.size, PAD_DIAMETER_MM) if pads is None else pads
         layout = Layout(data.layout, data.x_mm, data.y_mm, pads)
         return Translation(
             name=name,
@@ -184,7 +187,8 @@ class Translators:
             layout=layout,
             tactile_image=tactile[0],
             in_distribution=combined(own, *run.classify(pixels)) == OODClass.IN_DISTRIBUTION,
-            truth=None if touch is None else _truth(touch, layout),
+            px_per_mm=data.tactile_image[2],
+            truth=None if touch is None else _truth(touch, layout, data),
             interval=interval,
             force=force,
             background_used=background_used,
@@ -233,13 +237,17 @@ def _model_of(folder: Path) -> str:
     return config.model
 
 
-def _truth(touch: "Touch", layout: "Layout") -> np.ndarray | None:
+def _truth(touch: "Touch", layout: "Layout", data: "DataInfo") -> np.ndarray | None:
     """True counts at the taxels of a layout; of the touch's own layout with its noise, of any other
-    without. None for a touch without an array."""
+    without. None for a touch without an array of the cover and the full scale of the data."""
     if touch.of_array is None:
+        return None
+    array = touch.of_array.sensor
+    cover = replace(array.elastomer, name=data.elastomer.name)
+    if cover != data.elastomer or array.full_scale != data.full_scale_counts:
         return None
     own = np.stack([touch.layout.x_mm, touch.layout.y_mm])
     other = np.stack([layout.x_mm, layout.y_mm])
     if own.shape == other.shape and np.allclose(own, other):
         return touch.counts.astype(float)
-    return touch.of_array.sensor.noiseless(touch.of_array.contact, layout)
+    return array.noiseless(touch.of_array.contact, layout)
