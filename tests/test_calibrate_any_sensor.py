@@ -144,9 +144,12 @@ def refused(folder, *, ball_mm=BALL_MM, sensor, **options):
 
 def test_what_cannot_be_fitted_is_one_sentence(tmp_path):
     sensor = sensor_of()
-    folder = written(tmp_path / "frames", *frames_of(sensor, poses_of(9)))
+    frames = frames_of(sensor, poses_of(9))
+    folder = written(tmp_path / "frames", *frames)
     assert "too small" in refused(folder, ball_mm=2.0, sensor=sensor)
     assert "must be 240 wide, 320 high" in refused(folder, sensor="digit")
+    turned = written(tmp_path / "turned", *(np.rot90(of, axes=(-3, -2)) for of in frames))
+    assert "must be 176 wide, 128 high" in refused(turned, sensor=sensor)
     assert "is a taxel array; expected a gel camera" in refused(folder, sensor="cyskin-20")
     camera = replace(sensor.camera, rows=64)
     assert "has 64 rows" in refused(folder, sensor=sensor, camera=camera)

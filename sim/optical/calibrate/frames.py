@@ -99,18 +99,20 @@ def read_frames(
 def upright_frame(frame: np.ndarray, camera: Camera) -> np.ndarray:
     """(rows, columns, 3): a frame in the size of the camera's images.
 
-    A frame on its side, wide where the images are high, is rotated by a quarter turn
+    Sensors with upright images have a wide camera, whose own frames are rotated by a quarter turn
     counterclockwise, as the interface of the default sensor does. Larger frames are averaged down.
     Raises T2TwinError for smaller frames and other proportions.
     """
     size = _size(frame)
-    if (frame.shape[0] - frame.shape[1]) * (camera.rows - camera.columns) < 0:
+    is_upright = camera.rows > camera.columns
+    if is_upright and frame.shape[0] < frame.shape[1]:
         frame = np.rot90(frame)
     rows, columns = frame.shape[:2]
     if rows < camera.rows or rows * camera.columns != columns * camera.rows:
         raise T2TwinError(
             f"the frames are {size}; they must be {camera.columns} wide, {camera.rows} high, as "
-            "the sensor's file says, or larger in these proportions, upright or on their side"
+            "the sensor's file says, or larger in these proportions"
+            + (", upright or on their side" if is_upright else "")
         )
     if rows == camera.rows:
         return np.ascontiguousarray(frame)
