@@ -59,12 +59,13 @@ class SensorInfo:
     infinity. pitch_mm: of the contact's grid.
 
     Of a gel camera: image_shape, rows, columns and channels; view_mm, half of what an image shows
-    along x and y; noise_grey, standard deviation of an image's noise; optics_sha256, of the optics
+    along x and y. noise_grey: standard deviation of an image's noise. optics_sha256: of the optics
     file.
     Of a taxel array: layout, its name; x_mm, y_mm, pad_diameter_mm of the taxels;
-    full_scale_counts; tactile_image, rows, columns and px_per_mm; readings, averaged into the
-    counts; rate_hz, of the readings; imperfections; dense_x_mm, dense_y_mm, places of the dense
-    counts; dense_pad_mm, diameter of their pads; dense_cell_mm2, area of the surface for each.
+    full_scale_counts; imperfections.
+    tactile_image: rows, columns and px_per_mm. readings: averaged into the counts, at rate_hz.
+    dense_x_mm, dense_y_mm: places of the dense counts. dense_pad_mm: diameter of their pads.
+    dense_cell_mm2: area of the surface for each.
 
     Raises ValueError for fields that contradict each other.
     """
@@ -140,8 +141,8 @@ class DatasetInfo:
     target: the sensors. versions: of everything that may change a shard's bytes. shards: the
     existing ones, by path below the dataset's folder.
 
-    The others are optional. seed, recipe, shapes, shape_code: of a simulated dataset; recipe is its
-    recipe, shapes has the indices of each shape's presses on the grid, shape_code is a digest of
+    The others are optional. seed, recipe, shapes, shape_code: of a simulated dataset. recipe is its
+    recipe; shapes has the indices of each shape's presses on the grid. shape_code is a digest of
     the code and libraries of the shapes' surfaces. scale: of a dataset of the protocol. origin: of
     an imported one. files: sha256 of the users' solids, by path.
 

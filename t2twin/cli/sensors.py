@@ -42,7 +42,7 @@ def sensors(
 
     Args:
         action: list; show SENSOR, which prints its file; or check SENSOR, which presses a ball of
-            6 mm with 2 N, or with less where it would sink in by more than half the thickness.
+            6 mm with 2 N. It presses with less where the ball would sink in by half the thickness.
         sensor: Name of a bundled sensor, or a sensor file.
         out: Picture that check writes: of a gel camera the background frame, the image and their
             difference; of a taxel array the tactile image; default runs/sensors/NAME.png.

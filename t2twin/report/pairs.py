@@ -57,7 +57,7 @@ def section(dataset: Dataset) -> dict[str, Any]:
 
 
 def field_of_view(dataset: Dataset) -> tuple[float, float] | None:
-    """Half of what the image of a simulated gel camera shows along x and y, mm; None where it is
+    """Half of what the image of a simulated gel camera shows along x and y, mm. None where it is
     unknown, and without a taxel array on which it is drawn."""
     if not (dataset.cameras and dataset.arrays and dataset.info.is_simulated):
         return None

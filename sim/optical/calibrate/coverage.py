@@ -13,8 +13,8 @@ from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.optics import Optics
 
 COVER_MM = 1.5
-"""Distance to the middle of a press within which it covers the gel, mm (measured on a real DIGIT:
-presses nearer than this to one of those fitted score 31 dB in the mean, farther ones 27 dB)."""
+"""Distance to the middle of a press within which it covers the gel, mm. On a real DIGIT, presses
+nearer than this to one of those fitted score 31 dB in the mean, farther ones 27 dB (measured)."""
 STEPS = 40
 """Number of places across the shorter side of the image that are compared with the presses."""
 ENOUGH = 0.97

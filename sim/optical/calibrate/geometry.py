@@ -1,9 +1,8 @@
 """The geometry that all presses share, and its estimate from frames alone.
 
 Photometric stereo finds the directions of the light from surfaces of known normals. Here the
-surfaces are those of the balls, and the shadows that they cast count too: on a ring of LEDs around
-the gel, those are chosen whose Lambertian light explains the presses' change of the background
-best. No color is presumed: an LED has any amount of each, in each press another one.
+surfaces are those of the balls, and the shadows that they cast count too. On a ring of LEDs around
+the gel, those are chosen whose Lambertian light explains the change of the background best. No color is presumed: an LED has any amount of each, in each press another one.
 """
 
 from collections.abc import Iterator, Sequence
