@@ -93,7 +93,8 @@ class Scene:
         self._places = {role: client.scene.add_frame(f"/{role}", show_axes=False) for role in ROLES}
         self._labels: dict[str, viser.LabelHandle] = {}
         self._sensors: tuple[Sensor, ...] = ()
-        self._arranged: tuple[Sensors, int] = ("both", 0)
+        self._visible: Sensors = "both"
+        self._hidden_px = (0, 0)  # by panels to come, and the width of the scene before them
         self._surfaces: dict[str, list[viser.GlbHandle]] = {role: [] for role in ROLES}
         self._shapes: dict[str, viser.MeshHandle] = {}
         self._arrows: dict[str, viser.ArrowsHandle] = {}
@@ -109,7 +110,8 @@ class Scene:
         hidden_px: width that panels will hide.
         """
         both = sensors == "both"
-        self._arranged = (sensors, hidden_px)
+        self._visible = sensors
+        self._hidden_px = (hidden_px, self._client.camera.image_width)
         layers = [each.elastomer for each in self._sensors]
         widths_mm, lengths_mm = ([getattr(each, name) for each in layers]
                                  for name in ("width_mm", "length_mm"))  # fmt: skip
@@ -176,7 +178,9 @@ class Scene:
                 position=(0.0, -elastomer.length_mm / 2 - LABEL_MM, -elastomer.thickness_mm),
                 anchor="top-center",
             )
-        self.arrange(*self._arranged)
+        hidden_px, width_px = self._hidden_px
+        is_hidden = self._client.camera.image_width != width_px  # the panels are there
+        self.arrange(self._visible, 0 if is_hidden else hidden_px)
 
     def hide_old_surfaces(self) -> None:
         """Hides the previous surfaces; call it when the browser has loaded the new ones."""
