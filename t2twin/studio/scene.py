@@ -37,8 +37,8 @@ SENSOR_SPACING_MM, GAP_MM = 40.0, 16.8
 """Least distance between the sensor centers, mm, and between their sides, mm, which leave space for
 the shapes."""
 
-LENGTH_MM = 46.0
-"""Length of a sensor from which on the camera is moved away, mm."""
+EXTENT_MM, LENGTH_MM = 65.0, 46.0
+"""Width of both sensors together, and length of one, from which on the camera is moved away, mm."""
 
 STEEL, GLASS_OPACITY = (150, 160, 175), 0.35
 """Color of the shape, and its opacity as glass."""
@@ -120,7 +120,11 @@ class Scene:
             self._places[role].visible = sensors in ("both", role)
             self._places[role].position = (side * spacing_mm if both else 0.0, 0.0, 0.0)
         camera, far, looking_at = self._client.camera, 1.0 if both else ONE_SENSOR, LOOKING_AT_MM
-        far *= max(spacing_mm / SENSOR_SPACING_MM, *(each / LENGTH_MM for each in lengths_mm), 1.0)
+        far *= max(
+            (spacing_mm + sum(widths_mm) / 2) / EXTENT_MM,
+            *(each / LENGTH_MM for each in lengths_mm),
+            1.0,
+        )
         narrow = NARROW
         if self._is_phone:
             narrow, hidden_px = NARROW_PHONE, 0
