@@ -37,7 +37,7 @@ def test_the_second_process_compiles_all_that_an_image_needs(tmp_path):
     def run(*command):
         with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE) as process:
             assert process.wait() == 0
-        return {path.name for path in tmp_path.rglob("*.nbi") if "digit-" in str(path)}
+        return {path.name for path in tmp_path.rglob("*.nbi") if "optical-" in str(path)}
 
     made = run(*HELPER)
     press = "import t2twin; t2twin.press('random-17')"
@@ -61,7 +61,7 @@ def test_it_compiles_only_where_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     assert compile_ahead.compile_optics_ahead() is True
-    folder = tmp_path / "numba/digit-0/0/sim_digit"
+    folder = tmp_path / "numba/optical-0/0/sim_optical"
     folder.mkdir(parents=True)
     assert compile_ahead.compile_optics_ahead() is True  # an empty folder holds no loop
     (folder / "optics.nbi").touch()
