@@ -7,14 +7,14 @@ from .primitives_cad.export import export_shapes as export_shapes
 from .primitives_cad.shape import Shape as Shape
 from .report.dataset_report import write_data_report as write_data_report
 from .report.run_report import write_report as write_report
+from .sim.calibrate import calibrate as calibrate
+from .sim.calibrate import guess_light as guess_light
 from .sim.contact.elastomer import Elastomer as Elastomer
 from .sim.contact.types import Contact as Contact
 from .sim.contact.types import PressCommand as PressCommand
 from .sim.dataset.generate import make_dataset as make_dataset
 from .sim.dataset.import_pairs import import_pairs as import_pairs
 from .sim.dataset.verify import verify_dataset as verify_dataset
-from .sim.calibrate import calibrate as calibrate
-from .sim.calibrate import guess_light as guess_light
 from .sim.optical.markers import Markers as Markers
 from .sim.sampling.recipe import Recipe as Recipe
 from .sim.sampling.recipe import load_recipe as load_recipe

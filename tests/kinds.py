@@ -17,3 +17,8 @@ def taxel_array(name: str = "cyskin-20") -> TaxelArray:
     sensor = load_sensor(name)
     assert isinstance(sensor, TaxelArray)
     return sensor
+
+
+GEL, COVER = gel_camera().own_gel, taxel_array().elastomer
+GEL_PITCH_MM, COVER_PITCH_MM = gel_camera().pitch_mm, taxel_array().pitch_mm
+"""The layers of the default pair, and the pitches of their contact grids."""

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+from kinds import COVER, GEL
 
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import Layer, base_stress, compliance_mm_per_mpa
 
 H, E, NU = 2.5, 0.3, 0.47
@@ -33,7 +34,7 @@ def test_a_wide_pressure_sinks_by_the_confined_modulus():
 
 
 def test_a_window_gives_the_same_as_the_whole():
-    ground = Layer(DIGIT_GEL, 0.5)
+    ground = Layer(GEL, 0.5)
     pressure = np.zeros((ground.rows, ground.columns))
     window = (slice(10, 26), slice(8, 24))
     pressure[14:20, 12:18] = np.random.default_rng(0).random((6, 6))
@@ -42,7 +43,7 @@ def test_a_window_gives_the_same_as_the_whole():
 
 
 def test_deflection_is_linear_and_mirrors():
-    ground = Layer(CYSKIN_COVER, 0.5)
+    ground = Layer(COVER, 0.5)
     pressure = np.random.default_rng(1).random((ground.rows, ground.columns))
     sunk = ground.deflection_mm(pressure)
     assert ground.deflection_mm(2 * pressure) == pytest.approx(2 * sunk, abs=1e-5)

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kinds import COVER, GEL
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.loads.carry import carry
 from t2twin.sim.contact.loads.prescribed import Load, owner_of
 from t2twin.sim.contact.pin_layout import OffPadError
@@ -17,7 +18,7 @@ from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import Contact, PressCommand
 
 FRICTION = 0.8
-FLAT = replace(CYSKIN_COVER, width_mm=24.0, length_mm=24.0)
+FLAT = replace(COVER, width_mm=24.0, length_mm=24.0)
 
 
 def ball(x_mm=0.0, y_mm=0.0, radius_mm=4.0, name="ball"):
@@ -57,7 +58,7 @@ def test_a_load_without_shear_is_the_press():
         assert not contact.shear_kpa.any() and contact.slip_share == 0.0
 
 
-@pytest.mark.parametrize("elastomer, pitch_mm", [(DIGIT_GEL, 0.25), (CYSKIN_COVER, 0.5)])
+@pytest.mark.parametrize("elastomer, pitch_mm", [(GEL, 0.25), (COVER, 0.5)])
 def test_the_forces_of_a_slide_give_its_traction(elastomer, pitch_mm):
     shape = catalogue.load("hemisphere-4")
     slid = found = pressed(load(shape), elastomer, pitch_mm)

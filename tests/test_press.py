@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from kinds import COVER, COVER_PITCH_MM, GEL, GEL_PITCH_MM
 from scipy.interpolate import RectBivariateSpline
 
 from benchmarks.contact.oracle import kernel, solve
@@ -17,11 +18,9 @@ from t2twin.primitives_cad.random_shapes.rasterize import heights_mm
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import (
-    CYSKIN_PITCH_MM,
-    DIGIT_PITCH_MM,
     solve_contact,
 )
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.footprint import footprint
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.mujoco_pins import MujocoPins
@@ -61,10 +60,10 @@ def test_a_flat_punch_on_a_thick_layer_is_boussinesq():
 def test_depth_under_a_flat_face_is_proportional_to_force():
     """Also where the depth is a hundredth of a cell, and the face turned: its walls, which a height
     map interpolates, are no part of it."""
-    ring, linear = catalogue.load("circle-empty-4"), replace(DIGIT_GEL, law="linear", **FLAT_TOP)
+    ring, linear = catalogue.load("circle-empty-4"), replace(GEL, law="linear", **FLAT_TOP)
     for yaw in (0.0, 0.4):
         slope = [
-            pressed(ring, linear, DIGIT_PITCH_MM, force, yaw=yaw).depth_mm / force
+            pressed(ring, linear, GEL_PITCH_MM, force, yaw=yaw).depth_mm / force
             for force in (0.25, 1.0, 8.0)
         ]
         assert slope == pytest.approx([slope[-1]] * 3, rel=0.005)
@@ -93,7 +92,7 @@ def test_the_engine_agrees_with_the_oracle(shape):
     assert contact.depth_mm == pytest.approx(answer.depth_mm, rel=0.03)
 
 
-@pytest.mark.parametrize("elastomer, pitch", [(DIGIT_GEL, 0.25), (CYSKIN_COVER, 0.5)])
+@pytest.mark.parametrize("elastomer, pitch", [(GEL, 0.25), (COVER, 0.5)])
 @pytest.mark.parametrize("name", ["square-3", "hemisphere-1", "line-sharp-1", "pliers/teeth"])
 def test_eight_newtons_in_eight_newtons_out(name, elastomer, pitch, shapes):
     shape = shapes(name)
@@ -109,8 +108,8 @@ def test_eight_newtons_in_eight_newtons_out(name, elastomer, pitch, shapes):
 
 def test_a_quarter_turn_of_the_press_turns_the_contact():
     shape = block(3.0, 10.0)
-    flat_gel = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
-    for elastomer, pitch in ((CYSKIN_COVER, CYSKIN_PITCH_MM), (flat_gel, DIGIT_PITCH_MM)):
+    flat_gel = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
+    for elastomer, pitch in ((COVER, COVER_PITCH_MM), (flat_gel, GEL_PITCH_MM)):
         straight = pressed(shape, elastomer, pitch, x=2.0, y=1.0, yaw=0.3)
         turned = pressed(shape, elastomer, pitch, x=-1.0, y=2.0, yaw=0.3 + np.pi / 2)
         for name in ("surface_mm", "pressure_kpa"):
@@ -144,11 +143,9 @@ def test_the_shape_is_turned_over_about_x():
 
 
 def test_more_force_goes_deeper_and_never_through():
-    depths = [
-        pressed(ball(4.0), CYSKIN_COVER, 0.5, force).depth_mm for force in (1.0, 4.0, 8.0, 30.0)
-    ]
+    depths = [pressed(ball(4.0), COVER, 0.5, force).depth_mm for force in (1.0, 4.0, 8.0, 30.0)]
     assert depths == sorted(depths)
-    assert depths[-1] < CYSKIN_COVER.thickness_mm
+    assert depths[-1] < COVER.thickness_mm
 
 
 def test_halving_the_grid_changes_little():
@@ -167,11 +164,11 @@ def test_footprint_of_a_turned_block_keeps_its_area():
 def test_the_fine_surface_follows_the_shape(shapes):
     shape = shapes("square-2")
     command = PressCommand("square-2", 0.0, 0.0, 0.2, 8.0)
-    contact = solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM)
+    contact = solve_contact(shape, command, GEL, GEL_PITCH_MM)
     axis = np.linspace(-2, 2, 21)
     fine = surface_on(contact, axis, axis)
     x, y = np.meshgrid(axis, axis)
-    expected = contact.shape_depth_mm + DIGIT_GEL.rest_surface_mm(x, y)
+    expected = contact.shape_depth_mm + GEL.rest_surface_mm(x, y)
     assert fine == pytest.approx(expected, abs=0.02)
 
 
@@ -198,7 +195,7 @@ def test_presses_in_threads_are_those_of_one_after_another(shapes):
         (PressCommand(name, 0.3 * turn, -0.2, 0.5 * turn, 4.0 + turn), sensor)
         for turn in range(3)
         for name in names
-        for sensor in ((DIGIT_GEL, DIGIT_PITCH_MM), (CYSKIN_COVER, CYSKIN_PITCH_MM))
+        for sensor in ((GEL, GEL_PITCH_MM), (COVER, COVER_PITCH_MM))
     ]
 
     def pressed(task):
@@ -213,7 +210,7 @@ def test_presses_in_threads_are_those_of_one_after_another(shapes):
 
 def test_a_contact_cannot_be_changed(shapes):
     command = PressCommand("square-2", 0.0, 0.0, 0.0, 2.0)
-    contact = solve_contact(shapes("square-2"), command, CYSKIN_COVER, CYSKIN_PITCH_MM)
+    contact = solve_contact(shapes("square-2"), command, COVER, COVER_PITCH_MM)
     with pytest.raises(ValueError, match="read-only"):
         contact.pressure_kpa[0, 0] = 1.0
     with pytest.raises(AttributeError):
@@ -239,7 +236,7 @@ def test_a_thin_layer_is_as_thin_as_it_says():
 
 def test_a_domed_gel_too_thin_for_its_dome_is_refused():
     with pytest.raises(T2TwinError, match=r"at least 0\.5 mm thick"):
-        replace(DIGIT_GEL, thickness_mm=0.3)
+        replace(GEL, thickness_mm=0.3)
 
 
 def test_a_warning_of_mujoco_leaves_no_file_and_says_nothing(tmp_path, monkeypatch, capfd):
@@ -262,16 +259,16 @@ def test_a_tip_that_is_pressed_almost_through_settles():
     surface = HeightMap(heights, axis, axis)
     tip = Shape("tip", trimesh.Trimesh(), surface, spacing_mm=(1.0, 1.0))
     command = PressCommand("tip", -2.5791143539617805, 2.8193609113121365, 1.0150796254785088, 8.0)
-    contact = solve_contact(tip, command, CYSKIN_COVER, CYSKIN_PITCH_MM)
+    contact = solve_contact(tip, command, COVER, COVER_PITCH_MM)
     assert contact.settled
     assert contact.force_n == pytest.approx(8.0, rel=0.005)
-    assert 2.0 < contact.depth_mm < CYSKIN_COVER.thickness_mm
+    assert 2.0 < contact.depth_mm < COVER.thickness_mm
 
 
 def test_a_face_that_comes_down_behind_a_rim_is_pressed_whole():
     """A rim touches first, of which many fine pins are expected, and then almost all the pad."""
     command = PressCommand("random-1047", -2.900380, -3.448314, 5.413441, 0.652571)
-    contact = solve_contact(RandomShape(1047), command, CYSKIN_COVER, CYSKIN_PITCH_MM)
+    contact = solve_contact(RandomShape(1047), command, COVER, COVER_PITCH_MM)
     assert contact.settled
     assert contact.force_n == pytest.approx(command.force_n, rel=0.005)
     assert contact.contact_area_mm2 > 40.0
@@ -282,7 +279,7 @@ def test_a_splinter_that_carries_all_is_pressed():
     settled."""
     name, force = "random-1000002550", 0.45414935730194644
     command = PressCommand(name, -1.352646466373205, 1.0478581369031699, 5.112454390867839, force)
-    contact = solve_contact(RandomShape(1000002550), command, CYSKIN_COVER, CYSKIN_PITCH_MM)
+    contact = solve_contact(RandomShape(1000002550), command, COVER, COVER_PITCH_MM)
     assert contact.equilibrium.converged
     assert contact.smaller_than_grid and not contact.settled
     assert contact.force_n == pytest.approx(force, rel=0.005)
@@ -310,7 +307,7 @@ def test_springs_carry_the_force_by_those_they_meet():
 def test_mujoco_has_the_last_word(monkeypatch):
     """Were its contacts to find other springs pressed, nothing would have settled."""
     shape, command = ball(4.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0)
-    assert solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM).settled
+    assert solve_contact(shape, command, GEL, GEL_PITCH_MM).settled
     step = MujocoPins.step
 
     def every_other(model, force, rest, stiffness):
@@ -319,4 +316,4 @@ def test_mujoco_has_the_last_word(monkeypatch):
         return depth, deflection
 
     monkeypatch.setattr(MujocoPins, "step", every_other)
-    assert not solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM).settled
+    assert not solve_contact(shape, command, GEL, GEL_PITCH_MM).settled

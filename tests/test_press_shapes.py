@@ -5,16 +5,16 @@ import re
 import numpy as np
 import pytest
 import trimesh
+from kinds import COVER, COVER_PITCH_MM, GEL, GEL_PITCH_MM
 
 from t2twin.cli.press import contact_summary
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
+from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.types import PressCommand
 
-SENSORS = ((DIGIT_GEL, DIGIT_PITCH_MM), (CYSKIN_COVER, CYSKIN_PITCH_MM))
+SENSORS = ((GEL, GEL_PITCH_MM), (COVER, COVER_PITCH_MM))
 
 
 def box(sides, at):
@@ -81,11 +81,9 @@ def test_only_the_higher_of_two_steps_touches_until_pushed_harder(solid, elastom
 def test_a_part_off_center_presses_where_it_stands(solid):
     # The box around both parts is centerd: the post stands 6 mm to the right of its middle.
     plate, post = box((14, 4, 1), (0, 0, 0)), box((2, 2, 9), (6, 0, 5))
-    contact = pressed(solid(plate, post), CYSKIN_COVER, CYSKIN_PITCH_MM, x=1.0, y=-3.0)
+    contact = pressed(solid(plate, post), COVER, COVER_PITCH_MM, x=1.0, y=-3.0)
     assert center(contact) == pytest.approx((7.0, -3.0), abs=0.1)
-    turned = pressed(
-        solid(plate, post), CYSKIN_COVER, CYSKIN_PITCH_MM, x=1.0, y=-3.0, yaw=np.pi / 2
-    )
+    turned = pressed(solid(plate, post), COVER, COVER_PITCH_MM, x=1.0, y=-3.0, yaw=np.pi / 2)
     assert center(turned) == pytest.approx((1.0, 3.0), abs=0.1)
 
 
@@ -149,7 +147,7 @@ def test_a_shape_may_be_pressed_at_its_highest_part(radius, tmp_path):
         with pytest.raises(T2TwinError, match=r"no surface within 32 mm.*--center"):
             catalogue.load(tmp_path / "ring.stl", tmp_path / "kept")
     shape = catalogue.load(tmp_path / "ring.stl", tmp_path / "kept", center=True)
-    contact = pressed(shape, CYSKIN_COVER, CYSKIN_PITCH_MM, force=1.0)
+    contact = pressed(shape, COVER, COVER_PITCH_MM, force=1.0)
     assert center(contact) == pytest.approx((0.0, 0.0), abs=0.1)
     assert contact.contact_area_mm2 == pytest.approx(16.0, rel=0.03)
     with pytest.raises(T2TwinError, match="center is for files only"):
@@ -160,7 +158,7 @@ def test_a_shape_may_be_pressed_at_its_highest_part(radius, tmp_path):
 def test_a_plate_larger_than_the_pad_presses_it_all(solid, elastomer, pitch):
     contact = pressed(solid(box((60, 60, 5), (0, 0, 0))), elastomer, pitch)
     touched = contact.pressure_kpa > 0
-    if elastomer is CYSKIN_COVER:
+    if elastomer is COVER:
         assert touched.all()
     else:  # on a dome the middle only
         assert touched[len(contact.y_mm) // 2, len(contact.x_mm) // 2] and not touched[0, 0]
@@ -171,7 +169,7 @@ def test_a_tilted_block_touches_with_its_edge(solid):
     block = box((6, 10, 6), (0, 0, 0))
     block.apply_transform(trimesh.transformations.rotation_matrix(np.deg2rad(20), (0, 1, 0)))
     shape = solid(block)
-    contact = pressed(shape, CYSKIN_COVER, CYSKIN_PITCH_MM, force=1.0)
+    contact = pressed(shape, COVER, COVER_PITCH_MM, force=1.0)
     corner = shape.mesh.vertices[shape.mesh.vertices[:, 2] > -1e-6]
     assert center(contact)[0] == pytest.approx(corner[:, 0].mean(), abs=1.0)
     assert contact.contact_area_mm2 < 30.0
@@ -186,8 +184,8 @@ def test_a_block_turned_in_its_file_presses_as_one_turned_by_the_press(solid):
     turned = solid(turned_mesh)
     # A file's solid is centerd on its bounding box: where its axis then stands is known.
     away = turned_mesh.bounds.mean(axis=0)
-    one = pressed(straight, CYSKIN_COVER, CYSKIN_PITCH_MM, yaw=yaw)
-    other = pressed(turned, CYSKIN_COVER, CYSKIN_PITCH_MM, x=away[0], y=-away[1])
+    one = pressed(straight, COVER, COVER_PITCH_MM, yaw=yaw)
+    other = pressed(turned, COVER, COVER_PITCH_MM, x=away[0], y=-away[1])
     assert other.depth_mm == pytest.approx(one.depth_mm, rel=0.02)
     assert center(other) == pytest.approx(center(one), abs=0.05)
     difference = np.linalg.norm(other.surface_mm - one.surface_mm)

@@ -5,15 +5,15 @@
 import mujoco
 import numpy as np
 import pytest
+from kinds import COVER, GEL
 
 from benchmarks.contact.solids import ball
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.scene import mesh_name, scene
 
 
-@pytest.mark.parametrize("elastomer, pitch", [(DIGIT_GEL, 0.25), (CYSKIN_COVER, 0.5)])
+@pytest.mark.parametrize("elastomer, pitch", [(GEL, 0.25), (COVER, 0.5)])
 @pytest.mark.parametrize("name", ["line-smooth-2", "wrench/ring"])
 def test_the_scene_stays_at_rest_under_the_force(name, elastomer, pitch, shapes, tmp_path):
     shape = shapes(name)
@@ -46,6 +46,6 @@ def test_the_scene_stays_at_rest_under_the_force(name, elastomer, pitch, shapes,
 
 def test_a_shape_without_a_mesh_leaves_it_out():
     shape, command = ball(3.0), PressCommand("ball", 0.0, 0.0, 0.0, 2.0)
-    contact = solve_contact(shape, command, DIGIT_GEL, 0.25)
+    contact = solve_contact(shape, command, GEL, 0.25)
     model = mujoco.MjModel.from_xml_string(scene(contact, mesh_name(shape)))
     assert model.nmesh == 0

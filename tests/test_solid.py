@@ -2,27 +2,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kinds import GEL
 from scipy.sparse.linalg import spsolve
 
 from benchmarks.contact import oracle
 from benchmarks.contact.solid import COARSEST_MM, Gel, Mesh, half_axis_mm, quarter, solve, stiffness
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import compliance_mm_per_mpa
 
-E, NU = DIGIT_GEL.young_mpa, DIGIT_GEL.poisson
-FLAT = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
+E, NU = GEL.young_mpa, GEL.poisson
+FLAT = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
 
 
 @pytest.fixture(scope="module")
 def gel():
-    return Gel(DIGIT_GEL, 1.0)
+    return Gel(GEL, 1.0)
 
 
 def crooked() -> Mesh:
     """A domed mesh with its inner nodes moved at random."""
     axis = np.linspace(0.0, 8.0, 6)
-    mesh = quarter(DIGIT_GEL, axis, axis, 4)
+    mesh = quarter(GEL, axis, axis, 4)
     nodes = mesh.nodes_mm.copy()
     inner = _inside(mesh)
     nodes[inner] += np.random.default_rng(0).uniform(-0.1, 0.1, (inner.sum(), 3))
@@ -151,7 +152,7 @@ def test_parts_of_the_answer_are_the_whole_answer(gel):
 
 def test_four_quarters_are_the_whole_gel_and_its_base_carries_the_force():
     # All of a coarse gel at once, no symmetry used.
-    small = Gel(DIGIT_GEL, 1.5)
+    small = Gel(GEL, 1.5)
     force = np.random.default_rng(4).random(small.rest_mm.shape)
     mesh = whole_mesh(small, layers=2)
     stiff = stiffness(mesh, E, NU)
@@ -169,7 +170,7 @@ def test_four_quarters_are_the_whole_gel_and_its_base_carries_the_force():
 def whole_mesh(gel: Gel, layers: int) -> Mesh:
     part = quarter(FLAT, gel.x_mm - gel.x_mm[0], gel.y_mm - gel.y_mm[0], layers)
     nodes = part.nodes_mm + np.array([gel.x_mm[0], gel.y_mm[0], 0.0])
-    nodes[:, 2] *= DIGIT_GEL.thickness_at_mm(nodes[:, 0], nodes[:, 1]) / FLAT.thickness_mm
+    nodes[:, 2] *= GEL.thickness_at_mm(nodes[:, 0], nodes[:, 1]) / FLAT.thickness_mm
     return replace(part, nodes_mm=nodes)
 
 
@@ -215,12 +216,12 @@ def test_a_normal_force_rises_where_it_stands_by_its_energy(gel):
     force = np.random.default_rng(6).random(gel.rest_mm.shape)
     mesh = whole_mesh(gel, layers=3)
     x, y = np.meshgrid(gel.x_mm, gel.y_mm)
-    beyond = np.sign(y) * np.maximum(np.abs(y) - DIGIT_GEL.dome_flat_mm, 0)
+    beyond = np.sign(y) * np.maximum(np.abs(y) - GEL.dome_flat_mm, 0)
     down = [
         -across / np.sqrt(radius**2 - across**2)
         for across, radius in (
-            (x, DIGIT_GEL.dome_width_radius_mm),
-            (beyond, DIGIT_GEL.dome_length_radius_mm),
+            (x, GEL.dome_width_radius_mm),
+            (beyond, GEL.dome_length_radius_mm),
         )
     ]
     load = np.zeros(mesh.nodes_mm.shape)
@@ -229,7 +230,7 @@ def test_a_normal_force_rises_where_it_stands_by_its_energy(gel):
     )
     free = np.flatnonzero(np.repeat(mesh.nodes_mm[:, 2] > 0, 3))
     pressed = answer(stiffness(mesh, E, NU), free, load)
-    normal = Gel(DIGIT_GEL, 1.0, along_normal=True)
+    normal = Gel(GEL, 1.0, along_normal=True)
     work = (force * normal.deflection_mm(force)).sum()
     assert work == pytest.approx(pressed @ load.ravel()[free], rel=1e-4)
 

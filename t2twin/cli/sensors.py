@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 import tyro
 
 from t2twin.core.errors import T2TwinError
@@ -116,6 +115,7 @@ def _pressed(sensor: "Sensor") -> "Contact":
 
 
 def _ball() -> "Shape":
+    import numpy as np
     from trimesh.creation import icosphere
 
     from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
@@ -131,6 +131,7 @@ def _ball() -> "Shape":
 
 
 def _picture(sensor: Any, contact: "Contact") -> "Image.Image":
+    import numpy as np
     from PIL import Image
 
     from t2twin.sim.taxels.tactile_image import colored_tactile_image

@@ -360,7 +360,7 @@ def load_info(data_dir: Path) -> DataInfo:
     assert array.layout is not None and array.full_scale_counts is not None
     assert camera.image_shape is not None
     arrays = ("dense_x_mm", "dense_y_mm", "pad_diameter_mm")
-    given = {
+    given: dict[str, Any] = {
         "view_mm": camera.view_mm,
         "tactile_image": array.tactile_image,
         "dense_pad_mm": array.dense_pad_mm,

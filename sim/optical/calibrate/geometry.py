@@ -2,7 +2,8 @@
 
 Photometric stereo finds the directions of the light from surfaces of known normals. Here the
 surfaces are those of the balls, and the shadows that they cast count too. On a ring of LEDs around
-the gel, those are chosen whose Lambertian light explains the change of the background best. No color is presumed: an LED has any amount of each, in each press another one.
+the gel, those are chosen whose Lambertian light explains the change of the background best. No
+color is presumed: an LED has any amount of each, in each press another one.
 """
 
 from collections.abc import Iterator, Sequence

@@ -36,7 +36,7 @@ SCALES = (0.5, 2.0)
 """Range of scales, in parts of the sensor's (assumed)."""
 SCALE_SHARE, YOUNG_SHARE = 0.1, 0.2
 """Default tolerances of the scale, for a sensor whose file has no range of it, and of the modulus,
-in parts of the file's values (assumed). That of the modulus is Gent's range for Shore 10A to 15A."""
+in parts of the file's values (assumed). That of the modulus is Gent's range, Shore 10A to 15A."""
 DEPTH_RATIO_TOLERANCE = 2e-3
 """Largest deviation from 1 of the ratio of fitted to measured depths (assumed)."""
 MAX_FITS = 6
