@@ -1,0 +1,73 @@
+"""A sensor that is a file alone goes the whole way: dataset, training, translation, MuJoCo."""
+
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from spots import train_smoke
+from test_attach import FORCE_N, scene, simulate
+
+import t2twin
+from t2twin.cli import main
+from t2twin.sim.dataset.store import read_info
+
+TARGETS = {"cyskin-20": 20, "flexitac": 384}
+"""Numbers of taxels of the targets."""
+
+RECIPE = """
+format = 1
+name = "few"
+source = "gelsight-mini"
+target = "{}"
+[[parts]]
+shapes = "random"
+count = 4
+presses = 4
+place = {{ normal_mm = 1.0 }}
+force_n = {{ low = 2.0, high = 6.0 }}
+val_share = 0.25
+[light]
+kind = "drawn"
+frames = 1
+"""
+
+
+@pytest.fixture(scope="module", params=TARGETS)
+def data(request, tmp_path_factory, shape_cache) -> Path:
+    """A small dataset of one of the targets."""
+    folder = tmp_path_factory.mktemp(request.param)
+    (folder / "few.toml").write_text(RECIPE.format(request.param))
+    t2twin.make_dataset(folder / "data", recipe=folder / "few.toml", workers=1, cache=shape_cache)
+    return folder / "data"
+
+
+@pytest.mark.parametrize("model", ["touch2touch", "resnet18", "field"])
+def test_a_network_is_trained_evaluated_and_translates(data, model, tmp_path):
+    target = read_info(data).target.name
+    run = train_smoke(model, data, tmp_path / "run", epochs=1)
+    t2twin.evaluate([run], data, "val", tmp_path / "evaluated")
+    touch = t2twin.Twin(source="gelsight-mini", target=target).press("hemisphere-1", force_n=4)
+    assert touch.image.shape == (240, 320, 3)
+    Image.fromarray(touch.image).save(tmp_path / "press.png")
+    main(
+        ["translate", str(tmp_path / "press.png"), "--run", str(run), "--out", str(tmp_path / "t")]
+    )
+    counts = json.loads((tmp_path / "t" / "counts.json").read_text())["images"][0]["counts"]
+    assert len(counts) == touch.counts.size == TARGETS[target]
+    full_scale = read_info(data).target.full_scale_counts
+    assert np.isfinite(counts).all() and 0 <= min(counts) <= max(counts) <= full_scale
+
+
+@pytest.mark.parametrize("sensor", ["gelsight-mini", "flexitac"])
+def test_it_is_attached_to_a_model(sensor):
+    spec = scene()
+    attached = t2twin.attach(spec, site="pad", sensor=sensor)
+    touch = attached.read(*simulate(spec))
+    assert touch.contacts[sensor].force_n == pytest.approx(FORCE_N, rel=0.01)
+    value = touch.image if touch.image is not None else touch.counts
+    assert np.ptp(value.astype(int)) > 0 and not touch.notices
