@@ -85,8 +85,12 @@ class Markers:
         most = (pitch - diameter) / 2
         jitter = arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, most)
         arguments.check_seed(self.seed)
-        for count in self.grid or ():
-            arguments.whole_number(count, "the markers' columns and rows", 1, MAX_ALONG)
+        if self.grid is not None:
+            arguments.vector(self.grid, "the markers' grid", 2)
+            for count in self.grid:
+                arguments.whole_number(count, "the markers' columns and rows", 1, MAX_ALONG)
+        if self.half_mm is not None:
+            arguments.vector(self.half_mm, "the markers' half_mm", 2)
         values = {"pitch_mm": pitch, "diameter_mm": diameter, "jitter_mm": jitter}
         for name, value in (values | {"seed": int(self.seed)}).items():
             object.__setattr__(self, name, value)  # plain numbers, for JSON

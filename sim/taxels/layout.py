@@ -99,8 +99,9 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None)
     columns x_mm, y_mm and optionally pad_diameter_mm. Raises T2TwinError for anything else.
     """
     path = LAYOUTS / f"{arguments.path(source, 'layout')}.json"
+    base = Path() if folder is None else arguments.path(folder, "folder")
     if not path.exists():
-        path = Path(source) if folder is None else folder / source
+        path = base / source
     if not path.is_file():
         known = ", ".join(sorted(p.stem for p in LAYOUTS.glob("*.json")))
         raise T2TwinError(
