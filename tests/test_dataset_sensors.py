@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,25 +77,25 @@ def test_columns_have_the_roles_of_the_sensors(made) -> None:
     table = read_split(folder, "train")
     assert table.column_names == schema_of(info.values, info.recipe).names
     for role, value in info.values.items():
-        own = {f"{role}_{name}" for name in (*OF_VALUE[value], *OF_ANY)}
+        present = {f"{role}_{name}" for name in (*OF_VALUE[value], *OF_ANY)}
         others = {f"{role}_{n}" for kind, more in OF_VALUE.items() if kind != value for n in more}
-        assert own <= set(table.column_names) and not others & set(table.column_names)
+        assert present <= set(table.column_names) and not others & set(table.column_names)
     force = table["force_n"].to_numpy()
     for role in ROLES:
         np.testing.assert_allclose(table[f"{role}_force_n"], force, rtol=0.02, atol=1e-6)
     for role, sensor in info.sensors.items():
-        array = load_sensor(sensor.name)
+        own: Any = load_sensor(sensor.name)
         assert sensor.spec is not None and sensor.spec["name"] == sensor.name
         if sensor.value == "image":
             (path,) = split_shards(info, "train")
             images = [decode_png(png) for png in iter_images(folder, path, f"{role}_image")]
             assert {image.shape for image in images} == {(320, 240, 3)} and len(images) == 4
-            assert sensor.view_mm == pytest.approx(array.camera.seen_half_extent_mm())
+            assert sensor.view_mm == pytest.approx(own.camera.seen_half_extent_mm())
         else:
             counts = lists(table, f"{role}_counts")
-            assert counts.shape == (4, array.layout.size) and counts[force > 0].max() > 100
-            assert lists(table, f"{role}_dense_counts").shape == (4, array.dense.layout.size)
-            assert len(sensor.x_mm) == array.layout.size
+            assert counts.shape == (4, own.layout.size) and counts[force > 0].max() > 100
+            assert lists(table, f"{role}_dense_counts").shape == (4, own.dense.layout.size)
+            assert len(sensor.x_mm) == own.layout.size
 
 
 def test_sensors_of_one_kind_have_readings_of_their_own(made) -> None:

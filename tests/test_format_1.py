@@ -54,7 +54,7 @@ def test_info_has_the_names_of_format_2() -> None:
     assert info.source.image_shape == SHAPE and info.source.spec is None
     assert info.source.optics_sha256 == stored["parameters"]["digit"]["optics_sha256"]
     assert info.source.optics_sha256 == pair.camera.optics_sha256
-    np.testing.assert_allclose(info.source.view_mm, pair.camera.camera.seen_half_extent_mm())
+    assert info.source.view_mm == pytest.approx(pair.camera.camera.seen_half_extent_mm())
     assert list(info.target.x_mm) == stored["layout_x_mm"] == pair.array.layout.x_mm.tolist()
     assert list(info.target.dense_x_mm or ()) == pair.array.dense.layout.x_mm.tolist()
     assert info.target.full_scale_counts == pair.array.full_scale == 40_000
@@ -62,7 +62,7 @@ def test_info_has_the_names_of_format_2() -> None:
     assert info.target.imperfections == pair.array.for_dataset().flaws
     assert info.target.elastomer is not None and info.target.elastomer["thickness_mm"] == 2.5
     assert info.recipe is not None and info.recipe.source == "digit" and info.recipe.motion
-    assert info.shapes == {"allen-key/long-arm": tuple(info.shapes["allen-key/long-arm"])}
+    assert list(info.shapes or {}) == ["allen-key/long-arm"]
 
 
 @pytest.mark.parametrize("split", SPLITS)

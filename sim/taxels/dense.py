@@ -203,7 +203,8 @@ def _places(grid: DenseGrid) -> Layout:
         )
     x, y = x[on], y[on]
     # Layouts are rounded to 0.1 um; their places replace the computed ones.
-    distance, nearest = KDTree(np.column_stack([x, y])).query(np.array(grid.taxels_mm))
+    found = KDTree(np.column_stack([x, y])).query(np.array(grid.taxels_mm))
+    distance, nearest = (np.asarray(each) for each in found)
     for place, taxel in zip(nearest[distance < SAME_MM], np.flatnonzero(distance < SAME_MM),
                             strict=True):  # fmt: skip
         x[place], y[place] = grid.taxels_mm[taxel]

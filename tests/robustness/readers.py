@@ -376,6 +376,7 @@ def cases() -> Iterator[Case]:
     columns = {"image": [{"bytes": each, "path": None} for each in IMAGES],
                "taxels": [[100 * n + k for k in range(TAXELS)] for n in range(COUNT)]}  # fmt: skip
     shards = [(name, _shard(n)) for n, (name, _) in enumerate(wrong_columns(columns))]
+    array: Files = {"l.csv": LAYOUT}
     for name, commands, files, target, contents, says in (
         ("forces", (CALIBRATE, ADAPT), FRAMES, "presses/forces.csv", wrong_tables(FORCES), ""),
         ("layout", layout_csv, PAIRS, "l.csv", wrong_tables(LAYOUT), ""),
@@ -385,7 +386,7 @@ def cases() -> Iterator[Case]:
         ("recipe", (MADE,), {}, "w.toml", wrong_recipes(), ""),
         ("optics", (PRESS,), {}, "c.npz", wrong_arrays(), "c.npz"),
         ("camera", CAMERAS, {}, "s.toml", wrong_sensors(CAMERA), ""),
-        ("array", ARRAYS_OF_TAXELS, {"l.csv": LAYOUT}, "s.toml", wrong_sensors(ARRAY), ""),
+        ("array", ARRAYS_OF_TAXELS, array, "s.toml", wrong_sensors(ARRAY), ""),
         ("shard", READERS, DATA, SHARD, shards, ""),
         ("weights", USERS, RUN, WEIGHTS, wrong_weights(), ""),
     ):  # fmt: skip
