@@ -45,15 +45,16 @@ class Block(NamedTuple):
     def place(self) -> str:
         return f"{name_of(self.page)}:{self.line}"
 
-    def commands(self) -> Iterator[str]:
-        """The command lines, without comments, redirections and the sign of a background job."""
+    def commands(self) -> Iterator[tuple[str, str]]:
+        """The command lines, without comments and the sign of a background job, and the files that
+        their output goes to, or an empty text."""
         for line in self.text.replace("\\\n", " ").splitlines():
             words = shlex.split(line, comments=True)
             if words and words[-1] == "&":
                 words.pop()
-            words = words[: words.index(">")] if ">" in words else words
+            end = words.index(">") if ">" in words else len(words)
             if words:
-                yield shlex.join(words)
+                yield shlex.join(words[:end]), "".join(words[end + 1 :])
 
 
 def name_of(page: Path) -> str:

@@ -220,7 +220,7 @@ def test_commands_are_valid(page, parse, capsys):
     for block in blocks(page):
         if block.language != "bash":
             continue
-        for line in block.commands():
+        for line, _ in block.commands():
             program, *words = shlex.split(line)
             if program == "t2twin":
                 try:
@@ -274,7 +274,7 @@ def test_every_reason_not_to_run_is_needed():
         for page in PAGES
         for block in blocks(page)
         if block.language == "bash"
-        for line in block.commands()
+        for line, _ in block.commands()
     ]
     assert not [start for start in NOT_RUN if not any(line.startswith(start) for line in lines)]
 
@@ -379,10 +379,14 @@ def run_block(block, namespace, expensive, capsys):
         if not any(f"from {name}" in block.text for name in NOT_INSTALLED):
             exec(code, namespace)
     elif block.language == "bash":
-        for line in block.commands():
+        for line, output in block.commands():
             if not line.startswith(tuple(NOT_RUN)):
                 more = [words for start, words in SHORT.items() if line.startswith(start)]
+                before = capsys.readouterr().out if output else ""
                 cli.main(shlex.split(" ".join([line.replace(REPLACED, ""), *more]))[1:])
+                if output:
+                    Path(output).write_text(capsys.readouterr().out)
+                    print(before)
     elif block.language == "toml":
         name = re.search(r'(?m)^name = "(.*)"$', block.text)
         path = Path(f"{name[1] if name else block.page.stem}.toml")

@@ -13,8 +13,12 @@ RENDER = """
 import numpy as np
 from t2twin.sim.optical.camera.pinhole import optical_grid
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
-x, y = optical_grid()
-with ReferenceRenderer() as renderer:
+from t2twin.sim.sensors.files import load_sensor
+sensor = load_sensor("digit")
+x, y = optical_grid(sensor.elastomer)
+light = sensor.spec.light
+leds = tuple(table.led for table in light.leds)
+with ReferenceRenderer(leds, light.ambient, sensor.camera, sensor.elastomer) as renderer:
     assert renderer.render(np.zeros((y.size, x.size))).max() > 0
 """
 

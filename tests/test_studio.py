@@ -202,7 +202,7 @@ def test_any_two_sensors_are_pressed(tmp_path):
         touch = t2twin.Twin(source=state.source, target=state.target).press(SHAPE)
         assert list(seen.touch.readings) == list(touch.readings)
         for name in touch.readings:
-            assert seen.touch[name].contact.depth_mm == touch[name].contact.depth_mm
+            assert seen.touch.contacts[name].depth_mm == touch.contacts[name].depth_mm
         page = cards.press_html(seen, cards.scales_of(seen), has_runs=True)
         assert all(f'data-name="{name}"' in page for name in touch.readings)
     assert read_query(arrays.query()) == arrays
@@ -474,7 +474,7 @@ def test_taken_away_it_is_the_folder_that_press_writes(result, tmp_path):
     assert taken.pop(COMMAND_FILE).read_text().strip() == result.state.command_line()
     made = {path.name: path for path in (tmp_path / "press").iterdir()}
     assert set(taken) == set(made)
-    for file in ("digit.png", "cyskin.json", "tactile_image.png", "tactile_picture.png"):
+    for file in ("digit.png", "cyskin-20.json", "tactile_image.png", "tactile_picture.png"):
         assert taken[file].read_bytes() == made[file].read_bytes()
 
 

@@ -320,7 +320,7 @@ def test_slides_do_not_depend_on_the_number_of_steps():
     for a, b in ((few[0], many[2]), (few[1], many[5])):
         assert a.command.x_mm == pytest.approx(b.command.x_mm)
         for sensor in touch.contacts:
-            one, other = a[sensor].contact, b[sensor].contact
+            one, other = a.contacts[sensor], b.contacts[sensor]
             assert one.shear_n == pytest.approx(other.shear_n, abs=0.01 * 4.0)
     assert few[1].image.shape == (320, 240, 3) and few[1].counts.shape == (20,)
     assert touch.digit.motion is None  # the given touch does not change

@@ -23,6 +23,7 @@ from t2twin.sim.dataset.columns import (
     BACKGROUND,
     MARKERS,
     UNIT,
+    Values,
     column,
     dense_row,
     motion_row,
@@ -102,7 +103,7 @@ def make_shard(batch: Batch, context: ShardContext, progress: Callable[[], objec
     watch, rejected = Stopwatch(), Counter()
     start = time.process_time()
     rows = _rows(batch, context, watch, rejected, progress)
-    values = dict(zip(ROLES, context.sensors.values, strict=True))
+    values: Values = dict(zip(ROLES, context.sensors.values, strict=True))
     schema = schema_of(values, context.recipe)
     digest = write_shard(Path(context.folder) / batch.path, rows, schema)
     # The rows are made while the shard is written; the rest of the time is the writing.

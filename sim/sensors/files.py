@@ -70,8 +70,8 @@ def load_sensor(source: str | Path | Sensor) -> Sensor:
     Raises T2TwinError for an unknown name, an unreadable file, and values that are missing, unknown
     or not allowed; the message names them all.
     """
-    if isinstance(source, get_args(Sensor)):
-        return source  # pyright: ignore[reportReturnType]
+    if isinstance(source, Sensor):
+        return source
     path = path_of(source)
     return _loaded(path) if path.parent == SPECS else _read(path)
 
