@@ -181,13 +181,14 @@ class Page:
         session = self._get_session()
         with self._lock:
             state, lifted, self._lifted = self.state, self._lifted, False
+        error = self._notices.shown
         if lifted:
             session.lift_off()
         runs = self._runs
         loaded = self._shared.translators.are_loaded(runs)
         result = session.press(state, runs if loaded else ())
         scales = scales_of(result)
-        self._send_cards(result, scales, loading=not loaded)
+        self._send_cards(result, scales, not loaded, error)
         self.result = result
         view = self._view
         arrows = view.arrows.value
@@ -211,14 +212,20 @@ class Page:
         self._shared.translators.load(self._runs)
         self._worker.request()
 
-    def _send_cards(self, result: PressResult, scales: Scales, loading: bool) -> None:
+    def _send_cards(
+        self,
+        result: PressResult,
+        scales: Scales,
+        loading: bool,
+        error: viser.NotificationHandle | None,
+    ) -> None:
         """Sends the cards before the scene: a browser applies all changes of one message together,
-        and rendering the scene takes long without a GPU."""
+        and rendering the scene takes long without a GPU. error: one that this press ends."""
         state, translators = result.state, self._shared.translators
         loading = loading or not translators.is_searched
         cards = press_html(result, scales, bool(translators.names), loading)
         with self._client.atomic():
-            self._notices.clear()
+            self._notices.clear(error)
             self.controls.show_solved_values(result)
             self._cards.content = cards
             link = None if state.files or result.has_slid else self._link(state)

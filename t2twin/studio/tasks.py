@@ -29,12 +29,17 @@ class Notices:
         self._shown = ""
         self._lock = RLock()
 
-    def clear(self) -> None:
-        """Removes the error."""
+    @property
+    def shown(self) -> viser.NotificationHandle | None:
+        """The error that is shown, if there is one."""
+        return self._error
+
+    def clear(self, error: viser.NotificationHandle | None) -> None:
+        """Removes an error, unless a newer one has replaced it."""
         with self._lock:
-            if self._error is not None:
-                self._error.remove()
-            self._error, self._shown = None, ""
+            if error is not None and error is self._error:
+                error.remove()
+                self._error, self._shown = None, ""
 
     def show_error(self, error: Exception) -> None:
         """Shows an error with the message of the command line."""
@@ -48,7 +53,7 @@ class Notices:
             log(f"the studio continues after an error{at}: {error!r}")
         with self._lock:
             if message != self._shown:
-                self.clear()
+                self.clear(self._error)
                 self._shown = message
                 self._error = self._client.add_notification("Not possible", message, color="red")
 

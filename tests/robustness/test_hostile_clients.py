@@ -1,6 +1,7 @@
 """Hostile clients of the studio: pages of other sites are refused, and values and files checked."""
 
 import socket
+from itertools import count
 from urllib.parse import urlsplit
 
 import pytest
@@ -8,8 +9,10 @@ from browser import PATIENCE_MS, browser
 from studio_client import PROTOCOL, Client, Target, target, try_connect
 from waiting import wait_until
 
+from t2twin.core.errors import T2TwinError
 from t2twin.studio.files import MAX_BYTES
 from t2twin.studio.server import studio as serve
+from t2twin.studio.session import Session
 
 PART_BYTES = 512 * 1024
 
@@ -105,6 +108,23 @@ def test_a_value_that_a_control_cannot_have_is_refused(label, value, opened):
     client.set(label, value)
     assert client.wait_for(lambda: any(f"'{label}' is" in text for text in client.notices))
     assert page.state == state
+
+
+def test_a_press_ends_earlier_errors_only(opened, monkeypatch):
+    page, client = opened
+    press, numbers = Session.press, count()
+
+    def press_beside_a_bad_file(*arguments):
+        page._notices.show_error(T2TwinError(f"file {next(numbers)} is bad"))
+        return press(*arguments)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Session, "press", press_beside_a_bad_file)
+        for _ in (1, 2):
+            assert client.serves() and page.wait(60)
+            assert page._notices.shown is not None
+    assert client.serves() and page.wait(60)
+    assert page._notices.shown is None
 
 
 def test_an_unannounced_upload_is_dropped(opened):
