@@ -90,7 +90,7 @@ def bake(sensor: GelCamera, out: Path) -> Optics:
     Raises T2TwinError if there is no OpenGL.
     """
     camera, gel, ambient = sensor.camera, sensor.own_gel, sensor.spec.light.ambient
-    leds = tuple(table.led for table in sensor.spec.light.leds)
+    leds = sensor.spec.leds
     with ReferenceRenderer(leds, ambient, camera, gel, led_points=BACKGROUND_POINTS) as renderer:
         x, y = optical_grid(gel)
         background = renderer.render(np.zeros((y.size, x.size)))

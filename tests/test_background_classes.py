@@ -17,7 +17,7 @@ from t2twin.translate.uncertainty.ood import (
 )
 
 DIGIT = SensorPair.of(frames=1).camera
-LEDS = tuple(table.led for table in DIGIT.spec.light.leds)
+LEDS = DIGIT.spec.leds
 SIZE, UNITS = 96, 40
 ASPECT = DIGIT.camera.columns / DIGIT.camera.rows
 TURNED = {

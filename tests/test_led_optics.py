@@ -19,7 +19,7 @@ def psnr(one, other):
 def test_an_image_in_the_light_of_leds_is_the_reference(name, least_db):
     sensor = gel_camera(name)
     light, camera, gel = sensor.spec.light, sensor.camera, sensor.own_gel
-    leds = tuple(table.led for table in light.leds)
+    leds = sensor.spec.leds
     optics = optics_of_leds(leds, light.ambient, light.gamma, camera, gel)
     renderer, ball = ImageRenderer(optics, gel, 0.0), ball_surface(gel, 0.5, -1.0, 1.1)
     with ReferenceRenderer(leds, light.ambient, camera, gel, led_points=3) as reference:

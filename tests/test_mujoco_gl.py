@@ -16,9 +16,8 @@ from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.sensors.files import load_sensor
 sensor = load_sensor("digit")
 x, y = optical_grid(sensor.elastomer)
-light = sensor.spec.light
-leds = tuple(table.led for table in light.leds)
-with ReferenceRenderer(leds, light.ambient, sensor.camera, sensor.elastomer) as renderer:
+leds, ambient = sensor.spec.leds, sensor.spec.light.ambient
+with ReferenceRenderer(leds, ambient, sensor.camera, sensor.elastomer) as renderer:
     assert renderer.render(np.zeros((y.size, x.size))).max() > 0
 """
 

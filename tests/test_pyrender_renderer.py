@@ -15,7 +15,7 @@ from t2twin.sim.optical.surface import ball_surface
 DIGIT = gel_camera()
 GEL, CAMERA, AMBIENT = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.light.ambient
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
-LEDS = tuple(table.led for table in DIGIT.spec.light.leds)
+LEDS = DIGIT.spec.leds
 X_MM, Y_MM = np.meshgrid(*optical_grid(GEL))
 FLAT = np.zeros(X_MM.shape)
 PURE = tuple(replace(led, color=color) for led, color in zip(LEDS, np.eye(3).tolist(), strict=True))

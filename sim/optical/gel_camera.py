@@ -130,8 +130,8 @@ class GelCamera:
     def _own_optics(self) -> Optics:
         path, light = self.optics_path, self.spec.light
         if path is None:
-            leds = tuple(each.led for each in light.leds)
-            return optics_of_leds(leds, light.ambient, light.gamma, self.camera, self.own_gel)
+            shown = self.camera, self.own_gel
+            return optics_of_leds(self.spec.leds, light.ambient, light.gamma, *shown)
         optics, camera = Optics.load(path), self.camera
         if (optics.camera.rows, optics.camera.columns) != (camera.rows, camera.columns):
             raise T2TwinError(
@@ -148,7 +148,7 @@ class GelCamera:
         if self.unit is not None:
             leds = self.unit.leds
         elif self.optics_file is None:
-            leds = tuple(each.led for each in self.spec.light.leds)
+            leds = self.spec.leds
         if not leds:
             raise T2TwinError(
                 "pyrender cannot render an optics file, which has no description of single "
@@ -196,12 +196,10 @@ class GelCamera:
     ) -> "GelCamera":
         """A sampled unit: near its optics file, if one is given or the sensor's file has no LEDs or
         no ranges of units, else from the ranges. artifacts: None for none."""
-        light = self.spec.light
-        is_near = self.optics_file is not None or not light.leds or self.spec.units is None
+        is_near = self.optics_file is not None or not self.spec.leds or self.spec.units is None
         unit = sample_unit(rng, self.spec, ranges, self.optics if is_near else None)
         if artifacts is not None:
-            leds = tuple(each.led for each in light.leds)
-            unit = with_artifacts(artifacts_rng, unit, artifacts, leds)
+            unit = with_artifacts(artifacts_rng, unit, artifacts, self.spec.leds)
         return self.with_unit(unit)
 
     def with_unit(self, unit: Unit) -> "GelCamera":

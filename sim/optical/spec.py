@@ -181,6 +181,11 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     markers: Annotated[MarkersTable | None, Meta(description="markers, if there may be any")] = None
     about: Annotated[str | None, Meta(description="remark, which is not read")] = None
 
+    @property
+    def leds(self) -> tuple[Led, ...]:
+        """The LEDs of the light, as renderers take them; none for an optics file alone."""
+        return tuple(table.led for table in self.light.leds)
+
     def __post_init__(self) -> None:
         camera = self.camera
         scales = [("the camera", "camera", camera.scale_px_per_mm)]

@@ -320,11 +320,14 @@ class CountsReading:
         second = f"_{name}" if (folder / "tactile_image.png").exists() else ""
         raw = Image.fromarray(np.rint(image).astype(np.uint16))
         raw.save(folder / f"tactile_image{second}.png")
-        # The color scale ends at the image's maximum: a light press would be black at full scale.
-        brightest = max(float(image.max()), 1.0)
-        scale = self.sensor.spec.tactile_image.px_per_mm
-        picture = colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest, px_per_mm=scale)
-        picture.save(folder / f"tactile_picture{second}.png")
+        self.picture().save(folder / f"tactile_picture{second}.png")
+
+    def picture(self) -> Image.Image:
+        """The tactile image in colors, with the taxels. The color scale ends at the image's
+        maximum: a light press would be black at full scale."""
+        image, layout = self.tactile_image, self.sensor.layout
+        brightest, scale = max(float(image.max()), 1.0), self.sensor.spec.tactile_image.px_per_mm
+        return colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest, px_per_mm=scale)
 
     def without_value(self) -> "CountsReading":
         """The same without the counts, which a moving contact does not need."""

@@ -134,14 +134,9 @@ def _picture(sensor: Any, contact: "Contact") -> "Image.Image":
     import numpy as np
     from PIL import Image
 
-    from t2twin.sim.taxels.tactile_image import colored_tactile_image
-
     reading = sensor.read(contact)
-    if hasattr(reading, "image"):
-        image, background = reading.image, sensor.background_frame()
-        difference = np.clip(GREY + image.astype(int) - background, 0, 255).astype(np.uint8)
-        return Image.fromarray(np.hstack([background, image, difference]))
-    tactile, layout = reading.tactile_image, sensor.layout
-    brightest, scale = max(float(tactile.max()), 1.0), sensor.spec.tactile_image.px_per_mm
-    places = layout.x_mm, layout.y_mm
-    return colored_tactile_image(tactile, *places, brightest, px_per_mm=scale)
+    if not hasattr(reading, "image"):
+        return reading.picture()
+    image, background = reading.image, sensor.background_frame()
+    difference = np.clip(GREY + image.astype(int) - background, 0, 255).astype(np.uint8)
+    return Image.fromarray(np.hstack([background, image, difference]))

@@ -23,7 +23,7 @@ ELEVATIONS_DEG = (10.0, 18.0, 30.0)
 """Elevations of the rings of LEDs over the apex (assumed: from low light to half of the slopes)."""
 RING = MAX_LEDS
 """Number of LEDs of a ring."""
-LEAST_GAIN = 1e-6
+LEAST_IMPROVEMENT = 1e-6
 """An LED is exchanged where this lowers the squared error by more than this part (assumed)."""
 
 
@@ -143,11 +143,11 @@ def choose_leds(presses: Sequence[Shading], count: int) -> list[int]:
         left = [number for number in range(RING) if number not in chosen]
         chosen.append(max(left, key=lambda number: explained([*chosen, number])))
     best, before = explained(chosen), 0.0
-    while best > before * (1.0 + LEAST_GAIN):
+    while best > before * (1.0 + LEAST_IMPROVEMENT):
         before = best
         for place in range(count):
             for number in set(range(RING)).difference(chosen):
                 other = [*chosen[:place], number, *chosen[place + 1 :]]
-                if explained(other) > best * (1.0 + LEAST_GAIN):
+                if explained(other) > best * (1.0 + LEAST_IMPROVEMENT):
                     chosen, best = other, explained(other)
     return chosen

@@ -88,7 +88,7 @@ def sample_unit(
     """
     if center is not None:
         return _sample_near(rng, ranges, center, spec.camera.noise_grey)
-    ranges, leds = _complete(ranges, spec), tuple(each.led for each in spec.light.leds)
+    ranges, leds = _complete(ranges, spec), spec.leds
     assert ranges.scale_px_per_mm is not None and ranges.distance_mm is not None
     size, gel = (spec.camera.rows, spec.camera.columns), spec.gel.elastomer(spec.name)
     scale, distance_mm = uniform(rng, ranges.scale_px_per_mm), uniform(rng, ranges.distance_mm)
