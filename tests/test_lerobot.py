@@ -13,8 +13,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset import lerobot
 from t2twin.sim.dataset.columns import MOTION, POSE, TRACTIONS
-from t2twin.sim.dataset.lerobot import convert_to_lerobot
-from t2twin.sim.dataset.lerobot_features import QUANTILES
+from t2twin.sim.dataset.lerobot import QUANTILES, convert_to_lerobot
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of
 from t2twin.sim.sensors.defaults import ROLES
 
