@@ -2,16 +2,16 @@
 protocol."""
 
 import shlex
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
-from t2twin.core.arguments import check_seed
+from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
+from t2twin.core.records import convert
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import check_force
@@ -166,6 +166,10 @@ class PressState:
         })  # fmt: skip
 
 
+IN_LINKS = frozenset(each.name for each in fields(PressState)) - {"optics", "scale"}
+"""Fields that a link may contain; the others belong to files."""
+
+
 def read_query(query: str) -> PressState:
     """The press of a link's query; missing fields have their defaults.
 
@@ -174,8 +178,13 @@ def read_query(query: str) -> PressState:
     """
     if len(query) > MAX_QUERY:
         raise T2TwinError(f"the link is longer than {MAX_QUERY:,} characters")
-    given = [(name, text) for name, text in parse_qsl(query) if name in _READERS]
-    state = _DEFAULT.with_changes({name: _READERS[name](name, text) for name, text in given})
+    given = {name: text for name, text in parse_qsl(query) if name in IN_LINKS}
+    arguments.choice(given.get("motion", _DEFAULT.motion), "motion", get_args(Motion))
+    sent = convert(given, PressState, "the link", strict=False)
+    for name in given:
+        if isinstance(value := getattr(sent, name), float):
+            arguments.number(value, name)
+    state = _DEFAULT.with_changes({name: getattr(sent, name) for name in given})
     if state.shape not in catalogue.NAMES and seed_of(state.shape) is None:
         raise T2TwinError(
             f"there is no shape {state.shape!r}; `t2twin shapes` lists all but the random ones"
@@ -188,12 +197,13 @@ def read_query(query: str) -> PressState:
     for value, name, known in (
         (state.layout or layout_names()[0], "taxel layout", layout_names()),
         (state.imperfections, "imperfections", state.imperfection_names),
-        (state.motion, "motion", get_args(Motion)),
     ):
         if value not in known:
             raise T2TwinError(f"no {name} {value!r}; expected one of {', '.join(known)}")
     check_force(state.force_n)
     check_friction(state.friction)
+    if state.seed is not None:
+        arguments.check_seed(state.seed)
     return state
 
 
@@ -241,40 +251,5 @@ def _shortest(value: float) -> str:
     """The shortest exact representation of a number."""
     return repr(int(value)) if value == int(value) else repr(float(value))
 
-
-def _read_name(name: str, text: str) -> str:
-    return text
-
-
-def _read_number(name: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not np.isfinite(value):
-        raise T2TwinError(f"{name} is {text[:20]!r}; expected a finite number")
-    return value
-
-
-def _read_seed(name: str, text: str) -> int:
-    if not (text.isascii() and text.isdigit()):
-        raise T2TwinError(f"seed is {text[:20]!r}; expected a whole number, 0 or more")
-    check_seed(int(text))
-    return int(text)
-
-
-def _read_flag(name: str, text: str) -> bool:
-    if text not in ("0", "1"):
-        raise T2TwinError(f"{name} is {text[:20]!r}; expected 0 or 1")
-    return text == "1"
-
-
-_READERS: dict[str, Callable[[str, str], Any]] = {
-    **dict.fromkeys(("shape", "layout", "imperfections", "motion", "source", "target"), _read_name),
-    **dict.fromkeys(("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "friction"), _read_number),
-    "seed": _read_seed,
-    "markers": _read_flag,
-}
-"""Fields that a link may contain, with the functions that read them."""
 
 _DEFAULT = PressState()
