@@ -13,9 +13,9 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
-from itertools import chain, groupby, islice
+from itertools import chain, groupby, islice, repeat
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO, Protocol
+from typing import Annotated, Any, BinaryIO
 
 import numpy as np
 import torch
@@ -53,97 +53,6 @@ from t2twin.sim.taxels.layout import LARGEST_PAD_MM, PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import to_pixels
 
-
-@dataclass(frozen=True)
-class PairBackgrounds:
-    """Background frames of P pairs.
-
-    path: an .npy file of frames, (U, S, S, 3) uint8. index: (P,) the frame of each pair.
-    """
-
-    path: Path
-    index: np.ndarray
-
-    def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
-        """(b, S, S, 3) uint8, the frames of the pairs with these indices."""
-        return np.array(np.load(self.path, mmap_mode="r")[self.index[index]])
-
-    def subset(self, places: np.ndarray) -> "PairBackgrounds":
-        """The frames of the pairs with these indices, (b,)."""
-        return PairBackgrounds(self.path, self.index[places])
-
-    def mean(self) -> np.ndarray:
-        """(S, S, 3) float32, grey levels: the mean of all frames."""
-        frames = np.load(self.path, mmap_mode="r")
-        total = np.zeros(frames.shape[1:])
-        for frame in frames:
-            total += frame
-        return (total / len(frames)).astype(np.float32)
-
-
-def load_backgrounds(
-    data_dir: Path, split: str, size: int, cache: Path, name: str
-) -> PairBackgrounds:
-    """The background frames of a split at size x size.
-
-    cache: folder of the decoded frames. name: of the dataset, for their file names. Raises
-    T2TwinError if a shard cannot be read.
-    """
-    info = read_info(data_dir)
-    frames = cache / f"{split}-background-{size}-rgb-{name}.npy"
-    index = cache / f"{split}-background-{name}.npy"
-    cached_file(
-        index, (info.pairs[split],), lambda file: np.save(file, _index(data_dir, split, info))
-    )
-    frame_of_pair = np.load(index)
-    cached_file(
-        frames,
-        (frame_of_pair.max() + 1, size, size, 3),
-        lambda file: np.save(file, _decoded(data_dir, split, info, size)),
-    )
-    return PairBackgrounds(frames, frame_of_pair)
-
-
-def has_backgrounds(info: DatasetInfo) -> bool:
-    """Whether the pairs of a dataset contain background frames."""
-    return info.recipe is not None and info.recipe.has_more and info.recipe.background_frames
-
-
-def _index(data_dir: Path, split: str, info: DatasetInfo) -> np.ndarray:
-    """(P,) the place of each pair's frame among the frames that differ from the previous one."""
-    index, last, frames = np.zeros(info.pairs[split], int), b"", 0
-    for place, png in enumerate(_frames(data_dir, split, info)):
-        frames += png != last
-        index[place], last = frames - 1, png
-    return index
-
-
-def _decoded(data_dir: Path, split: str, info: DatasetInfo, size: int) -> np.ndarray:
-    """(U, S, S, 3) the frames that differ from the previous one."""
-    distinct = (png for png, _ in groupby(_frames(data_dir, split, info)))
-    return np.stack(
-        [to_pixels(Image.fromarray(decode_png(png)), size, grey=False) for png in distinct]
-    )
-
-
-def _frames(data_dir: Path, split: str, info: DatasetInfo) -> Iterator[bytes]:
-    """PNG bytes in the order of read_split; only the first with a fixed light."""
-    shards = split_shards(info, split)
-    assert info.recipe is not None
-    name = column(info.role_of(IMAGE), BACKGROUND)
-    if info.recipe.light.kind == "fixed":
-        yield next(iter_images(data_dir, shards[0], name))
-        return
-    with Progress(
-        total=info.pairs[split], desc=f"background frames of {split}", unit="pair",
-        disable=info.pairs[split] < 1000,
-    ) as bar:  # fmt: skip
-        for shard in shards:
-            for png in iter_images(data_dir, shard, name):
-                yield png
-                bar.update()
-
-
 SAME_MM = 1e-3
 """Largest distance of corresponding taxels of equal layouts, mm (assumed: far below the tolerance
 of a printed board)."""
@@ -160,7 +69,7 @@ BATCH_SIZE = 256
 class ImageFile:
     """Images in an .npy file, read on access.
 
-    places: indices of a subset of the images in the file, or None for all.
+    places: index in the file of each image, which may repeat; None for all in their order.
     """
 
     path: Path
@@ -179,22 +88,21 @@ class ImageFile:
         """The images with these indices, (b,)."""
         return ImageFile(self.path, places if self.places is None else self.places[places])
 
-
-class BackgroundFrames(Protocol):
-    """Background frames, indexed by pairs."""
-
-    def __getitem__(self, index: np.ndarray | slice) -> np.ndarray: ...
+    def mean(self) -> np.ndarray:
+        """(S, S, c) float32, grey levels: the mean of all images in the file."""
+        images = np.load(self.path, mmap_mode="r")
+        total = np.zeros(images.shape[1:])
+        for image in images:
+            total += image
+        return (total / len(images)).astype(np.float32)
 
 
 @dataclass(frozen=True)
 class InputImages:
-    """Images, each followed by its background frame if there are frames.
-
-    backgrounds: returns the frames of pairs, (b, S, S, 3) uint8, or one for all, (S, S, 3).
-    """
+    """Images, each followed by its background frame, (S, S, 3) uint8, if there are frames."""
 
     images: ImageFile
-    backgrounds: BackgroundFrames | None = None
+    backgrounds: ImageFile | np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.images)
@@ -204,8 +112,7 @@ class InputImages:
         images = self.images[index]
         if self.backgrounds is None:
             return images
-        frames = np.broadcast_to(self.backgrounds[index], images.shape)
-        return np.concatenate([images, frames], axis=-1)
+        return np.concatenate([images, self.backgrounds[index]], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -227,7 +134,7 @@ class Pairs:
     yaw_rad: np.ndarray
     force_n: np.ndarray
     dense_counts: np.ndarray | None = None
-    backgrounds: PairBackgrounds | None = None
+    backgrounds: ImageFile | None = None
     shear_n: np.ndarray | None = None
     is_moving: np.ndarray | None = None
 
@@ -436,6 +343,49 @@ def load_pairs(
     )
 
 
+def load_backgrounds(data_dir: Path, split: str, size: int, cache: Path, name: str) -> ImageFile:
+    """The background frames of a split's pairs at size x size.
+
+    cache: folder of the decoded frames. name: of the dataset, for their file names. Raises
+    T2TwinError if a shard cannot be read.
+    """
+    info = read_info(data_dir)
+    frames = cache / f"{split}-background-{size}-rgb-{name}.npy"
+    index = cache / f"{split}-background-{name}.npy"
+
+    def write_index(file: BinaryIO) -> None:
+        lengths = [sum(1 for _ in pairs) for _, pairs in groupby(_frames(data_dir, split, info))]
+        np.save(file, np.repeat(np.arange(len(lengths)), lengths))
+
+    def write_frames(file: BinaryIO) -> None:
+        distinct = (png for png, _ in groupby(_frames(data_dir, split, info)))
+        np.save(file, np.stack([_decode(png, None, size, grey=False) for png in distinct]))
+
+    cached_file(index, (info.pairs[split],), write_index)
+    frame_of_pair = np.load(index)
+    cached_file(frames, (frame_of_pair.max() + 1, size, size, 3), write_frames)
+    return ImageFile(frames, frame_of_pair)
+
+
+def has_backgrounds(info: DatasetInfo) -> bool:
+    """Whether the pairs of a dataset contain background frames."""
+    return info.recipe is not None and info.recipe.has_more and info.recipe.background_frames
+
+
+def _frames(data_dir: Path, split: str, info: DatasetInfo) -> Iterator[bytes]:
+    """PNG bytes of each pair's frame in the order of read_split. With a fixed light, all have the
+    first."""
+    shards, pairs = split_shards(info, split), info.pairs[split]
+    assert info.recipe is not None
+    name = column(info.role_of(IMAGE), BACKGROUND)
+    if info.recipe.light.kind == "fixed":
+        yield from repeat(next(iter_images(data_dir, shards[0], name)), pairs)
+        return
+    frames = chain.from_iterable(iter_images(data_dir, shard, name) for shard in shards)
+    title = f"background frames of {split}"
+    yield from Progress(frames, total=pairs, desc=title, unit="pair", disable=pairs < 1000)
+
+
 def usable_cache(data_dir: Path, out_dir: Path) -> Path:
     """The cache folder of the dataset, or of out_dir if the dataset is read-only."""
     return (data_dir if os.access(data_dir, os.W_OK) else out_dir) / CACHE
@@ -472,7 +422,7 @@ def _write_images(
 
 def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bool) -> np.ndarray:
     pixels = decode_png(png)
-    if pixels.shape != (stored or pixels.shape):
+    if stored is not None and pixels.shape != stored:
         raise T2TwinError(
             f"a stored image has shape {pixels.shape}, info.json has {stored}; `t2twin simdata "
             "--verify` names the shard"
