@@ -18,7 +18,6 @@ from t2twin.live.sources import (
     FolderSource,
     Frame,
     LatestFrame,
-    VideoSource,
     _opencv,
     open_source,
 )
@@ -50,21 +49,16 @@ def run(untrained_runs):
     return t2twin.load(untrained_runs[0])
 
 
-class Listed:
-    """A source of frames, each of which waits for `more`, then ends."""
+def listed(count, more=lambda number: None):
+    """A source of frames, each of which waits for `more`."""
+    for number in range(count):
+        more(number)
+        yield Frame(frame(number), number, None, time.perf_counter())
 
-    def __init__(self, count, more=lambda number: None):
-        self.left = [Frame(frame(n), n, None, time.perf_counter()) for n in range(count)]
-        self.more = more
 
-    def read(self):
-        if not self.left:
-            return None
-        self.more(self.left[0].number)
-        return self.left.pop(0)
-
-    def close(self):
-        self.left = []
+def following(source):
+    """The next frame of a source, None after the last."""
+    return next(filter(None, source), None)
 
 
 @pytest.fixture
@@ -110,7 +104,7 @@ def grey(image):
 def test_a_video_s_frames_arrive_as_if_it_were_played(video, no_waiting):
     source = open_source(str(video))
     frames = []
-    while (each := source.read()) is not None:
+    while (each := following(source)) is not None:
         assert sum(no_waiting) >= each.arrived_s
         frames.append(each)
     assert sum(no_waiting) == pytest.approx((FRAMES - 1) / HZ)
@@ -124,7 +118,7 @@ def test_frames_are_turned_upright(turn_deg, corner, tmp_path):
     image = np.zeros((24, 32), np.uint8)
     image[0, 0] = 255
     Image.fromarray(image).save(tmp_path / "a.png")
-    seen = FolderSource(tmp_path, turn_deg, silent).read()
+    seen = following(open_source(str(tmp_path), turn_deg))
     assert seen is not None and seen.image[corner] == 255
     assert seen.image.shape == ((24, 32) if turn_deg == 0 else (32, 24))
 
@@ -133,7 +127,7 @@ def test_colors_are_red_green_blue(tmp_path):
     writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 60, (64, 64))
     writer.write(np.full((64, 64, 3), (10, 10, 240), np.uint8))  # OpenCV has blue first
     writer.release()
-    seen = VideoSource(tmp_path / "v.avi").read()
+    seen = following(open_source(str(tmp_path / "v.avi")))
     assert seen is not None
     assert seen.image[..., 0].mean() > 200 > 60 > seen.image[..., 2].mean()
 
@@ -142,11 +136,11 @@ def test_a_folder_gives_its_newest_and_then_what_arrives(tmp_path):
     for number in range(3):
         write(tmp_path / f"{number}.png", frame(number), 1000 + number)
     (tmp_path / "notes.txt").write_text("no image")
-    source = FolderSource(tmp_path, 0, silent)
-    first = source.read()
+    source = open_source(str(tmp_path))
+    first = following(source)
     assert first is not None and first.name == "2.png"
     write(tmp_path / "9.png", frame(9), 1010)
-    second = source.read()
+    second = following(source)
     assert second is not None and (second.name, grey(second.image)) == ("9.png", 9)
     assert [first.number, second.number] == [0, 1]
 
@@ -155,7 +149,7 @@ def test_a_half_written_frame_is_waited_for(tmp_path):
     write(tmp_path / "whole.png", frame(9), 1010)
     content = (tmp_path / "whole.png").read_bytes()
     (tmp_path / "whole.png").unlink()
-    source, half = FolderSource(tmp_path, 0, silent), threading.Event()
+    source, half = FolderSource(tmp_path, silent), threading.Event()
 
     def tries(name, version, image=source._image):
         seen = image(name, version)
@@ -172,29 +166,29 @@ def test_a_half_written_frame_is_waited_for(tmp_path):
 
     writer = threading.Thread(target=arrive)
     writer.start()
-    seen = source.read()
+    seen = following(source)
     writer.join()
     assert half.is_set() and seen is not None and grey(seen.image) == 9
 
 
 def test_a_file_written_again_is_a_new_frame(tmp_path):
-    source = FolderSource(tmp_path, 0, silent)
+    source = open_source(str(tmp_path))
     for number in range(5):
         Image.fromarray(frame(number)).save(tmp_path / ".new.png")
         (tmp_path / ".new.png").replace(tmp_path / "latest.png")
-        seen = source.read()
+        seen = following(source)
         assert seen is not None and (seen.number, grey(seen.image)) == (number, number)
 
 
 def test_a_file_that_stays_broken_is_skipped_and_reported(tmp_path):
     reports = []
-    source = FolderSource(tmp_path, 0, reports.append, read_timeout_s=0.0)
+    source = iter(FolderSource(tmp_path, reports.append, read_timeout_s=0.0))
     (tmp_path / "a.png").write_text("no image")
     write(tmp_path / "b.png", frame(3), 1000)  # older, and whole
-    first = source.read()
+    first = following(source)
     assert first is not None and first.name == "b.png"
     threading.Thread(target=lambda: _write_when(reports, tmp_path / "c.png")).start()
-    second = source.read()
+    second = following(source)
     assert second is not None and second.name == "c.png"
     assert len(reports) == 1 and "a.png cannot be read as an image" in reports[0]
 
@@ -207,7 +201,7 @@ def _write_when(reports, path):
 
 def test_skipped_frames_are_reported_now_and_then(no_waiting, tmp_path):
     reports = []
-    source = FolderSource(tmp_path, 0, reports.append)
+    source = FolderSource(tmp_path, reports.append)
     for _ in range(40):
         source._skip("a.png", (0, 0), "a.png is damaged")
         no_waiting.append(0.25)  # ten seconds in all
@@ -215,8 +209,7 @@ def test_skipped_frames_are_reported_now_and_then(no_waiting, tmp_path):
 
 
 def test_a_folder_that_is_closed_ends(tmp_path):
-    source = FolderSource(tmp_path, 0, silent)
-    newest = LatestFrame(source)
+    newest = LatestFrame(open_source(str(tmp_path)))
     newest.close()
     assert newest.take() is None
 
@@ -259,7 +252,7 @@ def test_a_slow_taker_gets_the_newest_frame():
         if number == 30:  # twenty-nine came meanwhile
             took.wait()
 
-    newest = LatestFrame(Listed(50, more))
+    newest = LatestFrame(listed(50, more))
     while newest.read < 30:
         time.sleep(0.001)
     first = newest.take()
@@ -272,7 +265,7 @@ def test_a_slow_taker_gets_the_newest_frame():
 
 
 def test_several_take_from_one_source():
-    newest = LatestFrame(Listed(3))
+    newest = LatestFrame(listed(3))
     while not newest.ended:
         time.sleep(0.001)
     both = [newest.take(1), newest.take(1)]
@@ -280,12 +273,12 @@ def test_several_take_from_one_source():
 
 
 def test_a_source_s_error_comes_through():
-    class Broken(Listed):
-        def read(self):
-            raise T2TwinError("the camera is gone")
+    def broken():
+        yield None
+        raise T2TwinError("the camera is gone")
 
     with pytest.raises(T2TwinError, match="gone"):
-        LatestFrame(Broken(0)).take()
+        LatestFrame(broken()).take()
 
 
 # Lines
@@ -298,7 +291,7 @@ def test_each_line_has_the_counts_of_its_frame(run, video):
     assert throughput.translated == len(records) and throughput.received == FRAMES
     numbers = [record["frame"] for record in records]
     assert numbers == sorted(set(numbers)) and numbers[-1] == FRAMES - 1
-    decoded = {each.number: each.image for each in iter(VideoSource(video).read, None)}
+    decoded = {each.number: each.image for each in filter(None, open_source(str(video)))}
     for record in records:
         expected = np.rint(run.predict(decoded[record["frame"]])).astype(int)
         assert record["counts"] == expected.tolist()
@@ -339,7 +332,7 @@ def test_bad_input_is_one_sentence(
 def test_a_frame_unlike_the_training_is_said_once(run, monkeypatch):
     said, lines = [], []
     monkeypatch.setattr(type(run), "classify", lambda self, pixels: [OODClass.OTHER] * len(pixels))
-    source = Listed(5, lambda number: _wait_for(lambda: len(lines) >= number))
+    source = listed(5, lambda number: _wait_for(lambda: len(lines) >= number))
     follow(run, source, lines.append, said.append)
     assert len(lines) == 5
     assert all(json.loads(line)["in_distribution"] is False for line in lines)
@@ -354,7 +347,7 @@ def _wait_for(holds):
 def test_a_field_run_gives_standard_deviations_and_force():
     run = require(t2twin.load("field"), FieldPredictor, "the test")
     lines, background = [], np.full((64, 48, 3), 90, np.uint8)
-    follow(run, Listed(1), lines.append, silent, background=background)
+    follow(run, listed(1), lines.append, silent, background=background)
     record, size = json.loads(lines[0]), run.config.preset.size
     small = run.pixels_of(background)[0]
     assert small.shape == (size, size, 3)
@@ -368,4 +361,4 @@ def test_a_field_run_gives_standard_deviations_and_force():
 
 def test_a_background_frame_is_for_field_runs_only(run):
     with pytest.raises(T2TwinError, match="a background frame needs a field run"):
-        follow(run, Listed(1), silent, silent, background=frame(0))
+        follow(run, listed(1), silent, silent, background=frame(0))

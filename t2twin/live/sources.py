@@ -3,15 +3,16 @@
 `LatestFrame` reads any of them and drops the frames that are not taken in time.
 """
 
+import itertools
 import os
 import stat
 import time
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Condition, Thread
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -77,17 +78,9 @@ class Frame:
     arrived_s: float
 
 
-class Source(Protocol):
-    """A sequence of frames."""
-
-    def read(self) -> Frame | None:
-        """Waits for the next frame; None after the last and after `close`. Raises T2TwinError if
-        the source fails."""
-        ...
-
-    def close(self) -> None:
-        """Ends `read`, of a camera or a video after its next frame."""
-        ...
+Source = Iterator[Frame | None]
+"""Frames of a source; None where there is no new one yet. Raises T2TwinError if the source fails.
+"""
 
 
 def _silent(message: str) -> None:
@@ -103,21 +96,23 @@ def open_source(name: str, turn_deg: int = 0, report: Report = _silent) -> Sourc
     """
     if turn_deg not in TURNS_DEG:
         raise T2TwinError(f"frames cannot be rotated by {turn_deg}; expected one of {TURNS_DEG}")
-    if name.isascii() and name.isdigit():
-        return CameraSource(name, turn_deg)
     path = Path(name)
     try:
-        if name and path.is_dir():
-            return FolderSource(path, turn_deg, report)
-        if path.is_file():
-            return VideoSource(path, turn_deg, report)
+        if name.isascii() and name.isdigit():
+            frames = _camera(_opened_camera(name), name)
+        elif name and path.is_dir():
+            frames = FolderSource(path, report)
+        elif path.is_file():
+            frames = _video(path, report)
+        else:
+            raise T2TwinError(
+                f"there is no source {name!r}; expected a camera number, a video file or a folder"
+            )
     except OSError as error:
         raise T2TwinError(
             f"the source {name!r} cannot be read ({(error.strerror or str(error)).lower()})"
         ) from error
-    raise T2TwinError(
-        f"there is no source {name!r}; expected a camera number, a video file or a folder"
-    )
+    return (each and replace(each, image=_rotated(each.image, turn_deg)) for each in frames)
 
 
 def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
@@ -130,92 +125,73 @@ def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
     return _rotated(np.asarray(open_image(path)), turn_deg)
 
 
-class CameraSource:
+def _opened_camera(number: str) -> Any:
     """A camera of this machine. Raises T2TwinError if it cannot be opened."""
-
-    def __init__(self, number: str, turn_deg: int = 0) -> None:
-        cv2 = _opencv()
-        self._capture = cv2.VideoCapture()
-        if len(number) <= MAX_CAMERA_DIGITS:
-            self._capture.open(int(number))
-        if not self._capture.isOpened():
-            raise T2TwinError(
-                f"camera {number} cannot be opened; expected the number of a connected camera that "
-                "no other program uses"
-            )
-        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older frames are not needed
-        self._number, self._turn_deg, self._count = number, turn_deg, 0
-        self._closed = False
-
-    def read(self) -> Frame | None:
-        due_s = time.monotonic() + READ_TIMEOUT_S
-        while not self._closed:
-            ok, bgr = self._capture.read()
-            if ok:
-                self._count += 1
-                image = _rotated(bgr[:, :, ::-1], self._turn_deg)
-                return Frame(image, self._count - 1, None, time.perf_counter())
-            if time.monotonic() >= due_s:
-                raise T2TwinError(f"camera {self._number} returns no frames; check its connection")
-            time.sleep(POLL_S)  # a damaged frame is not the end
-        return None
-
-    def close(self) -> None:
-        self._closed = True
+    cv2 = _opencv()
+    capture = cv2.VideoCapture()
+    if len(number) <= MAX_CAMERA_DIGITS:
+        capture.open(int(number))
+    if not capture.isOpened():
+        raise T2TwinError(
+            f"camera {number} cannot be opened; expected the number of a connected camera that no "
+            "other program uses"
+        )
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older frames are not needed
+    return capture
 
 
-class VideoSource:
-    """A video file, read at its frame rate.
+def _camera(capture: Any, number: str) -> Source:
+    """Frames of an open camera."""
+    count, due_s = 0, time.monotonic() + READ_TIMEOUT_S
+    while True:
+        ok, bgr = capture.read()
+        if ok:
+            yield Frame(bgr[:, :, ::-1], count, None, time.perf_counter())
+            count, due_s = count + 1, time.monotonic() + READ_TIMEOUT_S
+        elif time.monotonic() >= due_s:
+            raise T2TwinError(f"camera {number} returns no frames; check its connection")
+        else:  # a damaged frame is not the end
+            time.sleep(POLL_S)
+            yield None
+
+
+def _video(path: Path, report: Report) -> Source:
+    """Frames of a video file at its frame rate.
 
     Raises T2TwinError for a file that is not a video, and for a video without frames.
     """
+    cv2 = _opencv()
+    with path.open("rb"):
+        pass  # raises the reason, which OpenCV does not state
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if not capture.isOpened():
+        raise T2TwinError(
+            f"{path} cannot be read as a video; expected a video file, such as AVI, MP4 or MKV, or "
+            "a folder of images"
+        )
+    hz = capture.get(cv2.CAP_PROP_FPS)
+    if not MIN_HZ <= hz <= MAX_HZ:
+        report(f"{path} states {hz:g} frames/s; {DEFAULT_HZ:g} frames/s are used instead")
+        hz = DEFAULT_HZ
 
-    def __init__(self, path: Path, turn_deg: int = 0, report: Report = _silent) -> None:
-        cv2 = _opencv()
-        with path.open("rb"):
-            pass  # raises the reason, which OpenCV does not state
-        self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-        if not self._capture.isOpened():
-            raise T2TwinError(
-                f"{path} cannot be read as a video; expected a video file, such as AVI, MP4 or "
-                "MKV, or a folder of images"
+    def frames() -> Source:
+        began_s = time.perf_counter()
+        for count in itertools.count():
+            due_s = began_s + count / hz
+            ok, bgr = capture.read()
+            if not ok:
+                break
+            time.sleep(max(0.0, due_s - time.perf_counter()))
+            yield Frame(bgr[:, :, ::-1], count, None, due_s)
+        announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        if not count:
+            raise T2TwinError(f"{path} contains no readable frame")
+        if count < MIN_COMPLETE_SHARE * announced:
+            report(
+                f"{path} ends after {count} of {announced:.0f} frames; it is truncated or damaged"
             )
-        hz = self._capture.get(cv2.CAP_PROP_FPS)
-        if not MIN_HZ <= hz <= MAX_HZ:
-            report(f"{path} states {hz:g} frames/s; {DEFAULT_HZ:g} frames/s are used instead")
-            hz = DEFAULT_HZ
-        self._announced = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
-        self._path, self._period_s, self._report = path, 1.0 / hz, report
-        self._turn_deg, self._count = turn_deg, 0
-        self._began_s: float | None = None
-        self._closed = False
 
-    def read(self) -> Frame | None:
-        if self._closed:
-            return None
-        if self._began_s is None:
-            self._began_s = time.perf_counter()
-        due_s = self._began_s + self._count * self._period_s
-        ok, bgr = self._capture.read()
-        if not ok:
-            self._check_end()
-            return None
-        frame = Frame(_rotated(bgr[:, :, ::-1], self._turn_deg), self._count, None, due_s)
-        self._count += 1
-        time.sleep(max(0.0, due_s - time.perf_counter()))
-        return frame
-
-    def close(self) -> None:
-        self._closed = True
-
-    def _check_end(self) -> None:
-        if not self._count:
-            raise T2TwinError(f"{self._path} contains no readable frame")
-        if self._count < MIN_COMPLETE_SHARE * self._announced:
-            self._report(
-                f"{self._path} ends after {self._count} of {self._announced:.0f} frames; it is "
-                "truncated or damaged"
-            )
+    return frames()
 
 
 _Version = tuple[int, int]
@@ -230,28 +206,20 @@ class FolderSource:
     pipes and devices are ignored. Raises T2TwinError if the folder cannot be listed.
     """
 
-    def __init__(
-        self, path: Path, turn_deg: int, report: Report, read_timeout_s: float = READ_TIMEOUT_S
-    ) -> None:
-        self._path, self._turn_deg, self._report = path, turn_deg, report
-        self._read_timeout_s = read_timeout_s
+    def __init__(self, path: Path, report: Report, read_timeout_s: float = READ_TIMEOUT_S) -> None:
+        self._path, self._report, self._read_timeout_s = path, report, read_timeout_s
         self._count, self._skipped, self._report_due_s = 0, 0, 0.0
         self._recent: deque[str] = deque(maxlen=RECENT)  # names of processed files
         self._done: dict[str, _Version] = {}  # processed contents
         self._full_scan_due_s = 0.0  # monotonic
-        self._closed = False
         self._done.update(sorted(self._listed().items(), key=_age)[:-1])
 
-    def read(self) -> Frame | None:
-        while not self._closed:
+    def __iter__(self) -> Source:
+        while True:
             frame = self._latest()
-            if frame is not None:
-                return frame
-            time.sleep(POLL_S)
-        return None
-
-    def close(self) -> None:
-        self._closed = True
+            yield frame
+            if frame is None:
+                time.sleep(POLL_S)
 
     def _latest(self) -> Frame | None:
         """The latest readable frame that was not read yet. Older frames are dropped."""
@@ -268,7 +236,7 @@ class FolderSource:
                 self._done.update(new)
                 self._recent.extend(name for name, _ in new)
                 self._count += len(new)
-                return Frame(_rotated(image, self._turn_deg), self._count - 1, name, arrived_s)
+                return Frame(image, self._count - 1, name, arrived_s)
             new.pop()
         return None
 
@@ -328,9 +296,9 @@ class LatestFrame:
     A queue.Queue would give each frame to one taker only; here all takers get the latest one.
     """
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Iterable[Frame | None]) -> None:
         self.read = 0
-        self._source = source
+        self._source, self._closed = source, False
         self._frame: Frame | None = None
         self._ended = False
         self._error: Exception | None = None
@@ -354,7 +322,7 @@ class LatestFrame:
 
     def close(self) -> None:
         """Stops reading, without waiting for a frame that is being read."""
-        self._source.close()
+        self._closed = True
 
     @property
     def ended(self) -> bool:
@@ -364,10 +332,13 @@ class LatestFrame:
 
     def _run(self) -> None:
         try:
-            while (frame := self._source.read()) is not None:
-                with self._changed:
-                    self._frame, self.read = frame, frame.number + 1
-                    self._changed.notify_all()
+            for frame in self._source:
+                if self._closed:
+                    break
+                if frame is not None:
+                    with self._changed:
+                        self._frame, self.read = frame, frame.number + 1
+                        self._changed.notify_all()
         except Exception as error:  # `take` raises it
             self._error = error
         with self._changed:

@@ -70,18 +70,17 @@ ODD_FOLDERS: tuple[dict[str, Content], ...] = (
 def _gone(change: Callable[[Path], object], box: Path, base: Base) -> None:
     folder = box / "frames"
     folder.mkdir()
-    source = FolderSource(folder, 0, lambda report: None, SHORT_PATIENCE_S)
+    source = FolderSource(folder, lambda report: None, SHORT_PATIENCE_S)
     folder.rmdir()
     change(folder)
     with pytest.raises(T2TwinError, match="no longer exists"):
-        source.read()
+        next(iter(source))
 
 
 def _reported(make: Callable[[Path], object], says: str, box: Path, base: Base) -> None:
     make(box / "v.avi")
     reports: list[str] = []
-    source = open_source(str(box / "v.avi"), report=reports.append)
-    while source.read() is not None:
+    for _ in open_source(str(box / "v.avi"), report=reports.append):
         pass
     assert len(reports) == 1 and says in reports[0], f"reported {reports}"
 
