@@ -8,12 +8,10 @@ import pytest
 from spots import write_spots
 
 from t2twin.translate.data.pairs import ImageFile, Pairs
-from t2twin.translate.evaluation import array_errors
 from t2twin.translate.evaluation.array_errors import (
     PairFigures,
     by_force,
     replicates,
-    resample_weights,
     rmse_by_group,
 )
 from t2twin.translate.evaluation.baselines import (
@@ -46,7 +44,7 @@ def figures_of_pairs(predicted: np.ndarray, pairs: Pairs) -> PairFigures:
     unknown = np.full(len(pairs), np.nan)
     squares = np.square(predicted - pairs.counts.astype(float)).mean(axis=1)
     totals = pairs.counts.sum(axis=1, dtype=float)
-    return PairFigures(squares, unknown, unknown, unknown, unknown, unknown, totals)
+    return PairFigures(squares, *[unknown] * 5, totals, *[unknown] * 3)
 
 
 def test_few_forces_are_a_bin_each() -> None:
@@ -114,22 +112,14 @@ def test_what_is_predicted_where_nothing_is_touched_is_a_phantom() -> None:
     assert touched.phantom_counts is None
 
 
-def test_intervals_by_force_are_those_of_the_same_resamples(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """One group of all pairs is the overall figure's; and drawn in parts they are the same."""
+def test_intervals_by_force_are_those_of_the_same_resamples() -> None:
+    """One group of all pairs is the overall figure's."""
     rng = np.random.default_rng(1)
     pairs = presses(np.full(40, 8.0), shapes=7)
     figures = figures_of_pairs(pairs.counts + rng.normal(0, 300, (40, 20)), pairs)
     whole = replicates(figures, pairs.shapes, FULL_SCALE)
     alone = rmse_by_group(figures.squared_error, pairs.shapes, np.zeros(40, int), 1)
     np.testing.assert_allclose(alone[:, 0], whole["rmse_counts"], rtol=1e-12)
-    drawn = resample_weights(7)
-    monkeypatch.setattr(array_errors, "MAX_NUMBERS", 70)
-    assert np.array_equal(resample_weights(7), drawn)
-    in_parts = replicates(figures, pairs.shapes, FULL_SCALE)
-    for name, values in whole.items():
-        np.testing.assert_allclose(values, in_parts[name], rtol=1e-12)
 
 
 @pytest.fixture(scope="module")

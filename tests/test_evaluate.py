@@ -25,7 +25,7 @@ from t2twin.translate.evaluation.baselines import (
     mean_array,
     neighbors,
 )
-from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
+from t2twin.translate.evaluation.evaluate import evaluate, evaluate_splits
 from t2twin.translate.evaluation.predictions import (
     OF_OPTICS,
     PREDICTIONS,
@@ -46,7 +46,6 @@ from t2twin.translate.evaluation.records import (
     Intervals,
     ModelRow,
     PaperRow,
-    TaxelCounts,
     ViewSummary,
     as_json,
     read_evaluation,
@@ -74,7 +73,7 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def evaluated(runs: list[Path], data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with val and test, not to be written to."""
     folder = tmp_path_factory.mktemp("evaluated")
-    evaluate_both(runs, data_dir, folder)
+    evaluate_splits(runs, data_dir, "both", folder)
     return folder
 
 
@@ -181,7 +180,7 @@ def test_records_come_back_from_their_file(tmp_path: Path) -> None:
     evaluation = Evaluation(
         format=FORMAT, split="val", pairs=3, full_scale_counts=40000.0, contact_level=0.1,
         info_sha256="0" * 64, layout="cyskin-20",
-        view=ViewSummary(12.5, 16.5, 7.5, TaxelCounts(4, 12, 4)),
+        view=ViewSummary(12.5, 16.5, 7.5, {"under": 4, "near": 12, "beyond": 4}),
         models={"mean-array": row, "resnet18": replace(row, run="run", same_data=False)},
         bootstrap=Bootstrap("shapes", 1, 1000, 0, 0.95),
         paired={"ssim": Difference(0.1, None)},

@@ -113,6 +113,9 @@ def figures_of(errors: np.ndarray) -> PairFigures:
         centroid_error_mm=np.where(errors > 0, errors / 1e3, np.nan),
         total_error=errors,
         total=1e4 * ones,
+        squared_error_under=errors**2,
+        squared_error_near=np.nan * ones,
+        squared_error_beyond=np.nan * ones,
     )
 
 

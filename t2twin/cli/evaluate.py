@@ -51,10 +51,8 @@ def evaluate(
     use_all_cores()
     if len(data) > 1:
         datasets = evaluation.evaluate_datasets(runs, data, split, folder, background)
-    elif split == "both":
-        datasets = {"": evaluation.evaluate_both(runs, first, folder, background)}
     else:
-        datasets = {"": {split: evaluation.evaluate(runs, first, split, folder, background)}}
+        datasets = {"": evaluation.evaluate_splits(runs, first, split, folder, background)}
     for name, evaluations in datasets.items():
         if name:
             print(f"{name}\n")

@@ -37,12 +37,14 @@ def parts() -> Iterator:
 
 @pytest.fixture(scope="session")
 def base(small_dataset, trained, products) -> Base:
-    from t2twin.translate.evaluation.evaluate import evaluate_both
+    from t2twin.translate.evaluation.evaluate import evaluate_splits
 
     runs = touch2touch, resnet18 = [
         trained(model, small_dataset, 1) for model in ("touch2touch", "resnet18")
     ]
-    evaluation = products.make("evaluation", lambda to: evaluate_both(runs, small_dataset, to))
+    evaluation = products.make(
+        "evaluation", lambda to: evaluate_splits(runs, small_dataset, "both", to)
+    )
     return Base(small_dataset, touch2touch, resnet18, evaluation)
 
 

@@ -11,9 +11,9 @@ A touch moves if it follows the press that its path started with.
 Shape letters: P pairs, N taxels, K groups of pairs, often shapes, B resamples.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,17 +40,6 @@ CONTACT_LEVEL = 0.1
 BATCH_SIZE = 64
 """Pairs whose tactile images are computed together; bounds memory to 50 MB."""
 
-QUANTITIES = (
-    "squared_error",
-    "ssim",
-    "ssim_contact",
-    "contact_iou",
-    "centroid_error_mm",
-    "total_error",
-    "total",
-)
-"""Fields of PairFigures, (P,) each."""
-
 Sums = dict[str, tuple[np.ndarray, np.ndarray]]
 """Sum of each quantity over groups of pairs, and number of pairs that have it; (K,) each."""
 
@@ -62,19 +51,16 @@ SEED = 0
 CONFIDENCE = 0.95
 """Number and seed of the resamples, and share of them in an interval."""
 
-MAX_NUMBERS = 20_000_000
-"""Maximum size of an array of weights; bounds memory to 160 MB with many shapes."""
-
 
 @dataclass(frozen=True)
 class PairFigures:
     """Figures of each pair, (P,) each.
 
-    squared_error: mean over the taxels, counts^2; squared_error_of: the same over groups of taxels,
-    by the names in GROUPS, NaN for empty groups. ssim: of phi(predicted) and phi(true), over the
+    squared_error: mean over the taxels, counts^2. ssim: of phi(predicted) and phi(true), over the
     image. ssim_contact: over the true contact. contact_iou: intersection over union of the two
     contacts. centroid_error_mm: between the images' centroids. total_error: absolute difference of
     the summed counts. total: the true sum. Figures of the contact are NaN without contact.
+    squared_error_under and so on: over the groups of taxels in GROUPS, NaN for empty groups.
     """
 
     squared_error: np.ndarray
@@ -84,7 +70,9 @@ class PairFigures:
     centroid_error_mm: np.ndarray
     total_error: np.ndarray
     total: np.ndarray
-    squared_error_of: Mapping[str, np.ndarray] = field(default_factory=dict)
+    squared_error_under: np.ndarray
+    squared_error_near: np.ndarray
+    squared_error_beyond: np.ndarray
 
     def summary(self, full_scale: float, which: np.ndarray | None = None) -> Figures:
         """Figures over the pairs `which`, (P,) bool, by default all. full_scale: counts."""
@@ -112,12 +100,8 @@ class PairFigures:
 
         place: (P,) the group of each pair, 0 to groups - 1.
         """
-        columns = {name: getattr(self, name) for name in QUANTITIES}
-        nothing = np.full(self.total.shape, np.nan)
-        for group in GROUPS:
-            columns[f"squared_error_{group}"] = self.squared_error_of.get(group, nothing)
         sums = {}
-        for name, values in columns.items():
+        for name, values in vars(self).items():
             known = ~np.isnan(values)
             pairs = np.bincount(place[known], minlength=groups).astype(float)
             sums[name] = np.bincount(place[known], values[known], groups), pairs
@@ -160,21 +144,24 @@ def compare(
     progress: title of a progress bar, or None. taxel_groups: (N,) bool by the names in
     GROUPS, for errors by group.
     """
+    groups, nothing = taxel_groups or {}, np.full(len(true), np.nan)
     predicted, true = predicted.astype(float), true.astype(float)
     squares = np.square(predicted - true)
     scores = _scores_of_images(predicted, true, phi, full_scale, progress)
     return PairFigures(
         squared_error=squares.mean(axis=1),
-        squared_error_of={
-            name: squares[:, mask].mean(axis=1) if mask.any() else np.full(len(true), np.nan)
-            for name, mask in (taxel_groups or {}).items()
-        },
         ssim=scores[:, 0],
         ssim_contact=scores[:, 1],
         contact_iou=scores[:, 2],
         centroid_error_mm=_centroid_error_mm(predicted, true, phi),
         total_error=np.abs(predicted.sum(axis=1) - true.sum(axis=1)),
         total=true.sum(axis=1),
+        **{
+            f"squared_error_{name}": squares[:, groups[name]].mean(axis=1)
+            if name in groups and groups[name].any()
+            else nothing
+            for name in GROUPS
+        },
     )
 
 
@@ -216,29 +203,21 @@ def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.
     return np.where(empty, np.nan, np.linalg.norm(a - b, axis=1))
 
 
-def resample_weights(shapes: int, seed: int = SEED, resamples: int = RESAMPLES) -> np.ndarray:
+def resample_weights(shapes: int, seed: int = SEED) -> np.ndarray:
     """Multiplicity of each shape in each resample: (B, K); rows sum to K."""
-    return np.concatenate(list(_weights_in_parts(shapes, seed, resamples)))
+    shares = np.full(shapes, 1.0 / shapes)
+    return np.random.default_rng(seed).multinomial(shapes, shares, size=RESAMPLES).astype(float)
 
 
-def replicates(
-    figures: PairFigures, shapes: np.ndarray, full_scale: float, seed: int = SEED
-) -> GroupedFigures:
+def replicates(figures: PairFigures, shapes: np.ndarray, full_scale: float) -> GroupedFigures:
     """Every figure in each resample of the shapes: (B,) each.
 
-    shapes: (P,) names. Equal seeds and shapes result in equal resamples, so that differences
-    between two models are paired.
+    shapes: (P,) names. Equal shapes result in equal resamples, so that differences between two
+    models are paired.
     """
     names, place = np.unique(shapes, return_inverse=True)
-    sums = figures.sums(place, names.size)
-    weights = list(_weights_in_parts(names.size, seed))
-    resampled = {
-        name: (
-            np.concatenate([part @ total for part in weights]),
-            np.concatenate([part @ pairs for part in weights]),
-        )
-        for name, (total, pairs) in sums.items()
-    }
+    sums, weights = figures.sums(place, names.size), resample_weights(names.size)
+    resampled = {name: (weights @ total, weights @ pairs) for name, (total, pairs) in sums.items()}
     return figures_of(resampled, full_scale)
 
 
@@ -254,20 +233,8 @@ def rmse_by_group(
     cell, cells = of_shape * groups + place, names.size * groups
     total = np.bincount(cell, squared_error, cells).reshape(-1, groups)
     pairs = np.bincount(cell, minlength=cells).reshape(-1, groups).astype(float)
-    means = [
-        mean_of(weights @ total, weights @ pairs) for weights in _weights_in_parts(names.size, SEED)
-    ]
-    return np.sqrt(np.concatenate(means))
-
-
-def _weights_in_parts(shapes: int, seed: int, resamples: int = RESAMPLES) -> Iterator[np.ndarray]:
-    """`resample_weights` in parts, (b, K) each."""
-    rng = np.random.default_rng(seed)
-    shares = np.full(shapes, 1.0 / shapes)
-    rows = max(1, MAX_NUMBERS // shapes)
-    for start in range(0, resamples, rows):
-        size = min(rows, resamples - start)
-        yield rng.multinomial(shapes, shares, size=size).astype(float)
+    weights = resample_weights(names.size)
+    return np.sqrt(mean_of(weights @ total, weights @ pairs))
 
 
 def interval(values: np.ndarray) -> Interval | None:

@@ -24,7 +24,7 @@ from t2twin.sim.taxels.phi import barycentric
 from t2twin.sim.taxels.reading import expected_reading, read_after
 from t2twin.translate.data.pairs import DataInfo, ImageFile, Pairs
 from t2twin.translate.evaluation.predictions import EvaluationInputs
-from t2twin.translate.evaluation.records import MeanOf, PaperRow
+from t2twin.translate.evaluation.records import MeanOf, PaperRow, ViewSummary
 from t2twin.translate.inference.predictor import FieldPredictor
 
 MEAN_ARRAY, NEAREST_NEIGHBOR = "mean-array", "nearest-neighbour"
@@ -179,24 +179,14 @@ def _parts(size: int) -> list[slice]:
     return [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
 
 
-@dataclass(frozen=True)
-class FieldOfView:
-    """The camera's field of view relative to a taxel layout.
-
-    half_width_mm, half_height_mm: of the rectangle that the image shows. pitch_mm: median distance
-    of a taxel to its nearest neighbor. groups: (N,) bool by the names in GROUPS.
-    """
-
-    half_width_mm: float
-    half_height_mm: float
-    pitch_mm: float
-    groups: dict[str, np.ndarray]
-
-
-def view_on(x_mm: np.ndarray, y_mm: np.ndarray, view_mm: tuple[float, float]) -> FieldOfView:
+def view_on(
+    x_mm: np.ndarray, y_mm: np.ndarray, view_mm: tuple[float, float]
+) -> tuple[ViewSummary, dict[str, np.ndarray]]:
     """Groups the taxels of a layout by their distance from the rectangle of the image.
 
-    x_mm, y_mm: (N,), N > 1, mm, sensor frame. view_mm: half of what the image shows.
+    x_mm, y_mm: (N,), N > 1, mm, sensor frame. view_mm: half of what the image shows. The pitch is
+    the median distance of a taxel to its nearest neighbor. Also returns (N,) bool by the names in
+    GROUPS.
     """
     half_width, half_height = view_mm
     points = np.column_stack([x_mm, y_mm])
@@ -207,7 +197,9 @@ def view_on(x_mm: np.ndarray, y_mm: np.ndarray, view_mm: tuple[float, float]) ->
     )
     near = distance_mm <= pitch * (1.0 + SLACK)
     masks = (distance_mm == 0.0, near & (distance_mm > 0.0), ~near)
-    return FieldOfView(half_width, half_height, pitch, dict(zip(GROUPS, masks, strict=True)))
+    groups: dict[str, np.ndarray] = dict(zip(GROUPS, masks, strict=True))
+    numbers = {name: int(mask.sum()) for name, mask in groups.items()}
+    return ViewSummary(2 * half_width, 2 * half_height, pitch, numbers), groups
 
 
 def representable(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:

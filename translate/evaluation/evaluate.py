@@ -26,7 +26,6 @@ from t2twin.translate.evaluation.baselines import (
     NEAREST_NEIGHBOR,
     NEIGHBORS,
     PAPER,
-    FieldOfView,
     ForceBin,
     force_bins,
     neighbors,
@@ -48,8 +47,6 @@ from t2twin.translate.evaluation.records import (
     Difference,
     Evaluation,
     ModelRow,
-    TaxelCounts,
-    ViewSummary,
     write_evaluation,
     write_findings,
 )
@@ -99,23 +96,7 @@ def evaluate(
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     arguments.choice(split, "split", ALL_SPLITS)
-    return _evaluate_splits(runs, data_dir, split, out_dir, background)[split]
-
-
-def evaluate_both(
-    runs: Sequence[str | Path],
-    data_dir: Path,
-    out_dir: Path,
-    background: str | Path | None = None,
-) -> dict[str, Evaluation]:
-    """`evaluate` on validation and test, into out_dir/val and out_dir/test.
-
-    Also writes out_dir/findings.json and out_dir/results.md, a table in Markdown. A split without
-    pairs is left out. background: as for `evaluate`.
-
-    Returns the evaluations by split. Raises T2TwinError as `evaluate`, and if both are empty.
-    """
-    return _evaluate_splits(runs, data_dir, BOTH, out_dir, background)
+    return evaluate_splits(runs, data_dir, split, out_dir, background)[split]
 
 
 def evaluate_datasets(
@@ -127,8 +108,8 @@ def evaluate_datasets(
 ) -> dict[str, dict[str, Evaluation]]:
     """Evaluates runs on datasets, each into out_dir/NAME, and writes datasets.md.
 
-    split: "val", "test" or "both" (`evaluate_both`); a dataset may lack one of both. background: as
-    for `evaluate`.
+    split: as for `evaluate_splits`; a dataset may lack one of "both". background: as for
+    `evaluate`.
     Returns the evaluations by folder name of the dataset and by split. Raises T2TwinError, before
     the first evaluation, for two datasets with equal folder names, and as `evaluate`.
     """
@@ -145,7 +126,7 @@ def evaluate_datasets(
             )
         prepare(runs, folder, _splits(folder, split), background)
     datasets = {
-        name: _evaluate_splits(runs, folder, split, out_dir / name, background)
+        name: evaluate_splits(runs, folder, split, out_dir / name, background)
         for name, folder in zip(names, folders, strict=True)
     }
     with atomic_write(out_dir / DATASETS_TABLE) as temporary:
@@ -157,14 +138,19 @@ def _splits(data_dir: Path, split: str) -> tuple[str, ...]:
     return splits_with_pairs(data_dir) if split == BOTH else (split,)
 
 
-def _evaluate_splits(
+def evaluate_splits(
     runs: Sequence[str | Path],
     data_dir: Path,
     split: str,
     out_dir: Path,
-    background: str | Path | None,
+    background: str | Path | None = None,
 ) -> dict[str, Evaluation]:
-    """Evaluations of a dataset by split. split: as for `evaluate_datasets`."""
+    """`evaluate` on one split, or on "both", validation and test; returns evaluations by split.
+
+    Of both, those without pairs are left out. They are written to out_dir/val and out_dir/test,
+    with out_dir/findings.json and out_dir/results.md, a table in Markdown.
+    Raises T2TwinError as `evaluate`, and if both are empty.
+    """
     splits = _splits(data_dir, split)
     inputs = prepare(runs, data_dir, splits, background)
     if split != BOTH:
@@ -192,8 +178,8 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
     predictions = predict_baselines(inputs, pairs, train, near, bins)
     predicted, estimates = predict_runs(inputs, split, cache)
     predictions |= predicted
-    view = view_on(info.x_mm, info.y_mm, info.view_mm)
-    rows, differences = _score(inputs, predictions, estimates, pairs, view, bins)
+    view, groups = view_on(info.x_mm, info.y_mm, info.view_mm)
+    rows, differences = _score(inputs, predictions, estimates, pairs, groups, bins)
     evaluation = Evaluation(
         format=FORMAT,
         split=split,
@@ -202,12 +188,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         contact_level=array_errors.CONTACT_LEVEL,
         info_sha256=info.sha256,
         layout=info.layout,
-        view=ViewSummary(
-            width_mm=2 * view.half_width_mm,
-            height_mm=2 * view.half_height_mm,
-            pitch_mm=view.pitch_mm,
-            taxels=TaxelCounts(**{name: int(mask.sum()) for name, mask in view.groups.items()}),
-        ),
+        view=view,
         models=rows,
         bootstrap=Bootstrap(
             over="shapes",
@@ -241,23 +222,20 @@ def _score(
     predictions: Mapping[str, np.ndarray],
     estimates: Mapping[str, Estimate],
     pairs: Pairs,
-    view: FieldOfView,
+    groups: Mapping[str, np.ndarray],
     bins: tuple[ForceBin, ...],
 ) -> tuple[dict[str, ModelRow], dict[str, Difference]]:
     """Each model's row, and touch2touch minus ResNet18 in the same resamples, by figure.
 
-    predictions: (P, N) counts by the model's name. bins: the pairs by force.
+    predictions: (P, N) counts by the model's name. groups: of taxels. bins: the pairs by force.
     """
-    info = inputs.info
+    info, full_scale = inputs.info, inputs.info.full_scale_counts
     phi = info.phi
-    full_scale = info.full_scale_counts
     few = np.unique(pairs.shapes).size <= MAX_SHAPES
     rows, resampled = {}, {}
     for name, predicted in predictions.items():
         progress = f"figures of {name}"
-        figures = array_errors.compare(
-            predicted, pairs.counts, phi, full_scale, progress, view.groups
-        )
+        figures = array_errors.compare(predicted, pairs.counts, phi, full_scale, progress, groups)
         resampled[name] = array_errors.replicates(figures, pairs.shapes, full_scale)
         rows[name] = ModelRow(
             overall=figures.summary(full_scale),

@@ -20,8 +20,9 @@ from PIL import Image
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
-from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.info import DatasetInfo, SensorInfo
 from t2twin.sim.dataset.store import read_info
+from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.files import bundled_sensors
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.reading import expected_reading
@@ -50,17 +51,6 @@ PAIR_ARRAYS = ("shape", "family", "x_mm", "y_mm", "yaw_rad", "force_n")
 
 
 @dataclass(frozen=True)
-class FixedBackground:
-    """One background frame for all pairs: frame, (S, S, 3) uint8."""
-
-    frame: np.ndarray
-
-    def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
-        """(S, S, 3) uint8, for any choice of pairs."""
-        return self.frame
-
-
-@dataclass(frozen=True)
 class Background:
     """Background frames of a dataset.
 
@@ -69,12 +59,6 @@ class Background:
 
     source: str
     image: Image.Image | None
-
-    def at_size(self, size: int) -> FixedBackground | None:
-        """The frame at size x size, or None if each pair has its own."""
-        if self.image is None:
-            return None
-        return FixedBackground(to_pixels(self.image, size, grey=False))
 
 
 @dataclass(frozen=True)
@@ -150,14 +134,18 @@ def background_of(data_dir: Path, file: str | Path | None = None) -> Background 
 def frame_of_own_light(info: DatasetInfo) -> np.ndarray | None:
     """The background frame of a bundled sensor in its own light, if all images of a dataset were
     made with that, else None."""
-    camera = info.camera
     if info.recipe is None or info.recipe.light.kind != "fixed":
         return None
+    sensor = bundled_in_own_light(info.camera)
+    return None if sensor is None else sensor.image_renderer.background
+
+
+def bundled_in_own_light(camera: SensorInfo) -> GelCamera | None:
+    """The bundled sensor of a gel camera's name, if it has the same light, else None."""
     if camera.name not in bundled_sensors():
         return None
     sensor = SensorPair.of(camera.name).camera
-    is_own = sensor.optics_sha256 == camera.optics_sha256
-    return sensor.image_renderer.background if is_own else None
+    return sensor if sensor.optics_sha256 == camera.optics_sha256 else None
 
 
 def run_names(runs: Sequence[CountsPredictor]) -> list[str]:
@@ -227,8 +215,10 @@ def predict_runs(
         with_dense_counts = isinstance(run, FieldPredictor) and has_dense_counts
         own = load_pairs(inputs.data_dir, split, preset.size, preset.grey, cache, with_dense_counts)
         if isinstance(run, FieldPredictor):
-            fixed = None if background is None else background.at_size(preset.size)
-            images = own.inputs if fixed is None else InputImages(own.images, fixed)
+            images = own.inputs
+            if background is not None and background.image is not None:
+                frame = to_pixels(background.image, preset.size, grey=False)
+                images = InputImages(own.images, np.broadcast_to(frame, (len(own), *frame.shape)))
             found = run.estimate_pixels(images, progress=name)
             estimates[name] = as_readings(found, inputs.dataset)
             predictions[name] = estimates[name].counts

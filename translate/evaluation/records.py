@@ -192,22 +192,14 @@ class ModelRow:
 
 
 @dataclass(frozen=True)
-class TaxelCounts:
-    """Numbers of taxels under the image's view, within one pitch of it, and beyond."""
-
-    under: int
-    near: int
-    beyond: int
-
-
-@dataclass(frozen=True)
 class ViewSummary:
-    """The camera's field of view, the layout's pitch, and the numbers of taxels."""
+    """The camera's field of view, the layout's pitch, and the numbers of taxels "under" the view,
+    "near" it, within one pitch, and "beyond"."""
 
     width_mm: float
     height_mm: float
     pitch_mm: float
-    taxels: TaxelCounts
+    taxels: dict[str, int]
 
 
 @dataclass(frozen=True)

@@ -172,8 +172,8 @@ def _notes(evaluations: Evaluations, columns: Collection[Column]) -> Iterator[st
     if FURTHER[-1].figure in (column.figure for column in columns):
         taxels = one.view.taxels
         yield (
-            f"Of the taxels, {taxels.under} lie under the image's view, {taxels.near} within one "
-            f"pitch of it ({one.view.pitch_mm:.1f} mm), {taxels.beyond} beyond."
+            f"Of the taxels, {taxels['under']} lie under the image's view, {taxels['near']} within "
+            f"one pitch of it ({one.view.pitch_mm:.1f} mm), {taxels['beyond']} beyond."
         )
     for split, each in evaluations.items():
         of_split = f"{split}: " if len(evaluations) > 1 else ""
