@@ -44,7 +44,9 @@ def figures_of_pairs(predicted: np.ndarray, pairs: Pairs) -> PairFigures:
     unknown = np.full(len(pairs), np.nan)
     squares = np.square(predicted - pairs.counts.astype(float)).mean(axis=1)
     totals = pairs.counts.sum(axis=1, dtype=float)
-    return PairFigures(squares, *[unknown] * 5, totals, *[unknown] * 3)
+    return PairFigures(
+        squares, unknown, unknown, unknown, unknown, unknown, totals, unknown, unknown, unknown
+    )
 
 
 def test_few_forces_are_a_bin_each() -> None:
