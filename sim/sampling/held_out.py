@@ -13,8 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from scipy import sparse
-from scipy.sparse import csgraph
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
@@ -77,32 +75,10 @@ def test_solids() -> KnownSolids:
 def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
     """(bodies, 4): area^(3/2) / volume and the principal second moments / volume^(5/3), rising,
     of each body that encloses a volume."""
-    labels = _bodies(mesh.faces.view(np.ndarray), len(mesh.vertices))
-    corners = mesh.vertices.view(np.ndarray)[mesh.faces] - mesh.bounds.mean(axis=0)
-    # Each triangle forms a tetrahedron with the center; its volume is signed.
-    volumes = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
-    total = corners.sum(axis=1)
-    second = np.einsum("tci,tcj->tij", corners, corners) + total[:, :, None] * total[:, None]
-    volume, area = _sums(labels, volumes), _sums(labels, mesh.area_faces)
-    first = _sums(labels, volumes[:, None] * total / 4.0)
-    moments = _sums(labels, volumes[:, None, None] * second / 20.0)
-    solid = np.abs(volume) > 0.0
-    volume, area, first, moments = volume[solid], area[solid], first[solid], moments[solid]
-    moments -= first[:, :, None] * first[:, None] / volume[:, None, None]
-    volume, moments = np.abs(volume), moments * np.sign(volume)[:, None, None]
-    principal = np.linalg.eigvalsh(moments) / volume[:, None] ** (5 / 3)
-    return np.concatenate([(area**1.5 / volume)[:, None], principal], axis=1)
-
-
-def _bodies(faces: np.ndarray, corners: int) -> np.ndarray:
-    """(t,) number of the body, connected by vertices, of each triangle, (t, 3)."""
-    rows, columns = faces[:, :2].ravel(), faces[:, 1:].ravel()
-    edges = sparse.coo_matrix((np.ones(rows.size, bool), (rows, columns)), (corners, corners))
-    return csgraph.connected_components(edges, directed=False)[1][faces[:, 0]]
-
-
-def _sums(labels: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Sums of values (t, ...) over the triangles (t,) of each body."""
-    flat = values.reshape(len(values), -1)
-    sums = [np.bincount(labels, weights=column) for column in flat.T]
-    return np.stack(sums, axis=-1).reshape(-1, *values.shape[1:])
+    rows = []
+    for body in mesh.split(only_watertight=False, repair=False):
+        if volume := abs(body.volume):
+            inertia = np.abs(body.principal_inertia_components)  # about the axes
+            second = np.sort(inertia.sum() / 2.0 - inertia)  # along the axes
+            rows.append([body.area**1.5 / volume, *second / volume ** (5 / 3)])
+    return np.array(rows).reshape(-1, 4)
