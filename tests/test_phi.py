@@ -141,17 +141,22 @@ def test_torch_says_the_same_and_has_gradients(phi: Phi, counts: np.ndarray) -> 
     ("x_mm", "y_mm", "says"),
     [
         ([0.0, 5.0], [0.0, 5.0], "at least 3"),
-        ([0.0, 5.0, 5.0, 0.0], [0.0, 0.0, 0.0, 5.0], "own place"),
+        ([0.0, 5.0, 5.0, 0.0], [0.0, 0.0, 0.0, 5.0], "in one place"),
         ([0.0, 1.0, 2.0, 3.0], [0.0, 2.0, 4.0, 6.0], "one line"),
         ([0.0, 5.0, 20.0], [0.0, 5.0, 0.0], "outside the tactile image"),
         ([0.0, 5.0, np.nan], [0.0, 5.0, 0.0], "finite"),
-        ([0.0, 5.0, 0.0], [0.0, 5.0], "one length"),
-        ([0.0, 5.0, 0.0, 0.01], [0.0, 0.0, 5.0, 5.01], "a pixel apart"),
+        ([0.0, 5.0, 0.0], [0.0, 5.0], r"has shape \(2,\); expected \(3,\)"),
     ],
 )
 def test_bad_layouts_are_refused(x_mm: list[float], y_mm: list[float], says: str) -> None:
     with pytest.raises(T2TwinError, match=says):
         Phi(np.array(x_mm), np.array(y_mm))
+
+
+def test_taxels_within_a_pixel_are_refused() -> None:
+    x_mm, y_mm = np.array([0.0, 5.0, 0.0, 0.1]), np.array([0.0, 0.0, 5.0, 5.1])
+    with pytest.raises(T2TwinError, match="a pixel apart"):
+        Phi(x_mm, y_mm, (40, 24), 0.88)
 
 
 def test_wrong_sizes_are_refused(phi: Phi) -> None:

@@ -36,9 +36,7 @@ EDGE_MM = 0.25
 grid)."""
 
 SAME_MM = 1e-3
-"""Distance within which a taxel lies on a place of the dense counts, mm (assumed: positions are
-rounded).
-"""
+"""Distance within which a taxel lies on a place of the dense counts, mm (assumed: rounding)."""
 
 NOISE_SHARE = 1e-2
 """Variance of the error of a place's count over its own variance (assumed). Predicted dense counts
@@ -109,16 +107,6 @@ class DenseGrid:
         return reading_matrix(self.layout, layout, self.cover)
 
 
-@dataclass(frozen=True)
-class _Pads:
-    """Places and pads, which can be a key. x_mm, y_mm, pad_diameter_mm: (F,)."""
-
-    x_mm: tuple[float, ...]
-    y_mm: tuple[float, ...]
-    pad_diameter_mm: float
-    cover: Elastomer
-
-
 def reading_matrix(places: Layout, layout: Layout, cover: Elastomer) -> np.ndarray:
     """The matrix (N, F) from dense counts at places to the counts of a layout's taxels.
 
@@ -126,16 +114,14 @@ def reading_matrix(places: Layout, layout: Layout, cover: Elastomer) -> np.ndarr
     """
     check_on_cover(layout, cover)
     pad_mm = float(places.pad_diameter_mm[0])
-    inverse = _inverse(_Pads(tuple(places.x_mm), tuple(places.y_mm), pad_mm, cover))
+    inverse = _inverse(tuple(places.x_mm), tuple(places.y_mm), pad_mm, cover)
     matrix = np.empty((layout.size, places.size))
-    distances = _distances(layout, places)
+    distances = layout.distances_mm(places)
     for diameter in set(layout.pad_diameter_mm):
         same = layout.pad_diameter_mm == diameter
         matrix[same] = _covariance(distances[same], diameter, pad_mm, cover) @ inverse
-    nearest = distances.argmin(axis=1)
-    is_place = layout.pad_diameter_mm == pad_mm
-    same = (distances.min(axis=1) < SAME_MM) & is_place
-    matrix[same] = np.eye(places.size)[nearest[same]]
+    same = (distances.min(axis=1) < SAME_MM) & (layout.pad_diameter_mm == pad_mm)
+    matrix[same] = np.eye(places.size)[distances[same].argmin(axis=1)]
     return matrix
 
 
@@ -220,16 +206,10 @@ def _nearest(grid: DenseGrid, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) 
 
 
 @lru_cache(maxsize=8)
-def _inverse(pads: _Pads) -> np.ndarray:
+def _inverse(
+    x_mm: tuple[float, ...], y_mm: tuple[float, ...], pad_mm: float, cover: Elastomer
+) -> np.ndarray:
     """Inverse of the covariance of the places of the dense counts, (F, F)."""
-    x, y = np.array(pads.x_mm), np.array(pads.y_mm)
-    distance = np.hypot(x[:, None] - x[None, :], y[:, None] - y[None, :])
-    covariance = _covariance(distance, pads.pad_diameter_mm, pads.pad_diameter_mm, pads.cover)
-    return np.linalg.inv(covariance + NOISE_SHARE * covariance[0, 0] * np.eye(x.size))
-
-
-def _distances(one: Layout, other: Layout) -> np.ndarray:
-    """Distances between the taxels of two layouts, (n, m), mm."""
-    return np.hypot(
-        one.x_mm[:, None] - other.x_mm[None, :], one.y_mm[:, None] - other.y_mm[None, :]
-    )
+    places = Layout("dense", np.array(x_mm), np.array(y_mm), np.full(len(x_mm), pad_mm))
+    covariance = _covariance(places.distances_mm(places), pad_mm, pad_mm, cover)
+    return np.linalg.inv(covariance + NOISE_SHARE * covariance[0, 0] * np.eye(places.size))

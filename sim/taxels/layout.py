@@ -77,7 +77,7 @@ class Layout:
             raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MAX_TAXELS} can be")
         if (self.pad_diameter_mm <= 0).any():
             raise T2TwinError(f"layout {self.name} has a pad size that is not a positive number")
-        apart = np.hypot(*(v[:, None] - v[None] for v in (self.x_mm, self.y_mm)))
+        apart = self.distances_mm(self)
         apart[np.diag_indices(n)] = np.inf
         if apart.min() < CLOSEST_MM:
             first, second = np.unravel_index(apart.argmin(), apart.shape)
@@ -89,6 +89,10 @@ class Layout:
     @property
     def size(self) -> int:
         return self.x_mm.size
+
+    def distances_mm(self, other: "Layout") -> np.ndarray:
+        """(n, m) distances from the taxels of another layout, mm."""
+        return np.hypot(self.x_mm[:, None] - other.x_mm, self.y_mm[:, None] - other.y_mm)
 
 
 def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None) -> Layout:

@@ -19,6 +19,7 @@ from scipy import sparse
 
 from t2twin.core.cached_files import cached_array, short_digest
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 
 if TYPE_CHECKING:
     import torch
@@ -29,8 +30,8 @@ TACTILE_SHAPE = (396, 240)
 PX_PER_MM = 8.8
 """Scale of the tactile image, px/mm (assumed: 45 mm of the skin's length over 396 rows)."""
 
-SAME_PLACE_MM = 1e-3
-"""Distance within which two taxels coincide, mm (assumed: far below any printed board's)."""
+ON_LINE_MM = 1e-3
+"""Distance within which taxels lie on a line, mm (assumed: far below any printed board's)."""
 
 LARGEST_CONDITION = 1e8
 """Largest condition number of A^T A for phi^-1 (assumed: leaves an accuracy of 1e-8)."""
@@ -55,8 +56,8 @@ class Phi:
     - hull, (R, C) bool, whether a pixel center lies inside the taxels' convex hull;
     - centers_mm, the x of the columns and the y of the rows.
 
-    Raises T2TwinError for fewer than three taxels, taxels that coincide, taxels on one line, a
-    taxel outside the image, and taxels too close to be distinguished in the image.
+    Raises T2TwinError as Layout does, and for taxels on one line, a taxel outside the image, and
+    taxels too close to be distinguished in the image.
     """
 
     def __init__(
@@ -66,7 +67,6 @@ class Phi:
         shape: tuple[int, int] = TACTILE_SHAPE,
         px_per_mm: float = PX_PER_MM,
     ) -> None:
-        x_mm, y_mm = np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float)
         half_mm = np.array([shape[1], shape[0]]) / px_per_mm / 2
         points = _checked_positions(x_mm, y_mm, half_mm)
         columns_mm = (np.arange(shape[1]) + 0.5) / px_per_mm - half_mm[0]
@@ -203,25 +203,9 @@ def _find_weights(points: np.ndarray, at: np.ndarray, tolerance: float) -> np.nd
 
 def _checked_positions(x_mm: np.ndarray, y_mm: np.ndarray, half_mm: np.ndarray) -> np.ndarray:
     """The positions as (N, 2). Raises T2TwinError for a layout that phi cannot interpolate."""
-    if x_mm.ndim != 1 or x_mm.shape != y_mm.shape:
-        raise T2TwinError(
-            f"taxel positions have shapes {x_mm.shape} and {y_mm.shape}; x_mm and y_mm must be "
-            "two lists of one length"
-        )
-    if x_mm.size < 3:
-        raise T2TwinError(f"phi needs at least 3 taxels, the layout has {x_mm.size}")
-    points = np.column_stack([x_mm, y_mm])
-    if not np.isfinite(points).all():
-        raise T2TwinError("a taxel position is not a finite number; positions are given in mm")
-    distance = np.hypot(*(values[:, None] - values for values in (x_mm, y_mm)))
-    close = np.argwhere(np.triu(distance <= SAME_PLACE_MM, 1))
-    if len(close):
-        a, b = close[0]
-        raise T2TwinError(
-            f"taxels {a} and {b} are both at x {points[a, 0]:g} mm, y {points[a, 1]:g} mm; every "
-            "taxel must have its own place"
-        )
-    if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] < SAME_PLACE_MM:
+    layout = Layout("of phi", x_mm, y_mm, np.full(np.size(x_mm), PAD_DIAMETER_MM))
+    points = np.column_stack([layout.x_mm, layout.y_mm])
+    if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] < ON_LINE_MM:
         raise T2TwinError("the taxels lie on one line; phi needs three that span a triangle")
     outside = np.flatnonzero((np.abs(points) > half_mm).any(axis=1))
     if outside.size:

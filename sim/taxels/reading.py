@@ -241,9 +241,7 @@ def _remember(
 
 def _neighbors(layout: Layout) -> np.ndarray:
     """(n, n), 1 for nearest neighbors: taxels within 1.2 times the layout's least distance."""
-    distance = np.hypot(
-        layout.x_mm[:, None] - layout.x_mm[None], layout.y_mm[:, None] - layout.y_mm[None]
-    )
+    distance = layout.distances_mm(layout)
     distance[np.diag_indices(layout.size)] = np.inf
     return (distance < 1.2 * distance.min()).astype(float)
 
