@@ -149,6 +149,16 @@ def test_a_sleeping_body_keeps_its_force():
     assert attached.read(model, data).digit.force_n == touch.digit.force_n
 
 
+def test_a_body_that_falls_asleep_before_it_rests_has_its_mean_force_and_a_notice():
+    spec, attached = scene(box(), options="<flag sleep='enable'/>")
+    spec.option.sleep_tolerance = 0.1  # m/s
+    model, data = at_rest(spec, 100)
+    with pytest.warns(T2TwinWarning, match="asleep before it was at rest"):
+        touch = attached.read(model, data)
+    assert touch.digit.force_n == pytest.approx(0.3 * GRAVITY, rel=0.005)
+    assert [each.body for each in touch.notices] == ["load"] and touch.unread_n == 0.0
+
+
 @pytest.mark.parametrize(
     "geom",
     [

@@ -70,6 +70,9 @@ SENSORS = ("digit", "cyskin")
 GRAVITY = 9.81
 """m/s2"""
 
+WEIGHT = np.array([0.0, 0.0, -GRAVITY])
+"""Of 1 kg on a sensor that faces up, N."""
+
 DROPPED = {
     "sphere": ("6", 6.0),
     "ellipsoid": ("7 6 5", 5.0),
@@ -293,12 +296,20 @@ def random_scene(number: int) -> tuple[Counter[str], list[dict[str, Any]]]:
     tally: Counter[str] = Counter()
     failures: list[dict[str, Any]] = []
     known: dict[int, np.ndarray] = {}
+    between: set[int] = set()  # bodies that touch another one that moves
+    moves = model.body_dofnum > 0
     for steps in (5, 15, 40, 100, 400) if sleeps else (5, 15, 40, 100):
         for _ in range(steps if sleeps else 1):
             settle(model, data, 1 if sleeps else steps)
-            # MuJoCo has no contacts of bodies that sleep
-            known = {body: force for body, force in known.items() if not data.body_awake[body]}
-            known |= forces_on(model, data, attached)
+            # MuJoCo has no contacts of bodies that sleep, and stops them before they are at rest
+            known = {
+                body: force if body in between else WEIGHT * model.body_mass[body]
+                for body, force in known.items()
+                if not data.body_awake[body]
+            } | forces_on(model, data, attached)
+            touching = model.geom_bodyid[data.contact.geom]
+            between = {body for body in between if not data.body_awake[body]}
+            between |= set(touching[moves[touching].all(axis=1)].ravel().tolist())
         touch = attached.read(model, data)
         tally["reads"] += 1
         tally["noticed"] += bool(touch.notices)

@@ -22,14 +22,24 @@ MIN_FACING = 0.5
 """Least cosine of the angle between a contact's normal and the sensor's (assumed). A dome is at
 most 31 degrees steep; contacts at 60 degrees or more are at the sensor's side or back."""
 
-WAKING_STEPS = 8
-"""Steps after which a woken body rests (assumed). MuJoCo stops a body that falls asleep, where its
-contact force differs by up to 1 % from that at rest. After ten steps it may sleep again."""
+WAKING_STEPS = 10
+"""Steps of a woken copy whose mean force is read. MuJoCo stops a body that falls asleep, where its
+contact force differs from that at rest; after ten steps it may sleep again (mjMINAWAKE)."""
+
+READ_SHARE, READ_N = 0.01, 0.01
+"""Share of MuJoCo's force, normal and tangential, and force, N, that a contact may lack without a
+notice (assumed)."""
 
 SIDE = "at the sensor's side"
 BACK = "at the sensor's back, from behind the sensor or from inside it"
 ADHESION = "pulling at the sensor"
 """Places of forces that are not read."""
+
+UNSTEADY = (
+    "it fell asleep before it was at rest; its force is the mean of ten steps after it is woken, "
+    "which differ by more than 1 %"
+)
+"""Reason of a notice without a force."""
 
 
 class Pose(NamedTuple):
@@ -197,12 +207,55 @@ def contact_forces(
     return [_sum(body, found[body]) for body in sorted(found)], others
 
 
-def awake(model: "mujoco.MjModel", data: "mujoco.MjData") -> "mujoco.MjData":
-    """A state with the contacts of bodies that sleep, WAKING_STEPS later."""
+def sleeping_forces(
+    model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose, asleep: np.ndarray
+) -> tuple[list[Wrench], list[Push]]:
+    """As contact_forces, of bodies that sleep, of which MuJoCo computes no contacts.
+
+    Means over WAKING_STEPS steps of a copy of the state in which all bodies are awake.
+    asleep: (bodies,) whether each sleeps.
+    """
     woken = copy(data)
     woken.qvel[woken.qvel == 0] = -0.0  # any byte that is not 0 wakes a body
-    mujoco.mj_step(model, woken, nstep=WAKING_STEPS)
-    return woken
+    wrenches: dict[int, list[Wrench]] = {}
+    pushes: dict[tuple[int, str], np.ndarray] = {}
+    for _ in range(WAKING_STEPS):
+        mujoco.mj_step(model, woken)
+        pressing, others = contact_forces(model, woken, geom, frame)
+        for wrench in pressing:
+            if asleep[wrench.body]:
+                wrenches.setdefault(wrench.body, []).append(wrench)
+        for body, reason, force_n in others:
+            if asleep[body]:
+                mean_n = force_n / WAKING_STEPS
+                pushes[body, reason] = pushes.get((body, reason), np.zeros(3)) + mean_n
+    unread = [Push(*key, force_n) for key, force_n in pushes.items()]
+    return (
+        [_mean(wrenches[body]) for body in sorted(wrenches)],
+        unread + [Push(body, UNSTEADY, np.zeros(3)) for body in wrenches if _rocks(wrenches[body])],
+    )
+
+
+def _mean(steps: list[Wrench]) -> Wrench:
+    """The mean wrench of a body in WAKING_STEPS steps, of which some may lack its contact."""
+    share = np.array([each.pressing_n for each in steps])
+    share /= share.sum()
+    return Wrench(
+        steps[0].body,
+        np.sum([each.force_n for each in steps], axis=0) / WAKING_STEPS,
+        np.sum([each.torque_nmm for each in steps], axis=0) / WAKING_STEPS,
+        share @ [each.center_mm for each in steps],
+        float(share @ [each.friction for each in steps]),
+    )
+
+
+def _rocks(steps: list[Wrench]) -> bool:
+    """Whether the force of a body differs between the steps by more than that of one at rest."""
+    forces = np.zeros((WAKING_STEPS, 3))
+    forces[: len(steps)] = [each.force_n for each in steps]
+    mean_n = forces.mean(axis=0)
+    differences_n = np.linalg.norm(forces - mean_n, axis=1)
+    return bool(differences_n.max() > max(READ_SHARE * np.linalg.norm(mean_n), READ_N))
 
 
 def _sum(body: int, parts: list) -> Wrench:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from t2twin.attachment.contacts import Push, Wrench
+from t2twin.attachment.contacts import READ_N, READ_SHARE, UNSTEADY, Push, Wrench
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.loads.carry import carry
@@ -19,10 +19,6 @@ from t2twin.sim.touch import Notice
 
 MAX_FORCE_N = 0.9999 * FORCE_RANGE_N[1]
 """Largest force of all bodies together, N: below the limit on a press by more than rounding."""
-
-READ_SHARE, READ_N = 0.01, 0.01
-"""Share of MuJoCo's force, normal and tangential, and force, N, that a contact may lack without a
-notice (assumed)."""
 
 WIDER_MM = SURVEY_MM / 2
 """Distance by which the outline of a body that the grid cannot resolve is moved outward, mm."""
@@ -188,7 +184,7 @@ def push_notices(pushes: Sequence[Push], names: Mapping[int, str]) -> list[Notic
         key = each.body, each.reason
         sums[key] = sums.get(key, np.zeros(3)) + each.force_n
     light_n = np.sum([force for (_, reason), force in sums.items() if reason == LIGHT], axis=0)
-    is_much = {LIGHT: bool(np.linalg.norm(light_n) > READ_N)}
+    is_much = {LIGHT: bool(np.linalg.norm(light_n) > READ_N), UNSTEADY: True}
     return [
         Notice(names[body], reason, tuple(force.tolist()))
         for (body, reason), force in sums.items()

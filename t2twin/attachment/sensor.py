@@ -24,13 +24,13 @@ from t2twin.attachment.contacts import (
     Pose,
     Push,
     Wrench,
-    awake,
     check_state,
     contact_forces,
     find_elements,
     frame_of,
     kept_away,
     relative_motion,
+    sleeping_forces,
 )
 from t2twin.attachment.geometry import Geometry, Region, body_surface
 from t2twin.attachment.loads import LIGHT, Body, loaded_contact, push_notices
@@ -100,8 +100,7 @@ class State:
     ) -> tuple[list[Wrench], list[Push]]:
         """The forces on a sensor's geom, see contact_forces.
 
-        MuJoCo computes no contacts of bodies that sleep. They are found once, in a copy of the
-        state that is awake.
+        Those of bodies that sleep are found once (contacts.sleeping_forces).
         """
         touching, others = contact_forces(model, data, geom, frame)
         still = data.body_awake != AWAKE
@@ -109,12 +108,8 @@ class State:
             return touching, others
         asleep = b"".join(each.tobytes() for each in (still, data.xpos[still], *frame))
         if asleep != self.asleep:
-            wrenches, pushes = contact_forces(model, awake(model, data), geom, frame)
+            self.sleeping = sleeping_forces(model, data, geom, frame, still)
             self.asleep = asleep
-            self.sleeping = (
-                [each for each in wrenches if still[each.body]],
-                [each for each in pushes if still[each.body]],
-            )
         together = sorted(touching + self.sleeping[0], key=lambda each: each.body)
         return together, others + self.sleeping[1]
 
