@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera.pinhole import optical_grid
@@ -90,12 +91,12 @@ def bake(sensor: GelCamera, out: Path) -> Optics:
     Raises T2TwinError if there is no OpenGL.
     """
     camera, gel, ambient = sensor.camera, sensor.own_gel, sensor.spec.light.ambient
-    leds = sensor.spec.leds
+    leds = sensor.spec.light.leds
     with ReferenceRenderer(leds, ambient, camera, gel, led_points=BACKGROUND_POINTS) as renderer:
         x, y = optical_grid(gel)
         background = renderer.render(np.zeros((y.size, x.size)))
     pure = tuple(
-        replace(led, color=(float(k == 0), float(k == 1), float(k == 2)))
+        structs.replace(led, color=(float(k == 0), float(k == 1), float(k == 2)))
         for k, led in enumerate(leds)
     )
     surfaces = probe_deflections(gel)

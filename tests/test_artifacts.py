@@ -24,7 +24,7 @@ from t2twin.sim.sampling.recipe import load_recipe
 
 NO_ARTIFACTS = Artifacts(streaks=(0, 0), glares=(0, 0), worn=0.0, drift_grey=(0.0, 0.0))
 DIGIT = gel_camera()
-LEDS = DIGIT.spec.leds
+LEDS = DIGIT.spec.light.leds
 NOISE_GREY = DIGIT.spec.camera.noise_grey
 BALL = ball_surface(DIGIT.own_gel, 0.5, -1.0, 1.1)
 

@@ -17,7 +17,7 @@ from t2twin.translate.uncertainty.ood import (
 )
 
 DIGIT = SensorPair.of(frames=1).camera
-LEDS = DIGIT.spec.leds
+LEDS = DIGIT.spec.light.leds
 SIZE, UNITS = 96, 40
 ASPECT = DIGIT.camera.columns / DIGIT.camera.rows
 TURNED = {

@@ -17,7 +17,7 @@ from t2twin.sim.optical.surface import ball_surface
 DIGIT = gel_camera()
 GEL, CAMERA, LIGHT = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.light
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
-LEDS = DIGIT.spec.leds
+LEDS = DIGIT.spec.light.leds
 X_MM, Y_MM = np.meshgrid(*optical_grid(GEL))
 FLAT = np.zeros(X_MM.shape)
 HALF_CROP = 50

@@ -19,7 +19,7 @@ def psnr(one, other):
 def test_an_image_in_the_light_of_leds_is_the_reference(name, least_db):
     sensor = gel_camera(name)
     light, camera, gel = sensor.spec.light, sensor.camera, sensor.own_gel
-    leds = sensor.spec.leds
+    leds = sensor.spec.light.leds
     optics = optics_of_leds(leds, light.ambient, light.gamma, camera, gel)
     renderer, ball = ImageRenderer(optics, gel, 0.0), ball_surface(gel, 0.5, -1.0, 1.1)
     with ReferenceRenderer(leds, light.ambient, camera, gel, led_points=3) as reference:
@@ -38,8 +38,8 @@ def test_the_light_follows_the_beam_and_the_distance():
     """Without a beam, Lambert's law at a flat gel: cosine over squared distance."""
     sensor = gel_camera("gelsight-mini")
     camera, gel = sensor.camera, sensor.own_gel
-    led = sensor.spec.light.leds[0].led
-    wide = led.__class__((1.0, 1.0, 1.0), 0.0, 22.0, -8.0, 1.0, (0.0, 0.0, 0.0), (1.5, 1.57))
+    led = sensor.spec.light.leds[0]
+    wide = led.__class__((1.0, 1.0, 1.0), 0.0, 22.0, -8.0, 1.0, (0.0, 0.0, 0.0), (86.0, 90.0))
     optics = optics_of_leds((wide,), (0.0, 0.0, 0.0), 1.0, camera, gel)
     x, y, z = (v[120] for v in camera.gel_points(gel, np.arange(320.0), np.arange(240.0)))
     far = np.sqrt((22.0 - x) ** 2 + y**2 + (z + 8.0) ** 2)
@@ -51,12 +51,12 @@ def test_the_light_follows_the_beam_and_the_distance():
 
 def test_light_that_shows_nothing_is_refused():
     sensor = gel_camera("gelsight-mini")
-    leds = (sensor.spec.light.leds[0].led,)
+    leds = (sensor.spec.light.leds[0],)
     camera, gel = sensor.camera, sensor.own_gel
     with pytest.raises(T2TwinError, match="background white"):
         optics_of_leds(leds, (9.0, 9.0, 9.0), 2.2, camera, gel)
     with pytest.raises(T2TwinError, match="background black"):
         dark = leds[0].__class__(
-            (0.0, 0.0, 0.0), 0.0, 22.0, -8.0, 1.0, (0.0, 0.0, 0.0), (1.5, 1.57)
+            (0.0, 0.0, 0.0), 0.0, 22.0, -8.0, 1.0, (0.0, 0.0, 0.0), (86.0, 90.0)
         )
         optics_of_leds((dark,), (0.0, 0.0, 0.0), 2.2, camera, gel)

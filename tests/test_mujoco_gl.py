@@ -16,7 +16,7 @@ from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.sensors.files import load_sensor
 sensor = load_sensor("digit")
 x, y = optical_grid(sensor.elastomer)
-leds, ambient = sensor.spec.leds, sensor.spec.light.ambient
+leds, ambient = sensor.spec.light.leds, sensor.spec.light.ambient
 with ReferenceRenderer(leds, ambient, sensor.camera, sensor.elastomer) as renderer:
     assert renderer.render(np.zeros((y.size, x.size))).max() > 0
 """

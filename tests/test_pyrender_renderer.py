@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from kinds import gel_camera
+from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.camera.pinhole import optical_grid
@@ -15,10 +16,12 @@ from t2twin.sim.optical.surface import ball_surface
 DIGIT = gel_camera()
 GEL, CAMERA, AMBIENT = DIGIT.own_gel, DIGIT.camera, DIGIT.spec.light.ambient
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
-LEDS = DIGIT.spec.leds
+LEDS = DIGIT.spec.light.leds
 X_MM, Y_MM = np.meshgrid(*optical_grid(GEL))
 FLAT = np.zeros(X_MM.shape)
-PURE = tuple(replace(led, color=color) for led, color in zip(LEDS, np.eye(3).tolist(), strict=True))
+PURE = tuple(
+    structs.replace(led, color=color) for led, color in zip(LEDS, np.eye(3).tolist(), strict=True)
+)
 GREY_AMBIENT = (0.03, 0.03, 0.03)
 
 
@@ -45,14 +48,16 @@ def test_with_the_leds_off_only_the_ambient_light_is_left(ball):
 
 def test_leds_with_exchanged_colors_exchange_the_channels(ball, ball_picture):
     colors = [PURE[source].color for source in (1, 0, 2)]
-    leds = tuple(replace(led, color=color) for led, color in zip(PURE, colors, strict=True))
+    leds = tuple(structs.replace(led, color=color) for led, color in zip(PURE, colors, strict=True))
     exchanged = render(ball, leds)
     np.testing.assert_array_equal(exchanged, ball_picture[..., [1, 0, 2]])
 
 
 def test_a_mirrored_press_under_mirrored_leds_gives_the_mirrored_picture(ball, ball_picture):
     mirrored = tuple(
-        replace(led, angle_deg=180.0 - led.angle_deg, aim_mm=(-led.aim_mm[0], *led.aim_mm[1:]))
+        structs.replace(
+            led, angle_deg=180.0 - led.angle_deg, aim_mm=(-led.aim_mm[0], *led.aim_mm[1:])
+        )
         for led in PURE
     )
     picture = render(ball[:, ::-1], mirrored)

@@ -185,7 +185,7 @@ def test_a_sampled_unit_keeps_its_bytes():
     unit = sample_unit(rng, sensor.spec, UnitRanges())
     assert digest(unit.optics.background) == "b0db7fa84ec322df"
     assert digest(unit.optics.response) == "707ee6898f2a010d"
-    unit = with_artifacts(rng, unit, Artifacts(), sensor.spec.leds)
+    unit = with_artifacts(rng, unit, Artifacts(), sensor.spec.light.leds)
     assert digest(unit.optics.background) == "a256981fb25b80d9"
     assert digest(unit.earlier_background) == "ed816a268d5ba230"
 
@@ -472,7 +472,7 @@ def test_images_of_any_even_size(size, shapes):
     assert isinstance(sensor, GelCamera)
     marked = sensor.with_options({"markers": True})
     contact = sensor.press(shapes("hemisphere-4"), PressCommand("ball", 0.0, 0.0, 0.0, 5.0))
-    leds = sensor.spec.leds
+    leds = sensor.spec.light.leds
     for seed in range(3):
         rng = np.random.default_rng(seed)
         unit = sample_unit(rng, sensor.spec, UnitRanges())

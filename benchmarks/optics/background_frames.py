@@ -64,7 +64,7 @@ BLOCK_PX = 10
 """Side of the blocks of pixels that are compared, px."""
 
 SENSOR = SensorPair().camera
-GEL, LEDS = SENSOR.own_gel, SENSOR.spec.leds
+GEL, LEDS = SENSOR.own_gel, SENSOR.spec.light.leds
 
 
 @dataclass(frozen=True)

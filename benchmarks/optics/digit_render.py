@@ -118,7 +118,7 @@ def score(command: PressCommand, wanted: np.ndarray, given: np.ndarray, still: n
 
 def measure(options: Namespace) -> dict[str, Any]:
     renderer, light = SENSOR.image_renderer, SENSOR.spec.light
-    leds = SENSOR.spec.leds
+    leds = SENSOR.spec.light.leds
     rng = np.random.default_rng(1)
     times: dict[str, list[float]] = {"baked": [], "baked_noisy": [], "reference": []}
     rows = []

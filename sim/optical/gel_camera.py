@@ -131,7 +131,7 @@ class GelCamera:
         path, light = self.optics_path, self.spec.light
         if path is None:
             shown = self.camera, self.own_gel
-            return optics_of_leds(self.spec.leds, light.ambient, light.gamma, *shown)
+            return optics_of_leds(self.spec.light.leds, light.ambient, light.gamma, *shown)
         optics, camera = Optics.load(path), self.camera
         if (optics.camera.rows, optics.camera.columns) != (camera.rows, camera.columns):
             raise T2TwinError(
@@ -148,7 +148,7 @@ class GelCamera:
         if self.unit is not None:
             leds = self.unit.leds
         elif self.optics_file is None:
-            leds = self.spec.leds
+            leds = self.spec.light.leds
         if not leds:
             raise T2TwinError(
                 "pyrender cannot render an optics file, which has no description of single "
@@ -196,10 +196,11 @@ class GelCamera:
     ) -> "GelCamera":
         """A sampled unit: near its optics file, if one is given or the sensor's file has no LEDs or
         no ranges of units, else from the ranges. artifacts: None for none."""
-        is_near = self.optics_file is not None or not self.spec.leds or self.spec.units is None
-        unit = sample_unit(rng, self.spec, ranges, self.optics if is_near else None)
+        spec, leds = self.spec, self.spec.light.leds
+        is_near = self.optics_file is not None or not leds or spec.units is None
+        unit = sample_unit(rng, spec, ranges, self.optics if is_near else None)
         if artifacts is not None:
-            unit = with_artifacts(artifacts_rng, unit, artifacts, self.spec.leds)
+            unit = with_artifacts(artifacts_rng, unit, artifacts, leds)
         return self.with_unit(unit)
 
     def with_unit(self, unit: Unit) -> "GelCamera":

@@ -6,7 +6,7 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera
+from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.leds import Led
@@ -35,9 +35,7 @@ def optics_of_leds(
         sizes_mm=np.array([max(led.size_mm, 1e-3) for led in leds]),
         response=response,
         gamma=gamma,
-        scale_px_per_mm=camera.scale_px_per_mm,
-        distance_mm=camera.distance_mm,
-        **{name: getattr(camera, name) for name in MAX_MISALIGNMENT},
+        **camera.placement,
     )
     background = ImageRenderer(blank, gel, 0.0).background_in(np.array(ambient))
     for level, what in ((0, "black"), (255, "white")):

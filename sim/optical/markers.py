@@ -142,16 +142,6 @@ def surface_shift(contact: Contact) -> SurfaceShift:
     return SurfaceShift(contact.x_mm, contact.y_mm, contact.displacement_mm)
 
 
-def as_markers(markers: "Markers | bool | None") -> Markers | None:
-    """The default markers for True, and none for False and None.
-
-    Raises T2TwinError for anything else that is not Markers.
-    """
-    if markers is None or isinstance(markers, bool | np.bool_):
-        return Markers() if markers else None
-    return arguments.instance(markers, "markers", Markers)
-
-
 class MarkerImage:
     """How the camera sees the markers of one gel.
 

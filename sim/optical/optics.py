@@ -11,7 +11,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import REMARKS
 from t2twin.sim.optical.camera.noise import Noise
-from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera
+from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.lobe import LOBE_PLACES, LOBE_TERMS
 
@@ -133,7 +133,7 @@ class Optics:
     @property
     def camera(self) -> Camera:
         rows, columns = self.background.shape[:2]
-        names = ("scale_px_per_mm", "distance_mm", *MAX_MISALIGNMENT)
+        names = (*LENGTHS, *MAX_MISALIGNMENT)
         return Camera(rows, columns, **{name: getattr(self, name) for name in names})
 
     def save(self, path: Path) -> None:

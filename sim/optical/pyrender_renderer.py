@@ -162,8 +162,8 @@ class ReferenceRenderer:
                 pyrender.SpotLight(
                     color=np.array(led.color),
                     intensity=np.pi * REACH_MM**2 / ALBEDO,
-                    innerConeAngle=led.beam_rad[0],
-                    outerConeAngle=led.beam_rad[1],
+                    innerConeAngle=np.radians(led.beam_deg[0]),
+                    outerConeAngle=np.radians(led.beam_deg[1]),
                 )
             )
             for led in leds

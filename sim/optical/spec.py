@@ -6,13 +6,12 @@ origin at the apex of the gel at rest.
 
 from typing import Annotated, Literal
 
-import numpy as np
 from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.spec import LayerTable, MountTable
 from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
-from t2twin.sim.optical.light.leds import Led
+from t2twin.sim.optical.light.leds import Led, LedDistance, Radiance
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.optics import DISTANCES_MM, MAX_LEDS, SCALES_PX_PER_MM
 
@@ -21,20 +20,13 @@ KIND = "gel-camera"
 MAX_PIXELS = 1600
 """Limit on the rows and on the columns of an image (assumed: makers' interfaces give less)."""
 
-FARTHEST_MM, LARGEST_LED_MM = 200.0, 50.0
-"""Largest distance of an LED from the sensor's axis, and largest radius of one, mm (assumed)."""
-
 Pixels = Annotated[int, Meta(ge=16, le=MAX_PIXELS, multiple_of=2)]
-Radiance = Annotated[float, Meta(ge=0.0, le=100.0)]
-Coordinate = Annotated[float, Meta(ge=-FARTHEST_MM, le=FARTHEST_MM)]
-Beam = Annotated[float, Meta(gt=0.0, le=90.0)]
 Scale = Annotated[float, Meta(ge=SCALES_PX_PER_MM[0], le=SCALES_PX_PER_MM[1])]
 Distance = Annotated[float, Meta(ge=DISTANCES_MM[0], le=DISTANCES_MM[1])]
 Shift = Annotated[
     float, Meta(ge=-MAX_MISALIGNMENT["shift_x_px"], le=MAX_MISALIGNMENT["shift_x_px"])
 ]
 Tilt = Annotated[float, Meta(ge=-MAX_MISALIGNMENT["tilt_x_deg"], le=MAX_MISALIGNMENT["tilt_x_deg"])]
-LedDistance = Annotated[float, Meta(ge=1.0, le=FARTHEST_MM)]
 Elevation = Annotated[float, Meta(ge=5.0, le=80.0)]
 
 
@@ -65,51 +57,11 @@ class CameraTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
         return Camera(**{name: getattr(self, name) for name in names})
 
 
-class LedTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One LED beside the gel, after refraction by the plate."""
-
-    color: Annotated[
-        tuple[Radiance, Radiance, Radiance],
-        Meta(description="linear red, green and blue at normal incidence, 22 mm away"),
-    ]
-    angle_deg: Annotated[
-        float,
-        Meta(ge=-360.0, le=360.0, description="around the gel, counterclockwise, 0 to the right"),
-    ]
-    radius_mm: Annotated[LedDistance, Meta(description="distance from the sensor's axis")]
-    z_mm: Annotated[Coordinate, Meta(description="height, negative on the camera's side")]
-    size_mm: Annotated[
-        float, Meta(ge=0.0, le=LARGEST_LED_MM, description="radius of the luminous disc")
-    ]
-    aim_mm: Annotated[
-        tuple[Coordinate, Coordinate, Coordinate],
-        Meta(description="a point on the beam's axis"),
-    ] = (0.0, 0.0, 0.0)
-    beam_deg: Annotated[
-        tuple[Beam, Beam], Meta(description="half angles between which the beam fades out")
-    ] = (80.0, 90.0)
-
-    def __post_init__(self) -> None:
-        inner, outer = self.beam_deg
-        if inner >= outer:
-            raise T2TwinError(f"beam_deg is [{inner:g}, {outer:g}]; expected the smaller first")
-        if np.allclose(self.led.position_mm, self.aim_mm):
-            raise T2TwinError("aim_mm is the LED's own place; expected a point away from it")
-
-    @property
-    def led(self) -> Led:
-        inner, outer = np.radians(self.beam_deg).tolist()
-        return Led(
-            self.color, self.angle_deg, self.radius_mm, self.z_mm, self.size_mm, self.aim_mm,
-            (inner, outer),
-        )  # fmt: skip
-
-
 class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The light of one unit: an optics file, LEDs, or both, which then describe the same light."""
 
     leds: Annotated[
-        tuple[LedTable, ...], Meta(max_length=MAX_LEDS, description="LEDs, one table each")
+        tuple[Led, ...], Meta(max_length=MAX_LEDS, description="LEDs, one table each")
     ] = ()
     ambient: Annotated[
         tuple[Radiance, Radiance, Radiance],
@@ -180,11 +132,6 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     units: Annotated[UnitsTable | None, Meta(description="how units differ")] = None
     markers: Annotated[MarkersTable | None, Meta(description="markers, if there may be any")] = None
     about: Annotated[str | None, Meta(description="remark, which is not read")] = None
-
-    @property
-    def leds(self) -> tuple[Led, ...]:
-        """The LEDs of the light, as renderers take them; none for an optics file alone."""
-        return tuple(table.led for table in self.light.leds)
 
     def __post_init__(self) -> None:
         camera = self.camera

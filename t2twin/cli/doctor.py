@@ -143,7 +143,7 @@ def _rendering() -> str:
 
     sensor = SensorPair().camera
     x, y = optical_grid(sensor.own_gel)
-    leds, ambient = sensor.spec.leds, sensor.spec.light.ambient
+    leds, ambient = sensor.spec.light.leds, sensor.spec.light.ambient
     with ReferenceRenderer(leds, ambient, sensor.camera, sensor.own_gel) as renderer:
         image = renderer.render(np.zeros((y.size, x.size)))
     if image.max() == 0:

@@ -39,7 +39,7 @@ from t2twin.sim.optical.calibrate.uncertainty import (
     check_tolerance,
     estimate_uncertainty,
 )
-from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
+from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
@@ -361,9 +361,7 @@ def sample_lights(
     """Sampled units, all with one camera and one background (rows, columns, 3) uint8."""
     rngs = (np.random.default_rng((0, number)) for number in range(count))
     units = (sample_unit(rng, sensor.spec, RANGES).optics for rng in rngs)
-    names = (*LENGTHS, *MAX_MISALIGNMENT)
-    own = {name: getattr(camera, name) for name in names}
-    return [replace(unit, background=background, **own) for unit in units]
+    return [replace(unit, background=background, **camera.placement) for unit in units]
 
 
 def mean_light(units: Sequence[Optics]) -> Optics:

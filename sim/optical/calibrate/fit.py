@@ -28,7 +28,7 @@ from t2twin.sim.optical.calibrate.ridge import (
     solve_ridge,
     solve_step,
 )
-from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera
+from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.camera.response import linear
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.lobe import lobe_columns, normal_terms
@@ -261,9 +261,7 @@ class BallFit:
             sizes_mm=leds.sizes_mm,
             response=response,
             gamma=GAMMA,
-            scale_px_per_mm=self.camera.scale_px_per_mm,
-            distance_mm=self.camera.distance_mm,
-            **{name: getattr(self.camera, name) for name in MAX_MISALIGNMENT},
+            **self.camera.placement,
             lobe=None if lobe is None else lobe.transpose(1, 0, 2, 3),
         )
 

@@ -61,6 +61,11 @@ class Camera:
                 raise T2TwinError(f"{name} is {getattr(self, name)}; expected an even number")
 
     @property
+    def placement(self) -> dict[str, float]:
+        """All parameters but the size of the image, by name."""
+        return {name: getattr(self, name) for name in (*LENGTHS, *MAX_MISALIGNMENT)}
+
+    @property
     def focal_px(self) -> float:
         """Focal length, px."""
         return self.scale_px_per_mm * self.distance_mm
@@ -132,9 +137,6 @@ def optical_grid(gel: Elastomer) -> tuple[np.ndarray, np.ndarray]:
     Returns x_mm (nx,) and y_mm (ny,), cell centers, rising, GRID_PITCH_MM apart, symmetric
     about 0 and covering the gel.
     """
-    return _centers(gel.width_mm), _centers(gel.length_mm)
-
-
-def _centers(length_mm: float) -> np.ndarray:
-    count = round(length_mm / GRID_PITCH_MM)
-    return (np.arange(count) - (count - 1) / 2) * GRID_PITCH_MM
+    counts = (round(side_mm / GRID_PITCH_MM) for side_mm in (gel.width_mm, gel.length_mm))
+    x, y = ((np.arange(count) - (count - 1) / 2) * GRID_PITCH_MM for count in counts)
+    return x, y

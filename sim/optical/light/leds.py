@@ -1,35 +1,55 @@
 """LEDs beside a gel: place, size, color, beam."""
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
 
+FARTHEST_MM, LARGEST_LED_MM = 200.0, 50.0
+"""Largest distance of an LED from the sensor's axis, and largest radius of one, mm (assumed)."""
 
-@dataclass(frozen=True)
-class Led:
-    """One LED next to the gel, with its diffuser.
+Radiance = Annotated[float, Meta(ge=0.0, le=100.0)]
+Coordinate = Annotated[float, Meta(ge=-FARTHEST_MM, le=FARTHEST_MM)]
+Beam = Annotated[float, Meta(gt=0.0, le=90.0)]
+LedDistance = Annotated[float, Meta(ge=1.0, le=FARTHEST_MM)]
 
-    color: (3,) linear RGB radiance of the gel's paint at normal incidence, REACH_MM away.
-    angle_deg: place around the gel, counterclockwise in the image, 0 to the right.
-    radius_mm: distance from the sensor's axis. z_mm: height, negative on the camera's side of
-        the apex. Both are of the LED's image after refraction by the plate.
-    size_mm: radius of the luminous disc.
-    aim_mm: a point on the beam's axis. beam_rad: half angles between which the beam fades out.
+
+class Led(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One LED beside the gel, with its diffuser, after refraction by the plate.
+
+    color: linear radiance of the gel's paint, REACH_MM away. size_mm: of a disc that is vertical
+    and faces the sensor's axis.
     """
 
-    color: tuple[float, float, float]
-    angle_deg: float
-    radius_mm: float
-    z_mm: float
-    size_mm: float
-    aim_mm: tuple[float, float, float]
-    beam_rad: tuple[float, float]
+    color: Annotated[
+        tuple[Radiance, Radiance, Radiance],
+        Meta(description="linear red, green and blue at normal incidence, 22 mm away"),
+    ]
+    angle_deg: Annotated[
+        float,
+        Meta(ge=-360.0, le=360.0, description="around the gel, counterclockwise, 0 to the right"),
+    ]
+    radius_mm: Annotated[LedDistance, Meta(description="distance from the sensor's axis")]
+    z_mm: Annotated[Coordinate, Meta(description="height, negative on the camera's side")]
+    size_mm: Annotated[
+        float, Meta(ge=0.0, le=LARGEST_LED_MM, description="radius of the luminous disc")
+    ]
+    aim_mm: Annotated[
+        tuple[Coordinate, Coordinate, Coordinate],
+        Meta(description="a point on the beam's axis"),
+    ] = (0.0, 0.0, 0.0)
+    beam_deg: Annotated[
+        tuple[Beam, Beam], Meta(description="half angles between which the beam fades out")
+    ] = (80.0, 90.0)
 
     def __post_init__(self) -> None:
-        if self.radius_mm <= 0 or self.size_mm < 0:
-            raise T2TwinError("an LED's radius_mm must be positive and its size_mm not negative")
+        inner, outer = self.beam_deg
+        if inner >= outer:
+            raise T2TwinError(f"beam_deg is [{inner:g}, {outer:g}]; expected the smaller first")
+        if np.allclose(self.position_mm, self.aim_mm):
+            raise T2TwinError("aim_mm is the LED's own place; expected a point away from it")
 
     @property
     def position_mm(self) -> np.ndarray:
@@ -47,14 +67,11 @@ class Led:
         axis = np.array(self.aim_mm) - self.position_mm
         ahead = points_mm - self.position_mm
         cosine = ahead @ axis / (np.linalg.norm(axis) * np.linalg.norm(ahead, axis=-1))
-        inner, outer = np.cos(self.beam_rad)
+        inner, outer = np.cos(np.radians(self.beam_deg))
         return np.clip((cosine - outer) / (inner - outer), 0.0, 1.0) ** 2
 
     def points_mm(self, count: int) -> np.ndarray:
-        """(count, 3) points of equal areas of the disc, on Vogel's spiral.
-
-        The disc is vertical and faces the sensor's axis.
-        """
+        """(count, 3) points of equal areas of the disc, on Vogel's spiral."""
         if count == 1:
             return self.position_mm[None]
         index = np.arange(count)

@@ -15,9 +15,10 @@ maps depends on the width of the lobe. Its color gives the sampled light in the 
 Negative light, as of a negative leak, is omitted.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from msgspec import structs
 
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera.pinhole import Camera
@@ -198,30 +199,22 @@ def at_middle(response: np.ndarray) -> np.ndarray:
 def equivalent_leds(light: SampledLight) -> tuple[Led, ...]:
     """LEDs for t2twin.sim.optical.pyrender_renderer, in the order of the light's LEDs."""
     colors = np.maximum(at_middle(light.response), 0.0)
-    return tuple(
-        _equivalent_led(default, place, float(size), color)
-        for default, place, size, color in zip(
-            light.leds, light.places_mm, light.sizes_mm, colors, strict=True
-        )
-    )
+    leds = zip(light.leds, light.places_mm.tolist(), light.sizes_mm.tolist(), colors, strict=True)
+    return tuple(_equivalent_led(*each) for each in leds)
 
 
-def _equivalent_led(default: Led, place_mm: np.ndarray, size_mm: float, color: np.ndarray) -> Led:
+def _equivalent_led(default: Led, place_mm: list[float], size_mm: float, color: np.ndarray) -> Led:
     """A sensor's LED moved to another place, with another size and color."""
-    angle = np.arctan2(-place_mm[1], place_mm[0])
-    radius_mm = float(np.hypot(place_mm[0], place_mm[1]))
+    x, y, z = place_mm
+    angle, radius_mm = np.arctan2(-y, x), float(np.hypot(x, y))
     turn, stretch = angle - np.radians(default.angle_deg), radius_mm / default.radius_mm
     cos, sin = stretch * np.cos(turn), stretch * np.sin(turn)
     aim_x, aim_y, aim_z = default.aim_mm
     # angles increase against y, which points down in the image
     aim_mm = (float(cos * aim_x + sin * aim_y), float(cos * aim_y - sin * aim_x), aim_z)
-    led = replace(
-        default,
-        angle_deg=float(np.degrees(angle)),
-        radius_mm=radius_mm,
-        z_mm=float(place_mm[2]),
-        size_mm=size_mm,
+    led = structs.replace(
+        default, angle_deg=float(np.degrees(angle)), radius_mm=radius_mm, z_mm=z, size_mm=size_mm,
         aim_mm=aim_mm,
-    )
-    red, green, blue = (color / max(float(led.in_beam(np.zeros(3))), MIN_IN_BEAM)).tolist()
-    return replace(led, color=(red, green, blue))
+    )  # fmt: skip
+    color = color / max(float(led.in_beam(np.zeros(3))), MIN_IN_BEAM)
+    return structs.replace(led, color=tuple(color.tolist()))

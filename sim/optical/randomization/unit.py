@@ -88,7 +88,7 @@ def sample_unit(
     """
     if center is not None:
         return _sample_near(rng, ranges, center, spec.camera.noise_grey)
-    ranges, leds = _complete(ranges, spec), spec.leds
+    ranges, leds = _complete(ranges, spec), spec.light.leds
     assert ranges.scale_px_per_mm is not None and ranges.distance_mm is not None
     size, gel = (spec.camera.rows, spec.camera.columns), spec.gel.elastomer(spec.name)
     scale, distance_mm = uniform(rng, ranges.scale_px_per_mm), uniform(rng, ranges.distance_mm)
@@ -105,9 +105,7 @@ def sample_unit(
         sizes_mm=light.sizes_mm,
         response=light.response,
         gamma=gamma,
-        scale_px_per_mm=camera.scale_px_per_mm,
-        distance_mm=camera.distance_mm,
-        **{name: getattr(camera, name) for name in MAX_MISALIGNMENT},
+        **camera.placement,
     )
     return Unit(optics, noise_grey, equivalent_leds(light))
 
