@@ -50,13 +50,6 @@ from t2twin.sim.sampling.recipe import NAMED, PAPER, RANDOM, Recipe, checked, lo
 from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.sensors.pair import SensorPair
 
-SECONDS_PER_PAIR, SECONDS_PER_SAMPLED_PAIR, SECONDS_PER_SHAPE = 0.015, 0.024, 0.75
-"""Time of one pair of the protocol, of one with a sampled press or light, and of preparing one
-shape, s. Used for the estimate before the start; measured on one core of a server."""
-
-SECONDS_PER_MOVING_PAIR = 0.2
-"""Further time of a pair of a path with motion, s (assumed: two sensors, two steps of 50 ms)."""
-
 STATE = ("shards", "complete")
 """Fields of info.json that change while a dataset is made; the others are its parameters."""
 
@@ -124,14 +117,8 @@ def make_dataset(
 def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -> DatasetInfo:
     """The info of a dataset without shards."""
     recipe, sensors = context.recipe, context.sensors
-    solids = sorted(
-        {
-            path
-            for batch in batches
-            if recipe.parts[batch.part].shapes not in NAMED
-            for path in batch.shapes
-        }
-    )
+    of_files = [batch for batch in batches if recipe.parts[batch.part].shapes not in NAMED]
+    solids = sorted({path for batch in of_files for path in batch.shapes})
     on_grid = {batch.shapes[0]: batch.indices for batch in batches if batch.indices is not None}
     has_random = any(part.shapes == RANDOM for part in recipe.parts)
     return DatasetInfo(
@@ -211,7 +198,11 @@ def _make_dataset(
     """Make the missing shards; returns the info of the complete dataset."""
     folder = Path(context.folder)
     is_new = not (folder / INFO).exists()
-    info = _start(folder, wanted)
+    if is_new and not is_empty(folder):
+        raise T2TwinError(f"{folder} is not empty and contains no dataset; choose another folder")
+    info = wanted if is_new else read_info(folder)
+    _check_same_parameters(folder, info, wanted)
+    _sweep(folder)
     try:
         todo = [batch for batch in batches if not _is_made(folder, batch, info)]
         if todo:
@@ -237,20 +228,6 @@ def _remove_empty(folder: Path) -> None:
         for split in SPLITS:
             with suppress(OSError):
                 (folder / split).rmdir()
-
-
-def _start(folder: Path, wanted: DatasetInfo) -> DatasetInfo:
-    """The info to continue from: the folder's if it has the same parameters, else `wanted`."""
-    if (folder / INFO).exists():
-        present = read_info(folder)
-        _check_same_parameters(folder, present, wanted)
-        _sweep(folder)
-        return present
-    if not is_empty(folder):
-        raise T2TwinError(f"{folder} is not empty and contains no dataset; choose another folder")
-    _sweep(folder)
-    write_info(folder, wanted)
-    return wanted
 
 
 def _check_same_parameters(folder: Path, present: DatasetInfo, wanted: DatasetInfo) -> None:
@@ -289,8 +266,7 @@ def _make_shards(
     start, watch, peaks, rejected = time.monotonic(), Stopwatch(), {}, Counter()
     with Progress(total=pairs, unit="pair", desc="simdata") as bar:
         if scheduler is None:
-            minutes = _estimated_seconds(todo, context.recipe, workers) / 60
-            bar.write(f"{pairs} pairs to make with {workers} workers: about {minutes:.1f} minutes")
+            bar.write(f"{pairs} pairs to make with {workers} workers")
             if context.recipe.light.renderer == "pyrender":
                 bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
             results = pool.run(context, todo, workers, bar.update)
@@ -321,26 +297,6 @@ def _make_shards(
     print(summary(timing))
     _log(folder, timing)
     return info
-
-
-def _estimated_seconds(todo: list[Batch], recipe: Recipe, workers: int) -> float:
-    """Estimated time of the shards with so many workers, s."""
-    sources = [
-        source
-        for batch in todo
-        if recipe.parts[batch.part].shapes != RANDOM
-        for source in batch.shapes
-    ]
-    seconds = SECONDS_PER_SHAPE * sum(source not in catalogue.NAMES for source in sources)
-    for batch in todo:
-        is_sampled = recipe.light.kind != "fixed" or batch.indices is None
-        seconds += batch.pairs * (SECONDS_PER_SAMPLED_PAIR if is_sampled else SECONDS_PER_PAIR)
-        if recipe.motion and batch.indices is None:
-            seconds += batch.pairs * (1.0 - recipe.motion.still) * SECONDS_PER_MOVING_PAIR
-    seconds /= workers
-    if recipe.light.renderer == "pyrender":
-        seconds += sum(batch.pairs for batch in todo) * FRAME_SECONDS
-    return seconds
 
 
 def _log(folder: Path, timing: RunTiming) -> None:
