@@ -25,6 +25,9 @@ header contains their number, so that a small file cannot exhaust the memory."""
 FORMATS = ("PNG", "JPEG")
 """Allowed formats of images."""
 
+SUFFIXES = (".png", ".jpg", ".jpeg")
+"""File name extensions of images, lower or upper case."""
+
 _ERRORS = (
     OSError,
     SyntaxError,

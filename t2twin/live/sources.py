@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.images import SUFFIXES
 
 DEFAULT_HZ = 60.0
 """Frame rate of a video without a valid rate (assumed: that of many cameras)."""
@@ -278,8 +279,6 @@ class FolderSource:
         return listed
 
     def _names(self) -> list[str]:
-        from t2twin.translate.inference.batch import SUFFIXES  # imports torch, as above
-
         try:
             names = [path.name for path in self._path.iterdir()]
         except (FileNotFoundError, NotADirectoryError):

@@ -1,12 +1,10 @@
 """Files of one client: uploads with their limits, dropped files, and the download of a press."""
 
-import io
 import json
 import re
 import shutil
 import tempfile
 import tomllib
-import zipfile
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from threading import Lock, Thread
@@ -15,12 +13,14 @@ from typing import Any
 import viser
 from viser import _messages
 
+from t2twin.core import images
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.mesh_io import read
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.dense import check_on_cover
 from t2twin.sim.taxels.layout import load_layout
+from t2twin.studio.access import MAX_MESSAGE
 from t2twin.studio.controls import Controls, Inputs
 from t2twin.studio.press_state import file_name
 from t2twin.studio.session import PATH_FILE, PressResult
@@ -32,18 +32,19 @@ MAX_BYTES = 64_000_000
 """Maximum size of a file, and of all unfinished uploads of a client, bytes (assumed: about 1
 million triangles)."""
 
+PART_BYTES = MAX_MESSAGE // 2
+"""Size of all parts of an upload but the last, bytes (viser)."""
+
 MAX_NAME = 40
 """Maximum length of the stem of a stored file name, and of a quoted name, characters."""
-
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 SUFFIXES = {
     "shape": read.SUFFIXES,
     "layout": (".json", ".csv"),
     "optics": (".npz",),
     "sensor": (".toml",),
-    "frame": IMAGE_SUFFIXES,
-    "background": IMAGE_SUFFIXES,
+    "frame": images.SUFFIXES,
+    "background": images.SUFFIXES,
 }
 """Allowed suffixes by kind of file."""
 
@@ -198,8 +199,7 @@ class FileTasks:
 def limit_uploads(client: viser.ClientHandle, notices: Notices) -> None:
     """Refuses files of a client above MAX_BYTES before they are received, with a notice.
 
-    viser keeps uploads of any number and size in memory, so its handlers are called only for
-    accepted messages.
+    viser keeps uploads of any number and size in memory, and accepts parts of at most MAX_MESSAGE.
     """
     gui, connection = client.gui, client.gui._websock_interface
     unfinished = gui._current_file_upload_states
@@ -208,6 +208,8 @@ def limit_uploads(client: viser.ClientHandle, notices: Notices) -> None:
         size = message.size_bytes
         try:
             check_size(message.filename, size)
+            if message.part_count * PART_BYTES >= size + PART_BYTES:
+                raise T2TwinError("a file is larger than announced; upload it again")
             if sum(each["total_bytes"] for each in unfinished.values()) + size > MAX_BYTES:
                 raise T2TwinError("other files are being uploaded; try again when they are done")
         except T2TwinError as error:
@@ -221,21 +223,8 @@ def limit_uploads(client: viser.ClientHandle, notices: Notices) -> None:
             return
         gui._handle_file_transfer_start(number, message)
 
-    def receive(number: Any, message: _messages.FileTransferPart) -> None:
-        file = unfinished.get(message.transfer_uuid)
-        if file and file["transferred_bytes"] + len(message.content) > file["total_bytes"]:
-            del unfinished[message.transfer_uuid]
-            notices.show_error(T2TwinError("a file is larger than announced; upload it again"))
-        else:
-            gui._handle_file_transfer_part(number, message)
-
-    handlers: dict[Any, Callable[[Any, Any], None]] = {
-        _messages.FileTransferStartUpload: start,
-        _messages.FileTransferPart: receive,
-    }
-    for kind, handle in handlers.items():
-        connection.unregister_handler(kind)
-        connection.register_handler(kind, handle)
+    connection.unregister_handler(_messages.FileTransferStartUpload)
+    connection.register_handler(_messages.FileTransferStartUpload, start)
 
 
 def check_size(name: str, size: int) -> None:
@@ -317,7 +306,7 @@ def zip_press(result: PressResult, folder: Path) -> tuple[str, bytes]:
     without a tactile image.
     """
     name = result.touch.shape.name.replace("/", "-")
-    optics, place = result.state.optics, folder / "press"
+    optics, place = result.state.optics, folder / name
     result.touch.save(place)
     if optics is not None:  # without its place on this machine
         press = place / "press.json"
@@ -327,8 +316,5 @@ def zip_press(result: PressResult, folder: Path) -> tuple[str, bytes]:
     (place / COMMAND_FILE).write_text(result.command_line() + "\n")
     if result.slide is not None and result.has_slid:
         (place / PATH_FILE).write_text(result.slide.path_csv())
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for path in sorted(place.iterdir()):
-            archive.write(path, f"{name}/{path.name}")
-    return f"{name}.zip", buffer.getvalue()
+    archive = Path(shutil.make_archive(str(place), "zip", folder, name))
+    return archive.name, archive.read_bytes()

@@ -5,6 +5,7 @@ Slow modules are imported on demand, because the studio listens before that.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.sensors.compile_ahead import compile_optics_ahead
 from t2twin.studio.translators import Translators
 
@@ -62,13 +64,12 @@ class FrameSource:
 
     def files(self) -> list[Path]:
         """The image files of a folder, sorted by name; empty for other sources."""
-        from t2twin.translate.inference.batch import SUFFIXES
+        from t2twin.translate.inference.batch import find_images
 
-        folder = Path(self._argument)
-        if self._argument.isdigit() or not folder.is_dir():
-            return []
-        images = (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
-        return sorted(path for path in images if not path.name.startswith("."))
+        if not self._argument.isdigit() and Path(self._argument).is_dir():
+            with suppress(T2TwinError):  # a folder without images so far
+                return find_images([self._argument])
+        return []
 
 
 @dataclass

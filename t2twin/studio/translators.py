@@ -160,23 +160,18 @@ class Translators:
     ) -> Translation:
         from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
         from t2twin.translate.inference.predictor import FieldPredictor
-        from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
+        from t2twin.translate.uncertainty.ood import OODClass
 
         run = self._load(name)
         data, interval, force = run.config.data, None, None
-        background_used = isinstance(run, FieldPredictor) and background is not None
-        used = background if background_used else None
-        pixels, own = (
-            run.pixels_of(image, used),
-            classify_frame(image, run.config.data.aspect, used),
-        )
         if isinstance(run, FieldPredictor):
-            estimate = run.estimate_pixels(pixels)
+            estimate = run.estimate([image], background)
             counts, tactile = estimate.counts, run.dense_images(estimate)[0]
             low, high = estimate.interval(LEVEL)
-            interval, force = (low[0], high[0]), _force(estimate)
+            interval, force, classes = (low[0], high[0]), _force(estimate), estimate.ood_class
         else:
-            counts, tactile = run.counts_and_tactile_images(pixels)
+            counts, tactile = run.counts_and_tactile_images(run.pixels_of(image))
+            classes = run.classify_frames([image])
         pads = data.pad_diameter_mm
         pads = np.full(data.x_mm.size, PAD_DIAMETER_MM) if pads is None else pads
         layout = Layout(data.layout, data.x_mm, data.y_mm, pads)
@@ -186,12 +181,12 @@ class Translators:
             counts=counts[0],
             layout=layout,
             tactile_image=tactile[0],
-            in_distribution=combined(own, *run.classify(pixels)) == OODClass.IN_DISTRIBUTION,
+            in_distribution=classes[0] == OODClass.IN_DISTRIBUTION,
             px_per_mm=data.tactile_image[2],
             truth=None if touch is None else _truth(touch, layout, data),
             interval=interval,
             force=force,
-            background_used=background_used,
+            background_used=isinstance(run, FieldPredictor) and background is not None,
         )
 
     def _load(self, name: str) -> "CountsPredictor":

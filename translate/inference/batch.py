@@ -22,6 +22,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, temporary_folder
+from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
 from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.translate.data.images import check_image, open_image, to_pixels
@@ -175,9 +176,6 @@ def output_names(images: Sequence[Path]) -> list[str]:
         names.append(name)
     return names
 
-
-SUFFIXES = (".png", ".jpg", ".jpeg")
-"""File name extensions of images in a folder, lower or upper case."""
 
 READ_AHEAD = 2
 """Batches that are read before they are needed."""
