@@ -177,16 +177,11 @@ def _sample_feature(rng: np.random.Generator, first: Feature | None) -> Feature:
     if kind in ("bar", "bent-bar", "half-plane") and rng.random() < TEETH_SHARE:
         teeth = "pointed" if rng.random() < 0.6 else "square"
     return Feature(
-        outline=sizes["outline"],
+        **sizes,
         profile=str(profile),  # pyright: ignore[reportArgumentType]
         x_mm=x,
         y_mm=y,
         turn_rad=turn,
-        half_width_mm=sizes["half_width_mm"],
-        half_length_mm=sizes["half_length_mm"],
-        radius_mm=sizes["radius_mm"],
-        sides=sizes["sides"],
-        wall_mm=sizes["wall_mm"],
         curve=curve,
         lower_mm=lower,
         teeth=teeth,

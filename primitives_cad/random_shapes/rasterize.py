@@ -14,7 +14,7 @@ OUTLINES = ("bar", "half-plane", "disc", "ring", "polygon")
 PROFILES = ("flat", "rounded", "rod", "wedge")
 TEETH = ("none", "pointed", "square")
 _BAR, _HALF_PLANE, _DISC, _RING, _POLYGON = range(5)
-_FLAT, _ROUNDED, _ROD, _WEDGE = range(4)
+_, _ROUNDED, _ROD, _WEDGE = range(4)
 _POINTED = 1
 
 MAX_SIDES = 8
@@ -53,7 +53,11 @@ def _values(feature: Feature) -> tuple[float, ...]:
     """The VALUES numbers of a feature, in the order of `_rasterize`."""
     half_width = min(feature.half_width_mm, 1e6)
     if feature.outline == "polygon":
-        reach = _farthest_corner(feature.sides)
+        # the farthest point at which neighboring sides meet
+        angles, one = np.array(feature.sides).T
+        turn, other = np.diff(angles, append=angles[0] + 2 * np.pi), np.roll(one, -1)
+        square = (one**2 + other**2 - 2 * one * other * np.cos(turn)) / np.sin(turn) ** 2
+        reach = 1.001 * float(np.sqrt(square.max()))
         half_width = feature.wall_mm / 2 if feature.wall_mm else half_width
     elif feature.outline == "bar":
         reach = float(np.hypot(feature.half_length_mm, feature.half_width_mm))
@@ -77,19 +81,6 @@ def _values(feature: Feature) -> tuple[float, ...]:
         feature.teeth_depth_mm,
         reach,
     )
-
-
-def _farthest_corner(sides: tuple[tuple[float, float], ...]) -> float:
-    """Upper bound on the distance of a polygon's corners from its center, mm."""
-    angles, aparts = np.array(sides).T
-    normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    one, other = np.triu_indices(len(sides), 1)
-    pairs = np.stack([normals[one], normals[other]], axis=1)
-    meet = np.abs(np.linalg.det(pairs)) > 1e-9  # else the sides are parallel
-    right = np.stack([aparts[one], aparts[other]], axis=1)[meet, :, None]
-    corners = np.linalg.solve(pairs[meet], right)[..., 0]
-    kept = (corners @ normals.T <= aparts + 1e-6).all(axis=1)
-    return 1.001 * float(np.hypot(*corners[kept].T).max())
 
 
 @compiled(inline="always")
@@ -159,23 +150,6 @@ def _is_left(x, y, cuts, holes):
     return True
 
 
-@compiled(inline="always")
-def _half_row(cos, offset, middle_x, least, x0, pitch, first, last):
-    """Columns of a row that a half-plane may cover, and those so far inside that it is flat there.
-
-    Returns first, last, first flat and last flat column. offset: sin * dy.
-    """
-    if abs(cos) < 1e-9:
-        return first, last, last + 1, last
-    edge = (middle_x - offset / cos - x0) / pitch
-    inside = (middle_x + (least - offset) / cos - x0) / pitch
-    if cos > 0.0:
-        first = max(first, int(np.floor(edge)))
-        return first, last, max(first, int(np.ceil(inside)) + 1), last
-    last = min(last, int(np.ceil(edge)))
-    return first, last, first, min(last, int(np.floor(inside)) - 1)
-
-
 @compiled(
     "void(f8[:, ::1], f8[:, :, ::1], f8[:, ::1], f8[:, ::1], f8, f8, f8[::1], f8[::1], f4[:, ::1])",
     nogil=True,
@@ -190,7 +164,6 @@ def _rasterize(values, sides, cuts, holes, tilt_x, tilt_y, x_mm, y_mm, heights):
         wall, curve, lower = values[n, 9], values[n, 10], values[n, 11]
         teeth, tooth_pitch, tooth_depth = int(values[n, 12]), values[n, 13], values[n, 14]
         reach = values[n, 15]
-        plain = teeth == 0 and cuts.shape[0] == 0 and holes.shape[0] == 0
         for i in range(y_mm.size):
             dy = y_mm[i] - middle_y
             if abs(dy) > reach:
@@ -203,18 +176,7 @@ def _rasterize(values, sides, cuts, holes, tilt_x, tilt_y, x_mm, y_mm, heights):
                 at, wide = sin * dy / cos, half_width / abs(cos)
                 first = max(first, int(np.ceil((middle_x - at - wide - x_mm[0]) / pitch)))
                 last = min(last, int(np.floor((middle_x - at + wide - x_mm[0]) / pitch)))
-            flat_from, flat_to = last + 1, last
-            if outline == _HALF_PLANE and plain and profile in (_FLAT, _ROUNDED):
-                least = curve if profile == _ROUNDED else 0.0
-                first, last, flat_from, flat_to = _half_row(
-                    cos, sin * dy, middle_x, least, x_mm[0], pitch, first, last
-                )
-                for j in range(flat_from, flat_to + 1):
-                    height = np.float32(-lower + tilt_x * x_mm[j] + tilt_y * y_mm[i])
-                    heights[i, j] = max(heights[i, j], height)
             for j in range(first, last + 1):
-                if flat_from <= j <= flat_to:
-                    continue
                 dx = x_mm[j] - middle_x
                 u, v = cos * dx + sin * dy, cos * dy - sin * dx
                 inner, sideways, along = _inner(
