@@ -76,7 +76,7 @@ def load(
         return predictor
     obstacle = _onnx_obstacle(predictor, bf16)
     if obstacle is None and isinstance(predictor, CountsPredictor):
-        return dataclasses.replace(predictor, engine=OnnxEngine(predictor))
+        return dataclasses.replace(predictor, engine=OnnxEngine)
     if engine == "onnx":
         raise T2TwinError(f"{run} cannot be used with ONNX Runtime: {obstacle}")
     return predictor

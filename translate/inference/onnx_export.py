@@ -204,7 +204,7 @@ MAX_FILES = 20
 
 @dataclass(frozen=True)
 class OnnxEngine:
-    """Predictions of a run in ONNX Runtime; see predictor.Engine.
+    """Predictions of a run in ONNX Runtime; an engine of predictor.CountsPredictor.
 
     The session starts on the first call, with as many threads as torch has at that time. Calls from
     several threads are safe.
@@ -212,12 +212,8 @@ class OnnxEngine:
 
     run: CountsPredictor
 
-    def for_run(self, run: CountsPredictor) -> "OnnxEngine":
-        """See predictor.Engine."""
-        return OnnxEngine(run)
-
     def __call__(self, pixels: np.ndarray) -> dict[str, np.ndarray] | None:
-        """See predictor.Engine. None for images with different background frames, as the file has
+        """See predictor.Compute. None for images with different background frames, as the file has
         one background frame per batch."""
         if self._session is None:
             return None

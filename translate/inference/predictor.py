@@ -8,10 +8,11 @@ the run.
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 import torch
@@ -53,19 +54,9 @@ COUNTS = "counts"
 """Name of the counts in the outputs of an engine."""
 
 
-class Engine(Protocol):
-    """Computes predictions of counts in place of PyTorch."""
-
-    def for_run(self, run: "CountsPredictor") -> Self:
-        """The engine of another run, such as the same run at another layout."""
-        ...
-
-    def __call__(self, pixels: np.ndarray) -> dict[str, np.ndarray] | None:
-        """Outputs by the names of the ONNX export; None if it cannot compute them for these pixels.
-
-        pixels: as for `CountsPredictor.predict_pixels`.
-        """
-        ...
+Compute = Callable[[np.ndarray], dict[str, np.ndarray] | None]
+"""Predicts pixels, as for `CountsPredictor.predict_pixels`: outputs by the names of the ONNX
+export; None if it cannot."""
 
 
 class NotPredicted(T2TwinError, AttributeError):
@@ -86,16 +77,10 @@ class TrainedTranslator:
     RUNS: ClassVar[str] = ""
     """The runs of the class, in words."""
 
-    _classes: ClassVar[list[type["TrainedTranslator"]]] = []
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        TrainedTranslator._classes.append(cls)
-
     if not TYPE_CHECKING:  # type checkers report attributes that a class does not have
 
         def __getattr__(self, name: str) -> Any:
-            for kind in TrainedTranslator._classes:
+            for kind in (CountsPredictor, ImagePredictor, FieldPredictor):
                 if name in vars(kind) and not name.startswith("_"):
                     raise not_predicted(self.run_dir, self.config, type(self), name, kind.RUNS)
             raise AttributeError(
@@ -107,11 +92,11 @@ class TrainedTranslator:
 class CountsPredictor(TrainedTranslator):
     """A run that predicts counts from images.
 
-    engine: computes the counts in place of PyTorch, if set.
+    engine: returns what computes the predictions of a run in place of PyTorch, if set.
     """
 
     translator: CountsTranslator
-    engine: Engine | None = None
+    engine: Callable[["CountsPredictor"], Compute] | None = None
 
     PREDICTS: ClassVar[str] = "counts"
     RUNS: ClassVar[str] = "an image-to-counts run"
@@ -146,13 +131,17 @@ class CountsPredictor(TrainedTranslator):
         counts = [np.empty((0, self.config.data.x_mm.size), np.float32)]
         for part in parts_of(len(pixels), progress):
             batch = pixels[part]
-            outputs = None if self.engine is None else self.engine(batch)
+            outputs = self._compute(batch)
             if outputs is not None:
                 counts.append(outputs[COUNTS])
             else:
                 inputs = to_input(batch.astype(np.float32) / 255.0)
                 counts.append(self.translator.predict(inputs).cpu().numpy())
         return np.concatenate(counts)
+
+    @cached_property
+    def _compute(self) -> Compute:
+        return (lambda _: None) if self.engine is None else self.engine(self)
 
     def tactile_images(self, images: Images) -> np.ndarray:
         """Tactile images of images: (R, C) or (B, R, C) float32, counts.
@@ -251,8 +240,7 @@ class CountsPredictor(TrainedTranslator):
             )
         translator = self.translator.read_at(data.taxels)
         config = structs.replace(self.config, data=data)
-        other = replace(self, config=config, translator=translator, engine=None)
-        return other if self.engine is None else replace(other, engine=self.engine.for_run(other))
+        return replace(self, config=config, translator=translator)
 
     def in_float32(self) -> Self:
         """The same run in PyTorch and float32."""
@@ -389,7 +377,7 @@ class FieldPredictor(CountsPredictor):
             raise T2TwinError("there is no image to estimate; expected at least one")
         for part in parts_of(len(pixels), progress):
             batch = pixels[part]
-            outputs = None if self.engine is None else self.engine(batch)
+            outputs = self._compute(batch)
             if outputs is not None:
                 values = [outputs.get(name) for name in FieldPrediction._fields]
             else:
