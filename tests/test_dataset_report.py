@@ -12,7 +12,7 @@ from pages import read_page
 from t2twin.cli import main
 from t2twin.core.images import decode_png, encode_png
 from t2twin.report import dataset_report, pairs
-from t2twin.report.dataset import MIN_CONTACT_SHARE, Dataset, read_dataset
+from t2twin.report.data import MIN_CONTACT_SHARE, Dataset, read_dataset
 from t2twin.report.near_duplicates import (
     Scan,
     near_duplicates,

@@ -11,7 +11,7 @@ from pages import read_page
 from spots import write_spots
 
 from t2twin.report import dataset_report
-from t2twin.report.dataset import read_dataset
+from t2twin.report.data import read_dataset
 from t2twin.report.dataset_report import write_data_report
 from t2twin.report.page import forces_text
 from t2twin.report.pairs import sample_in_turn

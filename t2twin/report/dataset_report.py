@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
 from t2twin.report import pairs
-from t2twin.report.dataset import MIN_CONTACT_SHARE, Array, Dataset, read_dataset
+from t2twin.report.data import MIN_CONTACT_SHARE, Array, Dataset, read_dataset
 from t2twin.report.figures import aspect_of, draw_discs, figure, force_axis
 from t2twin.report.near_duplicates import Scan, duplicates, near_duplicates, noise_grey, scan
 from t2twin.report.page import (

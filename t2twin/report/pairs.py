@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
-from t2twin.report.dataset import Dataset
+from t2twin.report.data import Dataset
 from t2twin.report.figures import (
     COUNTS_MAP,
     Panel,

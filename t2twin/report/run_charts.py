@@ -183,7 +183,7 @@ def learning_curves(report: ReportData) -> dict[str, Any]:
 def _epochs(page: Figure, report: ReportData) -> None:
     axes = page.subplots()
     color_of = colors(list(report.runs))
-    full_scale = report.layout.full_scale_counts
+    full_scale = report.array.full_scale
     for name, history in report.histories.items():
         epochs = [record.epoch for record in history]
         validation = [full_scale * record.val_rmse_percent / 100 for record in history]

@@ -15,9 +15,8 @@ from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import KIND_NAMES, SPLIT_NAMES, Section, listed, name_of, write_page
 from t2twin.sim.dataset.info import SensorInfo
-from t2twin.sim.sensors.files import bundled_sensors
-from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+from t2twin.translate.evaluation.predictions import bundled_in_own_light
 from t2twin.translate.evaluation.records import Evaluation
 from t2twin.translate.evaluation.table import (
     FURTHER,
@@ -155,7 +154,8 @@ def limits(report: ReportData) -> dict[str, Any]:
             for role, sensor in info.sensors.items()
         ],
         "is_stiffening": "stiffening" in laws,
-        "is_own_light": is_own_light(info.camera),
+        # of LEDs, or a bundled sensor's own
+        "is_own_light": info.camera.optics_sha256 is None or bundled_in_own_light(info.camera),
     }
 
 
@@ -180,15 +180,6 @@ def known_values(sensor: SensorInfo) -> list[str]:
     if (counts := spec.get("counts")) is not None:
         values.append(f"{counts['gain']:,g} counts for a signal of 1")
     return values
-
-
-def is_own_light(camera: SensorInfo) -> bool:
-    """Whether the light of a gel camera is that of its file: of LEDs, or a bundled sensor's own."""
-    if camera.optics_sha256 is None:
-        return True
-    if camera.name not in bundled_sensors():
-        return False
-    return SensorPair.of(camera.name).camera.optics_sha256 == camera.optics_sha256
 
 
 def results(report: ReportData) -> dict[str, Any]:
@@ -242,7 +233,7 @@ def samples_at_quantiles(report: ReportData, split: str) -> list[tuple[int, floa
 
 def sample_image(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, generated images, phi of the predicted counts, differences, and I."""
-    predictions, phi, layout = report.predictions[split], report.array.phi, report.layout
+    predictions, phi, layout = report.predictions[split], report.array.phi, report.array.layout
     image, truth = report.image(split, row), phi(predictions.truth[row])
     panels = [Panel(f"X\n{report.camera_name}", image)]
     for name, run in report.runs.items():
