@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -287,24 +286,3 @@ def generator(seed: int | None) -> np.random.Generator | None:
         return None
     check_seed(seed)
     return np.random.default_rng(seed)
-
-
-def other_elastomer(
-    own: Elastomer,
-    thickness_mm: float | None = None,
-    young_mpa: float | None = None,
-    poisson: float | None = None,
-    flat: bool = False,
-) -> Elastomer:
-    """A sensor's elastomer with other properties; None keeps a property.
-
-    With any of the first three it is linear elastic, for comparison with theory. flat: without the
-    dome. Raises T2TwinError for values out of range.
-    """
-    changes = {"thickness_mm": thickness_mm, "young_mpa": young_mpa, "poisson": poisson}
-    given: dict[str, Any] = {k: value for k, value in changes.items() if value is not None}
-    if given:
-        given["law"] = "linear"
-    if flat:
-        given |= {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf}
-    return replace(own, **given)

@@ -55,7 +55,7 @@ def result(session):
         ),
         (
             PressState(seed=3, imperfections="all", layout="cyskin-63"),
-            "t2twin press square-1 --seed 3 --layout cyskin-63 --imperfections all",
+            "t2twin press square-1 --layout cyskin-63 --imperfections all --seed 3",
         ),
         (
             PressState("/tmp/a/my part.stl", scale=25.4),

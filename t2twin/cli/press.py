@@ -1,11 +1,10 @@
 """t2twin shapes, t2twin primitives, t2twin press, t2twin slide"""
 
+import math
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -13,7 +12,6 @@ from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
 
 if TYPE_CHECKING:
     from t2twin.primitives_cad.shape import Shape
-    from t2twin.sim.contact.elastomer import Elastomer
     from t2twin.sim.contact.types import Contact, PressCommand
     from t2twin.sim.sensors.files import Sensor
     from t2twin.sim.sensors.pair import SensorPair
@@ -147,15 +145,17 @@ class TouchOptions:
         """The sensors. renderer: what renders the image of a gel camera."""
         from t2twin.sim.optical.markers import Markers
         from t2twin.sim.sensors.pair import SensorPair
-        from t2twin.twin import other_elastomer
 
         pair = SensorPair.of(self.source, self.target)
         self._check_effects(pair)
         names = ("thickness_mm", "young_mpa", "poisson")
-        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
-        if given or self.flat:
-            change = partial(other_elastomer, **given, flat=self.flat)
-            pair = SensorPair(*(_with_layer(each, change) for each in (pair.source, pair.target)))
+        changes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        if changes:
+            changes["law"] = "linear"
+        if self.flat:
+            changes |= {"dome_width_radius_mm": math.inf, "dome_length_radius_mm": math.inf}
+        if changes:
+            pair = SensorPair(*(_with_layer(each, changes) for each in (pair.source, pair.target)))
         pitch = self.marker_pitch_mm
         return pair.with_options(
             optics=self.optics,
@@ -360,11 +360,11 @@ def _have_optics(sensors: "dict[str, Sensor]") -> bool:
     return any("optics" in each.OPTIONS for each in sensors.values())
 
 
-def _with_layer(sensor: "Sensor", change: "Callable[[Elastomer], Elastomer]") -> "Sensor":
-    """A sensor whose own elastomer is changed."""
+def _with_layer(sensor: "Sensor", changes: dict[str, Any]) -> "Sensor":
+    """A sensor whose own elastomer has other properties. Raises T2TwinError for invalid ones."""
     (layer,) = (each for each in LAYERS if each in sensor.OPTIONS)
     own = getattr(sensor.spec, layer).elastomer(sensor.name)
-    return sensor.with_options({layer: change(own)})
+    return sensor.with_options({layer: replace(own, **changes)})
 
 
 def print_notes(shape: "Shape") -> None:

@@ -8,7 +8,7 @@ eight bytes.
 import hashlib
 import io
 import os
-import stat
+import sys
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -19,7 +19,7 @@ import numpy as np
 
 from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write
+from t2twin.core.files import atomic_write, open_regular
 
 MARK = b"CRC1"
 """Start of the trailer; the checksum follows, little-endian."""
@@ -99,18 +99,9 @@ def is_intact(path: Path) -> bool:
 
 def _blocks(path: Path) -> Iterator[bytes]:
     """A regular file's content; nothing where there is no file, or a pipe or a device."""
-    try:
-        number = os.open(
-            path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
-        )  # does not block on pipes
-        try:
-            if stat.S_ISREG(os.fstat(number).st_mode):
-                while block := os.read(number, BLOCK_BYTES):
-                    yield block
-        finally:
-            os.close(number)
-    except OSError:
-        return
+    with suppress(T2TwinError, OSError), open_regular(path, sys.maxsize) as file:
+        while block := file.read(BLOCK_BYTES):
+            yield block
 
 
 def _start(name: str) -> int:

@@ -128,25 +128,17 @@ class PressState:
 
         A file is represented by its name.
         """
-        words = ["t2twin", "press" if path is None else "slide", file_name(self.shape)]
-        pose = ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm")
-        if path is not None:
-            words, pose = [*words, "--path", path], ("friction",)
-        for role in ROLES:
-            if getattr(self, role) != getattr(_DEFAULT, role):
-                words += [f"--{role}", file_name(getattr(self, role))]
-        for name in (*pose, "scale", "seed"):
-            value = getattr(self, name)
-            if value != getattr(_DEFAULT, name):
-                words += [f"--{name.replace('_', '-')}", _shortest(value)]
-        if self.markers:
-            words.append("--markers")
-        if self.layout is not None:
-            words += ["--layout", file_name(self.layout)]
-        if self.optics is not None:
-            words += ["--optics", file_name(self.optics)]
-        if self.seed is not None and self.imperfections != _DEFAULT.imperfections:
-            words += ["--imperfections", self.imperfections]
+        if path is None:
+            words, unsaid = ["t2twin", "press", file_name(self.shape)], {"friction"}
+        else:
+            words = ["t2twin", "slide", file_name(self.shape), "--path", path]
+            unsaid = {"x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm"}
+        unsaid |= {"shape", "motion", *(["imperfections"] if self.seed is None else [])}
+        for name, value in vars(self).items():
+            if name not in unsaid and value != getattr(_DEFAULT, name):
+                words.append(f"--{name.replace('_', '-')}")
+                if name != "markers":
+                    words.append(file_name(value) if isinstance(value, str) else _shortest(value))
         return shlex.join(words)
 
     def query(self) -> str:
