@@ -35,6 +35,9 @@ CONTACT = {
 }
 """Columns of a sensor's contact."""
 
+NO_CONTACT = {"depth_mm": 0.0, "force_n": 0.0, "settled": True, "bottomed": False}
+"""Their values in a press of 0 N, which has no contacts."""
+
 PRESS = {
     "shape": pa.string(),
     "family": pa.string(),
@@ -138,30 +141,15 @@ def type_name(kind: pa.DataType) -> str:
 
 
 def row(touch: "Touch", roles: Mapping[str, str], index: int, split: str) -> dict[str, Any]:
-    """The columns of the base schema of one press. roles: of the sensors by their names.
-
-    A press of 0 N has no contacts: depths and carried forces are 0, and it counts as settled.
-    """
-    command, stem = touch.command, f"{file_stem(touch.command.shape)}-{index}"
-    columns: dict[str, Any] = {
-        "shape": command.shape,
-        "family": family_of(command.shape),
-        "split": split,
-        "index": index,
-        "x_mm": command.x_mm,
-        "y_mm": command.y_mm,
-        "yaw_rad": command.yaw_rad,
-        "force_n": command.force_n,
-    }
+    """The columns of the base schema of one press. roles: of the sensors by their names."""
+    shape, command = touch.command.shape, vars(touch.command)
+    columns = {**command, "family": family_of(shape), "split": split, "index": index}
     for name, role in roles.items():
         reading = touch.readings[name]
-        contact = reading.contact
-        own = reading.row(f"{stem}-{role}.png") | {
-            "depth_mm": 0.0 if contact is None else contact.depth_mm,
-            "force_n": 0.0 if contact is None else contact.force_n,
-            "settled": contact is None or contact.settled,
-            "bottomed": contact is not None and contact.bottomed,
-        }
+        own = reading.row(f"{file_stem(shape)}-{index}-{role}.png")
+        for key in CONTACT:
+            found = reading.contact is not None
+            own[key] = getattr(reading.contact, key) if found else NO_CONTACT[key]
         columns |= {column(role, key): value for key, value in own.items()}
     return columns
 

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from dataclasses import fields
 from math import log
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType, to_builtins
 
@@ -30,7 +30,7 @@ from t2twin.core import arguments
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
-from t2twin.core.records import convert
+from t2twin.core.records import check_names, convert
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.optical.randomization.artifacts import Artifacts
 from t2twin.sim.optical.randomization.ranges import UnitRanges
@@ -309,7 +309,9 @@ def load_recipe(source: str | Path) -> Recipe:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise T2TwinError(f"{path} is not TOML ({error})") from error
     recipe = convert(content, Recipe, path)
-    _check_ranges(content.get("light", {}).get("draw", {}), path)
+    # the decoder ignores unknown fields of a dataclass
+    draw, ranges = content.get("light", {}).get("draw", {}), [f.name for f in fields(UnitRanges)]
+    check_names(draw, ranges, f"{path}: light.draw", what="range")
     _check_effects(recipe, path)
     return recipe
 
@@ -326,16 +328,6 @@ def checked(recipe: Recipe) -> Recipe:
     recipe = convert(content, Recipe, "the recipe")
     _check_effects(recipe, "the recipe")
     return recipe
-
-
-def _check_ranges(content: dict[str, Any], path: Path) -> None:
-    """Raises T2TwinError for unknown keys, which the decoder of a dataclass ignores."""
-    names = [field.name for field in fields(UnitRanges)]
-    for name in content:
-        if name not in names:
-            raise T2TwinError(
-                f"{path}: light.draw has no {name}; allowed are {', '.join(sorted(names))}"
-            )
 
 
 NEAR = tuple(field.name for field in fields(UnitRanges) if field.name.startswith("around_"))

@@ -132,12 +132,9 @@ def _entry(result: TranslationResult, number: int, image: str, name: str | None)
     estimate, ood_class = result.estimate, result.ood_classes[number]
     if estimate is not None:
         entry["counts_std"] = np.ceil(estimate.counts_std[number]).astype(int).tolist()
-        if estimate.force_n is not None and estimate.force_std_n is not None:
-            entry["force_n"] = round(float(estimate.force_n[number]), 3)
-            entry["force_std_n"] = round(float(estimate.force_std_n[number]), 3)
-        if estimate.shear_n is not None and estimate.shear_std_n is not None:
-            entry["shear_n"] = [round(n, 3) for n in estimate.shear_n[number].tolist()]
-            entry["shear_std_n"] = [round(n, 3) for n in estimate.shear_std_n[number].tolist()]
+        for name in ("force_n", "force_std_n", "shear_n", "shear_std_n"):
+            if (value := getattr(estimate, name)) is not None:
+                entry[name] = value[number].astype(float).round(3).tolist()
     return entry | ood_entry(ood_class)
 
 

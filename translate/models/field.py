@@ -20,7 +20,6 @@ of a tactile image.
 
 from collections.abc import Iterator
 from copy import copy, deepcopy
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Self, cast
 
@@ -71,26 +70,16 @@ the least certain fifth has a 13 % lower RMSE, with a Gaussian 4 %; 3 and 8 are 
 (measured)."""
 
 
-@dataclass(frozen=True)
-class FieldTargets:
-    """Targets of a batch.
-
-    field: (B, F), fraction of full scale. force_n: (B,). shear_n: (B, 2), or None.
-    """
-
-    dense_counts: torch.Tensor
-    force_n: torch.Tensor
-    shear_n: torch.Tensor | None
-
-
 def training_loss(
-    network: FieldNet, outputs: FieldOutputs, targets: FieldTargets
+    network: FieldNet, outputs: FieldOutputs, targets: Examples, full_scale: float
 ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
     """The loss of a batch, and its parts by name.
 
     Errors are divided by the standard deviation of their target, likelihoods are in nats.
     """
-    error = outputs.mean - targets.dense_counts
+    device = outputs.mean.device
+    assert targets.dense_counts is not None and targets.force_n is not None
+    error = outputs.mean - targets.dense_counts.to(device) / full_scale
     relative = error / network.field_variance.sqrt()
     losses = {
         "field": relative.square().mean(),
@@ -99,18 +88,19 @@ def training_loss(
     }
     loss = losses["field"] + ABSOLUTE_WEIGHT * losses["field_absolute"] + losses["spread"]
     if predicts_force(network):
-        error = outputs.force - force_target(network, targets.force_n)
+        error = outputs.force - force_target(network, targets.force_n.to(device))
         likelihood = _negative_log_likelihood(error.detach(), outputs.force_log_spread)
         losses |= {"force": error.square().mean(), "force_spread": likelihood.mean()}
         loss = loss + FORCE_WEIGHT * losses["force"] + losses["force_spread"]
     if outputs.shear is not None and outputs.shear_log_spread is not None:
         assert targets.shear_n is not None
-        error = outputs.shear - targets.shear_n / network.shear_scale
+        shear_n = targets.shear_n.to(device)
+        error = outputs.shear - shear_n / network.shear_scale
         log_spread = outputs.shear_log_spread
         losses["shear"] = _negative_log_likelihood(error, log_spread.detach()).mean()
         likelihood = _negative_log_likelihood(error.detach(), log_spread).mean(dim=1)
         # Without markers, presses that stay still have no error.
-        moving = targets.shear_n.any(dim=1).float()
+        moving = shear_n.any(dim=1).float()
         losses["shear_spread"] = likelihood @ moving / moving.sum().clamp(min=1.0)
         loss = loss + losses["shear"] + losses["shear_spread"]
     return loss, losses
@@ -218,7 +208,7 @@ class FieldTranslator(CountsTranslator):
             optimizer.zero_grad()
         with self.precision():
             outputs = self.network(self._training_input(examples.images).to(self.device))
-        loss, losses = training_loss(self.network, outputs, self._targets(examples))
+        loss, losses = training_loss(self.network, outputs, examples, self.full_scale)
         loss.backward()
         average_gradients(self.network)
         for optimizer in self.optimizers.values():
@@ -327,15 +317,6 @@ class FieldTranslator(CountsTranslator):
             images = torch.cat([images, self.predictor.mean_frame.expand_as(images)], dim=1)
         with torch.inference_mode(), self.precision():
             return self.predictor(images)
-
-    def _targets(self, examples: Examples) -> FieldTargets:
-        assert examples.dense_counts is not None and examples.force_n is not None
-        shear_n = examples.shear_n
-        return FieldTargets(
-            examples.dense_counts.to(self.device) / self.full_scale,
-            examples.force_n.to(self.device),
-            None if shear_n is None else shear_n.to(self.device),
-        )
 
     def _training_input(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 6, S, S): images with background frames, a share of them the mean frame."""
