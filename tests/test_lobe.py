@@ -9,7 +9,7 @@ from ball_frames import BALL_MM, POSES
 from benchmarks.optics.fitted_optics import rim_steepness
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.calibrate.calibrate import score
-from t2twin.sim.optical.calibrate.fit import BallFit
+from t2twin.sim.optical.calibrate.fit import BallFit, Measurements, Presses
 from t2twin.sim.optical.calibrate.frames import clean_background, contact_patch, crop
 from t2twin.sim.optical.calibrate.geometry import Geometry
 from t2twin.sim.optical.calibrate.ridge import Terms
@@ -48,10 +48,10 @@ def test_a_unit_with_a_lobe_and_drift_is_recovered(unit):
     clean = clean_background(unit.background, frames[1:])
     assert np.abs(clean.astype(float) - warm).mean() < 0.5
     patches = np.array([contact_patch(frame, unit.background) for frame in frames])
-    radii_mm = np.full(len(POSES) - 1, BALL_MM / 2)
-    leds = Leds(unit.leds_mm, unit.sizes_mm)
-    model = BallFit(clean, frames[1:], patches[1:], radii_mm, DIGIT.camera, GEL, leds)
-    geometry = Geometry.of(leds)
+    nothing = np.full(len(POSES) - 1, np.nan)
+    known = Measurements(np.full(len(POSES) - 1, BALL_MM), nothing, nothing)
+    model = BallFit(Presses(DIGIT, clean, frames[1:], patches[1:], known), DIGIT.camera)
+    geometry = Geometry.of(Leds(unit.leds_mm, unit.sizes_mm))
     geometry = replace(geometry, values=np.array([*geometry.values[:-2], HOLD, SKIRT]))
     psnr_db = {}
     for has_lobe in (False, True):

@@ -18,8 +18,7 @@ from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.spec import MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
-from t2twin.sim.optical.image_renderer import ImageRenderer, Renderer
-from t2twin.sim.optical.led_optics import optics_of_leds
+from t2twin.sim.optical.image_renderer import ImageRenderer, Renderer, optics_of_leds
 from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.markers import Markers, surface_shift
 from t2twin.sim.optical.optics import Optics

@@ -21,6 +21,7 @@ The camera sees the gel's reflective coating, whose thickness rounds edges: this
 reference smooth the deflection by a Gaussian of 0.1 mm (assumed).
 """
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Literal
 
@@ -29,18 +30,27 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import SurfaceShift
-from t2twin.sim.optical.camera import gaussian_noise, response
+from t2twin.sim.optical.camera import response
+from t2twin.sim.optical.camera.noise import Keys, keys, quantiles
+from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.light import illumination, lobe
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
+from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.light.ray_casting import Leds, Rays, Region
 from t2twin.sim.optical.markers import NO_SHADE, MarkerImage, Markers
-from t2twin.sim.optical.optics import Optics, place_terms
+from t2twin.sim.optical.optics import PLACE_TERMS, Optics, place_terms
 
 Renderer = Literal["baked", "pyrender"]
 """What renders images: the baked model, in milliseconds, or pyrender, in about
 t2twin.sim.optical.pyrender_renderer.FRAME_SECONDS."""
 
-Noise = tuple[gaussian_noise.Keys, np.float32, np.ndarray]
+LED_PLACES = 48
+"""Places along each axis of the image to which the beams of LEDs are fitted (assumed: beams are
+smooth)."""
+
+Color = tuple[float, float, float]
+
+Noise = tuple[Keys, np.float32, np.ndarray]
 """Keys and standard deviation of white noise, or the factor of the noise of a frame, which is
 empty for white noise: arguments of response.encode."""
 
@@ -113,13 +123,11 @@ class ImageRenderer:
             return self._unmarked
         return self.render(np.zeros_like(self._rays.rest_mm))
 
-    def background_in(self, ambient: np.ndarray) -> np.ndarray:
-        """(rows, columns, 3) uint8: the gel at rest in the LEDs' light and undirected light (RGB,)
-        alone, without the optics' background."""
-        black = np.zeros((*self._shape, 3), dtype=np.uint8)
-        light = self._rest_light + ambient.astype(np.float32)[:, None, None]
-        rows, columns = self._shape
-        return self._encoded(black, light, (0, rows, 0, columns))
+    def background_in(self, ambient: Color) -> np.ndarray:
+        """(rows, columns, 3) uint8: the gel at rest in the LEDs' light and undirected light, added
+        to the optics' background."""
+        light = self._rest_light + np.array(ambient, np.float32)[:, None, None]
+        return self._encoded(self.optics.background, light, self._all_pixels)
 
     def _image(
         self,
@@ -140,7 +148,7 @@ class ImageRenderer:
         if rng is None:
             return NO_NOISE
         if self.optics.noise is None:
-            return gaussian_noise.keys(rng), np.float32(noise_grey), no_frame
+            return keys(rng), np.float32(noise_grey), no_frame
         share = np.float32(noise_grey / self.noise_grey)
         return no_keys, share, self.optics.noise.sample(rng, *self._shape)
 
@@ -149,6 +157,10 @@ class ImageRenderer:
         """Rows and columns of an image."""
         rows, columns, _ = self.optics.background.shape
         return rows, columns
+
+    @property
+    def _all_pixels(self) -> Region:
+        return 0, self._shape[0], 0, self._shape[1]
 
     # Computed at the first image: many presses need none, and compiling the loops takes long.
 
@@ -193,9 +205,7 @@ class ImageRenderer:
             return of_own_gel
         # add the change of the LEDs' light to the background of the optics' gel
         own = self._light_at_rest(own_rays)
-        change = self._reflected(self._rest_light - own)
-        rows, columns = self._shape
-        return self._encoded(of_own_gel, change, (0, rows, 0, columns))
+        return self._encoded(of_own_gel, self._reflected(self._rest_light - own), self._all_pixels)
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
@@ -228,10 +238,10 @@ class ImageRenderer:
     ) -> np.ndarray:
         """Grey levels of a background and a change of its light (RGB, S) in a region, shaded."""
         out = np.empty((*self._shape, 3), dtype=np.uint8)
-        keys, sigma, frame = noise
+        own_keys, sigma, frame = noise
         response.encode(
-            change, background, self._light, self._table, pixels, shade, keys,
-            gaussian_noise.quantiles(), sigma, frame, out,
+            change, background, self._light, self._table, pixels, shade, own_keys, quantiles(),
+            sigma, frame, out,
         )  # fmt: skip
         return out
 
@@ -277,3 +287,43 @@ def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
     response = np.ascontiguousarray(response[:, :, :count], dtype=np.float64)
     illumination.gains(terms, response, gain)
     return gain
+
+
+def optics_of_leds(
+    leds: tuple[Led, ...], ambient: Color, gamma: float, camera: Camera, gel: Elastomer
+) -> Optics:
+    """The optics of a unit with these LEDs, beside a Lambertian coating.
+
+    ambient: undirected light, which adds to the background. Raises T2TwinError where the gel at
+    rest would be overexposed everywhere, or dark.
+    """
+    response = np.zeros((len(leds), 3, PLACE_TERMS, COSINE_TERMS))
+    for led, own in zip(leds, response, strict=True):
+        own[:, :, 0] = np.outer(led.color, _beam_terms(led, camera, gel))
+    blank = Optics(
+        background=np.zeros((camera.rows, camera.columns, 3), np.uint8),
+        leds_mm=np.array([led.position_mm for led in leds]),
+        sizes_mm=np.array([max(led.size_mm, 1e-3) for led in leds]),
+        response=response,
+        gamma=gamma,
+        **camera.placement,
+    )
+    background = ImageRenderer(blank, gel, 0.0).background_in(ambient)
+    for level, what in ((0, "black"), (255, "white")):
+        if (background == level).all():
+            raise T2TwinError(
+                f"the LEDs leave the background {what} in every pixel and color; change their "
+                "color or the ambient light"
+            )
+    return replace(blank, background=background)
+
+
+def _beam_terms(led: Led, camera: Camera, gel: Elastomer) -> np.ndarray:
+    """(PLACE_TERMS,) polynomial of an LED's beam over the part of the gel that the camera sees."""
+    sizes = camera.columns, camera.rows
+    columns, rows = (np.linspace(0, count - 1, LED_PLACES) for count in sizes)
+    points = np.stack(camera.gel_points(gel, columns, rows), axis=-1).reshape(-1, 3)
+    terms, inside = place_terms(points[:, 0], points[:, 1]), led.in_beam(points)
+    if np.ptp(inside) < 1e-6:
+        return inside[0] * np.eye(PLACE_TERMS)[0]
+    return np.linalg.lstsq(terms, inside, rcond=None)[0]

@@ -31,7 +31,7 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera import response
-from t2twin.sim.optical.camera.gaussian_noise import standard_normal
+from t2twin.sim.optical.camera.noise import standard_normal
 from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.light.coating import coated

@@ -17,7 +17,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, write_json
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.calibrate.coverage import Coverage, coverage_of, coverage_picture
-from t2twin.sim.optical.calibrate.fit import GAMMA
+from t2twin.sim.optical.calibrate.fit import GAMMA, BallFit, Measurements, Presses
 from t2twin.sim.optical.calibrate.frames import (
     clean_background,
     contact_patch,
@@ -28,8 +28,6 @@ from t2twin.sim.optical.calibrate.frames import (
 from t2twin.sim.optical.calibrate.measurements import (
     FORCES,
     Fit,
-    Measurements,
-    Presses,
     Tolerance,
     fit_presses,
     read_measurements,
@@ -186,7 +184,7 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
     """
     train, test = inputs.train, inputs.test
     held_out = inputs.presses(test, training.background)
-    model = held_out.model(fit.model.camera)
+    model = BallFit(held_out, fit.model.camera)
     poses = np.array([model.pose(fit.state, index) for index in range(len(test))])
     surfaces_mm = np.array(
         [model.surface(fit.state, index, pose) for index, pose in enumerate(poses)]

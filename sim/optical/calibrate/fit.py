@@ -13,6 +13,7 @@ A sample is a block of 2 x 2 pixels; an image has (rows / 2, columns / 2). A pre
 samples in a square around it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +31,7 @@ from t2twin.sim.optical.calibrate.ridge import (
 )
 from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.camera.response import linear
+from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.lobe import lobe_columns, normal_terms
 from t2twin.sim.optical.light.ray_casting import Leds, Rays
@@ -64,6 +66,48 @@ Profile = tuple[float, float, float]
 
 Square = tuple[slice, slice]
 """Rows and columns of samples."""
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Measurements of n presses, each (n,).
+
+    diameters_mm: of the balls. depths_mm: from first contact. forces_n. The last two are NaN where
+    there is no measurement.
+    """
+
+    diameters_mm: np.ndarray
+    depths_mm: np.ndarray
+    forces_n: np.ndarray
+
+    def subset(self, presses: Sequence[int]) -> "Measurements":
+        """The measurements of the presses with these indices."""
+        return Measurements(
+            self.diameters_mm[presses], self.depths_mm[presses], self.forces_n[presses]
+        )
+
+    @property
+    def has_depths(self) -> bool:
+        return bool(np.isfinite(self.depths_mm).any())
+
+    @property
+    def has_forces(self) -> bool:
+        return bool(np.isfinite(self.forces_n).any())
+
+
+@dataclass(frozen=True)
+class Presses:
+    """Presses into one sensor.
+
+    background: (rows, columns, 3) uint8, cleaned. frames: (n, rows, columns, 3) uint8. patches:
+    (n, 2) row and column of each contact, px.
+    """
+
+    sensor: GelCamera
+    background: np.ndarray
+    frames: np.ndarray
+    patches: np.ndarray
+    measurements: Measurements
 
 
 @dataclass(frozen=True)
@@ -121,33 +165,21 @@ class _Setting:
 
 
 class BallFit:
-    """The model of some frames of balls.
+    """The model of presses of balls; the fit starts from the LEDs of the sensor."""
 
-    background: (rows, columns, 3) uint8, cleaned. frames: (n, rows, columns, 3) uint8.
-    patches: (n, 2) row and column of each contact, px. radii_mm: (n,) of the balls. leds: from
-    which the fit starts.
-    """
-
-    def __init__(
-        self,
-        background: np.ndarray,
-        frames: np.ndarray,
-        patches: np.ndarray,
-        radii_mm: np.ndarray,
-        camera: Camera,
-        gel: Elastomer,
-        leds: Leds,
-    ) -> None:
-        self.background, self.camera, self.radii_mm = background, camera, radii_mm
-        self.gel, self._start = gel, Geometry.of(leds)
-        self._rays = Rays(camera, gel)
+    def __init__(self, presses: Presses, camera: Camera) -> None:
+        optics = presses.sensor.optics
+        self.camera, self.gel = camera, presses.sensor.own_gel
+        self.background, self.radii_mm = presses.background, presses.measurements.diameters_mm / 2
+        self._start = Geometry.of(Leds(optics.leds_mm, optics.sizes_mm))
+        self._rays = Rays(camera, self.gel)
         self._places = place_terms(*self._rays.places_mm)
-        light = linear(background, GAMMA)
-        self._changes = [samples_of(linear(frame, GAMMA) - light) for frame in frames]
-        self._squares = [square_about(patch, camera) for patch in patches]
+        light = linear(self.background, GAMMA)
+        self._changes = [samples_of(linear(frame, GAMMA) - light) for frame in presses.frames]
+        self._squares = [square_about(patch, camera) for patch in presses.patches]
         # At the middles of the contacts, at a medium depth.
-        y_mm, x_mm = ((patches - camera.middle) / camera.scale_px_per_mm).T
-        self._start_poses = np.stack([x_mm, y_mm, 0.45 * np.asarray(radii_mm)], axis=1)
+        y_mm, x_mm = ((presses.patches - camera.middle) / camera.scale_px_per_mm).T
+        self._start_poses = np.stack([x_mm, y_mm, 0.45 * self.radii_mm], axis=1)
 
     def fit(self, start: State | None = None) -> State:
         """Fit all parameters. start: state of another fit, for the initial LEDs and the terms.

@@ -22,10 +22,9 @@ from msgspec import Meta
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import FORCE_RANGE_N
-from t2twin.sim.optical.calibrate.fit import BallFit, State
+from t2twin.sim.optical.calibrate.fit import BallFit, Measurements, Presses, State
 from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
-from t2twin.sim.optical.light.ray_casting import Leds
 from t2twin.sim.tables import read_rows
 
 FORCES = "forces.csv"
@@ -98,33 +97,6 @@ class _Row:
     ball_diameter_mm: float | None = None
 
 
-@dataclass(frozen=True)
-class Measurements:
-    """Measurements of n presses, each (n,).
-
-    diameters_mm: of the balls. depths_mm: from first contact. forces_n. The last two are NaN where
-    there is no measurement.
-    """
-
-    diameters_mm: np.ndarray
-    depths_mm: np.ndarray
-    forces_n: np.ndarray
-
-    def subset(self, presses: Sequence[int]) -> "Measurements":
-        """The measurements of the presses with these indices."""
-        return Measurements(
-            self.diameters_mm[presses], self.depths_mm[presses], self.forces_n[presses]
-        )
-
-    @property
-    def has_depths(self) -> bool:
-        return bool(np.isfinite(self.depths_mm).any())
-
-    @property
-    def has_forces(self) -> bool:
-        return bool(np.isfinite(self.forces_n).any())
-
-
 def read_measurements(
     folder: Path, names: Sequence[str], ball_diameter_mm: float, sensor: GelCamera
 ) -> Measurements:
@@ -179,28 +151,6 @@ def scale_range(sensor: GelCamera) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Presses:
-    """Presses into one sensor.
-
-    background: (rows, columns, 3) uint8, cleaned. frames: (n, rows, columns, 3) uint8. patches:
-    (n, 2) row and column of each contact, px.
-    """
-
-    sensor: GelCamera
-    background: np.ndarray
-    frames: np.ndarray
-    patches: np.ndarray
-    measurements: Measurements
-
-    def model(self, camera: Camera) -> BallFit:
-        radii_mm = self.measurements.diameters_mm / 2
-        leds = Leds(self.sensor.optics.leds_mm, self.sensor.optics.sizes_mm)
-        return BallFit(
-            self.background, self.frames, self.patches, radii_mm, camera, self.sensor.own_gel, leds
-        )
-
-
-@dataclass(frozen=True)
 class Fit:
     """A model and its fitted state."""
 
@@ -219,7 +169,7 @@ def fit_presses(presses: Presses, camera: Camera, start: State | None = None) ->
     start: state of another fit, whose LEDs and terms are the initial ones. Raises T2TwinError for
     displacements that no scale in scale_range explains.
     """
-    model = presses.model(camera)
+    model = BallFit(presses, camera)
     fit = Fit(model, model.fit(start))
     if not presses.measurements.has_depths:
         return fit
@@ -231,7 +181,7 @@ def fit_presses(presses: Presses, camera: Camera, start: State | None = None) ->
         scale = model.camera.scale_px_per_mm * float(np.sqrt(ratio))
         if not low <= scale <= high:
             break
-        model = presses.model(replace(camera, scale_px_per_mm=scale))
+        model = BallFit(presses, replace(camera, scale_px_per_mm=scale))
         fit = Fit(model, model.fit(fit.state))
     raise T2TwinError(
         "the displacements do not fit the frames at any scale from "

@@ -18,11 +18,10 @@ from t2twin.primitives_cad.export import write_ball
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import force_at_depth, solve_contact
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
+from t2twin.sim.optical.calibrate.fit import Measurements, Presses
 from t2twin.sim.optical.calibrate.measurements import (
     FORCES,
     Fit,
-    Measurements,
-    Presses,
     Tolerance,
     check_ball,
     fit_presses,

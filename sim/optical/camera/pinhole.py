@@ -11,6 +11,7 @@ would also shift the image and change the LEDs' directions.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -61,7 +62,7 @@ class Camera:
                 raise T2TwinError(f"{name} is {getattr(self, name)}; expected an even number")
 
     @property
-    def placement(self) -> dict[str, float]:
+    def placement(self) -> dict[str, Any]:
         """All parameters but the size of the image, by name."""
         return {name: getattr(self, name) for name in (*LENGTHS, *MAX_MISALIGNMENT)}
 

@@ -6,7 +6,7 @@ grey = 255 light^(1 / gamma), with the optics file's gamma.
 import numpy as np
 
 from t2twin.sim.optical.camera.compiled import inlined, jit_finite
-from t2twin.sim.optical.camera.gaussian_noise import choose
+from t2twin.sim.optical.camera.noise import choose
 
 ENCODING_STEPS = 4096
 """Entries of the encoding table over the square root of the light: at most 0.12 grey levels

@@ -16,7 +16,7 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera.compiled import jit
-from t2twin.sim.optical.camera.gaussian_noise import standard_normal
+from t2twin.sim.optical.camera.noise import standard_normal
 from t2twin.sim.optical.camera.pinhole import MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.optics import (
