@@ -10,7 +10,6 @@ TOOL--KEYPOINT.npz: a height map, and the transform from the tool's frame to the
 """
 
 import difflib
-import hashlib
 import os
 from functools import cached_property
 from pathlib import Path
@@ -102,12 +101,10 @@ def load(
     path = Path(name_or_path)
     if path.suffix.lower() not in read.SUFFIXES and not path.is_file():
         raise T2TwinError(_unknown(name))
-    content = hashlib.sha256(read.read_bytes(path)).digest()
-    key = f"{path.suffix.lower()} {scale} {center}".encode() + content
     return shape_cache.fetch(
         cache_folder(cache_dir),
-        shape_cache.file_label(path),
-        key,
+        path,
+        f"{scale} {center}",
         lambda: _file(path, scale, center, hints or read.COMMAND_HINTS),
     )
 
