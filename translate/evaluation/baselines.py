@@ -40,8 +40,7 @@ NEIGHBORS = 8
 """Nearest images that are found for each press, and ordered by their exact distances."""
 
 BATCH_SIZE = 256
-"""Images read or compared together; bounds memory to 100 MB with 20,000 pairs, besides the stored
-images."""
+"""Images compared together; bounds memory to 100 MB with 20,000 pairs, besides the stored ones."""
 
 PAPER: dict[str, dict[str, PaperRow]] = {
     "val": {
@@ -136,47 +135,29 @@ def neighbors(
     shapes: (M,) and (P,) names; stored images of the query's own shape are excluded. progress:
     title of a progress bar, or None.
     """
+    pixels = stored[:].reshape(len(stored), -1)
     # The mean image, (F,); subtracting it reduces rounding errors of distances.
-    total = sum(_pixels(stored, part).sum(axis=0, dtype=float) for part in _parts(len(stored)))
-    mean = np.asarray(total / len(stored), dtype=np.float32)
-    features = np.empty((len(stored), mean.size), np.float32)
-    for part in _parts(len(stored)):
-        features[part] = _features(stored, part, mean)
+    mean = pixels.mean(axis=0, dtype=float).astype(np.float32)
+    features = pixels - mean  # float32, grey levels
     squares = np.einsum("mf,mf->m", features, features)
     k = min(k, len(stored))
     index = np.empty((len(queries), k), int)
     distance = np.empty((len(queries), k))
-    for part in Progress(_parts(len(queries)), progress, unit="batch", disable=progress is None):
-        batch = _features(queries, part, mean)
+    starts = range(0, len(queries), BATCH_SIZE)
+    for start in Progress(starts, progress, unit="batch", disable=progress is None):
+        part = slice(start, start + BATCH_SIZE)
+        batch = queries[part].reshape(-1, mean.size) - mean
         # |q - s|^2 - |q|^2; the second term does not depend on s.
         distances = squares - 2.0 * (batch @ features.T)
         if shapes is not None:
             distances[shapes[1][part][:, None] == shapes[0][None]] = np.inf
-        if k > 1:
-            near = np.argpartition(distances, k - 1, axis=1)[:, :k]
-        else:
-            near = distances.argmin(1)[:, None]
+        near = np.argpartition(distances, k - 1, axis=1)[:, :k]
         exact = np.sqrt(np.square(features[near] - batch[:, None]).mean(axis=2, dtype=float))
         exact[np.isinf(np.take_along_axis(distances, near, axis=1))] = np.inf
         order = np.argsort(exact, axis=1, kind="stable")
         index[part] = np.take_along_axis(near, order, axis=1)
         distance[part] = np.take_along_axis(exact, order, axis=1)
     return Neighbors(index, distance)
-
-
-def _features(images: ImageFile | np.ndarray, part: slice, mean: np.ndarray) -> np.ndarray:
-    """(b, F) float32, grey levels relative to the mean image."""
-    return _pixels(images, part).astype(np.float32) - mean
-
-
-def _pixels(images: ImageFile | np.ndarray, part: slice) -> np.ndarray:
-    """(b, F) uint8."""
-    pixels = images[part]
-    return pixels.reshape(pixels.shape[0], -1)
-
-
-def _parts(size: int) -> list[slice]:
-    return [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
 
 
 def view_on(
