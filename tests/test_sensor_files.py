@@ -14,6 +14,7 @@ from kinds import gel_camera, taxel_array
 from msgspec import Struct, structs
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.records import MAX_FAULTS, tables_in
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.gel_camera import GelCamera, ImageReading
 from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
@@ -209,7 +210,7 @@ def fields_of(record: type[Struct], content: Any, at: Place = ()) -> list[tuple[
         place = (*at, field.encode_name)
         found.append((place, field))
         inner = content.get(field.encode_name)
-        kind, tables = files._tables_in(field.type, inner, "")
+        kind, tables = tables_in(field.type, inner, "")
         if isinstance(inner, dict) and list(tables) == [""]:
             found += fields_of(kind, inner, place)
         elif tables:
@@ -282,7 +283,7 @@ def test_a_fault_is_one_sentence_with_its_key(kind, place, field):
     is_text = bool(re.search(r"\bstr\b", repr(field.type)))
     is_text = is_text or isinstance(value_at(content, place), str)
     assert key in refused(changed(content, place, 3 if is_text else "wrong"))
-    _, tables = files._tables_in(field.type, value_at(content, place), "")
+    _, tables = tables_in(field.type, value_at(content, place), "")
     numbers = bounds_of(field.type)
     if tables or is_text or numbers is None:
         return
@@ -328,7 +329,7 @@ def test_a_file_with_three_faults_names_all_three():
         assert fault in message
     for table in ("gel", "camera", "mount"):
         content[table] = {}
-    assert refused(content).count(";") == files.MAX_LISTED
+    assert refused(content).count(";") == MAX_FAULTS
 
 
 ON_ITSELF = content_of("digit")["light"]["leds"][0] | {
@@ -345,6 +346,8 @@ WIDE = content_of("digit")["camera"] | {"columns": 300, "scale_px_per_mm": 25.0}
         ("flexitac", ("cover", "grid_mm"), 0.1, "cover: grid_mm is 0.1, which gives 660 cells"),
         ("digit", ("units", "distance_mm"), [22.0, 20.8], "expected low first"),
         ("digit", ("units", "scale_px_per_mm"), [9.0, 20.0], "a unit's camera sees 26.7 mm"),
+        ("digit", ("camera", "scale_px_per_mm"), 30.0, "expected a range that contains camera.sca"),
+        ("digit", ("units", "distance_mm"), [10.0, 11.0], "expected a range that contains camera."),
         ("digit", ("light", "leds", 1, "beam_deg"), [9.0, 9.0], "leds[1]: beam_deg is [9, 9]"),
         ("digit", ("light", "leds", 0), ON_ITSELF, "light.leds[0]: aim_mm is the LED's own place"),
         ("digit", ("light",), {"ambient": [0.1, 0.1, 0.1]}, "at least one of leds and optics"),

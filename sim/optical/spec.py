@@ -149,3 +149,10 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
                         f"{side:g} mm; expected a larger {table}.scale_px_per_mm, a smaller image "
                         "or a larger gel"
                     )
+        for name in ("scale_px_per_mm", "distance_mm") if self.units else ():
+            (low, high), own = getattr(self.units, name), getattr(camera, name)
+            if not low <= own <= high:
+                raise T2TwinError(
+                    f"units.{name} is [{low:g}, {high:g}]; expected a range that contains "
+                    f"camera.{name}, {own:g}"
+                )
