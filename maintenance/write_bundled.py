@@ -85,7 +85,7 @@ def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = solids.CHORDAL_MM)
 def keypoint_transform(name: str) -> np.ndarray:
     """(4, 4) transform from a tool's frame to the frame of one of its shapes, up to the height."""
     tool, _, at = name.partition("/")
-    return align_to_z(next(each for each in catalogue.keypoints(tool) if each.name == at))
+    return align_to_z(next(each for each in tools.keypoints(tool) if each.name == at))
 
 
 def align_to_z(keypoint: Keypoint) -> np.ndarray:

@@ -23,7 +23,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import primitive_parameters
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
 from t2twin.primitives_cad.random_shapes import seed_of
-from t2twin.primitives_cad.shape import HeightMap, Keypoint, Shape
+from t2twin.primitives_cad.shape import HeightMap, Shape
 
 if TYPE_CHECKING:
     import trimesh
@@ -126,30 +126,10 @@ def cache_folder(folder: str | Path | None) -> Path | None:
 
 
 def tool_mesh(tool: str) -> "trimesh.Trimesh":
-    """A tool's watertight mesh in its own frame, mm.
-
-    Raises T2TwinError for a name that is not a tool's.
-    """
+    """A tool's watertight mesh in its own frame, mm."""
     import trimesh
 
-    _check_tool(tool)
     return trimesh.Trimesh(*read_mesh(tool), process=False)
-
-
-def keypoints(tool: str) -> tuple[Keypoint, ...]:
-    """The four keypoints of a tool, in the tool's own frame.
-
-    Raises T2TwinError for a name that is not a tool's.
-    """
-    from t2twin.primitives_cad import tools
-
-    _check_tool(tool)
-    return tools.keypoints(tool)
-
-
-def _check_tool(tool: str) -> None:
-    if tool not in TOOLS:
-        raise T2TwinError(f"there is no tool {tool!r}; the tools are {', '.join(TOOLS)}")
 
 
 def _unknown(name: str) -> str:

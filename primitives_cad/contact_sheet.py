@@ -17,7 +17,9 @@ from scipy.spatial.transform import Rotation
 from t2twin.core.files import atomic_write
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.height_map import rasterize_triangles
 from t2twin.primitives_cad.shape import NOTHING_MM
+from t2twin.primitives_cad.tools import keypoints
 
 COLUMNS = 8
 TILE_PX = (330, 300)
@@ -68,29 +70,23 @@ def draw_sheet(path: str | Path) -> Path:
     pen = ImageDraw.Draw(page)
     names = (*catalogue.PRIMITIVES, *catalogue.TOOLS)
     for name in Progress(names, desc="contact sheet", unit="shape"):
+        points = ()
         if name in catalogue.PRIMITIVES:
             index = catalogue.PRIMITIVES.index(name)
             # One column for each family, one row for each version.
             corner = (index // rows * TILE_PX[0], index % rows * TILE_PX[1])
-            mesh = catalogue.load(name).mesh
-            tile, _ = draw(mesh, PRIMITIVE_VIEW, TILE_PX, RESIN)
-            page.paste(Image.fromarray(tile), corner)
-            _label(pen, name, (corner[0] + TILE_PX[0] / 2, corner[1] + TILE_PX[1] - LABEL_PX))
+            mesh, view, size, color = catalogue.load(name).mesh, PRIMITIVE_VIEW, TILE_PX, RESIN
         else:
             column = catalogue.TOOLS.index(name)
             corner = (column * width // len(catalogue.TOOLS), rows * TILE_PX[1])
-            points = catalogue.keypoints(name)
-            tile, places = draw(
-                catalogue.tool_mesh(name),
-                TOOL_VIEWS[name],
-                TOOL_PX,
-                STEEL,
-                [point.point_mm for point in points],
-            )
-            page.paste(Image.fromarray(tile), corner)
-            _label(pen, name, (corner[0] + TOOL_PX[0] / 2, corner[1] + TOOL_PX[1] - LABEL_PX))
-            for point, (x, y) in zip(points, places, strict=True):
-                _mark(pen, point.name, corner, x, y)
+            mesh, view, size, color = catalogue.tool_mesh(name), TOOL_VIEWS[name], TOOL_PX, STEEL
+            points = keypoints(name)
+        tile, places = draw(mesh, view, size, color, [point.point_mm for point in points])
+        page.paste(Image.fromarray(tile), corner)
+        at = (corner[0] + size[0] / 2, corner[1] + size[1] - LABEL_PX)
+        pen.text(at, name, fill=INK, font=ImageFont.load_default(LABEL_PX), anchor="mm")
+        for point, (x, y) in zip(points, places, strict=True):
+            _mark(pen, point.name, corner, x, y)
     with atomic_write(Path(path)) as temporary:
         page.save(temporary, format="PNG")
     return Path(path)
@@ -108,8 +104,6 @@ def draw(
     view_deg: rotation of the mesh about z, and elevation of the view. points_mm: (n, 3) in the
     mesh's frame. Also returns their positions in the image, (n, 2) columns and rows, pixels.
     """
-    from t2twin.primitives_cad.height_map import rasterize_triangles
-
     turn, height = np.radians(view_deg[0]), np.radians(90.0 - view_deg[1])
     seen = Rotation.from_euler("zx", (turn, -height)).as_matrix()
     triangles = mesh.triangles @ seen.T
@@ -158,10 +152,6 @@ def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
     return np.where(solid[..., None], shaded, PAPER)
 
 
-def _label(pen: ImageDraw.ImageDraw, text: str, at: tuple[float, float]) -> None:
-    pen.text(at, text, fill=INK, font=ImageFont.load_default(LABEL_PX), anchor="mm")
-
-
 def _mark(pen: ImageDraw.ImageDraw, name: str, corner: tuple[int, int], x: float, y: float) -> None:
     """Draw a dot at a keypoint and its name, outwards where there is space."""
     font = ImageFont.load_default(KEYPOINT_PX)
@@ -170,12 +160,5 @@ def _mark(pen: ImageDraw.ImageDraw, name: str, corner: tuple[int, int], x: float
     width = font.getlength(name) + 24
     left = x > TOOL_PX[0] - width or width < x < TOOL_PX[0] / 2
     place = (at_x - 10 if left else at_x + 10, at_y)
-    pen.text(
-        place,
-        name,
-        fill=MARK,
-        font=font,
-        anchor="rm" if left else "lm",
-        stroke_width=3,
-        stroke_fill=(255, 255, 255),
-    )
+    anchor, white = "rm" if left else "lm", (255, 255, 255)
+    pen.text(place, name, MARK, font, anchor, stroke_width=3, stroke_fill=white)

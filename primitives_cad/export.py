@@ -74,7 +74,7 @@ def _write_shape(folder: Path, name: str) -> dict[str, Any]:
         about = {
             "split": "test",
             "spacing_mm": catalogue.OBJECT_SPACING_MM,
-            "keypoints": [asdict(keypoint) for keypoint in catalogue.keypoints(name)],
+            "keypoints": [asdict(keypoint) for keypoint in tools.keypoints(name)],
         }
     else:
         solid = solids.primitive(name)
