@@ -214,28 +214,6 @@ def test_a_folder_that_is_closed_ends(tmp_path):
     assert newest.take() is None
 
 
-@pytest.mark.parametrize(
-    "name, words",
-    [
-        ("nowhere", "no source"),
-        ("", "no source"),
-        ("text.mp4", "as a video"),
-        ("list.m3u8", "as a video"),
-        ("image.mp4", "as a video"),
-        ("99", "camera 99"),
-    ],
-)
-def test_what_gives_no_frames_is_refused(name, words, tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "text.mp4").write_text("no video\n" * 1000)  # FFmpeg would render it
-    (tmp_path / "list.m3u8").write_text("#EXTM3U\n#EXTINF:1,\n/etc/hosts\n")
-    Image.fromarray(frame(0)).save(tmp_path / "image.png")
-    (tmp_path / "image.png").rename(tmp_path / "image.mp4")
-    with pytest.raises(T2TwinError, match=words):
-        open_source(name)
-    assert capfd.readouterr() == ("", "")  # nor does OpenCV report anything
-
-
 def test_without_opencv_it_says_what_brings_it(video, monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(T2TwinError, match=r"t2twin\[live\]"):
@@ -308,27 +286,6 @@ def test_the_command_writes_lines_and_says_its_pace(untrained_runs, video, capsy
     assert said.err.startswith("t2twin: ") and "frames/s" in said.err
 
 
-@pytest.mark.parametrize(
-    "arguments, words",
-    [
-        (("--run", "nowhere", "video"), "nowhere"),
-        (("--run", "{run}", "nowhere"), "no source"),
-        (("--run", "{run}", "{video}", "--frames", "0"), "--frames"),
-        (("--run", "{run}", "{video}", "--layout", "none"), "layout"),
-        (("{run}", "{video}"), "--run RUN"),
-    ],
-)
-def test_bad_input_is_one_sentence(
-    arguments: tuple[str, ...], words, untrained_runs, video, capsys
-):
-    places = {"{run}": str(untrained_runs[0]), "{video}": str(video)}
-    with pytest.raises(SystemExit) as stop:
-        main(["live", *[places.get(word, word) for word in arguments]])
-    said = capsys.readouterr()
-    assert stop.value.code == 2 and said.out == ""
-    assert words in said.err and said.err.count("\n") == 1
-
-
 def test_a_frame_unlike_the_training_is_said_once(run, monkeypatch):
     said, lines = [], []
     monkeypatch.setattr(type(run), "classify", lambda self, pixels: [OODClass.OTHER] * len(pixels))
@@ -336,7 +293,7 @@ def test_a_frame_unlike_the_training_is_said_once(run, monkeypatch):
     follow(run, source, lines.append, said.append)
     assert len(lines) == 5
     assert all(json.loads(line)["in_distribution"] is False for line in lines)
-    assert sum("unlike the training images" in sentence for sentence in said) == 1
+    assert sum("unlike all training images" in sentence for sentence in said) == 1
 
 
 def _wait_for(holds):

@@ -161,13 +161,6 @@ class AdaptConfig:
         is_mean = self.model == "field" and self.init_from is not None
         return self.out / (AVERAGED if is_mean else TRAINING) / self.model
 
-    def read_inputs(self) -> Inputs:
-        """Reads frames and numbers of the optics; raises T2TwinError if they are unusable."""
-        return read_inputs(
-            self.background, self.presses, self.ball_diameter_mm, self.held_out, self.sensor,
-            self.camera, self.tolerance,
-        )  # fmt: skip
-
     def digest(self, inputs: Inputs) -> str:
         """SHA-256 of the frames and numbers of the optics."""
         digest = hashlib.sha256(inputs.background.tobytes() + inputs.frames.tobytes())
@@ -223,7 +216,9 @@ def adapt(
         arguments.instance(tolerance, "tolerance", Tolerance), str(sensor), gel_camera,
     )  # fmt: skip
     arguments.function(report, "report")
-    inputs = config.read_inputs()
+    inputs = read_inputs(
+        config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera, tolerance
+    )
     digest = config.digest(inputs)
     fitted = _existing_fit(config, digest)
     timer = _StepTimer(report)

@@ -124,11 +124,9 @@ class RunScores:
 
     @classmethod
     def of(cls, comparisons: Sequence[PressComparison], background_counts: float) -> "RunScores":
-        real, simulated = (
-            [one.real for one in comparisons],
-            [one.simulated for one in comparisons],
-        )
-        return cls(AdaptationScores.of(real), AdaptationScores.of(simulated), background_counts)
+        real = AdaptationScores.of([one.real for one in comparisons])
+        simulated = AdaptationScores.of([one.simulated for one in comparisons])
+        return cls(real, simulated, background_counts)
 
 
 def simulate_reference(

@@ -215,4 +215,4 @@ def _figure(run: CountsPredictor, comparison: PressComparison) -> bytes:
         Panel("translated", phi(comparison.simulated.counts)),
         Panel("simulated target", phi(reference.counts)),
     ]
-    return panels_image(panels, phi, layout.x_mm, layout.y_mm)
+    return panels_image(panels, phi, layout.taxels)

@@ -9,11 +9,10 @@ import tyro
 from t2twin.sim.sensors.defaults import SOURCE
 
 if TYPE_CHECKING:
-    from t2twin.sim.optical.calibrate.calibrate import OpticsReport
+    from t2twin.adaptation.record import AdaptationResult
+    from t2twin.sim.optical.calibrate.calibrate import OpticsReport, Score
     from t2twin.sim.optical.calibrate.measurements import Tolerance
     from t2twin.sim.optical.camera.pinhole import Camera
-if TYPE_CHECKING:
-    from t2twin.adaptation.record import AdaptationResult
 
 FILES = ("optics_strip.png", "optics_coverage.png", "optics.json", "optics.npz")
 """Files written to --out with presses."""
@@ -151,6 +150,8 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
 
 
 def _score_lines(report: "OpticsReport") -> list[str]:
+    from t2twin.core.tables import Table, text
+
     lines = []
     if report.repeated:
         lines.append(f"excluded duplicates: {', '.join(report.repeated)}")
@@ -159,21 +160,19 @@ def _score_lines(report: "OpticsReport") -> list[str]:
         f"scored on {report.held_out[0]} to {report.held_out[-1]}, {len(report.held_out)} held-out "
         "presses;",
         "the pose of each is fitted to its own frame; the written optics are fitted to all",
-        "",
-        f"{'press':34s} {'x mm':>6s} {'y mm':>6s} {'deep mm':>7s} {'L1':>6s} {'SSIM':>6s} "
-        f"{'PSNR dB':>8s}",
     ]
-    for name, pose, score in zip(report.held_out, report.poses, report.each, strict=True):
-        lines.append(
-            f"{name:34s} {pose[0]:6.2f} {pose[1]:6.2f} {pose[2]:7.2f} {score.l1:6.2f} "
-            f"{score.ssim:6.3f} {score.psnr_db:8.2f}"
-        )
-    lines += ["", f"{'mean, contact crop of 100 x 100 px':34s} {'':21s} {'L1':>6s} {'SSIM':>6s} "
-              f"{'PSNR dB':>8s}"]  # fmt: skip
-    for field in fields(report.scores):
-        name, score = field.name.replace("_", " "), getattr(report.scores, field.name)
-        lines.append(f"{name:34s} {'':21s} {score.l1:6.2f} {score.ssim:6.3f} {score.psnr_db:8.2f}")
-    return [*lines, ""]
+    heads = ("press", "x mm", "y mm", "deep mm", "L1", "SSIM", "PSNR dB")
+    poses = zip(report.held_out, report.poses, report.each, strict=True)
+    presses = [[name, *(f"{value:.2f}" for value in pose), *_cells(score)]
+               for name, pose, score in poses]  # fmt: skip
+    means = [[field.name.replace("_", " "), "", "", "", *_cells(getattr(report.scores, field.name))]
+             for field in fields(report.scores)]  # fmt: skip
+    groups = {"": presses, "mean, contact crop of 100 x 100 px:": means}
+    return [*lines, "", text(Table(heads, groups)), ""]
+
+
+def _cells(score: "Score") -> list[str]:
+    return [f"{score.l1:.2f}", f"{score.ssim:.3f}", f"{score.psnr_db:.2f}"]
 
 
 def adapt(

@@ -302,7 +302,10 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     rng = generator(options.seed)
     sensors = options.sensors(options.renderer)
     if options.renderer == "pyrender":
-        print(f"t2twin: {pyrender_duration()}", file=sys.stderr)
+        from t2twin.sim.optical.pyrender_renderer import FIRST_SECONDS
+
+        takes = f"about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
+        print(f"t2twin: pyrender takes {takes}", file=sys.stderr)
     command = options.command(shape, sensors, options.depth_mm)
     if _have_optics(options.pressed(sensors)):
         compile_optics_ahead()
@@ -390,13 +393,6 @@ def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
         if found:
             line += f"; {found} of {len(rows)} steps {what}"
     return line
-
-
-def pyrender_duration() -> str:
-    """The time that pyrender takes, as a message."""
-    from t2twin.sim.optical.pyrender_renderer import FIRST_SECONDS
-
-    return f"pyrender takes about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
 
 
 def contact_summary(sensor: str, contact: "Contact") -> str:

@@ -18,7 +18,7 @@ from t2twin.translate.inference.predictor import (
     FieldPredictor,
     require,
 )
-from t2twin.translate.uncertainty.ood import classify_frame, combined
+from t2twin.translate.uncertainty.ood import classify_frame, combined, unlike
 
 REPORT_EVERY_S = 5.0
 """Period of the reports of rate and latency, s."""
@@ -96,7 +96,7 @@ def follow(
             throughput.latencies_ms.append(latency_ms)
             if not values["in_distribution"] and not warned:
                 warned = True
-                report(_unlike(run, values["ood_class"]))
+                report(str(unlike([values["ood_class"]], str(run.run_dir))))
             if now_s - reported_s >= REPORT_EVERY_S:
                 reported_s = now_s
                 report(str(throughput))
@@ -149,14 +149,6 @@ def _place(frame: Frame, latency_ms: float) -> dict[str, Any]:
         "time_s": round(time.time() - latency_ms / 1e3, 6),
         "latency_ms": round(latency_ms, 3),
     }
-
-
-def _unlike(run: CountsPredictor, ood_class: str) -> str:
-    return (
-        f"a frame is unlike the training images of {run.run_dir} ({ood_class}); "
-        "predictions are only valid for upright frames of the same sensor in the same light, with "
-        "its own background frame"
-    )
 
 
 def _whole(values: np.ndarray) -> list[int]:

@@ -3,7 +3,6 @@
 All texts are escaped here. Text has the page's own color, for the light and the dark theme.
 """
 
-import base64
 import io
 from collections.abc import Iterable, Sequence
 from functools import cache
@@ -14,6 +13,7 @@ import numpy as np
 from PIL import Image
 
 from t2twin.core.cache_dir import configure_matplotlib_dir
+from t2twin.core.templates import data_uri
 
 STYLE = """<style>
 .t2 { font-size: 0.8rem; line-height: 1.4; padding: 0.5rem 1.1rem 0.3rem 0.7rem; }
@@ -150,4 +150,4 @@ def data_url(image: Image.Image, **options: Any) -> str:
     """Data URL of a PNG. options: of `Image.save`."""
     buffer = io.BytesIO()
     image.save(buffer, "PNG", compress_level=PNG_COMPRESSION, **options)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    return data_uri(buffer.getvalue())
