@@ -239,9 +239,7 @@ def _file(path: Path, scale: float | None, center: bool, hints: "Hints") -> Shap
         x, y = height_map.highest_place(mesh)
         mesh.apply_translation((-x, -y, 0.0))
     try:
-        mesh, heights = height_map.aligned(
-            mesh, rounds_outline=True, finest_mm=height_map.FILE_PITCH_MM
-        )
+        mesh, heights = height_map.aligned(mesh, of_file=True)
     except T2TwinError as error:
         hint = "" if center else f"; {hints.center} presses its highest part"
         raise T2TwinError(f"{path} cannot be pressed: {error}{hint}") from error

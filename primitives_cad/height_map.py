@@ -61,23 +61,17 @@ def aligned(
     mesh: "trimesh.Trimesh",
     pitch_mm: float | None = None,
     reach_mm: float = REACH_MM,
-    rounds_outline: bool = False,
-    finest_mm: float = PITCH_MM,
+    of_file: bool = False,
 ) -> tuple["trimesh.Trimesh", HeightMap]:
     """A mesh (mm) moved along z so that its highest point within reach is at 0, and its height map.
 
-    pitch_mm: None for finest_mm, doubled until the map has at most MAX_CELLS.
+    pitch_mm: None for PITCH_MM, doubled until the map has at most MAX_CELLS.
     reach_mm: half the side of the map, which is centered on the press axis.
-    rounds_outline: whether outlines are at the nearest points, see `rounded_outline`, instead of
-        the last ones on the solid.
+    of_file: whether the map is that of a file: from FILE_PITCH_MM, and with outlines at the nearest
+        points, see `rounded_outline`, instead of the last ones on the solid.
     The grid has a point on the axis, is symmetric about it, and ends in a rim of NOTHING_MM.
     Raises T2TwinError where the mesh has no surface within reach.
     """
-    if not reach_mm > 0.0 or (pitch_mm is not None and not 0.0 < pitch_mm < reach_mm):
-        raise T2TwinError(
-            f"a height map of pitch {pitch_mm} and reach {reach_mm} mm cannot be made; "
-            "both must be positive, the pitch the smaller"
-        )
     # A mesh may be a read-only view of a cache; the compiled loop needs writable float64.
     triangles = np.array(mesh.triangles, dtype=np.float64, order="C")
     flat = triangles[:, :, :2]
@@ -86,15 +80,17 @@ def aligned(
     if not len(triangles):
         raise T2TwinError(f"the shape has no surface within {reach_mm:g} mm of the press axis")
     half_x, half_y = np.minimum(np.abs(triangles[:, :, :2]).max(axis=(0, 1)), reach_mm)
-    pitch = pitch_mm if pitch_mm is not None else _pitch_for(half_x, half_y, finest_mm)
-    beyond = 0.5 if rounds_outline else 0.0
+    pitch = pitch_mm or (FILE_PITCH_MM if of_file else PITCH_MM)
+    while not pitch_mm and (2 * half_x / pitch + 3) * (2 * half_y / pitch + 3) > MAX_CELLS:
+        pitch *= 2.0
+    beyond = 0.5 if of_file else 0.0
     columns, rows = (int(np.floor(half / pitch + beyond + EDGE_MM)) for half in (half_x, half_y))
 
     def sample(dx_mm: float, dy_mm: float) -> np.ndarray:
         moved = triangles - np.array((dx_mm, dy_mm, 0.0))
         return rasterize_triangles(moved, pitch, rows, columns)
 
-    heights = rounded_outline(sample, pitch) if rounds_outline else sample(0.0, 0.0)
+    heights = rounded_outline(sample, pitch) if of_file else sample(0.0, 0.0)
     top = float(heights.max())
     if top == NOTHING_MM:
         raise T2TwinError(f"the shape has no surface within {reach_mm:g} mm of the press axis")
@@ -200,13 +196,6 @@ def rasterize_triangles(
     heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM)
     _raster(np.ascontiguousarray(triangles), pitch_mm, rows, columns, heights)
     return heights
-
-
-def _pitch_for(half_x: float, half_y: float, finest_mm: float) -> float:
-    pitch = finest_mm
-    while (2 * half_x / pitch + 3) * (2 * half_y / pitch + 3) > MAX_CELLS:
-        pitch *= 2.0
-    return pitch
 
 
 @compiled("void(float64[:,:,::1], float64, int64, int64, float64[:,::1])")

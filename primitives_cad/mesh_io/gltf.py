@@ -105,15 +105,8 @@ class Node(Struct, frozen=True, rename="camel"):
         if self.matrix is not None:
             return np.array(self.matrix).reshape(4, 4).T
         x, y, z, w = self.rotation
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-        transform = np.eye(4)
-        transform[:3, :3] = turn * self.scale
+        transform = trimesh.transformations.quaternion_matrix((w, x, y, z))
+        transform[:3, :3] *= self.scale
         transform[:3, 3] = self.translation
         return transform
 
