@@ -335,7 +335,7 @@ def test_a_file_with_three_faults_names_all_three():
 ON_ITSELF = content_of("digit")["light"]["leds"][0] | {
     "angle_deg": 0.0, "radius_mm": 5.0, "z_mm": -3.0, "aim_mm": [5.0, 0.0, -3.0],
 }  # fmt: skip
-WIDE = content_of("digit")["camera"] | {"columns": 300, "scale_px_per_mm": 25.0}
+WIDE = content_of("digit")["camera"] | {"columns": 300}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,6 @@ It is a TOML file, or the name of a bundled one:
 Relative paths in it start from the working directory.
 """
 
-import tomllib
 from collections.abc import Iterator
 from dataclasses import fields
 from math import log
@@ -29,8 +28,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType, to_builtins
 from t2twin.core import arguments
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import read_file
-from t2twin.core.records import check_names, convert
+from t2twin.core.records import check_names, convert, read_toml
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.optical.randomization.artifacts import Artifacts
 from t2twin.sim.optical.randomization.ranges import UnitRanges
@@ -45,9 +43,6 @@ NAMED = (RANDOM, "primitives", "tools")
 """Values of a part's shapes other than a folder."""
 
 FORMAT = 1
-
-MAX_RECIPE_BYTES = 1_000_000
-"""Largest recipe, bytes (assumed: some hundred times a long one)."""
 
 MIN_FORCE_SHARE = 0.1
 """Smallest share of a range of forces that remains without leave_out, in the logarithm of the force
@@ -303,11 +298,7 @@ def load_recipe(source: str | Path) -> Recipe:
                 f"there is no recipe {str(source)!r}; allowed are {', '.join(bundled_recipes())} "
                 "and .toml files"
             )
-    text = read_file(path, MAX_RECIPE_BYTES)
-    try:
-        content = tomllib.loads(text.decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise T2TwinError(f"{path} is not TOML ({error})") from error
+    content = read_toml(path)
     recipe = convert(content, Recipe, path)
     # the decoder ignores unknown fields of a dataclass
     draw, ranges = content.get("light", {}).get("draw", {}), [f.name for f in fields(UnitRanges)]

@@ -3,18 +3,13 @@
 A file is TOML. `extends` names another sensor, whose values hold where the file has none.
 """
 
-import tomllib
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, get_args, get_origin
-
-import msgspec
-from msgspec import Struct, structs
+from typing import Any
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import read_file
-from t2twin.core.records import convert, nearest
+from t2twin.core.records import convert_tables, nearest, read_toml
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
 from t2twin.sim.optical.spec import GelCameraSpec
@@ -27,12 +22,6 @@ Spec = GelCameraSpec | TaxelArraySpec
 Sensor = GelCamera | TaxelArray
 
 SPECS = Path(__file__).parent / "specs"
-MAX_BYTES = 1_000_000
-"""Largest sensor file, bytes (assumed: some hundred times a long one)."""
-
-MAX_LISTED = 8
-"""Faults of a file that a message lists at most (assumed)."""
-
 KINDS: dict[str, tuple[type[Spec], type[Sensor]]] = {
     GEL_CAMERA: (GelCameraSpec, GelCamera),
     TAXEL_ARRAY: (TaxelArraySpec, TaxelArray),
@@ -96,11 +85,7 @@ def sensor_of(spec: Spec, folder: str, source: object) -> Sensor:
 
 def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Path]:
     """The values of a file over those of the file that it extends, and the folder for its paths."""
-    text = read_file(path, MAX_BYTES)
-    try:
-        content = tomllib.loads(text.decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise T2TwinError(f"{path} is not TOML ({error})") from error
+    content = read_toml(path)
     extends = content.pop("extends", None)
     if extends is None:
         return content, path.parent
@@ -147,89 +132,10 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
 def spec_of(content: dict[str, Any], source: object) -> Spec:
     """The record of a file's content. source: for messages.
 
-    Raises T2TwinError that names all faults, up to MAX_LISTED.
+    Raises T2TwinError that names all faults, see convert_tables.
     """
     kind = content.get("kind")
     if kind not in KINDS:
         given = "missing" if kind is None else repr(kind)
         raise T2TwinError(f"{source}: kind is {given}; expected {' or '.join(KINDS)}")
-    record = KINDS[kind][0]
-    found = _faults(content, record, "")
-    if found:
-        more = f"; and {len(found) - MAX_LISTED} more" if len(found) > MAX_LISTED else ""
-        raise T2TwinError(f"{source}: {'; '.join(found[:MAX_LISTED])}{more}")
-    return convert(content, record, source)
-
-
-def _faults(content: object, record: type[Struct], place: str) -> list[str]:
-    """One clause for each fault of a table. place: its name, "" for the whole file."""
-    inside = f"{place}." if place else ""
-    if not isinstance(content, dict):
-        return [f"{place} must be a table"]
-    known = {field.encode_name: field for field in structs.fields(record)}
-    found = []
-    for key in content:
-        if key not in known:
-            near = nearest(key, tuple(known))
-            meant = f", did you mean {near}?" if near else f"; allowed are {', '.join(known)}"
-            found.append(f"{inside}{key} is unknown{meant}")
-    for key, field in known.items():
-        if key not in content:
-            if field.required:
-                found.append(f"{inside}{key} is missing")
-            continue
-        table, tables = _tables_in(field.type, content[key], f"{inside}{key}")
-        for name, value in tables.items():
-            found += _faults(value, table, name)
-        if not tables:
-            found += _value_faults(content[key], field.type, f"{inside}{key}")
-    if not found:
-        found += _value_faults(content, record, place)
-    return found
-
-
-def _tables_in(kind: Any, value: object, place: str) -> tuple[type[Struct], dict[str, object]]:
-    """The record of the tables in a value, and the tables by their places; none for other types."""
-    for each in (kind, *get_args(kind)):
-        for part in (each, *get_args(each)):
-            if not (isinstance(part, type) and issubclass(part, Struct)):
-                continue
-            container = next((o for of in (kind, each) if (o := get_origin(of)) in (tuple, dict)),
-                             None)  # fmt: skip
-            if container is None:
-                return part, {place: value}
-            if container is tuple and isinstance(value, list):
-                return part, {f"{place}[{n}]": table for n, table in enumerate(value)}
-            if container is dict and isinstance(value, dict):
-                return part, {f"{place}.{name}": table for name, table in value.items()}
-    return Struct, {}
-
-
-def _value_faults(value: object, kind: Any, place: str) -> list[str]:
-    """The fault of a value, if any. place: its name, "" for the whole file."""
-    if _has_nan(value):
-        return [f"{place} is not a number"]
-    allowed = _choices(kind)
-    if allowed and isinstance(value, str) and value not in allowed:
-        return [f"{place} is {value!r}; allowed are {', '.join(allowed)}"]
-    try:
-        convert({"value": value}, msgspec.defstruct("Value", [("value", kind)]), "")
-    except T2TwinError as error:
-        text = str(error).removeprefix(": ").replace("value.", f"{place}.")
-        text = text.replace("value", place, 1) if text.startswith("value") else text
-        return [text.removeprefix(": ")]
-    return []
-
-
-def _choices(kind: Any) -> tuple[str, ...]:
-    """The words that a value may be, none for other types."""
-    parts = (kind, *get_args(kind), *(inner for each in get_args(kind) for inner in get_args(each)))
-    return next((get_args(part) for part in parts if get_origin(part) is Literal), ())
-
-
-def _has_nan(value: object) -> bool:
-    if isinstance(value, dict):
-        return any(_has_nan(each) for each in value.values())
-    if isinstance(value, list):
-        return any(_has_nan(each) for each in value)
-    return isinstance(value, float) and value != value
+    return convert_tables(content, KINDS[kind][0], source)
