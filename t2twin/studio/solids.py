@@ -2,7 +2,6 @@
 and the shape, whole or cut open."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -43,18 +42,9 @@ UNLIT = "KHR_materials_unlit"
 """glTF extension for colors that are independent of the light."""
 
 
-@dataclass(frozen=True)
-class SceneMesh:
-    """Vertices, (V, 3) mm, their colors, (V, 3) uint8, and triangles, (F, 3)."""
-
-    vertices: np.ndarray
-    colors: np.ndarray
-    faces: np.ndarray
-
-
 def elastomer_part(
     contact: Contact, max_kpa: float, side_rgba: Sequence[float] = (0.4, 0.4, 0.4, 1.0)
-) -> SceneMesh:
+) -> trimesh.Trimesh:
     """Deformed surface of an elastomer in colors from 0 to max_kpa, with its sides."""
     side_rgb = np.rint(255 * np.array(side_rgba[:3]))
     z = surface_mm(contact)
@@ -74,16 +64,14 @@ def elastomer_part(
     lit = (normals @ LIGHT) / np.linalg.norm(normals, axis=-1) / LIGHT[2]
     share = np.clip(1 - SHADE + SHADE * lit, 0.0, 1.2).reshape(-1, 1)
     shaded = np.clip(share * color_values(contact.pressure_kpa.ravel(), max_kpa), 0, 255)
-    return SceneMesh(
-        np.concatenate([top, top[rim], bottom]),
-        np.concatenate([shaded, np.tile(side_rgb, (2 * n, 1))]).astype(np.uint8),
-        np.concatenate([faces, sides]),
-    )
+    colors = np.concatenate([shaded, np.tile(side_rgb, (2 * n, 1))]).astype(np.uint8)
+    vertices = np.concatenate([top, top[rim], bottom])
+    return _colored(vertices, np.concatenate([faces, sides]), colors)
 
 
 def taxels_part(
     contact: Contact, layout: Layout, counts: np.ndarray, max_counts: float
-) -> SceneMesh:
+) -> trimesh.Trimesh:
     """Taxels as discs on the surface, in colors from 0 to max_counts."""
     radius = layout.pad_diameter_mm / 2
     x, y = np.meshgrid(contact.x_mm, contact.y_mm)
@@ -101,22 +89,18 @@ def taxels_part(
         vertices.append(each.reshape(-1, 3))
         vertex_colors.append(np.repeat(rgb, len(disc), axis=0).astype(np.uint8))
     starts = len(disc) * np.arange(2 * layout.size)
-    return SceneMesh(
-        np.concatenate(vertices),
-        np.concatenate(vertex_colors),
-        (faces[None] + starts[:, None, None]).reshape(-1, 3),
-    )
+    all_faces = (faces[None] + starts[:, None, None]).reshape(-1, 3)
+    return _colored(np.concatenate(vertices), all_faces, np.concatenate(vertex_colors))
 
 
-def as_glb(parts: Sequence[SceneMesh]) -> bytes:
+def _colored(vertices: np.ndarray, faces: np.ndarray, colors: np.ndarray) -> trimesh.Trimesh:
+    """A mesh of vertices, (V, 3) mm, and triangles, (F, 3). colors: of the vertices, (V, 3)."""
+    return trimesh.Trimesh(vertices, faces, vertex_colors=linear_values(colors), process=False)
+
+
+def as_glb(parts: Sequence[trimesh.Trimesh]) -> bytes:
     """Parts as one GLB file with unlit colors."""
-    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    mesh = trimesh.Trimesh(
-        np.concatenate([part.vertices for part in parts]),
-        np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
-        vertex_colors=linear_values(np.concatenate([part.colors for part in parts])),
-        process=False,
-    )
+    mesh: Any = trimesh.util.concatenate(list(parts))
     return export_glb(mesh.scene(), include_normals=False, tree_postprocessor=_unlit)
 
 
