@@ -105,10 +105,11 @@ def decode_json(content: bytes | str, kind: type[Record], source: object) -> Rec
         raise T2TwinError(f"{source} is damaged: it is not JSON") from None
 
 
-def convert(content: Any, kind: type[Record], source: object) -> Record:
-    """As `decode_json`, for decoded JSON: dicts, lists, str, numbers."""
+def convert(content: Any, kind: type[Record], source: object, strict: bool = True) -> Record:
+    """As `decode_json`, for decoded JSON: dicts, lists, str, numbers. strict: whether a text is no
+    number."""
     try:
-        return msgspec.convert(content, type=kind, dec_hook=_array)
+        return msgspec.convert(content, type=kind, dec_hook=_array, strict=strict)
     except msgspec.ValidationError as error:
         raise T2TwinError(f"{source}: {_fault(error, kind)}") from None
 
