@@ -20,8 +20,8 @@ from t2twin.sim.sampling.protocol import indices, press_at, scale_of
 from t2twin.sim.sensors.files import SPECS
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.studio import cards, files, solids
+from t2twin.studio.colors import color_table, color_values
 from t2twin.studio.files import COMMAND_FILE, zip_press
-from t2twin.studio.html import color_table, color_values
 from t2twin.studio.press_state import PressState, protocol_press, read_query
 from t2twin.studio.session import Session
 from t2twin.studio.translators import LEVEL, TRAIN_COMMAND, Translators

@@ -1,6 +1,9 @@
-"""The cards next to the scene: images with their errors, color bars, tables and charts."""
+"""The cards next to the scene: images with their errors, color bars, tables and charts.
 
-from collections.abc import Sequence
+All texts are escaped here. Text has the page's own color, for the light and the dark theme.
+"""
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -16,30 +19,55 @@ from t2twin.studio.charts import (
     arrows_of,
     half_side_mm,
     intervals_html,
+    key,
     map_svg,
     nice_end,
     slide_html,
 )
-from t2twin.studio.html import (
+from t2twin.studio.colors import (
     DIVERGING,
     SEQUENTIAL,
-    STYLE,
-    code,
     color_image_url,
     color_values,
-    figure,
     gradient,
-    heading,
     image_url,
-    key,
-    page,
-    paragraph,
-    row,
-    table,
 )
 from t2twin.studio.session import PressResult
 from t2twin.studio.shared import NamedFrame
 from t2twin.studio.translators import TRAIN_COMMAND, Translation
+
+STYLE = """<style>
+.t2 { font-size: 0.8rem; line-height: 1.4; padding: 0.5rem 1.1rem 0.3rem 0.7rem; }
+.t2 h4 { margin: 0.9rem 0 0.3rem; font-size: 0.85rem; font-weight: 600; }
+.t2 .row { display: grid; grid-template-columns: 1fr 1fr 1fr; gap: 0.7rem;
+  margin-bottom: 0.7rem; }
+.t2 .two { grid-template-columns: 1fr 1fr; }
+.t2 .row > * { margin: 0; min-width: 0; overflow-wrap: anywhere; }
+.t2 b { display: block; font-weight: 600; }
+.t2 img, .t2 svg { display: block; width: 100%; border-radius: 3px; }
+.t2 .soft { opacity: 0.75; }
+.t2 .bar { margin-bottom: 0.55rem; }
+.t2 .bar i { display: block; height: 0.55rem; border-radius: 2px; margin: 0.15rem 0; }
+.t2 .ends { display: flex; justify-content: space-between; }
+.t2 .key { display: inline-block; width: 0.7rem; height: 0.7rem; border-radius: 2px; }
+.t2 td, .t2 .ends { font-variant-numeric: tabular-nums; }
+.t2 table { width: 100%; border-collapse: collapse; }
+.t2 th { font-weight: 400; text-align: left; opacity: 0.75; }
+.t2 td, .t2 thead th { text-align: right; }
+.t2 tbody tr { border-top: 1px solid rgba(128, 128, 128, 0.25); }
+.t2 .wide { grid-column: span 2; }
+.t2 > figure { margin: 0.4rem 0 0.9rem; }
+.t2 p { margin: 0.3rem 0; }
+.t2 code { font-size: 0.75rem; overflow-wrap: anywhere; }
+.t2-drop::after { content: "Drop the file here"; position: fixed; inset: 0.6rem; z-index: 9999;
+  display: grid; place-items: center; border: 3px dashed currentColor; border-radius: 8px;
+  background: rgba(128, 128, 128, 0.35); font: 600 1.4rem sans-serif; pointer-events: none; }
+@media (max-width: 36em) {
+  .mantine-Paper-root:has(.t2) { left: 0 !important; width: 100% !important; }
+  .mantine-Paper-root:has(.t2) .mantine-ScrollArea-content > div { width: 100% !important; }
+}
+</style>"""
+"""Style of the cards. On a phone, viser's panel of controls is widened to the screen."""
 
 MIN_SHARE, MIN_KPA = 0.0025, 1.0
 """Minimum upper ends of the color scales, as a share of full scale and in kPa, so that noise is not
@@ -108,7 +136,7 @@ def scales_of(result: PressResult) -> Scales:
 
 def welcome_html() -> str:
     """The introduction of a page, with the style of all cards."""
-    return STYLE + page([paragraph(WELCOME)])
+    return STYLE + _page([_paragraph(WELCOME)])
 
 
 def press_html(result: PressResult, scales: Scales, has_runs: bool, loading: bool = False) -> str:
@@ -122,39 +150,39 @@ def press_html(result: PressResult, scales: Scales, has_runs: bool, loading: boo
         *(_bar(f"taxels of {name}", SEQUENTIAL, "0", f"{end:,.0f} counts")
           for name, end in scales.counts.items()),
     ]  # fmt: skip
-    parts = [row(*readings, f"<div><b>Colors</b>{''.join(bars)}</div>"), _slide(result)]
+    parts = [_row(*readings, f"<div><b>Colors</b>{''.join(bars)}</div>"), _slide(result)]
     if result.translations:
-        parts.append(heading(f"Counts predicted from the image of {touch.of_camera.sensor.name}"))
-        parts.append(paragraph(NO_FRICTION) if result.has_slid else "")
+        parts.append(_heading(f"Counts predicted from the image of {touch.of_camera.sensor.name}"))
+        parts.append(_paragraph(NO_FRICTION) if result.has_slid else "")
         parts += [_translation(each, scales, touch) for each in result.translations]
     elif loading:
-        parts += [heading("Translation"), paragraph(LOADING)]
+        parts += [_heading("Translation"), _paragraph(LOADING)]
     elif not has_runs:
         parts.append(_no_runs())
-    parts += [_contacts(result), *map(paragraph, _notes(touch))]
+    parts += [_contacts(result), *map(_paragraph, _notes(touch))]
     for name, each in touch.readings.items():
         if (values := getattr(each, "counts", None)) is not None:
             listed = f'<p><code class="counts">{_listed(values)}</code></p>'
-            parts += [heading(f"True counts of {name} by taxel"), listed]
-    return page(parts)
+            parts += [_heading(f"True counts of {name} by taxel"), listed]
+    return _page(parts)
 
 
 def _reading(name: str, reading: Any, scales: Scales) -> str:
     """The image of a gel camera, or the tactile image of a taxel array."""
     if (image := getattr(reading, "image", None)) is not None:
-        return figure(name, "camera image, from below", image_url(image), name)
+        return _figure(name, "camera image, from below", image_url(image), name)
     try:
         url = color_image_url(reading.tactile_image, scales.counts[name])
     except T2TwinError as error:  # a layout without a tactile image
-        return f"<figure><b>{escape(name)}</b>{paragraph(str(error))}</figure>"
-    return figure(name, f"tactile image, {reading.sensor.layout.size} taxels", url, name)
+        return f"<figure><b>{escape(name)}</b>{_paragraph(str(error))}</figure>"
+    return _figure(name, f"tactile image, {reading.sensor.layout.size} taxels", url, name)
 
 
 def reproduce_html(line: str, link: str | None) -> str:
     """Command line of a press and link to it; None for a press with a user's file or a slide."""
     missing = "Not available: a link contains no files and no slides."
-    shown = paragraph(missing) if link is None else code(link)
-    return page([heading("Command line"), code(line), heading("Link to this press"), shown])
+    shown = _paragraph(missing) if link is None else _code(link)
+    return _page([_heading("Command line"), _code(line), _heading("Link to this press"), shown])
 
 
 def frame_html(
@@ -165,20 +193,20 @@ def frame_html(
     background: background frame of the field runs.
     """
     high = nice_end(max((t.counts.max() for t in translations), default=0.0), MIN_COUNTS)
-    cells = [figure("Frame", frame[1], image_url(frame[0]), "frame")]
+    cells = [_figure("Frame", frame[1], image_url(frame[0]), "frame")]
     if background is not None:
         image, name = background
-        cells.append(figure("Background", name, image_url(image), "background"))
+        cells.append(_figure("Background", name, image_url(image), "background"))
     if not translations:
-        return page([row(*cells), _no_runs()])
+        return _page([_row(*cells), _no_runs()])
     bar = _bar("tactile images", SEQUENTIAL, "0", f"{high:,.0f} counts")
-    parts = [row(*cells, f"<div>{bar}</div>")]
+    parts = [_row(*cells, f"<div>{bar}</div>")]
     for each in translations:
-        notes = _unreliable(each) + (paragraph(BACKGROUND_USED) if each.background_used else "")
+        notes = _unreliable(each) + (_paragraph(BACKGROUND_USED) if each.background_used else "")
         listed = f"<p><b>counts</b><code>{_listed(each.counts)}</code></p>"
-        parts.append(row(_predicted(each, high), f'<div class="wide">{notes}{listed}</div>'))
+        parts.append(_row(_predicted(each, high), f'<div class="wide">{notes}{listed}</div>'))
         parts += [_force(each, None), intervals_html(each)]
-    return page(parts)
+    return _page(parts)
 
 
 def _translation(translation: Translation, scales: Scales, touch: Touch) -> str:
@@ -186,7 +214,7 @@ def _translation(translation: Translation, scales: Scales, touch: Touch) -> str:
     force_n = touch.command.force_n
     if translation.rmse_counts is None:  # no such array was pressed
         notes = f'<div class="wide">{_unreliable(translation)}</div>'
-        figures = row(_predicted(translation, scales.predicted), notes)
+        figures = _row(_predicted(translation, scales.predicted), notes)
         return figures + _force(translation, force_n) + intervals_html(translation)
     rmse_counts, full_scale = translation.rmse_counts, touch.of_array.sensor.full_scale
     percent = 100.0 * rmse_counts / full_scale
@@ -198,7 +226,7 @@ def _translation(translation: Translation, scales: Scales, touch: Touch) -> str:
         f'<span class="soft">{percent:.2f}&nbsp;% of full scale '
         f"({full_scale:,.0f})</span></p>{_unreliable(translation)}"
     )
-    figures = row(_predicted(translation, scales.predicted), right, f"<div>{bar}{notes}</div>")
+    figures = _row(_predicted(translation, scales.predicted), right, f"<div>{bar}{notes}</div>")
     return figures + _force(translation, force_n) + intervals_html(translation)
 
 
@@ -207,11 +235,11 @@ def _predicted(translation: Translation, high: float) -> str:
     model, name = translation.model, translation.name
     url = color_image_url(translation.tactile_image, high)
     caption = PRETRAINED if name == model else name
-    return figure(MODELS.get(model, model), caption, url, "translated")
+    return _figure(MODELS.get(model, model), caption, url, "translated")
 
 
 def _unreliable(translation: Translation) -> str:
-    return "" if translation.in_distribution else paragraph(OUT_OF_DISTRIBUTION)
+    return "" if translation.in_distribution else _paragraph(OUT_OF_DISTRIBUTION)
 
 
 def _force(translation: Translation, true_n: float | None) -> str:
@@ -223,7 +251,7 @@ def _force(translation: Translation, true_n: float | None) -> str:
     heads = ["predicted", f"{PERCENT} interval"]
     if true_n is not None:
         cells, heads = [*cells, f"{true_n:.2f}"], [*heads, "true"]
-    return table(heads, [cells], "force")
+    return _table(heads, [cells], "force")
 
 
 def _discs(translation: Translation, high: float) -> str:
@@ -258,11 +286,11 @@ def _slide(result: PressResult) -> str:
     """Maps of the tangential traction and the chart of a slide; empty for a press."""
     if result.slide is None or not result.has_slid:
         return ""
-    parts, contacts = [heading("Tangential traction")], result.touch.contacts
+    parts, contacts = [_heading("Tangential traction")], result.touch.contacts
     if result.is_behind:
         distance_mm, rotation_deg = result.slide.remaining
         parts.append(
-            paragraph(f"The slide is behind: {distance_mm:.1f} mm and {rotation_deg:.0f}° remain.")
+            _paragraph(f"The slide is behind: {distance_mm:.1f} mm and {rotation_deg:.0f}° remain.")
         )
     half_mm = max(map(half_side_mm, contacts.values()))
     maps = []
@@ -274,7 +302,7 @@ def _slide(result: PressResult) -> str:
         )
     keys = [key(f"rgb{rgb}", name) for rgb, name in ((STICK_RGB, "stick"), (SLIP_RGB, "slip"))]
     legend = f"<p>{' '.join(keys)}, maps {2 * half_mm:.1f} mm wide</p>"
-    return "".join([*parts, row(*maps, kind="row two"), legend, slide_html(result.slide.points)])
+    return "".join([*parts, _row(*maps, kind="row two"), legend, slide_html(result.slide.points)])
 
 
 def _contacts(result: PressResult) -> str:
@@ -291,7 +319,7 @@ def _contacts(result: PressResult) -> str:
             ["torque, N mm", *(f"{each.torque_nmm:.2f}" for each in contacts)],
             ["slipping area, %", *(f"{100 * each.slip_share:.0f}" for each in contacts)],
         ]
-    return heading("Contact") + table(list(result.touch.contacts), rows, "contact")
+    return _heading("Contact") + _table(list(result.touch.contacts), rows, "contact")
 
 
 def _notes(touch: Touch) -> list[str]:
@@ -316,4 +344,43 @@ def _listed(counts: np.ndarray) -> str:
 
 def _no_runs() -> str:
     text = "There is no trained run. This command trains two in minutes:"
-    return heading("Translation") + paragraph(text) + code(TRAIN_COMMAND)
+    return _heading("Translation") + _paragraph(text) + _code(TRAIN_COMMAND)
+
+
+def _page(parts: Iterable[str]) -> str:
+    return f'<div class="t2">{"".join(parts)}</div>'
+
+
+def _row(*cells: str, kind: str = "row") -> str:
+    return f'<div class="{kind}">{"".join(cells)}</div>'
+
+
+def _figure(title: str, note: str, url: str, name: str) -> str:
+    """An image with its title and a note. name: for scripts and tests."""
+    return (
+        f"<figure><b>{escape(title)}</b>"
+        f'<img decoding="sync" alt="{escape(title)}" data-name="{name}" src="{url}">'
+        f'<span class="soft">{escape(note)}</span></figure>'
+    )
+
+
+def _heading(text: str) -> str:
+    return f"<h4>{escape(text)}</h4>"
+
+
+def _paragraph(text: str) -> str:
+    return f'<p class="soft">{escape(text)}</p>'
+
+
+def _code(text: str) -> str:
+    return f"<p><code>{escape(text)}</code></p>"
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], name: str) -> str:
+    """heads: of all columns but the first. rows: the first cell is the name of the row."""
+    head = "".join(f"<th>{escape(each)}</th>" for each in ("", *heads))
+    body = ""
+    for first, *cells in rows:
+        values = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+        body += f"<tr><th>{escape(first)}</th>{values}</tr>"
+    return f'<table data-name="{name}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'

@@ -3,12 +3,13 @@ its traction."""
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from html import escape
 
 import numpy as np
 from PIL import Image
 
 from t2twin.sim.contact.types import Contact
-from t2twin.studio.html import data_url, key
+from t2twin.studio.colors import data_url
 from t2twin.studio.session import SlidePoint
 from t2twin.studio.translators import LEVEL, Translation
 
@@ -174,6 +175,11 @@ def map_svg(contact: Contact, half_mm: float, name: str) -> str:
         f'href="{data_url(image, transparency=0)}"/>'
         f'<path d="{paths}" fill="none" stroke="#202020" stroke-width="{half_mm / 70:.3f}"/></svg>'
     )
+
+
+def key(color: str, name: str) -> str:
+    """A color of a legend with its name."""
+    return f'<i class="key" style="background:{color}"></i> {escape(name)}'
 
 
 def _chart(name: str, drawn: str, caption: str) -> str:

@@ -14,7 +14,7 @@ from trimesh.intersections import slice_faces_plane
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.taxels.layout import Layout
-from t2twin.studio.html import color_values
+from t2twin.studio.colors import color_values
 
 ShapeStyle = Literal["glass", "solid", "cut open", "hidden"]
 """Style of the shape."""
