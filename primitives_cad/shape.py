@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 NOTHING_MM = -1.0e3
 """Height where the solid has no surface, mm: far below any layer's thickness."""
 
+BALL_PITCH_MM = 0.05
+"""Default pitch of a ball's height map, mm: at most a fifth of a contact's grid."""
+
 
 @dataclass(frozen=True)
 class HeightMap:
@@ -103,3 +106,16 @@ class Shape:
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices (n, 3), mm, and faces (m, 3) of the mesh."""
         return self.mesh.vertices, self.mesh.faces
+
+
+def ball(radius_mm: float, pitch_mm: float = BALL_PITCH_MM) -> Shape:
+    """A ball in closed form. pitch_mm: of its height map."""
+    from trimesh.creation import icosphere  # slow to import
+
+    steps = np.ceil(radius_mm / pitch_mm)
+    axis = pitch_mm * np.arange(-steps, steps + 1)
+    below = radius_mm**2 - axis**2 - axis[:, None] ** 2
+    heights = np.where(below >= 0, np.sqrt(np.maximum(below, 0.0)) - radius_mm, NOTHING_MM)
+    mesh = icosphere(subdivisions=4, radius=radius_mm)
+    mesh.apply_translation((0.0, 0.0, -radius_mm))
+    return Shape("ball", mesh, HeightMap(heights.astype(np.float32), axis, axis), (1.0, 1.0))

@@ -8,7 +8,7 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.cli.sensors import _ball
+from t2twin.primitives_cad.shape import ball
 from t2twin.sim.sensors.files import load_sensor
 
 
@@ -59,39 +59,8 @@ def test_check_of_a_thin_array_presses_half_way_and_writes_the_tactile_image(cap
 
 
 def test_the_ball_is_that_of_hertz():
-    shape = _ball()
+    shape = ball(3.0)
     assert shape.surface.heights_mm.max() == 0.0
     row = shape.surface.heights_mm[shape.surface.y_mm.size // 2]
     x_mm = shape.surface.x_mm
     assert row == pytest.approx(np.sqrt(9.0 - x_mm**2) - 3.0, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    "arguments, words",
-    [
-        (("show",), "SENSOR is missing; expected t2twin sensors show SENSOR"),
-        (("check",), "SENSOR is missing"),
-        (("look",), "ACTION is 'look'; expected list, show or check"),
-        (("list", "digit"), "list takes no sensor"),
-        (("--out", "x.png"), "--out has no effect with list"),
-        (("show", "digitt"), "there is no sensor 'digitt'"),
-        (("check", "missing.toml"), "missing.toml"),
-        (("check", "bad.toml"), "gel is missing; camera is missing"),
-        (("check", "text.toml"), "text.toml is not TOML"),
-        (("check", "line.toml"), "line"),
-        (("check", "digit", "--out", "folder"), "folder"),
-    ],
-)
-def test_bad_input_is_one_sentence(arguments, words, capsys):
-    Path("folder").mkdir()
-    Path("bad.toml").write_text('kind = "gel-camera"\nname = "bad"\n')
-    Path("text.toml").write_text("a sensor")
-    layout = '[layout]\nrows = 1\ncolumns = 5\npitch_mm = 3.0\npad = "round"\npad_mm = 2.0\n'
-    Path("line.toml").write_text(f'extends = "cyskin-20"\nname = "line"\n{layout}')
-    before = set(Path.cwd().rglob("*"))
-    with pytest.raises(SystemExit) as ended:
-        main(["sensors", *arguments])
-    said = capsys.readouterr().err
-    assert ended.value.code == 2
-    assert words in said and said.startswith("t2twin: ") and said.count("\n") == 1
-    assert set(Path.cwd().rglob("*")) == before

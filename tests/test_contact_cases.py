@@ -6,9 +6,9 @@ import pytest
 from benchmarks.contact import contact_cases
 from benchmarks.contact.contact_shapes import FAMILIES, REACH_MM, TILT_DEG, make_case
 from benchmarks.contact.press import SENSORS
-from benchmarks.contact.solids import ball, punch
+from benchmarks.contact.solids import punch
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
-from t2twin.primitives_cad.shape import NOTHING_MM
+from t2twin.primitives_cad.shape import NOTHING_MM, ball
 from t2twin.sim.contact.contact_solver import solve_bodies, solve_contact
 from t2twin.sim.contact.types import PressCommand
 

@@ -10,13 +10,13 @@ from kinds import COVER, COVER_PITCH_MM, GEL, GEL_PITCH_MM
 from scipy.interpolate import RectBivariateSpline
 
 from benchmarks.contact.oracle import kernel, solve
-from benchmarks.contact.solids import ball, block, formula, punch
+from benchmarks.contact.solids import block, formula, punch
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
 from t2twin.primitives_cad.random_shapes.rasterize import heights_mm
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
-from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape, ball
 from t2twin.sim.contact.contact_solver import (
     solve_contact,
 )

@@ -22,12 +22,11 @@ from scipy.interpolate import RectBivariateSpline
 from tqdm import tqdm
 
 from benchmarks.contact.solid import Answer, Gel, solve
-from benchmarks.contact.solids import ball
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.shape import Shape, ball
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.heights import heights_at

@@ -26,13 +26,13 @@ from scipy.interpolate import RectBivariateSpline
 from tqdm import tqdm
 
 from benchmarks.contact.flat_pad import FlatPad
-from benchmarks.contact.solids import ball, punch
+from benchmarks.contact.solids import punch
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
-from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.shape import Shape, ball
 from t2twin.sim.contact import pin_layout
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer

@@ -14,20 +14,11 @@ PITCH_MM = 0.05
 def formula(
     heights: Callable[[np.ndarray, np.ndarray], np.ndarray],
     name: str = "formula",
-    pitch_mm: float = PITCH_MM,
 ) -> Shape:
     """A shape whose pressing surface is heights(x, y), mm, <= 0; its mesh is not used."""
-    axis = np.linspace(-REACH_MM, REACH_MM, round(2 * REACH_MM / pitch_mm) + 1)
+    axis = np.linspace(-REACH_MM, REACH_MM, round(2 * REACH_MM / PITCH_MM) + 1)
     surface = heights(*np.meshgrid(axis, axis)).astype(np.float32)
     return Shape(name, trimesh.Trimesh(), HeightMap(surface, axis, axis), spacing_mm=(1.4, 1.4))
-
-
-def ball(radius_mm: float, pitch_mm: float = PITCH_MM) -> Shape:
-    def heights(x, y):
-        inside = np.maximum(radius_mm**2 - x**2 - y**2, 0.0)
-        return np.where(x**2 + y**2 < radius_mm**2, np.sqrt(inside) - radius_mm, NOTHING_MM)
-
-    return formula(heights, f"ball of {radius_mm:g} mm", pitch_mm)
 
 
 def block(width_mm: float, length_mm: float) -> Shape:

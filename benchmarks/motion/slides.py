@@ -26,7 +26,7 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 from tqdm import tqdm
 
-from benchmarks.contact.solids import ball, block
+from benchmarks.contact.solids import block
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.motion import slides_closed_forms as closed_forms
@@ -34,6 +34,7 @@ from benchmarks.motion import slides_fem as fem
 from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.sliding import advance

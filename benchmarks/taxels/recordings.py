@@ -16,9 +16,9 @@ import numpy as np
 from msgspec import structs
 from tqdm import tqdm
 
-from benchmarks.contact.solids import ball
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
+from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels import reading

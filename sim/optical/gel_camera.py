@@ -29,6 +29,9 @@ from t2twin.sim.optical.randomization.unit import Unit, sample_unit
 from t2twin.sim.optical.spec import GelCameraSpec
 from t2twin.sim.optical.surface import surface_on
 
+NO_CHANGE_GREY = 128
+"""Grey level of no difference in pictures."""
+
 
 @dataclass(frozen=True)
 class GelCamera:
@@ -99,6 +102,11 @@ class GelCamera:
     def camera(self) -> Camera:
         """The camera of the sensor's file."""
         return self.spec.camera.camera
+
+    @property
+    def size(self) -> str:
+        """Size of an image, for lists of sensors."""
+        return f"{self.camera.columns} x {self.camera.rows} pixels"
 
     @property
     def own_gel(self) -> Elastomer:
@@ -307,6 +315,13 @@ class ImageReading:
         """Write NAME.png."""
         if self.image is not None:
             Image.fromarray(self.image).save(folder / f"{name}.png")
+
+    def picture(self) -> Image.Image:
+        """The background frame, the image, and their difference on grey."""
+        assert self.image is not None
+        background = self.sensor.background_frame()
+        difference = np.clip(NO_CHANGE_GREY + self.image.astype(int) - background, 0, 255)
+        return Image.fromarray(np.hstack([background, self.image, difference.astype(np.uint8)]))
 
     def without_value(self) -> "ImageReading":
         """The same without the image, which a moving contact does not need."""

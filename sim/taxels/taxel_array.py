@@ -122,6 +122,11 @@ class TaxelArray:
         return self.spec.counts.full_scale
 
     @property
+    def size(self) -> str:
+        """Number of taxels, for lists of sensors."""
+        return f"{self.layout.size} taxels"
+
+    @property
     def tactile_image_size(self) -> tuple[int, int, float]:
         """Rows, columns and px/mm of the tactile image."""
         table = self.spec.tactile_image

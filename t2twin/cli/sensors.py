@@ -4,16 +4,13 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
-    from PIL import Image
-
-    from t2twin.primitives_cad.shape import Shape
     from t2twin.sim.contact.types import Contact
     from t2twin.sim.sensors.files import Sensor
 
@@ -22,12 +19,6 @@ BALL_MM, FORCE_N = 6.0, 2.0
 
 DEEPEST = 0.5
 """Largest depth of that press, as a share of the elastomer's thickness; it reduces the force."""
-
-PITCH_MM = 0.05
-"""Pitch of the ball's height map, mm: at most a fifth of a contact's grid."""
-
-GREY = 128
-"""Grey level of no difference."""
 
 
 def sensors(
@@ -64,13 +55,9 @@ def sensors(
         _check(load_sensor(sensor), out)
 
 
-def _line(sensor: Any) -> str:
+def _line(sensor: "Sensor") -> str:
     """Name, kind, and size of the images or number of taxels."""
-    if hasattr(sensor, "camera"):
-        size = f"{sensor.camera.columns} x {sensor.camera.rows} pixels"
-    else:
-        size = f"{sensor.layout.size} taxels"
-    return f"{sensor.name:16}{sensor.spec.kind.replace('-', ' '):14}{size}"
+    return f"{sensor.name:16}{sensor.spec.kind.replace('-', ' '):14}{sensor.size}"
 
 
 def _file(source: str) -> str:
@@ -91,7 +78,7 @@ def _check(sensor: "Sensor", out: Path | None) -> None:
     from t2twin.core.files import atomic_write
 
     contact = _pressed(sensor)
-    picture = _picture(sensor, contact)
+    picture = sensor.read(contact).picture()
     path = out or Path("runs/sensors") / f"{sensor.name}.png"
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as temporary:
@@ -101,42 +88,15 @@ def _check(sensor: "Sensor", out: Path | None) -> None:
 
 def _pressed(sensor: "Sensor") -> "Contact":
     """The contact of the ball in the middle of a sensor."""
+    from t2twin.primitives_cad.shape import ball
     from t2twin.sim.contact.contact_solver import force_at_depth
     from t2twin.sim.contact.types import PressCommand
 
-    ball = _ball()
-    command = PressCommand(ball.name, 0.0, 0.0, 0.0, FORCE_N)
-    contact = sensor.press(ball, command)
+    shape = ball(BALL_MM / 2)
+    command = PressCommand(shape.name, 0.0, 0.0, 0.0, FORCE_N)
+    contact = sensor.press(shape, command)
     deepest_mm = DEEPEST * sensor.elastomer.thickness_mm
     if contact.depth_mm > deepest_mm:
-        force_n = force_at_depth(partial(sensor.press, ball), command, deepest_mm)
-        contact = sensor.press(ball, replace(command, force_n=force_n))
+        force_n = force_at_depth(partial(sensor.press, shape), command, deepest_mm)
+        contact = sensor.press(shape, replace(command, force_n=force_n))
     return contact
-
-
-def _ball() -> "Shape":
-    import numpy as np
-    from trimesh.creation import icosphere
-
-    from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-
-    radius_mm = BALL_MM / 2
-    steps = np.ceil(radius_mm / PITCH_MM)
-    axis = PITCH_MM * np.arange(-steps, steps + 1)
-    below = radius_mm**2 - axis**2 - axis[:, None] ** 2
-    heights = np.where(below >= 0, np.sqrt(np.maximum(below, 0.0)) - radius_mm, NOTHING_MM)
-    mesh = icosphere(subdivisions=4, radius=radius_mm)
-    mesh.apply_translation((0.0, 0.0, -radius_mm))
-    return Shape("ball", mesh, HeightMap(heights.astype(np.float32), axis, axis), (1.0, 1.0))
-
-
-def _picture(sensor: Any, contact: "Contact") -> "Image.Image":
-    import numpy as np
-    from PIL import Image
-
-    reading = sensor.read(contact)
-    if not hasattr(reading, "image"):
-        return reading.picture()
-    image, background = reading.image, sensor.background_frame()
-    difference = np.clip(GREY + image.astype(int) - background, 0, 255).astype(np.uint8)
-    return Image.fromarray(np.hstack([background, image, difference]))
