@@ -109,12 +109,12 @@ def unit(products):
 
 @pytest.fixture(scope="session")
 def calibrated(unit, products):
-    """What is fitted to the unit's frames, with its uncertainty."""
+    """What is fitted to the unit's frames, without its uncertainty, which takes as long again."""
     from t2twin.sim.calibrate import calibrate
 
     def build(folder):
         folder.mkdir()
-        fitted = calibrate(unit / "background.png", unit, BALL_MM, HELD_OUT)
+        fitted = calibrate(unit / "background.png", unit, BALL_MM, HELD_OUT, tolerance=None)
         (folder / "report.pickle").write_bytes(pickle.dumps(fitted))
 
     return pickle.loads((products.make("calibrated", build) / "report.pickle").read_bytes())
@@ -160,10 +160,26 @@ def trained(products):
     return run
 
 
+@pytest.fixture(scope="session")
+def data_dir(products):
+    """The dataset of the module: of spots, 32, 12 and 8 pairs, unless it has another. Not to be
+    written to."""
+    from spots import write_spots
+
+    return products.make("spots", write_spots)
+
+
 @pytest.fixture(scope="module")
 def runs(data_dir, trained):
     """Both translators, trained for three epochs on the module's own data_dir: their folders."""
     return [trained(model, data_dir, 3) for model in ("touch2touch", "resnet18")]
+
+
+@pytest.fixture(scope="module", params=["touch2touch", "resnet18"])
+def run_dir(request, data_dir, trained, tmp_path_factory):
+    """A copy of the run of a translator, which the module may write to."""
+    run = trained(request.param, data_dir, 3)
+    return shutil.copytree(run, tmp_path_factory.mktemp("runs") / request.param)
 
 
 @pytest.fixture(scope="session")
@@ -212,11 +228,11 @@ def moving_dataset(products, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def protocol_dataset(products):
-    """The dataset of the protocol at scale small; not to be written to."""
-    from t2twin.sim.dataset.generate import make_dataset
+def regression_data(products):
+    """Twelve primitives and all tools of the protocol at scale small; not to be written to."""
+    from benchmarks.networks.regression import make_data
 
-    return products.make("protocol", lambda folder: make_dataset(folder, "small", workers=1))
+    return products.make("regression", make_data)
 
 
 @pytest.fixture(scope="module")

@@ -129,15 +129,16 @@ def briefly(model, data_dir, preset, out_dir, minutes, init_from):
 
 
 @pytest.fixture(scope="module")
-def adapted_run(unit, calibrated, tmp_path_factory):
-    """An adaptation on few shapes, with the optics that other tests use too."""
+def adapted_run(unit, tmp_path_factory):
+    """An adaptation on few shapes."""
     out = tmp_path_factory.mktemp("adapted") / "out"
+    fit = pipeline.calibrate
 
     def calibrate(background, presses, ball_mm, held_out, camera, report, tolerance, sensor):
         assert (background, presses) == (unit / "background.png", unit)
         assert (ball_mm, held_out) == (BALL_MM, HELD_OUT)
         assert (camera, tolerance) == (sensor.camera, DEFAULT_TOLERANCE)
-        return calibrated
+        return fit(background, presses, ball_mm, held_out)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pipeline, "SHAPES_PER_MINUTE", 25)

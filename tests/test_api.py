@@ -107,20 +107,6 @@ def test_another_layout_reads_the_same_touch():
     assert touch.counts.shape == twin.layout.x_mm.shape == (63,)
 
 
-@pytest.mark.parametrize(
-    "arguments, words",
-    [
-        ({"shape": "sqare-2"}, "square-2"),
-        ({"shape": "square-2", "force_n": -1.0}, "0.01 to 100 N"),
-        ({"shape": "square-2", "x_mm": float("nan")}, "finite"),
-        ({"shape": "square-2", "y_mm": 90.0}, "not lie over"),
-    ],
-)
-def test_what_cannot_be_pressed_is_said_in_a_sentence(arguments, words):
-    with pytest.raises(t2twin.T2TwinError, match=words):
-        t2twin.press(**arguments)
-
-
 def test_a_touch_is_saved_as_the_command_writes_it(tmp_path):
     from t2twin.cli import main
 

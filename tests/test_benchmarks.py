@@ -232,14 +232,3 @@ def test_the_list_ends_without_a_traceback_when_its_reader_has_ended():
     done = subprocess.run(command_line, cwd=ROOT, stdout=writer, stderr=subprocess.PIPE)
     os.close(writer)
     assert (done.returncode, done.stderr) == (0, b"")
-
-
-def test_the_baseline_s_figures_are_the_committed_ones():
-    content = read_results(BENCHMARKS["regression"].results).content
-    assert content["rmse_percent"]["val"] == {
-        "mean-array": 6.346,
-        "nearest-neighbour": 2.706,
-        "noise-floor": 0.421,
-        "touch2touch": 2.56,
-        "resnet18": 2.428,
-    }

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
-from spots import write_spots
 
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import load_info, load_pairs
@@ -18,11 +17,6 @@ from t2twin.translate.training.train import for_steps, train
 from t2twin.translate.training.trainer import Trainer, steps_of_epoch
 
 pytestmark = pytest.mark.usefixtures("one_thread")
-
-
-@pytest.fixture(scope="module")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_spots(tmp_path_factory.mktemp("spots") / "data")
 
 
 def without_times(run_dir: Path) -> list[tuple]:

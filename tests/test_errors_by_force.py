@@ -125,12 +125,6 @@ def test_intervals_by_force_are_those_of_the_same_resamples() -> None:
 
 
 @pytest.fixture(scope="module")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of one force, as the paper's."""
-    return write_spots(tmp_path_factory.mktemp("spots") / "data")
-
-
-@pytest.fixture(scope="module")
 def forces_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of four forces and none."""
     folder = tmp_path_factory.mktemp("forces") / "data"

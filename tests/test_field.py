@@ -386,6 +386,9 @@ def test_drawn_fields_spread_as_is_said(run: FieldPredictor, frame: np.ndarray) 
         drawn, run.sample_dense_counts(frame, 3000, seed=2)
     )
     np.testing.assert_array_equal(drawn, run.sample_dense_counts(frame, 3000, seed=1))
+    for images, count, said in ((frame, 10**9, "a whole number"), ([frame] * 3, 50_000, "in all")):
+        with pytest.raises(T2TwinError, match=said):
+            run.sample_dense_counts(images, count)
 
 
 def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: FieldPredictor) -> None:

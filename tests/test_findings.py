@@ -13,7 +13,6 @@ from benchmarks.networks.irreducible_error import (
     floor_of,
     noise_distance_grey,
 )
-from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
@@ -35,14 +34,11 @@ from t2twin.translate.evaluation.predictions import EvaluationInputs
 from t2twin.translate.evaluation.records import ModelRow
 
 FULL_SCALE = 40000.0
-SHAPES = ("circle-1", "square-1", "circle-3", "square-3")
 
 
 @pytest.fixture(scope="module")
-def data_dir(tmp_path_factory: pytest.TempPathFactory, shape_cache: Path) -> Path:
-    folder = tmp_path_factory.mktemp("floors") / "data"
-    make_dataset(folder, "smoke", workers=1, shapes=SHAPES, cache=shape_cache)
-    return folder
+def data_dir(small_dataset: Path) -> Path:
+    return small_dataset
 
 
 @pytest.fixture(scope="module")

@@ -82,18 +82,3 @@ def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys
     for name in ("background", "leds_mm", "sizes_mm", "response"):
         np.testing.assert_array_equal(getattr(written, name), getattr(given, name))
     assert not (tmp_path / "out" / "optics.json").exists()
-
-
-@pytest.mark.parametrize(
-    "more, says",
-    [
-        (("--ball-diameter-mm", "4.7"), "--presses is missing"),
-        (("--held-out", "3"), "--presses is missing"),
-        (("--presses", "."), "--ball-diameter-mm is missing"),
-    ],
-)
-def test_half_of_the_presses_is_refused(more, says, tmp_path, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(["calibrate", "--background", "b.png", *more, "--out", str(tmp_path / "out")])
-    assert stop.value.code == 2 and says in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from msgspec import structs
-from spots import train_smoke, write_spots
+from spots import train_smoke
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import make_dataset
@@ -43,11 +43,6 @@ val_share = 0.25
 [light]
 kind = "drawn"
 """
-
-
-@pytest.fixture(scope="module")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_spots(tmp_path_factory.mktemp("spots") / "data")
 
 
 def recipe(folder: Path, seed: int, force: str) -> Path:

@@ -2,6 +2,7 @@
 
 import os
 import struct
+from functools import partial
 
 import numpy as np
 import pytest
@@ -197,6 +198,14 @@ def glb_with(path, change):
     glb_of(path, about, binary)
 
 
+def with_node(about, **node):
+    about.update(nodes=[{"mesh": 0, **node}], scenes=[{"nodes": [0]}], scene=0)
+
+
+def threemf_with(path, old, new):
+    threemf_of(path, model(part(1, box()), '<item objectid="1"/>').replace(old, new, 1))
+
+
 def fan(path):
     """Three triangles at one edge, and no others open."""
     tents = [box((4, 4, 4), at=(0, 0, 0)).triangles, [[[-2, -2, -2], [2, -2, -2], [0, 0, 0]]]]
@@ -285,6 +294,9 @@ REFUSED = {
     "points.obj": (text("v 1 2 3\n"), "no triangles"),
     "lines.obj": (text("v 1 2 3\nv 2 3 4\nf 1 2\n"), "fewer than three"),
     "cut.obj": (text(obj_text(box()) + "\nf"), "fewer than three"),
+    "large.obj": (text(obj_text(box()) + "v 1e300 0 0\n"), "farther out"),
+    "commas.obj": (text(obj_text(box()).replace(".", ",")), "not three numbers"),
+    "long.obj": (text("v" + " 1" * 1_000_000), "characters"),
     # PLY
     "far.ply": (text(ply_text("3 0 1 99")), "corners that it lacks"),
     "back.ply": (text(ply_text("3 0 1 -2")), "corners that it lacks"),
@@ -315,6 +327,23 @@ REFUSED = {
         "damaged",
     ),
     "nowhere.glb": (lambda path: glb_with(path, lambda it: it.update(nodes=[])), "damaged"),
+    **{f"node{number}.glb": (partial(glb_with, change=partial(with_node, **node)), said)
+       for number, (node, said) in enumerate((
+           ({"matrix": [np.nan] * 16}, "damaged"), ({"matrix": [1.0] * 15}, "damaged"),
+           ({"rotation": ["a"] * 4}, "damaged"), ({"mesh": 9}, "damaged"),
+           ({"translation": [1e300, 0, 0]}, "farther out"), ({"children": [0]}, "below itself"),
+       ))},
+    **{f"{key}.glb": (partial(glb_with, change=lambda it, key=key, value=value:
+                              it["bufferViews"][0].update({key: value})), "damaged")
+       for key, value in (("byteOffset", 10**9), ("byteStride", 0), ("byteLength", -1))},
+    **{f"{name}.glb": (partial(glb_with, change=lambda it, name=name:
+                               it.update(extensionsRequired=[name])), said)
+       for name, said in (("KHR_draco_mesh_compression", "compressed"), ("KHR_x", "KHR_x"))},
+    "sparse.glb": (
+        lambda path: glb_with(path, lambda it: it["accessors"][0].update(sparse={"count": 1})),
+        "compressed",
+    ),
+    "version.glb": (raw(b"glTF\1\0\0\0" + y_up(box()).export(file_type="glb")[8:]), "version 1"),
     # 3MF
     "store.3mf": (lambda path: threemf_of(path.with_name("a"), ""), "there is no file"),
     "cut.3mf": (lambda path: threemf_of(path, model(part(1, box()), "")[:-9]), "not whole XML"),
@@ -324,6 +353,29 @@ REFUSED = {
     "unbuilt.3mf": (lambda path: threemf_of(path, model(part(1, box()), "")), "no triangles"),
     "missing.3mf": (lambda path: threemf_of(path, model("", '<item objectid="7"/>')), "part 7"),
     "growing.3mf": (lambda path: threemf_of(path, doubled_components()), "allowed places"),
+    **{f"corner{number}.3mf": (
+           partial(threemf_with, old="</vertices>", new=f"{corner}</vertices>"), said)
+       for number, (corner, said) in enumerate((
+           ('<vertex x="nan" y="0" z="0"/>', "not numbers"), ('<vertex x="1" y="0"/>', "lacks z"),
+           ('<vertex x="1e300" y="0" z="0"/>', "farther out"), ('<vertex x="a" y="0" z="0"/>', ""),
+       ))},
+    **{f"place{number}.3mf": (
+           partial(threemf_with, old="<item", new=f'<item transform="{place}"'), said)
+       for number, (place, said) in enumerate((
+           ("1 0 0 0 1 0 0 0 1 0 0 nan", "not finite"), ("here", "12 numbers"),
+           ("1 0 0 0 1 0 0 0 1 0 0", "12 numbers"),
+       ))},
+    "parts.3mf": (
+        partial(threemf_with, old="</resources>", new='<object id="2"/>' * 20_000 + "</resources>"),
+        "parts",
+    ),
+    "vast.3mf": (partial(threemf_with, old='v1="0"', new=f'v1="{10**30}"'), ""),
+    **{f"extension{number}.3mf": (partial(threemf_with, old="<model ", new=(
+           f'<model xmlns:x="http://{name}" requiredextensions="x" ')), said)
+       for number, (name, said) in enumerate((
+           ("example.org/x", "example.org/x"),
+           ("schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02", "beamlattice"),
+       ))},
 }  # fmt: skip
 
 

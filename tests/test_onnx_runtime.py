@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spots import train_smoke, write_spots
 
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import TRAILER_BYTES, write_checked
@@ -20,13 +19,6 @@ pytestmark = pytest.mark.filterwarnings(
 
 pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
-
-
-@pytest.fixture(scope="module", params=["touch2touch", "resnet18"])
-def run_dir(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("runs")
-    data = write_spots(folder / "data")
-    return train_smoke(request.param, data, folder / request.param, epochs=2)
 
 
 @pytest.fixture

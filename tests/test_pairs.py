@@ -12,11 +12,6 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.models.presets import PRESETS
 
 
-@pytest.fixture(scope="module")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_spots(tmp_path_factory.mktemp("spots") / "data")
-
-
 def test_cache_is_made_once_and_follows_the_data(data_dir: Path, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(data_dir, folder, ignore=shutil.ignore_patterns("cache"))

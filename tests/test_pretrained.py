@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
-from spots import write_spots
 
 from maintenance.publish_pretrained import publish_pretrained
 from t2twin.core.errors import T2TwinError
@@ -25,11 +24,6 @@ from t2twin.translate.runs.config import BEST, HOME, pretrained_runs, resolve_ru
 
 MAX_BYTES = 16_000_000
 """Of all weights that ship together."""
-
-
-@pytest.fixture(scope="module")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_spots(tmp_path_factory.mktemp("spots") / "data")
 
 
 def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatch) -> None:
@@ -108,14 +102,14 @@ def test_all_that_ships_is_small() -> None:
     assert sum(path.stat().st_size for path in HOME.rglob("*")) < MAX_BYTES
 
 
-def test_the_card_says_what_is_measured(protocol_dataset: Path) -> None:
+def test_the_card_says_what_is_measured(regression_data: Path) -> None:
     """Presses of hand tools, made anew, come to the card's figure for all of the protocol's."""
     card = (HOME / "field" / "README.md").read_text()
     told = re.search(r"\| paper, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", card)
     assert told is not None
     run = require(load_run(HOME / "field"), FieldPredictor, "the test")
-    pairs = load_pairs(protocol_dataset, "test", run.config.preset.size, grey=False)
-    said = as_readings(run.estimate_pixels(pairs.inputs), read_info(protocol_dataset))
+    pairs = load_pairs(regression_data, "test", run.config.preset.size, grey=False)
+    said = as_readings(run.estimate_pixels(pairs.inputs), read_info(regression_data))
     off = said.counts - pairs.counts
     percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.full_scale_counts
     assert percent == pytest.approx(float(told[1]), rel=0.1)

@@ -1,41 +1,25 @@
 """RMSE on synthetic data, held to the committed baseline: see benchmarks/networks/regression.py."""
 
 import json
-import os
-import shutil
 
 import pytest
 
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.run import missed
-from benchmarks.networks import regression
 from benchmarks.networks.regression import BENCHMARK, EPOCHS, against, train_and_evaluate
 
 BASELINE = read_results(BENCHMARK.results).content
 
 
-def failures(measured, baseline=BASELINE):
-    return missed(BENCHMARK, {"against": against(measured, baseline)})
+def failures(measured):
+    return missed(BENCHMARK, {"against": against(measured, BASELINE)})
 
 
-@pytest.mark.parametrize("model", ["resnet18", "touch2touch"])
-def test_a_translator_stays_within_the_band(
-    model, tmp_path, monkeypatch, protocol_dataset, shape_cache
-):
-    others = EPOCHS.keys() - {model}
-    baseline = {
-        figure: {
-            split: {name: value for name, value in models.items() if name not in others}
-            for split, models in BASELINE[figure].items()
-        }
-        for figure in ("rmse_percent", "contact_iou")
-    }
-    monkeypatch.setattr(regression, "EPOCHS", {model: EPOCHS[model]})
-    # The dataset is complete, so that it is not made again.
-    shutil.copytree(protocol_dataset, tmp_path / "data", copy_function=os.link)
-    measured = train_and_evaluate(tmp_path, cache=shape_cache)
+@pytest.mark.parametrize("model", EPOCHS)
+def test_a_translator_stays_within_the_band(model, tmp_path, regression_data):
+    measured = train_and_evaluate(regression_data, tmp_path, [model])
     print(json.dumps(measured, indent=1))
-    assert not failures(measured, baseline)
+    assert not failures(measured)
 
 
 def test_the_band_fails_a_worse_model():

@@ -11,7 +11,7 @@ import torch
 import yaml
 from PIL import Image
 from safetensors.torch import load_file
-from spots import stopped_after_an_epoch, write_spots
+from spots import stopped_after_an_epoch
 
 import t2twin
 from t2twin.cli import main
@@ -34,11 +34,6 @@ WAY = "counts-to-image"
 
 
 pytestmark = pytest.mark.usefixtures("one_thread")
-
-
-@pytest.fixture(scope="module")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_spots(tmp_path_factory.mktemp("spots") / "data")
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from spots import write_spots
 
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import Examples, load_info
@@ -22,11 +21,6 @@ SMOKE = PRESETS["touch2touch"]["smoke"]
 
 
 pytestmark = pytest.mark.usefixtures("one_thread")
-
-
-@pytest.fixture(scope="module")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_spots(tmp_path_factory.mktemp("spots") / "data")
 
 
 def square(left: int, height: float = 0.5, size: int = 32) -> torch.Tensor:

@@ -4,7 +4,6 @@ import socket
 import threading
 
 import pytest
-from PIL import Image
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
@@ -33,33 +32,6 @@ def test_only_the_newest_is_done():
     assert worker.wait(5)
     assert done == [0, 100] and settled
     worker.stop()
-
-
-@pytest.mark.parametrize(
-    "arguments, words",
-    [
-        (("--run", "{folder}"), "config.json"),
-        (("--host", "nowhere.invalid"), "cannot listen on"),
-        (("--host", "203.0.113.7"), "cannot listen on"),
-        (("--port", "70000"), "0 to 65535"),
-        (("--port", "-1"), "0 to 65535"),
-        (("--source", "nowhere"), "no source"),
-        (("--source", "{picture}"), "as a video"),
-        (("--background", "{folder}"), "is a folder"),
-        (("--background", "nowhere.png"), "there is no file"),
-        (("--allow-origin", "evil.example"), "is not an origin"),
-        (("--allow-origin", "http://evil.example/path"), "is not an origin"),
-        (("--allow-origin", "null"), "is not an origin"),
-    ],
-)
-def test_the_studio_refuses_in_one_sentence(arguments, words, tmp_path, capsys):
-    with pytest.raises(SystemExit) as stop:
-        Image.new("RGB", (240, 320)).save(tmp_path / "frame.png")
-        places = {"folder": tmp_path, "picture": tmp_path / "frame.png"}
-        main(["studio", *[word.format(**places) for word in arguments]])
-    said = capsys.readouterr()
-    assert stop.value.code == 2 and said.out == ""
-    assert words in said.err and said.err.count("\n") == 1
 
 
 def test_a_taken_port_is_refused(capsys):

@@ -10,7 +10,6 @@ import pytest
 import torch
 from PIL import Image
 from safetensors.torch import load_file, save_file
-from spots import train_smoke, write_spots
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
@@ -25,19 +24,6 @@ from t2twin.translate.runs.checkpoint import build, load_weights
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"
 )
-
-
-@pytest.fixture(scope="module")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_spots(tmp_path_factory.mktemp("spots") / "data")
-
-
-@pytest.fixture(scope="module", params=["touch2touch", "resnet18"])
-def run_dir(
-    request: pytest.FixtureRequest, data_dir: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Path:
-    folder = tmp_path_factory.mktemp("runs") / request.param
-    return train_smoke(request.param, data_dir, folder, epochs=2)
 
 
 @pytest.fixture
@@ -136,28 +122,33 @@ def test_bad_files_get_a_sentence_and_nothing_is_written(
     assert not out.exists()
 
 
-def test_arrays_that_are_no_images_are_refused(run_dir: Path) -> None:
-    run = load_run(run_dir)
-    with pytest.raises(T2TwinError, match="of uint8"):
-        run.predict(np.zeros((1, 32, 32, 3)))
-    with pytest.raises(T2TwinError, match="of uint8"):
-        run.predict(np.zeros((1, 32, 32, 4), np.uint8))
-    with pytest.raises(T2TwinError, match="of uint8"):
-        run.predict(np.zeros((0, 32), np.uint8))
-    for images, words in (
-        (np.zeros((32, 24, 4), np.uint8), "RGBA"),
-        (np.zeros((3, 32, 24), np.uint8), r"channels-first: images.transpose\(1, 2, 0\)"),
-        (np.zeros((2, 3, 32, 24), np.uint8), r"channels-first: images.transpose\(0, 2, 3, 1\)"),
-        (np.zeros((5, 32, 24), np.uint8), r"\(B, h, w, 1\), made by images\[..., None\]"),
-        (torch.zeros((32, 24, 3), dtype=torch.uint8), "converts a tensor"),
-        (Image.new("RGB", (24, 32)), "converts a PIL image"),
-        ("press.png", "reads a file"),
-        ({}, "images is of type dict"),
-        ([np.zeros((32, 24), np.uint8), None], r"images\[1\] is None"),
-    ):
-        with pytest.raises(T2TwinError, match=words):
-            run.predict(images)  # pyright: ignore[reportArgumentType]
-    assert run.predict(np.zeros((0, 32, 32, 3), np.uint8)).shape == (0, 20)
+NO_IMAGES: dict[str, tuple[object, str]] = {
+    "float": (np.zeros((1, 32, 32, 3)), "of uint8"), "objects": (np.full((32, 24), None), "object"),
+    "no axis": (np.uint8(3), "type uint8"), "one axis": (np.zeros(32, np.uint8), "shape"),
+    "two channels": (np.zeros((32, 24, 2), np.uint8), r"shape \(32, 24, 2\)"),
+    "four channels": (np.zeros((1, 32, 32, 4), np.uint8), "of uint8"),
+    "RGBA": (np.zeros((32, 24, 4), np.uint8), "RGBA"),
+    "channels first": (np.zeros((3, 32, 24), np.uint8), r"images.transpose\(1, 2, 0\)"),
+    "all channels first": (np.zeros((2, 3, 32, 24), np.uint8), r"images.transpose\(0, 2, 3, 1\)"),
+    "grey batch": (np.zeros((5, 32, 24), np.uint8), r"\(B, h, w, 1\), made by images\[..., None\]"),
+    "no rows": (np.zeros((0, 24, 3), np.uint8), "no pixels"),
+    "five axes": (np.zeros((1, 1, 8, 8, 3), np.uint8), r"shape \(1, 1, 8, 8, 3\)"),
+    "tensor": (torch.zeros((32, 24, 3), dtype=torch.uint8), "converts a tensor"),
+    "PIL image": (Image.new("RGB", (24, 32)), "converts a PIL image"),
+    "text": ("press.png", "reads a file"), "path": (Path("x.png"), "a file"),
+    "dict": ({}, "images is of type dict"), "None": (None, "images is None"),
+    "nested list": ([[[1, 2, 3]]], r"images\[0\]"),
+    "None in a list": ([np.zeros((32, 24), np.uint8), None], r"images\[1\] is None"),
+    "list of batches": ([np.zeros((1, 32, 24, 3), np.uint8)], r"images\[0\] has shape"),
+}  # fmt: skip
+"""Values that are no images, and a part of the sentence."""
+
+
+@pytest.mark.parametrize("name", NO_IMAGES)
+def test_what_is_no_image_is_refused(untrained_runs: list[Path], name: str) -> None:
+    images, words = NO_IMAGES[name]
+    with pytest.raises(T2TwinError, match=words):
+        load_run(untrained_runs[0]).predict(images)  # pyright: ignore[reportArgumentType]
 
 
 def test_one_frame_is_a_batch_of_one(run_dir: Path, digit: Image.Image) -> None:
@@ -170,6 +161,7 @@ def test_one_frame_is_a_batch_of_one(run_dir: Path, digit: Image.Image) -> None:
     assert run.predict(frame[:, :, 0]).shape == (20,)
     assert run.predict(frame[None, :, :, :1]).shape == (1, 20)
     assert run.predict([frame, frame[::2, :, 0]]).shape == (2, 20) and run.predict([]).size == 0
+    assert run.predict(np.zeros((0, 32, 32, 3), np.uint8)).shape == (0, 20)
     assert run.tactile_images(frame).shape == (396, 240)
     assert run.tactile_images([frame]).shape == (1, 396, 240)
 

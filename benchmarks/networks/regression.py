@@ -10,6 +10,7 @@ physics or a network changes on purpose, write a new baseline and give the reaso
 
 import tempfile
 from argparse import Namespace
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,18 +18,19 @@ from typing import Any
 from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.run import main
+from t2twin.primitives_cad import catalogue
 from t2twin.sim.dataset.generate import make_dataset
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.regression",
     measures="Both translators trained briefly on a small fixed dataset, against a baseline.",
-    minutes=4,
+    minutes=2,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
-        # Runs on other processors and other numbers of threads differ by some percent; a broken
-        # phi, loss or pairing by a factor.
+        # Runs on other processors and other numbers of threads differ by some percent, and those
+        # of other seeds by at most 10 % (measured); a broken phi, loss or pairing by a factor.
         Figure("against.rmse_of_baseline.*.*", most=1.2),
-        Figure("against.rmse_of_mean_array.val.*", most=0.5),
+        Figure("against.rmse_of_mean_array.val.*", most=0.7),
         Figure("against.rmse_of_mean_array.test.*", most=1.0),
         Figure("against.iou_below_baseline.*.*", most=0.05),
     ),
@@ -36,11 +38,17 @@ BENCHMARK = Benchmark(
 )
 
 SCALE = "small"
-EPOCHS = {"touch2touch": 40, "resnet18": 12}
+FAMILIES = ("line-smooth", "square", "circle-empty", "hemisphere")
+SHAPES = (*(f"{family}-{version}" for family in FAMILIES for version in (1, 2, 3)),
+          *catalogue.OBJECTS)  # fmt: skip
+"""Of four families, two versions to train on and the one to validate on, which lies between them;
+and all tools."""
+
+EPOCHS = {"touch2touch": 25, "resnet18": 12}
 """Epochs of each translator: brief, yet enough to be well below the mean array."""
 
-SIZES_PX = {"touch2touch": 32, "resnet18": 96}
-"""Side of each translator's images: half of the preset's for touch2touch, a quarter of the time."""
+CHANGES = {"touch2touch": {"size": 32, "batch": 16}, "resnet18": {"size": 64, "batch": 16}}
+"""Settings that differ from the preset cpu: smaller images, and more steps of few pairs."""
 
 DECIMALS = 6
 """Of what is compared with a limit, so that what meets it exactly does meet it."""
@@ -50,30 +58,35 @@ Figures = dict[str, dict[str, dict[str, float]]]
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    with tempfile.TemporaryDirectory() as folder:
-        measured = train_and_evaluate(Path(folder))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        make_data(folder / "data")
+        measured = train_and_evaluate(folder / "data", folder)
     baseline = measured if options.write else read_results(BENCHMARK.results).content
     return {"scale": SCALE, "epochs": EPOCHS, **measured, "against": against(measured, baseline)}
 
 
-def train_and_evaluate(folder: Path, cache: Path | None = None) -> Figures:
-    """The figures on data and runs made in folder; contact IoU of the translators alone."""
+def make_data(folder: Path, cache: Path | None = None) -> None:
+    """Writes the dataset: 256 pairs to train on, 128 to validate on and 180 of the tools."""
+    make_dataset(folder, SCALE, seed=0, workers=1, cache=cache, shapes=SHAPES)
+
+
+def train_and_evaluate(data: Path, folder: Path, models: Iterable[str] = EPOCHS) -> Figures:
+    """The figures of translators whose runs are made in folder; contact IoU of these alone."""
     from t2twin.translate.evaluation.evaluate import evaluate
     from t2twin.translate.models.presets import find_preset
     from t2twin.translate.training.train import train
 
-    make_dataset(folder / "data", SCALE, seed=0, cache=cache)
-    runs = []
-    for model, epochs in EPOCHS.items():
-        preset = replace(find_preset(model, "cpu"), size=SIZES_PX[model])
-        train(model, folder / "data", preset, folder / model, seed=0, epochs=epochs)
-        runs.append(folder / model)
+    runs = {model: folder / model for model in models}
+    for model, run in runs.items():
+        preset = replace(find_preset(model, "cpu"), **CHANGES[model])
+        train(model, data, preset, run, seed=0, epochs=EPOCHS[model])
     measured: Figures = {"rmse_percent": {}, "contact_iou": {}}
     for split in ("val", "test"):
-        models = evaluate(runs, folder / "data", split, folder / split).models
-        for figure, which in (("rmse_percent", tuple(models)), ("contact_iou", tuple(EPOCHS))):
+        rows = evaluate([*runs.values()], data, split, folder / split).models
+        for figure, which in (("rmse_percent", tuple(rows)), ("contact_iou", tuple(runs))):
             measured[figure][split] = {
-                name: round(float(getattr(models[name].overall, figure)), 3) for name in which
+                name: round(float(getattr(rows[name].overall, figure)), 3) for name in which
             }
     return measured
 
@@ -84,25 +97,24 @@ def against(measured: Figures, baseline: dict[str, Any]) -> dict[str, Any]:
     from t2twin.translate.evaluation.baselines import MEAN_ARRAY
 
     errors, ious = measured["rmse_percent"], measured["contact_iou"]
+    before = baseline["rmse_percent"], baseline["contact_iou"]
     return {
         "rmse_of_baseline": {
-            split: {
-                name: round(errors[split][name] / before, DECIMALS)
-                for name, before in models.items()
-            }
-            for split, models in baseline["rmse_percent"].items()
+            split: {name: round(error / before[0][split][name], DECIMALS)
+                    for name, error in rows.items()}
+            for split, rows in errors.items()
         },
         "rmse_of_mean_array": {
-            split: {name: round(models[name] / models[MEAN_ARRAY], DECIMALS) for name in EPOCHS}
-            for split, models in errors.items()
+            split: {name: round(errors[split][name] / errors[split][MEAN_ARRAY], DECIMALS)
+                    for name in rows}
+            for split, rows in ious.items()
         },
         "iou_below_baseline": {
-            split: {
-                name: round(before - ious[split][name], DECIMALS) for name, before in models.items()
-            }
-            for split, models in baseline["contact_iou"].items()
+            split: {name: round(before[1][split][name] - iou, DECIMALS)
+                    for name, iou in rows.items()}
+            for split, rows in ious.items()
         },
-    }
+    }  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -75,10 +75,14 @@ slide circle-1 --dx-mm 1 --sensor cyskin --out out | --marker-pitch-mm 2 => --ma
 simdata --out out | => --scale is missing | --scale huge => scale | --renderer x => expected baked
 simdata --verify | => --verify has no value | nowhere => no dataset | /dev/null => no dataset
 simdata --verify {data} | --scale smoke => --scale cannot | --workers 2 => --workers cannot be used
+simdata --out out --recipe | nowhere => there is no recipe | gone.toml => there is no file gone.toml
+simdata --out out --recipe open | --scale smoke => --scale cannot be used with --recipe
+simdata --out out --recipe open | --layout cyskin-63 => --layout | --seed 9999999999 => at most
 SIM | --layout none => layout | --imperfections some => imperfections | --optics n.npz => n.npz
 SIM | --scheduler foo => scheduler | --scheduler tcp://127.0.0.1:1 --workers 2 => --workers
 train | => MODEL and --data are missing; see t2twin train --help | resnet18 => --data is missing
 train resnet18 --out out --data | nowhere => nowhere | '' => no dataset | {resnet18} => no dataset
+train alexnet --data {data} --out out | => touch2touch
 TRAIN | --direction counts-to-image => touch2touch has both | --preset huge => preset
 evaluate --data {data} --out out | nowhere => nowhere | {data} => config.json
 evaluate --data {data} --out out | {resnet18} {resnet18} => twice | => run
@@ -101,7 +105,9 @@ CALIBRATE | => --ball-diameter-mm is missing
 ADAPT | --model resnet => model | --init-from gone => gone | --out presses => presses
 ADAPT | --model field --init-from {resnet18} => resnet18
 studio | --run nowhere => nowhere | --run {data} => config.json | --source nowhere => no source
-studio | --host nowhere => cannot listen on
+studio | --host nowhere => cannot listen on | --source x.png => no source
+studio | --background nowhere.png => there is no file | --background / => is a folder
+studio --allow-origin | evil.example => is not an origin | http://evil.example/path => not an origin
 shapes | all => unexpected argument 'all'; see t2twin shapes --help
 """
 """Start of a command line, then ends of it, each with a part of the expected sentence."""
@@ -119,6 +125,7 @@ export --run {touch2touch} --out x.onnx
 
 
 def cases() -> Iterator[Case]:
+    """Numbers, shapes, and valid command lines."""
     for table, unread in ((NUMBERS, (*NO_NUMBERS, "nan", "-inf")), (INTEGERS, NO_INTEGERS)):
         for options, numbers in table.items():
             for number, option in enumerate(options.split(" | ")):
@@ -129,13 +136,17 @@ def cases() -> Iterator[Case]:
     for shape in SHAPES:
         yield _case(f"press --out out -- {shlex.quote(shape)}")
     yield _case("press circle-1 --yaw-deg '1\n2'", "--yaw-deg is '1\\n2'")
+    for command in FINE.strip().replace("\n", " | ").split(" | "):
+        yield _case(command, fine=True)
+
+
+def refused() -> Iterator[Case]:
+    """Words that no command line has."""
     for line in REFUSED.strip().splitlines():
         start, *ends = (" " + line).split(" | ")
         for end in ends:
             words, _, says = f" {end}".partition(" => ")
             yield _case(f"{start} {words}".strip(), says)
-    for command in FINE.strip().replace("\n", " | ").split(" | "):
-        yield _case(command, fine=True)
 
 
 def _case(command: str, says: str = "", fine: bool = False) -> Case:
