@@ -86,7 +86,9 @@ def _print_log() -> None:
 
 def _run(given: list[str]) -> None:
     if given == ["--version"]:
-        print(_version())
+        from t2twin.core.machine import installed_version
+
+        print(f"t2twin {installed_version('t2twin')}")
         return
     check_options(given)
     with one_sentence(COMMANDS, given):
@@ -106,12 +108,6 @@ def _drop_output() -> None:
     except (OSError, ValueError, AttributeError):
         with suppress(OSError, ValueError, AttributeError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _version() -> str:
-    from t2twin.core.machine import installed_version
-
-    return f"t2twin {installed_version('t2twin')}"
 
 
 def _file_error(error: OSError) -> str:

@@ -5,10 +5,9 @@ import platform
 import shutil
 import sys
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
-from t2twin.core.machine import cores
+from t2twin.core.machine import NOT_INSTALLED, cores, installed_version
 
 PACKAGES = (
     "cadquery",
@@ -76,17 +75,12 @@ def run_checks() -> bool:
 
 
 def _packages() -> str:
-    installed, missing = [], []
-    for name in PACKAGES:
-        try:
-            installed.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            missing.append(name)
-    if missing:
+    versions = {name: installed_version(name) for name in PACKAGES}
+    if missing := [name for name in PACKAGES if versions[name] == NOT_INSTALLED]:
         raise RuntimeError(
             f"not installed: {', '.join(missing)}; install t2twin again with pip, without --no-deps"
         )
-    return ", ".join(installed)
+    return ", ".join(f"{name} {version}" for name, version in versions.items())
 
 
 def _extras() -> str:

@@ -5,6 +5,8 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+NOT_INSTALLED = "not installed"
+
 CPUINFO = Path("/proc/cpuinfo")
 """File with the processor's name on Linux."""
 
@@ -34,8 +36,8 @@ def _cpuinfo(key: str) -> str:
 
 
 def installed_version(package: str) -> str:
-    """The version of a package for a record of provenance, or "not installed"."""
+    """The version of a package for a record of provenance, or NOT_INSTALLED."""
     try:
         return version(package)
     except PackageNotFoundError:
-        return "not installed"
+        return NOT_INSTALLED
