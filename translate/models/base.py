@@ -11,7 +11,7 @@ a tactile image.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from copy import copy
-from typing import Protocol, Self, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 import torch
@@ -20,7 +20,8 @@ from torch.optim.swa_utils import AveragedModel
 
 from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import to_input
-from t2twin.translate.data.pairs import Examples, Pairs
+from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
+from t2twin.translate.models.distributed import average_gradients
 from t2twin.translate.models.presets import Preset
 
 
@@ -35,13 +36,27 @@ class Translator(ABC):
     learns_dense_counts: whether training needs pairs with the dense counts.
     """
 
-    networks: dict[str, nn.Module]
     optimizers: dict[str, torch.optim.Optimizer]
-    average: AveragedModel | None
-    predictor: nn.Module
-    device: torch.device
-    bf16: bool
     learns_dense_counts = False
+
+    def __init__(
+        self,
+        preset: Preset,
+        info: DataInfo,
+        device: torch.device,
+        bf16: bool,
+        networks: dict[str, nn.Module],
+    ) -> None:
+        self.info = info
+        self.full_scale = info.full_scale_counts
+        self.device = device
+        self.bf16 = bf16
+        self.networks = networks
+        for network in networks.values():
+            network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        first = next(iter(networks.values()))
+        self.average = weight_average(first, preset.averaged_part)
+        self.predictor: nn.Module = self.average.module if self.average else first
 
     @abstractmethod
     def step(self, examples: Examples) -> dict[str, float]:
@@ -74,6 +89,23 @@ class Translator(ABC):
         other = copy(self)
         other.bf16 = False
         return other
+
+    def outputs(self, inputs: torch.Tensor) -> Any:
+        """The predictor's outputs in evaluation mode."""
+        self.predictor.eval()
+        with torch.inference_mode(), self.precision():
+            return self.predictor(inputs.to(self.device))
+
+    def descend(self, loss: torch.Tensor, network: nn.Module, *optimizers: str) -> None:
+        """Takes a step of some optimizers, all of weights of a network, down a loss."""
+        for name in optimizers:
+            self.optimizers[name].zero_grad()
+        loss.backward()
+        average_gradients(network)
+        for name in optimizers:
+            self.optimizers[name].step()
+        if self.average is not None and network is next(iter(self.networks.values())):
+            self.average.update_parameters(network)
 
     def precision(self) -> torch.autocast:
         """Context in which the networks compute.

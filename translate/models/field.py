@@ -21,7 +21,7 @@ of a tactile image.
 from collections.abc import Iterator
 from copy import copy, deepcopy
 from functools import cached_property
-from typing import Self, cast
+from typing import Self
 
 import numpy as np
 import torch
@@ -33,8 +33,7 @@ from t2twin.sim.taxels.dense import reading_matrix
 from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
-from t2twin.translate.models.base import CountsTranslator, adamw, weight_average
-from t2twin.translate.models.distributed import average_gradients
+from t2twin.translate.models.base import CountsTranslator, adamw
 from t2twin.translate.models.field_readout import (
     MIN_FORCE_SCALE,
     DenseImage,
@@ -150,6 +149,7 @@ BATCH_SIZE = 64
 class FieldTranslator(CountsTranslator):
     """One network, which predicts the dense counts; any layout can be read from it."""
 
+    predictor: FieldNet
     learns_dense_counts = True
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
@@ -157,25 +157,16 @@ class FieldTranslator(CountsTranslator):
             raise T2TwinError(
                 "the dataset has no dense counts, which the field model is trained on"
             )
-        self.info, self.layout = info, info.taxels
-        self.places_mm = info.dense_x_mm, info.dense_y_mm
-        self.full_scale = info.full_scale_counts
-        self.device = device
-        self.bf16 = bf16
+        self.layout, self.places_mm = info.taxels, (info.dense_x_mm, info.dense_y_mm)
         self.network = FieldNet(
             *self.places_mm, info.view_mm, preset.size, preset.filters, bool(info.has_shear)
         )
-        self.network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
-        self.networks = {"field": self.network}
+        super().__init__(preset, info, device, bf16, {"field": self.network})
         own = [each for name, each in self.network.named_parameters() if not name.startswith(SHEAR)]
         self.optimizers = {"field": adamw(own, preset)}
         if self.network.predicts_shear:
             weights = self.network.shear.parameters()
             self.optimizers[SHEAR] = adamw(weights, preset, SHEAR_RATE_SHARE)
-        self.average = weight_average(self.network, preset.averaged_part)
-        self.predictor: FieldNet = (
-            cast(FieldNet, self.average.module) if self.average else self.network
-        )
 
     def prepare(self, pairs: Pairs) -> None:
         """Sets the mean frame, and the scales of the outputs if loaded weights lack them."""
@@ -204,17 +195,10 @@ class FieldTranslator(CountsTranslator):
 
         Returns the losses by name: errors divided by the standard deviation, likelihoods in nats.
         """
-        for optimizer in self.optimizers.values():
-            optimizer.zero_grad()
         with self.precision():
             outputs = self.network(self._training_input(examples.images).to(self.device))
         loss, losses = training_loss(self.network, outputs, examples, self.full_scale)
-        loss.backward()
-        average_gradients(self.network)
-        for optimizer in self.optimizers.values():
-            optimizer.step()
-        if self.average is not None:
-            self.average.update_parameters(self.network)
+        self.descend(loss, self.network, *self.optimizers)
         return {name: float(each.detach()) for name, each in losses.items()}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
@@ -224,7 +208,7 @@ class FieldTranslator(CountsTranslator):
     def predict_field(self, images: torch.Tensor) -> FieldPrediction:
         """All predictions. images: as for `predict`."""
         with torch.inference_mode():
-            return self.readout(self._outputs(images))
+            return self.readout(self.outputs(images))
 
     def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """See CountsTranslator. The tactile images are those of the dense counts."""
@@ -308,15 +292,14 @@ class FieldTranslator(CountsTranslator):
         for start in range(0, len(pairs), BATCH_SIZE):
             part = slice(start, start + BATCH_SIZE)
             pixels = pairs.inputs[part].astype(np.float32) / 255.0
-            yield part, self._outputs(to_input(pixels))
+            yield part, self.outputs(to_input(pixels))
 
-    def _outputs(self, images: torch.Tensor) -> FieldOutputs:
-        self.predictor.eval()
-        images = images.to(self.device)
+    def outputs(self, inputs: torch.Tensor) -> FieldOutputs:
+        """See Translator. inputs: as for `predict`."""
+        images = inputs.to(self.device)
         if images.shape[1] == 3:
             images = torch.cat([images, self.predictor.mean_frame.expand_as(images)], dim=1)
-        with torch.inference_mode(), self.precision():
-            return self.predictor(images)
+        return super().outputs(images)
 
     def _training_input(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 6, S, S): images with background frames, a share of them the mean frame."""

@@ -13,8 +13,7 @@ from torch.nn import functional
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo, Examples
-from t2twin.translate.models.base import CountsTranslator, adamw, weight_average
-from t2twin.translate.models.distributed import average_gradients
+from t2twin.translate.models.base import CountsTranslator, adamw
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.resnet18 import ResNet18
 
@@ -23,41 +22,25 @@ class ResNet18Translator(CountsTranslator):
     """One network, which predicts the counts of the layout that it was trained on."""
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
-        self.info = info
-        self.full_scale = info.full_scale_counts
-        self.device = device
-        self.bf16 = bf16
         self.network = ResNet18(info.x_mm.size, preset.filters)
-        self.network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
-        self.networks = {"resnet18": self.network}
+        super().__init__(preset, info, device, bf16, {"resnet18": self.network})
         self.optimizers = {"resnet18": adamw(self.network.parameters(), preset)}
-        self.average = weight_average(self.network, preset.averaged_part)
-        self.predictor: nn.Module = self.average.module if self.average else self.network
 
     def step(self, examples: Examples) -> dict[str, float]:
         """One step on L3, the mean squared error of the counts as a fraction of full scale.
 
         images: (B, 3, S, S) normalized. Returns the loss by name.
         """
-        optimizer = self.optimizers["resnet18"]
-        optimizer.zero_grad()
         with self.precision():
             predicted = self.network(examples.images.to(self.device))
         targets = examples.counts.to(self.device) / self.full_scale
         loss = functional.mse_loss(predicted.float(), targets)
-        loss.backward()
-        average_gradients(self.network)
-        optimizer.step()
-        if self.average is not None:
-            self.average.update_parameters(self.network)
+        self.descend(loss, self.network, "resnet18")
         return {"l3": float(loss.detach())}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
         """See CountsTranslator. images: (B, 3, S, S)."""
-        self.predictor.eval()
-        with torch.inference_mode(), self.precision():
-            predicted = self.predictor(images.to(self.device))
-        return (predicted.float() * self.full_scale).clamp(0.0, self.full_scale)
+        return (self.outputs(images).float() * self.full_scale).clamp(0.0, self.full_scale)
 
     @cached_property
     def phi(self) -> Phi:

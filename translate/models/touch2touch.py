@@ -32,8 +32,7 @@ from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import DataInfo, Examples
-from t2twin.translate.models.base import CountsTranslator, Translator, adamw, weight_average
-from t2twin.translate.models.distributed import average_gradients
+from t2twin.translate.models.base import CountsTranslator, Translator, adamw
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.pix2pix import PatchGAN, UNet
 
@@ -91,33 +90,23 @@ class Pix2Pix(Translator):
     """The generator and the discriminator of one preset; the generator predicts."""
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
-        self.info = info
         self.phi = info.phi.resized((preset.size, preset.size))
-        self.full_scale = info.full_scale_counts
         self.l1_weight = preset.l1_weight
         self.iou_weight = preset.iou_weight
-        self.device = device
-        self.bf16 = bf16
         self.generator = UNet(preset.size, preset.filters)
         self.discriminator = PatchGAN(filters=preset.filters)
-        self.networks = {"generator": self.generator, "discriminator": self.discriminator}
-        for network in self.networks.values():
-            network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        networks = {"generator": self.generator, "discriminator": self.discriminator}
+        super().__init__(preset, info, device, bf16, networks)
         self.optimizers = {
             "generator": adamw(self.generator.parameters(), preset),
             "discriminator": adamw(
                 self.discriminator.parameters(), preset, preset.discriminator_share
             ),
         }
-        self.average = weight_average(self.generator, preset.averaged_part)
-        self.predictor: nn.Module = self.average.module if self.average else self.generator
 
     def generate(self, inputs: torch.Tensor) -> torch.Tensor:
         """The generator's outputs in evaluation mode. (B, 1, S, S) -> (B, 1, S, S), in [-1, 1]."""
-        self.predictor.eval()
-        with torch.inference_mode(), self.precision():
-            generated = self.predictor(inputs.to(self.device))
-        return generated.float()
+        return self.outputs(inputs).float()
 
     def scaled_tactile_images(self, counts: torch.Tensor) -> torch.Tensor:
         """(B, N) counts -> tactile images, (B, 1, S, S): -1 is zero, 1 is full scale."""
@@ -132,31 +121,23 @@ class Pix2Pix(Translator):
             generated = self.generator(inputs)
         discriminator_loss = self._discriminator_step(inputs, targets, generated.detach())
         losses = self._generator_step(inputs, targets, generated)
-        if self.average is not None:
-            self.average.update_parameters(self.generator)
         return {"discriminator": discriminator_loss, **losses}
 
     def _discriminator_step(
         self, inputs: torch.Tensor, targets: torch.Tensor, generated: torch.Tensor
     ) -> float:
         """Classifies real and generated pairs; the loss is halved to slow this network down."""
-        optimizer = self.optimizers["discriminator"]
-        optimizer.zero_grad()
         with self.precision():
             real_logits = self.discriminator(inputs, targets)
             generated_logits = self.discriminator(inputs, generated)
         loss = 0.5 * (_adversarial(real_logits, 1.0) + _adversarial(generated_logits, 0.0))
-        loss.backward()
-        average_gradients(self.discriminator)
-        optimizer.step()
+        self.descend(loss, self.discriminator, "discriminator")
         return float(loss.detach())
 
     def _generator_step(
         self, inputs: torch.Tensor, targets: torch.Tensor, generated: torch.Tensor
     ) -> dict[str, float]:
         """Minimizes the adversarial loss, L1 and, with a weight, the soft IoU loss."""
-        optimizer = self.optimizers["generator"]
-        optimizer.zero_grad()
         self.discriminator.requires_grad_(False)
         with self.precision():
             logits = self.discriminator(inputs, generated)
@@ -166,10 +147,8 @@ class Pix2Pix(Translator):
         if self.iou_weight:
             losses["iou"] = soft_iou_loss((generated.float() + 1.0) / 2.0, (targets + 1.0) / 2.0)
             total = total + self.iou_weight * losses["iou"]
-        total.backward()
+        self.descend(total, self.generator, "generator")
         self.discriminator.requires_grad_(True)
-        average_gradients(self.generator)
-        optimizer.step()
         return {name: float(loss.detach()) for name, loss in losses.items()}
 
 
