@@ -34,8 +34,7 @@ from t2twin.translate.data.images import (
 )
 from t2twin.translate.data.pairs import DataInfo, ImageFile, InputImages
 from t2twin.translate.models.base import CountsTranslator, LayoutReader, Translator
-from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.field_readout import FieldPrediction
+from t2twin.translate.models.field import FieldPrediction, FieldTranslator
 from t2twin.translate.models.touch2touch import CountsToImage
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate

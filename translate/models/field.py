@@ -21,7 +21,7 @@ of a tactile image.
 from collections.abc import Iterator
 from copy import copy, deepcopy
 from functools import cached_property
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import torch
@@ -31,20 +31,18 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
 from t2twin.sim.taxels.dense import reading_matrix
 from t2twin.sim.taxels.layout import Layout
+from t2twin.sim.taxels.phi import barycentric
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.base import CountsTranslator, adamw
-from t2twin.translate.models.field_readout import (
-    MIN_FORCE_SCALE,
-    DenseImage,
-    FieldPrediction,
-    FieldReadout,
-    log_force,
-    predicts_force,
-)
 from t2twin.translate.models.presets import Preset
-from t2twin.translate.networks.field_net import SHEAR, FieldNet, FieldOutputs
-from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
+from t2twin.translate.networks.field_net import KNOTS, SHEAR, FieldNet, FieldOutputs
+from t2twin.translate.uncertainty.calibration import (
+    Errors,
+    fit_calibration,
+    interpolate_scale,
+    standard_deviation,
+)
 
 ABSOLUTE_WEIGHT = 0.1
 """Weight of the absolute error of the dense counts relative to the squared one, both divided by
@@ -58,6 +56,14 @@ ROUNDING = 0.01
 FORCE_WEIGHT = 0.3
 """Weight of the force's squared error relative to that of the dense counts, both divided by their
 variance (assumed)."""
+
+FORCE_OFFSET_N = 0.1
+"""Added to a force before its logarithm is taken, N (assumed: the force is zero without contact,
+and at least half a newton otherwise)."""
+
+MIN_FORCE_SCALE = 1e-3
+"""Standard deviation of the training forces' logarithms above which the network predicts the force
+(assumed)."""
 
 MIN_RELATIVE_SHEAR_N = 0.3
 """Shear force below which its error is no longer relative to it, N (assumed: as for the figures of
@@ -122,6 +128,131 @@ def _negative_log_likelihood(error: torch.Tensor, log_spread: torch.Tensor) -> t
     square = error.square() * torch.exp(-2.0 * log_spread)
     tail = torch.log1p(square / DEGREES_OF_FREEDOM)
     return log_spread + 0.5 * (DEGREES_OF_FREEDOM + 1.0) * tail
+
+
+class FieldPrediction(NamedTuple):
+    """Predictions for B images.
+
+    counts, counts_std: (B, N), counts. dense_counts, dense_counts_std: (B, F), counts. force_n,
+    force_std_n: (B,), N, or None if the run was trained on presses of one force. shear_n,
+    shear_std_n: (B, 2), N, or None if it was trained without.
+    """
+
+    counts: torch.Tensor
+    counts_std: torch.Tensor
+    dense_counts: torch.Tensor
+    dense_counts_std: torch.Tensor
+    force_n: torch.Tensor | None
+    force_std_n: torch.Tensor | None
+    shear_n: torch.Tensor | None = None
+    shear_std_n: torch.Tensor | None = None
+
+
+class FieldReadout(nn.Module):
+    """Reads the counts of a layout from the outputs of a calibrated network.
+
+    reading: (N, F), maps the dense counts to the counts. full_scale: counts.
+    """
+
+    reading: torch.Tensor
+    factor: torch.Tensor
+    place_knots: torch.Tensor
+    press_knots: torch.Tensor
+    force_knots: torch.Tensor
+    force_scale: torch.Tensor
+    shear_knots: torch.Tensor
+    shear_scale: torch.Tensor
+
+    def __init__(self, network: FieldNet, reading: np.ndarray, full_scale: float) -> None:
+        super().__init__()
+        self.full_scale = full_scale
+        self.predicts_force = predicts_force(network)
+        factor = torch.linalg.cholesky(network.correlation.cpu().double()).float()
+        self.register_buffer("reading", torch.from_numpy(reading).float())
+        self.register_buffer("factor", factor)
+        shear = ("shear_knots", "shear_scale") if network.predicts_shear else ()
+        for name in (*KNOTS, "force_scale", *shear):
+            self.register_buffer(name, getattr(network, name).detach().clone())
+        self.to(network.correlation.device)
+
+    def forward(self, outputs: FieldOutputs) -> FieldPrediction:
+        """All counts are clipped to zero and full scale."""
+        dense_counts = (outputs.mean * self.full_scale).clamp(0.0, self.full_scale)
+        std = standard_deviation(outputs.log_spread, self.place_knots, self.press_knots)
+        dense_counts_std = self.full_scale * std
+        counts = (dense_counts @ self.reading.T).clamp(0.0, self.full_scale)
+        # A taxel averages several places, whose errors are correlated.
+        parts = (dense_counts_std[:, None, :] * self.reading) @ self.factor
+        counts_std = parts.square().sum(dim=2).sqrt()
+        found = FieldPrediction(counts, counts_std, dense_counts, dense_counts_std, None, None)
+        if outputs.shear is not None and outputs.shear_log_spread is not None:
+            factor = interpolate_scale(outputs.shear_log_spread, self.shear_knots)
+            spread = outputs.shear_log_spread.exp() * factor
+            found = found._replace(
+                shear_n=self.shear_scale * outputs.shear, shear_std_n=self.shear_scale * spread
+            )
+        if not self.predicts_force:
+            return found
+        shifted = torch.exp(outputs.force * self.force_scale[1] + self.force_scale[0])
+        spread = outputs.force_log_spread.exp() * interpolate_scale(
+            outputs.force_log_spread, self.force_knots
+        )
+        spread = spread * self.force_scale[1]
+        force = (shifted - FORCE_OFFSET_N).clamp(min=0.0)
+        return found._replace(force_n=force, force_std_n=shifted * spread)
+
+    def sample(self, prediction: FieldPrediction, number: int, seed: int) -> torch.Tensor:
+        """(B, number, F) fields sampled from the predicted distributions, counts."""
+        generator = torch.Generator().manual_seed(seed)
+        shape = (prediction.dense_counts.shape[0], number, prediction.dense_counts.shape[1])
+        normal = torch.randn(shape, generator=generator).to(prediction.dense_counts.device)
+        deviation = prediction.dense_counts_std[:, None] * (normal @ self.factor.T)
+        return (prediction.dense_counts[:, None] + deviation).clamp(0.0, self.full_scale)
+
+
+def log_force(force_n: torch.Tensor) -> torch.Tensor:
+    """The shifted logarithm of forces, the target of training. Any shape, N."""
+    return torch.log(force_n + FORCE_OFFSET_N)
+
+
+def predicts_force(network: FieldNet) -> bool:
+    """Whether the network was trained on presses of several forces."""
+    return float(network.force_scale[1]) > MIN_FORCE_SCALE
+
+
+class DenseImage(nn.Module):
+    """Maps (B, F) to (B, R, C), zero outside the places' convex hull.
+
+    x_mm, y_mm: (F,), mm. shape: R and C. px_per_mm: scale of the image.
+    """
+
+    corners: torch.Tensor
+    weights: torch.Tensor
+
+    def __init__(
+        self, x_mm: np.ndarray, y_mm: np.ndarray, shape: tuple[int, int], px_per_mm: float
+    ) -> None:
+        super().__init__()
+        self.shape = shape
+        columns_mm, rows_mm = (
+            (np.arange(size) + 0.5) / px_per_mm - size / px_per_mm / 2 for size in reversed(shape)
+        )
+        centers = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
+        matrix = barycentric(np.column_stack([x_mm, y_mm]), centers)
+        inside = np.diff(matrix.indptr) == 3
+        corners = np.zeros((centers.shape[0], 3), np.int64)
+        weights = np.zeros((centers.shape[0], 3), np.float32)
+        corners[inside] = matrix.indices.reshape(-1, 3)
+        weights[inside] = matrix.data.reshape(-1, 3).clip(0.0, 1.0)
+        self.register_buffer("corners", torch.from_numpy(np.ascontiguousarray(corners.T)))
+        self.register_buffer("weights", torch.from_numpy(np.ascontiguousarray(weights.T)))
+
+    def forward(self, field: torch.Tensor) -> torch.Tensor:
+        # Indexed by number: the tracer does not support iteration over a tensor.
+        first, second, third = (
+            field.index_select(1, self.corners[n]) * self.weights[n] for n in range(3)
+        )
+        return (first + second + third).unflatten(1, self.shape)
 
 
 SHEAR_RATE_SHARE = 5.0
