@@ -17,7 +17,7 @@ from PIL import Image
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.live.outputs import RerunOutput, ZmqPublisher
+from t2twin.live.follow import published, recorded
 from t2twin.live.sources import Frame
 from t2twin.rerun_log import RerunLog
 
@@ -39,22 +39,21 @@ def rerun(monkeypatch: pytest.MonkeyPatch) -> MagicMock:
 
 def test_subscribers_receive_each_line() -> None:
     address = f"ipc://{Path('socket').resolve()}"
-    publisher = ZmqPublisher(address)
     context = zmq.Context()
     subscriber = context.socket(zmq.SUB)
-    subscriber.connect(address)
-    subscriber.subscribe("")
-    while not subscriber.poll(10):  # a subscription takes effect after a while
-        publisher(FRAME, LINE)
-    assert json.loads(subscriber.recv()) == LINE
-    context.destroy(linger=0)
-    publisher.close()
+    with published(address) as publish:
+        subscriber.connect(address)
+        subscriber.subscribe("")
+        while not subscriber.poll(10):  # a subscription takes effect after a while
+            publish(FRAME, LINE)
+        assert json.loads(subscriber.recv()) == LINE
+        context.destroy(linger=0)
 
 
 @pytest.mark.parametrize("address", ["", "nowhere", "tcp://256.0.0.1:1", "tcp://127.0.0.1:x"])
 def test_an_invalid_address_is_one_sentence(address: str) -> None:
     with pytest.raises(T2TwinError, match=r"cannot be bound|has no valid port"):
-        ZmqPublisher(address)
+        published(address).__enter__()
 
 
 def test_a_touch_is_recorded(rerun: MagicMock) -> None:
@@ -72,10 +71,9 @@ def test_a_touch_is_recorded(rerun: MagicMock) -> None:
 
 
 def test_predictions_are_recorded_from_the_first_frame_on(rerun: MagicMock) -> None:
-    output = RerunOutput(RerunLog(Path("live.rrd")))
-    output(FRAME, LINE)
-    output(Frame(FRAME.image, 1, None, 3.5), LINE)
-    output.close()
+    with recorded(Path("live.rrd")) as record:
+        record(FRAME, LINE)
+        record(Frame(FRAME.image, 1, None, 3.5), LINE)
     times = [call.kwargs["duration"] for call in rerun.RecordingStream().set_time.call_args_list]
     assert times == [0.0, 2.5]
 
@@ -116,17 +114,18 @@ def test_an_unusable_recording_is_one_sentence(file: str, sentence: str) -> None
 def test_a_port_out_of_range_is_refused(port: str) -> None:
     """ZeroMQ itself takes it modulo 65,536."""
     with pytest.raises(T2TwinError, match=f"127.0.0.1:{port} has no valid port; expected 0 to 655"):
-        ZmqPublisher(f"tcp://127.0.0.1:{port}")
-    ZmqPublisher("tcp://127.0.0.1:*").close()
+        published(f"tcp://127.0.0.1:{port}").__enter__()
+    with published("tcp://127.0.0.1:*"):
+        pass
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2twin.rerun_log.find_spec", lambda name: None)
-    monkeypatch.setattr("t2twin.live.outputs.find_spec", lambda name: None)
+    monkeypatch.setattr("t2twin.live.follow.find_spec", lambda name: None)
     with pytest.raises(T2TwinError, match=r"pip install 't2twin\[rerun\]'"):
         RerunLog(Path("a.rrd"))
     with pytest.raises(T2TwinError, match=r"pip install 't2twin\[zmq\]'"):
-        ZmqPublisher("tcp://127.0.0.1:5555")
+        published("tcp://127.0.0.1:5555").__enter__()
 
 
 class Node:

@@ -131,11 +131,10 @@ def live(
         zmq: Address at which a ZeroMQ PUB socket publishes each line, such as tcp://127.0.0.1:5555.
         rerun: Recording of the frames and predictions for the viewer of Rerun.
     """
-    from contextlib import ExitStack, closing
+    from contextlib import ExitStack
 
     from t2twin.core.errors import T2TwinError
-    from t2twin.live.follow import follow
-    from t2twin.live.outputs import open_outputs
+    from t2twin.live.follow import follow, published, recorded
     from t2twin.live.sources import open_background, open_source
     from t2twin.translate.inference.load import load
     from t2twin.translate.inference.predictor import CountsPredictor, require
@@ -146,7 +145,11 @@ def live(
     use_all_cores()
     loaded = load(options.name, options.layout, options.bf16)
     with ExitStack() as stack:
-        outputs = [stack.enter_context(closing(each)) for each in open_outputs(zmq, rerun)]
+        outputs = []
+        if zmq is not None:
+            outputs.append(stack.enter_context(published(zmq)))
+        if rerun is not None:
+            outputs.append(stack.enter_context(recorded(rerun)))
         follow(
             require(loaded, CountsPredictor, "live"),
             open_source(source, turn_deg, _report),

@@ -1,16 +1,21 @@
-"""Translates frames as they arrive and writes one line of JSON for each."""
+"""Translates frames as they arrive; writes, publishes and records a line of JSON for each."""
 
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 
-from t2twin.live.outputs import Output
+from t2twin.core.errors import T2TwinError
 from t2twin.live.sources import Frame, LatestFrame, Report, Source
+from t2twin.rerun_log import RerunLog
 from t2twin.translate.inference.batch import ood_entry
 from t2twin.translate.inference.predictor import (
     NO_BACKGROUND,
@@ -25,6 +30,10 @@ REPORT_EVERY_S = 5.0
 
 MAX_LATENCIES = 100_000
 """Number of latencies kept for the final report, half an hour at 60 Hz; limits memory."""
+
+
+Output = Callable[[Frame, dict[str, Any]], object]
+"""Receives a frame and the values of its line."""
 
 
 @dataclass
@@ -153,3 +162,55 @@ def _place(frame: Frame, latency_ms: float) -> dict[str, Any]:
 
 def _whole(values: np.ndarray) -> list[int]:
     return np.rint(values).astype(int).tolist()
+
+
+@contextmanager
+def published(address: str) -> Iterator[Output]:
+    """Publishes each line of JSON as one message of a ZeroMQ PUB socket, within the block.
+
+    address: to bind, such as tcp://127.0.0.1:5555. Subscribers that are too slow lose messages.
+    Raises T2TwinError without the extra t2twin[zmq], and for an address that cannot be bound.
+    """
+    if find_spec("zmq") is None:
+        raise T2TwinError("--zmq needs PyZMQ: `pip install 't2twin[zmq]'`")
+    import zmq
+
+    _check_port(address)
+    context = zmq.Context()
+    socket = context.socket(zmq.PUB)
+    try:
+        try:
+            socket.bind(address)
+        except zmq.ZMQError as error:
+            raise T2TwinError(
+                f"--zmq {address} cannot be bound: {error.strerror}; expected an address such as "
+                "tcp://127.0.0.1:5555"
+            ) from error
+        yield lambda frame, line: socket.send_string(json.dumps(line))
+    finally:
+        context.destroy(linger=0)  # messages that are not sent are dropped
+
+
+def _check_port(address: str) -> None:
+    """Raises T2TwinError for a port of TCP out of range, which ZeroMQ replaces by another one."""
+    try:
+        if address.startswith("tcp:") and not address.endswith(":*"):
+            _ = urlsplit(address).port  # raises ValueError
+    except ValueError:
+        raise T2TwinError(
+            f"--zmq {address} has no valid port; expected 0 to 65535, as in tcp://127.0.0.1:5555"
+        ) from None
+
+
+@contextmanager
+def recorded(file: Path) -> Iterator[Output]:
+    """Records images and predictions for the viewer of Rerun, within the block; see RerunLog."""
+    began_s: float | None = None
+
+    def record(frame: Frame, line: dict[str, Any]) -> None:
+        nonlocal began_s
+        began_s = frame.arrived_s if began_s is None else began_s
+        log.prediction(frame.arrived_s - began_s, frame.image, line)
+
+    with closing(RerunLog(file)) as log:
+        yield record
