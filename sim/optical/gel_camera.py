@@ -19,7 +19,6 @@ from t2twin.sim.contact.spec import MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer, Renderer, optics_of_leds
-from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.markers import Markers, surface_shift
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.pyrender_renderer import PyrenderRenderer
@@ -64,21 +63,15 @@ class GelCamera:
     markers: Markers | None = None
     gel: Elastomer | None = None
     unit: Unit | None = field(default=None, repr=False)
-    optics: Optics = field(init=False, repr=False, compare=False)
-    image_renderer: ImageRenderer = field(init=False, repr=False, compare=False)
-    elastomer: Elastomer = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         arguments.choice(self.renderer, "renderer", get_args(Renderer))
         if self.gel is not None:
             arguments.instance(self.gel, "gel", Elastomer)
-        optics = self.unit.optics if self.unit else self._own_optics()
         if self.markers is not None:
             printed = arguments.instance(self.markers, "markers", Markers).printed(self.camera)
             object.__setattr__(self, "markers", printed)
-        object.__setattr__(self, "optics", optics)
-        object.__setattr__(self, "image_renderer", self._image_renderer(optics))
-        object.__setattr__(self, "elastomer", self._elastomer(optics))
+        _ = self.image_renderer, self.elastomer  # faults of the optics are those of the sensor
 
     @property
     def name(self) -> str:
@@ -134,12 +127,15 @@ class GelCamera:
         own = self.spec.light.optics
         return None if own is None else Path(self.folder) / own
 
-    def _own_optics(self) -> Optics:
-        path, light = self.optics_path, self.spec.light
+    @cached_property
+    def optics(self) -> Optics:
+        """Those of the unit, of the optics file, or of the LEDs."""
+        path, light, camera = self.optics_path, self.spec.light, self.camera
+        if self.unit is not None:
+            return self.unit.optics
         if path is None:
-            shown = self.camera, self.own_gel
-            return optics_of_leds(self.spec.light.leds, light.ambient, light.gamma, *shown)
-        optics, camera = Optics.load(path), self.camera
+            return optics_of_leds(light.leds, light.ambient, light.gamma, camera, self.own_gel)
+        optics = Optics.load(path)
         if (optics.camera.rows, optics.camera.columns) != (camera.rows, camera.columns):
             raise T2TwinError(
                 f"{path} is of images with {optics.camera.rows} rows and {optics.camera.columns} "
@@ -147,28 +143,26 @@ class GelCamera:
             )
         return optics
 
-    def _image_renderer(self, optics: Optics) -> ImageRenderer:
-        of_optics = optics, self.own_gel, self.spec.camera.noise_grey
+    @cached_property
+    def image_renderer(self) -> ImageRenderer:
+        gels = self.own_gel, self.spec.camera.noise_grey, self.gel, self.markers
         if self.renderer == "baked":
-            return ImageRenderer(*of_optics, self.gel, self.markers)
-        leds: tuple[Led, ...] | None = None
-        if self.unit is not None:
-            leds = self.unit.leds
-        elif self.optics_file is None:
-            leds = self.spec.light.leds
-        if not leds:
+            return ImageRenderer(self.optics, *gels)
+        leds = self.unit.leds if self.unit is not None else self.spec.light.leds
+        if not leds or (self.unit is None and self.optics_file is not None):
             raise T2TwinError(
                 "pyrender cannot render an optics file, which has no description of single "
                 "LEDs; it renders the default optics and units sampled without an optics file"
             )
-        ambient = self.spec.light.ambient
-        return PyrenderRenderer(optics, leds, ambient, *of_optics[1:], self.gel, self.markers)
+        return PyrenderRenderer(self.optics, leds, self.spec.light.ambient, *gels)
 
-    def _elastomer(self, optics: Optics) -> Elastomer:
-        gel, own = self.gel or self.own_gel, self.own_gel
-        if optics.young_mpa is None or (gel.young_mpa, gel.law) != (own.young_mpa, own.law):
+    @cached_property
+    def elastomer(self) -> Elastomer:
+        """The gel that is pressed."""
+        gel, own, young_mpa = self.gel or self.own_gel, self.own_gel, self.optics.young_mpa
+        if young_mpa is None or (gel.young_mpa, gel.law) != (own.young_mpa, own.law):
             return gel
-        return replace(gel, young_mpa=optics.young_mpa)
+        return replace(gel, young_mpa=young_mpa)
 
     def with_options(self, options: dict[str, Any]) -> "GelCamera":
         """The same sensor with some of OPTIONS, by name; None keeps the present value.

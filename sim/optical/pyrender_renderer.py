@@ -135,8 +135,8 @@ class ReferenceRenderer:
             for led in leds
         ]
         self._passes = led_points if leds else 1
-        self._x_mm, self._y_mm = optical_grid(gel)
-        grid = np.meshgrid(self._x_mm, self._y_mm)
+        self._axes = optical_grid(gel)
+        self._grid = grid = np.meshgrid(*self._axes)
         self._rest_mm = gel.rest_surface_mm(*grid) + camera.tilt_mm(*grid)
         ny, nx = (size // MESH_STRIDE for size in self._rest_mm.shape)
         self._faces = _grid_faces(ny, nx)
@@ -209,9 +209,8 @@ class ReferenceRenderer:
 
     def _is_seen(self) -> np.ndarray:
         """(vertices,) whether the image can contain them; the rim outside would shade the rest."""
-        x, y = np.meshgrid(self._x_mm, self._y_mm)
         highest_mm = float(self._rest_mm.max())
-        xy = _blocks(np.stack([x, y], axis=-1))
+        xy = _blocks(np.stack(self._grid, axis=-1))
         inside = self.camera.is_seen(xy[:, 0], xy[:, 1], SEEN_MARGIN_MM, highest_mm)
         return np.logical_and(*inside)
 
@@ -223,11 +222,10 @@ class ReferenceRenderer:
             )
         surface_mm = coated(np.ascontiguousarray(surface_mm, dtype=np.float32))
         z = self._rest_mm - surface_mm
-        along_y, along_x = np.gradient(z, self._y_mm, self._x_mm)
-        x, y = np.meshgrid(self._x_mm, self._y_mm)
+        along_y, along_x = np.gradient(z, *reversed(self._axes))
         normals = _blocks(np.stack([along_x, along_y, -np.ones_like(z)], axis=-1))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        points = _blocks(np.stack([x, y, z], axis=-1))
+        points = _blocks(np.stack([*self._grid, z], axis=-1))
         # pyrender's shadow maps omit back faces: the gel, facing away from the LEDs, only receives
         # shadows; a copy behind it, invisible to the camera, casts them
         primitives = [self._primitive(points, normals, self._seen_faces, self._gel_material)]
@@ -309,36 +307,22 @@ Scene = tuple[tuple[Led, ...], tuple[float, float, float], Camera, Elastomer]
 """LEDs, undirected light, camera and gel."""
 
 
+_last: dict[int, tuple[Scene, ReferenceRenderer, np.ndarray]] = {}
+"""Of each process, which differ after forks: its last renderer, and the light of the gel at rest.
+"""
+
+
 def _change(scene: Scene, surface_mm: np.ndarray) -> np.ndarray:
     """(rows, columns, RGB) change of the light by a deflection."""
-    renderer, rest_light = _renderer_cache(os.getpid()).renderer(scene)
+    process = os.getpid()
+    if process in _last and _last[process][0] != scene:
+        _last.pop(process)[1].close()
+    if process not in _last:
+        renderer = ReferenceRenderer(*scene)
+        x, y = optical_grid(scene[-1])
+        _last[process] = scene, renderer, renderer.render_linear(np.zeros((y.size, x.size)))
+    _, renderer, rest_light = _last[process]
     return renderer.render_linear(surface_mm) - rest_light
-
-
-class _RendererCache:
-    """The last renderer, and its light of the gel at rest."""
-
-    def __init__(self) -> None:
-        self._scene: Scene | None = None
-        self._renderer: ReferenceRenderer | None = None
-        self._rest_light = np.zeros(0)
-
-    def renderer(self, scene: Scene) -> tuple[ReferenceRenderer, np.ndarray]:
-        if self._renderer is not None and self._scene != scene:
-            self._renderer.close()
-            self._renderer = None
-        if self._renderer is None:
-            self._renderer = ReferenceRenderer(*scene)
-            x, y = optical_grid(scene[-1])
-            self._rest_light = self._renderer.render_linear(np.zeros((y.size, x.size)))
-            self._scene = scene
-        return self._renderer, self._rest_light
-
-
-@cache
-def _renderer_cache(process: int) -> _RendererCache:
-    """The cache of a process; the argument distinguishes forks."""
-    return _RendererCache()
 
 
 def encode(linear: np.ndarray) -> np.ndarray:
