@@ -145,7 +145,7 @@ def test_press_names_the_elastomer_and_the_versions(tmp_path):
     assert summary["versions"]["t2twin"] == version("t2twin")
 
 
-@pytest.mark.parametrize("backend", ["egl", "glfw"])
+@pytest.mark.parametrize("backend", ["glfw", pytest.param("egl", marks=pytest.mark.exhaustive)])
 def test_commands_import_no_renderer_of_mujoco(backend):
     """MuJoCo's EGL needs another PyOpenGL than pyrender; GLFW starts processes on import, which
     print an error when the command is stopped."""

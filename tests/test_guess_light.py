@@ -1,5 +1,6 @@
 """A light from the background alone: whose background, whose camera, and that it is a middle."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -71,7 +72,9 @@ def test_the_mean_errs_less_than_the_drawn_ones(lights):
     assert np.mean(mean) > np.mean(singly) + 2.0
 
 
-def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys):
+def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys, monkeypatch):
+    few = functools.partial(sample_lights, count=FEW)
+    monkeypatch.setattr("t2twin.sim.calibrate.sample_lights", few)
     path = tmp_path / "mine.png"
     Image.fromarray(background).save(path)
     main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])

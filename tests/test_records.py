@@ -96,39 +96,54 @@ def test_info_comes_back_as_it_was_written(tmp_path, info):
     assert "origin" not in content and "optics_sha256" not in content["target"]
 
 
+def wrong_values(content, at=()):
+    """Places in a file's JSON, and values of other types for them."""
+    pairs = content.items() if isinstance(content, dict) else enumerate(content[:1])
+    for key, value in pairs:
+        if key not in ("spec", "draw", "versions"):  # of other files, and free
+            other = {bool: 1, type(None): [[]], str: 5, dict: 5}.get(type(value), "x")
+            yield (*at, key), other
+            if isinstance(value, dict | list):
+                yield from wrong_values(value, (*at, key))
+
+
+@pytest.mark.parametrize(("name", "read"), [(INFO, read_info), (CONFIG, load_config)])
+def test_each_value_of_another_type_is_one_sentence(tmp_path, info, config, name, read):
+    write_info(tmp_path, info)
+    config.save(tmp_path)
+    content = (tmp_path / name).read_text()
+    for place, value in wrong_values(json.loads(content)):
+        (tmp_path / name).write_text(content)
+        change(tmp_path / name, place, value)
+        with pytest.raises(T2TwinError) as error:
+            read(tmp_path)
+        said = sentence(error)
+        assert said.startswith(str(tmp_path / name)), place
+        assert str(place[-1]) in said or "[...]" in said, (place, said)
+
+
 @pytest.mark.parametrize(
     ("place", "value", "said"),
     [
         (["format"], 3, "of format 3; this version of t2twin reads formats 1 and 2"),
-        (["format"], "1", "format is text; it must be a whole number"),
-        (["format"], GONE, "format is missing"),
-        (["complete"], 1, "complete is a whole number; it must be true or false"),
-        (["pairs"], GONE, "pairs is missing"),
         (["pairs", "val"], GONE, "pairs must name the splits train, val, test"),
         (["pairs", "all"], 3, "pairs must name the splits train, val, test"),
         (["pairs", "val"], -1, r"pairs\[\.\.\.\] must be a whole number at least 0"),
-        (["target", "x_mm", 2], "x", r"target\.x_mm\[2\] is text; it must be a number"),
         (["target", "x_mm", 2], float("nan"), "is not JSON"),
-        (["target", "x_mm", 2], float("inf"), "is not JSON"),
-        (["target", "y_mm"], [0.0], "layout_x_mm has 20 and layout_y_mm 1 positions"),
-        (["target", "full_scale_counts"], 0, "full_scale_counts must be a whole number at least 1"),
+        (["target", "y_mm"], [0.0], r"y_mm of layout cyskin-20 has shape \(1,\); expected \(20,\)"),
         (["target", "full_scale_counts"], 65_536, "must be a whole number at most 65535"),
-        (["target", "full_scale_counts"], 4e4, "full_scale_counts is a number; it must be"),
         (["source", "image_shape"], [320, 240], "image_shape must be a list of length 3"),
         (["seed"], -1, "seed must be a whole number at least 0"),
-        (["versions"], ["numpy"], "versions is a list; it must be an object"),
         (["source", "image_shape"], GONE, "image_shape of digit is missing"),
         (["source", "noise_grey"], -1.0, r"source\.noise_grey must be a number at least 0"),
         (["source", "value"], "sound", "value is 'sound', which is none of the allowed"),
         (["target", "elastomer", "young_mpa"], 0, "elastomer of cyskin-20: young_mpa is 0"),
-        (["target", "elastomer", "poisson"], "x", "elastomer of cyskin-20: poisson is text"),
         (["target", "elastomer", "width_mm"], GONE, "elastomer of cyskin-20: width_mm is missing"),
-        (["target", "pad_diameter_mm"], [4.0], "pad_diameter_mm has 1 taxels"),
+        (["target", "pad_diameter_mm"], [4.0], "pad_diameter_mm of layout cyskin-20 has shape"),
         (["target", "rate_hz"], 0, r"target\.rate_hz must be a number above 0"),
         (["target"], GONE, "target is missing"),
         (["shards", SHARD, "pairs"], -2, r"shards\[\.\.\.\]\.pairs must be a whole number"),
         (["shards", SHARD, "sha256"], "ab", "sha256 must be 64 hexadecimal digits"),
-        (["shards", SHARD], 5, r"shards\[\.\.\.\] is a whole number; it must be an object"),
     ],
 )
 def test_a_wrong_field_of_info_is_one_sentence(tmp_path, info, place, value, said):
@@ -200,34 +215,22 @@ def test_steps_and_recipe_come_back(tmp_path, config):
     [
         (["format"], 7, "of format 7; this version of t2twin reads format 1"),
         (["model"], "unet", "model is 'unet'; it must be one of touch2touch, resnet18, field"),
-        (["model"], GONE, "model is missing"),
         (["seed"], -1, "seed must be a whole number at least 0"),
-        (["seed"], 2**70, "seed must be a whole number at most"),
-        (["epochs"], "all", "epochs is text; it must be a whole number or null"),
         (["minutes"], 0, "minutes must be a number above 0"),
         (["minutes"], float("nan"), "is not JSON"),
         (["planned_epochs"], 0, "planned_epochs must be a whole number at least 1"),
         (["steps"], 0, "steps must be a whole number at least 1"),
         (["epoch_steps"], 2**70, "epoch_steps must be a whole number at most"),
-        (["data", "recipe"], 5, r"data\.recipe is a whole number; it must be text or null"),
         (["data", "train_pairs"], -1, r"data\.train_pairs must be a whole number at least 0"),
-        (["bf16"], "yes", "bf16 is text; it must be true or false"),
-        (["processes"], 1.5, "processes is a number; it must be a whole number"),
-        (["preset", "size"], "large", r"preset\.size is text; it must be a whole number"),
         (["preset", "size"], 0, r"preset\.size must be a whole number at least 1"),
-        (["preset", "filters"], 1025, r"preset\.filters must be a whole number at most 1024"),
-        (["preset", "noise"], -0.1, r"preset\.noise must be a number at least 0"),
         (["preset", "learning_rate"], 0.0, r"preset\.learning_rate must be a number above 0"),
         (["preset", "beta1"], 1.0, r"preset\.beta1 must be a number below 1"),
         (["preset", "schedule"], "steep", "schedule is 'steep', which is none of the allowed"),
-        (["preset", "batch"], GONE, r"preset\.batch is missing"),
         (["preset", "l1_wieght"], 5.0, r"preset\.l1_wieght is no setting"),
         (["data", "info_sha256"], "abc", "info_sha256 must be 64 hexadecimal digits"),
-        (["data", "layout_x_mm", 2], "x", r"data\.layout_x_mm\[2\] is text; it must be a number"),
-        (["data", "layout_x_mm"], "x", r"data\.layout_x_mm is text; it must be a list"),
-        (["data", "pad_diameter_mm"], [0.0] * 20, "pad_diameter_mm must have one for each taxel"),
-        (["data", "dense_x_mm"], [0.0], "layout_x_mm has 1 and layout_y_mm 0 positions"),
-        (["data", "layout_x_mm"], [], "layout_x_mm has 0 and layout_y_mm 20 positions"),
+        (["data", "pad_diameter_mm"], [0.0] * 20, "has a pad that is not larger than 0"),
+        (["data", "dense_x_mm"], [0.0], "dense_x_mm or dense_y_mm is missing"),
+        (["data", "layout_x_mm"], [], r"y_mm of layout cyskin-20 has shape \(20,\)"),
         (["data", "cover", "thickness_mm"], GONE, "the cover: thickness_mm is missing"),
         (["data", "cover", "young_mpa"], -1, "the cover: young_mpa is -1"),
         (["data", "view_mm"], [1.0], r"data\.view_mm must be a list of length 2"),
@@ -259,16 +262,12 @@ def test_the_log_has_a_flat_line_for_every_epoch(tmp_path, history):
     [
         ("epoch", GONE, "line 2: epoch is missing"),
         ("epoch", 3, "line 2: epoch is 3; it must be 2"),
-        ("epoch", "two", "line 2: epoch is text; it must be a whole number"),
         ("learning_rate", None, "line 2: learning_rate is null; it must be a number"),
         ("learning_rate", -1e-3, "line 2: learning_rate must be a number at least 0"),
-        ("train_l1", "small", r"line 2: train\[\.\.\.\] is text; it must be a number"),
         ("train_l1", float("inf"), "line 2 is damaged"),
         ("val_rmse_counts", GONE, "line 2: val_rmse_counts is missing"),
         ("val_rmse_counts", float("nan"), "line 2 is damaged"),
         ("val_rmse_counts", -5.0, "line 2: val_rmse_counts must be a number at least 0"),
-        ("val_rmse_percent", True, "line 2: val_rmse_percent is true or false; it must be"),
-        ("seconds", [1], "line 2: seconds is a list; it must be a number"),
     ],
 )
 def test_a_wrong_line_of_the_log_is_one_sentence(tmp_path, history, key, value, said):
