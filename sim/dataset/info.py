@@ -1,7 +1,6 @@
 """The record of a dataset's info.json, validated when it is constructed."""
 
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Annotated, Any, Literal
@@ -102,15 +101,10 @@ class SensorInfo:
             return
         if self.full_scale_counts is None or self.layout is None:
             raise ValueError(f"layout or full_scale_counts of {self.name} is missing")
-        check_layout(self.x_mm, self.y_mm)
+        _ = self.taxels  # raises for an invalid layout
         places = len(self.dense_x_mm or ())
         if places != len(self.dense_y_mm or ()) or places > MAX_TAXELS:
             raise ValueError("dense_x_mm and dense_y_mm must be one of each for each place")
-        pads = self.pad_diameter_mm
-        if pads is not None and len(pads) != len(self.x_mm):
-            raise ValueError(
-                f"pad_diameter_mm has {len(pads)} taxels and the layout {len(self.x_mm)}"
-            )
 
     @property
     def reading(self) -> CountsTable:
@@ -126,7 +120,7 @@ class SensorInfo:
 
     @property
     def taxels(self) -> Layout:
-        """The taxels, with default pads if theirs are unknown."""
+        """The taxels, with default pads if theirs are unknown. Raises T2TwinError as Layout."""
         pads = self.pad_diameter_mm or (PAD_DIAMETER_MM,) * len(self.x_mm)
         return Layout(
             self.layout or self.name, np.array(self.x_mm), np.array(self.y_mm), np.array(pads)
@@ -235,19 +229,6 @@ class DatasetInfo:
     def recipe_name(self) -> str | None:
         """The protocol's scale, or the recipe's name; None for an imported dataset."""
         return self.scale or (None if self.recipe is None else self.recipe.name)
-
-
-def check_layout(x_mm: Sequence[float] | np.ndarray, y_mm: Sequence[float] | np.ndarray) -> None:
-    """Raises ValueError for an invalid layout."""
-    if len(x_mm) == 0 or len(x_mm) != len(y_mm):
-        raise ValueError(
-            f"layout_x_mm has {len(x_mm)} and layout_y_mm {len(y_mm)} positions; each taxel needs "
-            "one of both"
-        )
-    try:
-        Layout("of these", np.array(x_mm), np.array(y_mm), np.full(len(x_mm), PAD_DIAMETER_MM))
-    except T2TwinError as error:
-        raise ValueError(str(error)) from None
 
 
 def is_sha256(digits: str) -> bool:

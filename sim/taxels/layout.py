@@ -75,8 +75,11 @@ class Layout:
             raise T2TwinError(f"layout {self.name} has {n} taxels; it needs at least 3")
         if n > MAX_TAXELS:
             raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MAX_TAXELS} can be")
-        if (self.pad_diameter_mm <= 0).any():
-            raise T2TwinError(f"layout {self.name} has a pad size that is not a positive number")
+        if not 0 < self.pad_diameter_mm.min() <= self.pad_diameter_mm.max() <= LARGEST_PAD_MM:
+            raise T2TwinError(
+                f"layout {self.name} has a pad that is not larger than 0 and at most "
+                f"{LARGEST_PAD_MM:g} mm"
+            )
         apart = self.distances_mm(self)
         apart[np.diag_indices(n)] = np.inf
         if apart.min() < CLOSEST_MM:

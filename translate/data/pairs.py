@@ -39,7 +39,7 @@ from t2twin.sim.dataset.columns import (
     column,
 )
 from t2twin.sim.dataset.format_1 import COVER, IMAGE_SHAPE, TACTILE_IMAGE, VIEW_MM
-from t2twin.sim.dataset.info import MAX_COUNTS, DatasetInfo, check_layout, is_sha256
+from t2twin.sim.dataset.info import MAX_COUNTS, DatasetInfo, is_sha256
 from t2twin.sim.dataset.store import (
     INFO,
     iter_images,
@@ -49,7 +49,7 @@ from t2twin.sim.dataset.store import (
     sha256_of,
     split_shards,
 )
-from t2twin.sim.taxels.layout import LARGEST_PAD_MM, PAD_DIAMETER_MM, Layout
+from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import to_pixels
 
@@ -191,23 +191,9 @@ class DataInfo(Struct, frozen=True):
 
     def check(self) -> None:
         """Raises ValueError for an invalid layout, places, cover or SHA-256."""
-        check_layout(self.x_mm, self.y_mm)
-        _ = self.elastomer
+        _ = self.taxels, self.dense, self.elastomer
         if not is_sha256(self.sha256):
             raise ValueError("info_sha256 must be 64 hexadecimal digits")
-        places = [
-            np.zeros(0) if each is None else each for each in (self.dense_x_mm, self.dense_y_mm)
-        ]
-        if any(each.size for each in places):
-            check_layout(*places)
-        pads = self.pad_diameter_mm
-        if pads is not None and not (
-            pads.shape == self.x_mm.shape and pads.min() > 0.0 and pads.max() <= LARGEST_PAD_MM
-        ):
-            raise ValueError(
-                "pad_diameter_mm must have one for each taxel, above 0 and at most "
-                f"{LARGEST_PAD_MM:g}"
-            )
 
     def same_layout(self, x_mm: np.ndarray, y_mm: np.ndarray) -> bool:
         """Whether positions equal those of the layout, in its order. x_mm, y_mm: (N,), mm."""
@@ -229,10 +215,12 @@ class DataInfo(Struct, frozen=True):
     @property
     def dense(self) -> Layout | None:
         """The places of the dense counts, None without dense counts."""
-        if self.dense_x_mm is None or self.dense_y_mm is None:
+        x_mm, y_mm = self.dense_x_mm, self.dense_y_mm
+        if x_mm is None and y_mm is None:
             return None
-        pads = np.full(self.dense_x_mm.size, self.dense_pad_mm)
-        return Layout("dense", self.dense_x_mm, self.dense_y_mm, pads)
+        if x_mm is None or y_mm is None:
+            raise T2TwinError("dense_x_mm or dense_y_mm is missing; expected both or none")
+        return Layout("dense", x_mm, y_mm, np.full(x_mm.size, self.dense_pad_mm))
 
     @property
     def elastomer(self) -> Elastomer:
