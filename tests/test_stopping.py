@@ -65,8 +65,15 @@ runpy.run_module("t2twin", run_name="__main__", alter_sys=False)
 """A press that halts where it imports the module that its command line names."""
 
 
-@pytest.mark.parametrize("number", STATUS)
-@pytest.mark.parametrize("module", ["t2twin.cli", "numpy", "t2twin.twin", "numba"])
+@pytest.mark.parametrize(
+    ("number", "module"),
+    [
+        (signal.SIGTERM, "t2twin.cli"),
+        (signal.SIGINT, "numpy"),
+        (signal.SIGTERM, "t2twin.twin"),
+        (signal.SIGINT, "numba"),
+    ],
+)
 def test_a_command_is_stopped_while_it_is_being_loaded(number, module, tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", LOADING, module],
@@ -189,7 +196,7 @@ def test_a_file_in_the_way_is_named(place, tmp_path):
     with pytest.raises(T2TwinError, match="is a file, or lies below one"), locked(tmp_path / place):
         pass
     with (
-        pytest.raises(T2TwinError, match="cannot be written"),
+        pytest.raises(T2TwinError, match="is a file, or lies below one"),
         atomic_write(tmp_path / "file" / "x.txt") as temporary,
     ):
         temporary.touch()

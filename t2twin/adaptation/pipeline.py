@@ -221,20 +221,20 @@ def adapt(
     )
     digest = config.digest(inputs)
     fitted = _existing_fit(config, digest)
-    timer = _StepTimer(report)
+    spent: dict[str, float] = {}  # minutes
     with locked(config.out):
-        with timer.step("light"):
+        with _step("light", spent, report):
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
             if not (config.out / RECIPE).is_file():
                 write_recipe(
                     config.out / RECIPE, model, config.minutes, config.out / OPTICS, config.source
                 )
-        with timer.step("data"):
+        with _step("data", spent, report):
             make_dataset(config.out / DATA, recipe=config.out / RECIPE, workers=workers)
-        with timer.step("training"):
+        with _step("training", spent, report):
             _train(config)
-    with timer.step("check"):  # without the lock, which write_page takes
-        result = _check(config, inputs, fitted, timer.minutes)
+    with _step("check", spent, report):  # without the lock, which write_page takes
+        result = _check(config, inputs, fitted, spent)
     write_json(config.out / RECORD, asdict(result))
     return result
 
@@ -373,17 +373,11 @@ def _ball(config: AdaptConfig, diameter_mm: float) -> Shape:
     return catalogue.load(path) if path.is_file() else write_ball(path, diameter_mm)
 
 
-class _StepTimer:
-    """Measures the minutes of each step and reports them."""
-
-    def __init__(self, report: Callable[[str], object]) -> None:
-        self.minutes: dict[str, float] = {}
-        self._report = report
-
-    @contextmanager
-    def step(self, name: str) -> Iterator[None]:
-        self._report(f"{name}: step {STEPS.index(name) + 1} of {len(STEPS)}")
-        start = time.monotonic()
-        yield
-        self.minutes[name] = (time.monotonic() - start) / 60.0
-        self._report(f"{name}: {self.minutes[name]:.1f} minutes")
+@contextmanager
+def _step(name: str, minutes: dict[str, float], report: Callable[[str], object]) -> Iterator[None]:
+    """Reports a step, and measures its minutes."""
+    report(f"{name}: step {STEPS.index(name) + 1} of {len(STEPS)}")
+    start = time.monotonic()
+    yield
+    minutes[name] = (time.monotonic() - start) / 60.0
+    report(f"{name}: {minutes[name]:.1f} minutes")

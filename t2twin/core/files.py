@@ -57,21 +57,18 @@ def atomic_write(path: Path) -> Iterator[Path]:
     writer = f"{get_ident()}.{os.getpid()}"
     stem = path.stem[:MAX_STEM_CHARACTERS]
     temporary = path.with_name(f".{stem}.{writer}.part{path.suffix}")
-    created = _missing(path.parent)
-    pending_writes.add(temporary)
-    created_folders.extend(created)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        check_replaceable(path)
-        temporary.replace(path)
-    except OSError as error:
-        raise write_error(path, error) from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        _remove_empty(created)
-        pending_writes.discard(temporary)
+    with created_folder(path.parent):
+        pending_writes.add(temporary)
+        try:
+            yield temporary
+            check_replaceable(path)
+            temporary.replace(path)
+        except OSError as error:
+            raise write_error(path, error) from error
+        finally:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            pending_writes.discard(temporary)
 
 
 def write_json(path: Path, content: Any) -> None:
