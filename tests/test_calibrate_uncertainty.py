@@ -10,13 +10,14 @@ from ball_frames import POSES, save
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
+from t2twin.core.tables import text
 from t2twin.sim.calibrate import calibrate
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.calibrate.fit import BallFit, State
 from t2twin.sim.optical.calibrate.geometry import Geometry
 from t2twin.sim.optical.calibrate.measurements import FORCES, Tolerance, read_measurements
 from t2twin.sim.optical.calibrate.ridge import Terms
-from t2twin.sim.optical.calibrate.uncertainty import ball_forces_n, force_ratio, uncertainty_lines
+from t2twin.sim.optical.calibrate.uncertainty import ball_forces_n, force_ratio, uncertainty_table
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.light.ray_casting import Leds
 from t2twin.sim.optical.optics import Optics
@@ -165,7 +166,7 @@ def test_force_goes_with_the_modulus(shapes):
 
 
 def test_it_is_said(stated):
-    said = "\n".join(uncertainty_lines(stated))
+    said = text(uncertainty_table(stated))
     assert "The scale is 19.2 px/mm within 2, as given" in said
     assert "0.5 MPa, within 0.1" in said
     assert all(name in said for name in NAMES)

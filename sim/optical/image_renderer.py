@@ -281,12 +281,11 @@ def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
         degree += 1  # high powers are slow to compute, and many responses have none
     rows_of_gain = illumination.gain_rows(rays.places_mm[0].shape[0])
     x_mm, y_mm = (places[rows_of_gain] for places in rays.places_mm)
-    terms = place_terms(x_mm, y_mm, degree)
-    rows, columns, count = terms.shape
-    gain = np.empty((rows, *response.shape[:2], COSINE_TERMS, columns), dtype=np.float32)
-    response = np.ascontiguousarray(response[:, :, :count], dtype=np.float64)
-    illumination.gains(terms, response, gain)
-    return gain
+    terms = np.moveaxis(place_terms(x_mm, y_mm, degree), -1, 1)
+    rows, count, columns = terms.shape
+    entries = np.moveaxis(response[:, :, :count], 2, -1)
+    gain = entries.reshape(-1, count) @ terms.astype(float)
+    return gain.astype(np.float32).reshape(rows, *entries.shape[:-1], columns)
 
 
 def optics_of_leds(

@@ -24,11 +24,7 @@ from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import Section, write_page
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.calibrate.calibrate import OpticsReport, write_coverage
-from t2twin.sim.optical.calibrate.uncertainty import (
-    Bounds,
-    OpticsUncertainty,
-    uncertainty_sentences,
-)
+from t2twin.sim.optical.calibrate.uncertainty import OpticsUncertainty, uncertainty_table
 from t2twin.translate.inference.predictor import CountsPredictor
 
 OPTICS, PRESSES, RECORD = "optics.npz", "presses.json", "adapted.json"
@@ -163,7 +159,7 @@ def write_adapt_page(
             "Presses",
             lambda: {"presses": [(one, _figure(run, one)) for one in comparisons]},
         ),
-        "uncertainty": ("Uncertainty", lambda: _uncertainty(result.uncertainty)),
+        "uncertainty": ("Uncertainty", lambda: {"table": uncertainty_table(result.uncertainty)}),
     }
     template = "adaptation/templates/adaptation.html"
     sections = {name: Section(link, template, compute) for name, (link, compute) in values.items()}
@@ -188,20 +184,6 @@ def _summary(result: AdaptationResult, run: CountsPredictor) -> dict[str, Any]:
     heads = ["", "RMSE, %", "centroid, mm", "force error, %", "one region"]
     least = MIN_CONTACT_SHARE * run.config.data.full_scale_counts
     return {"table": Table(heads, {"": rows}), "min_contact_counts": least}
-
-
-def _uncertainty(uncertainty: OpticsUncertainty) -> dict[str, Any]:
-    rows = [
-        [press.name, *_bounds(press.depth_mm), *_bounds(press.force_n)]
-        for press in uncertainty.presses
-    ]
-    heads = ["press", "depth, mm", "low", "high", "force, N", "low", "high"]
-    return {"table": Table(heads, {"": rows}), "sentences": uncertainty_sentences(uncertainty)}
-
-
-def _bounds(bounds: Bounds | None) -> list[str]:
-    values = (bounds.value, bounds.low, bounds.high) if bounds else ()
-    return [f"{value:.2f}" for value in values] or [""] * 3
 
 
 def _figure(run: CountsPredictor, comparison: PressComparison) -> bytes:

@@ -127,10 +127,11 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     from PIL import Image
 
     from t2twin.core.files import atomic_write
+    from t2twin.core.tables import text
     from t2twin.sim.calibrate import sensor_and_camera
     from t2twin.sim.optical.calibrate.calibrate import write_coverage, write_record
     from t2twin.sim.optical.calibrate.coverage import coverage_sentences
-    from t2twin.sim.optical.calibrate.uncertainty import uncertainty_lines
+    from t2twin.sim.optical.calibrate.uncertainty import uncertainty_table
 
     simulated, noise, rng = report.simulated, report.optics.noise, np.random.default_rng(0)
     if noise is not None:
@@ -143,7 +144,8 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     write_coverage(out / "optics_coverage.png", report, gel_camera.own_gel)
     write_record(out / "optics.json", report)
     report.optics.save(out / "optics.npz")
-    lines = [] if report.uncertainty is None else uncertainty_lines(report.uncertainty)
+    unsure = report.uncertainty
+    lines = [] if unsure is None else [text(uncertainty_table(unsure)), ""]
     covered = coverage_sentences(report.coverage, report.optics.camera)
     for line in (*_score_lines(report), *lines, *covered, ""):
         print(line)
@@ -216,10 +218,10 @@ def adapt(
 
 
 def _print(result: "AdaptationResult") -> None:
-    from t2twin.sim.optical.calibrate.uncertainty import uncertainty_lines
+    from t2twin.core.tables import text
+    from t2twin.sim.optical.calibrate.uncertainty import uncertainty_table
 
-    for line in uncertainty_lines(result.uncertainty):
-        print(line)
+    print(text(uncertainty_table(result.uncertainty)), end="\n\n")
     minutes = ", ".join(f"{name} {spent:.1f}" for name, spent in result.minutes.items())
     print(f"minutes: {minutes}")
     for name, scores in result.runs.items():

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.tables import Table
 from t2twin.primitives_cad.export import write_ball
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import force_at_depth, solve_contact
@@ -246,28 +247,20 @@ def force_ratio(measured_n: np.ndarray, own_n: np.ndarray) -> float:
     return float((measured @ own) / (own @ own))
 
 
-def uncertainty_lines(uncertainty: OpticsUncertainty) -> list[str]:
-    """The summary: sentences and a table of the presses, one line each."""
-    lines = [
-        *uncertainty_sentences(uncertainty),
-        "",
-        f"{'press':34s} {'deep mm':>7s} {'from':>6s} {'to':>6s} {'force N':>8s} {'from':>6s} "
-        f"{'to':>6s}",
-    ]
-    for press in uncertainty.presses:
-        depth, force = press.depth_mm, press.force_n
-        line = f"{press.name:34s} {depth.value:7.2f} {depth.low:6.2f} {depth.high:6.2f}"
-        if force is not None:
-            line += f" {force.value:8.2f} {force.low:6.2f} {force.high:6.2f}"
-        lines.append(line)
-    return [*lines, ""]
-
-
-def uncertainty_sentences(uncertainty: OpticsUncertainty) -> list[str]:
-    """The assumptions of the bounds: balls, scale, modulus."""
+def uncertainty_table(uncertainty: OpticsUncertainty) -> Table:
+    """The bounds of the presses; below, the assumptions: balls, scale, modulus."""
+    rows = [[each.name, *_cells(each.depth_mm), *_cells(each.force_n)]
+            for each in uncertainty.presses]  # fmt: skip
+    heads = ["press", "depth, mm", "low", "high", "force, N", "low", "high"]
     ball_mm = uncertainty.tolerance.ball_mm
     balls = f"The balls' diameters are assumed to be correct within {ball_mm:g} mm."
-    return [balls, _scale_sentence(uncertainty), _modulus_sentence(uncertainty)]
+    notes = [balls, _scale_sentence(uncertainty), _modulus_sentence(uncertainty)]
+    return Table(heads, {"": rows}, notes=notes)
+
+
+def _cells(bounds: Bounds | None) -> list[str]:
+    values = (bounds.value, bounds.low, bounds.high) if bounds else ()
+    return [f"{value:.2f}" for value in values] or [""] * 3
 
 
 def _scale_sentence(uncertainty: OpticsUncertainty) -> str:

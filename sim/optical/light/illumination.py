@@ -8,7 +8,7 @@ All numbers are float32, which is twice as fast as mixed types.
 
 import numpy as np
 
-from t2twin.sim.optical.camera.compiled import bilinear, inlined, jit, jit_finite
+from t2twin.sim.optical.camera.compiled import bilinear, inlined, jit_finite
 
 COSINE_TERMS = 4
 """Number of powers of the cosine of incidence: m^0 to m^3."""
@@ -177,33 +177,3 @@ def light(cosine, weight, gain, rest, region, seen):
 def gain_rows(rows: int) -> np.ndarray:
     """(n,) the rows of S with stored gains, including the last one, for so many rows."""
     return np.minimum(GAIN_STRIDE * np.arange((rows - 1) // GAIN_STRIDE + 2), rows - 1)
-
-
-@jit
-def gains(terms, response, gain):
-    """Fill gain, the argument of light, from the response.
-
-    terms: (gain_rows of S, columns of S, PLACE_TERMS) float32 polynomials of the place. response:
-    (LEDs, RGB, PLACE_TERMS, COSINE_TERMS) float64. Sums are float64, in the polynomials' order;
-    entries of the response that are 0 are skipped.
-    """
-    rows, columns, places = terms.shape
-    by_term = np.empty((places, columns))
-    total = np.empty(columns)
-    for row in range(rows):
-        for n in range(columns):
-            for i in range(places):
-                by_term[i, n] = terms[row, n, i]
-        for k in range(response.shape[0]):
-            for c in range(response.shape[1]):
-                for j in range(response.shape[3]):
-                    total[:] = 0.0
-                    for i in range(places):
-                        entry = response[k, c, i, j]
-                        if entry != 0.0:
-                            term = by_term[i]
-                            for n in range(columns):
-                                total[n] += entry * term[n]
-                    filled = gain[row, k, c, j]
-                    for n in range(columns):
-                        filled[n] = np.float32(total[n])
