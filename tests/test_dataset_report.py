@@ -52,7 +52,7 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
 
 def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
     dataset = read_dataset(data_dir)
-    scanned = scan(dataset, noise_grey(dataset))
+    scanned = scan(dataset)
     said = summary_text(dataset, scanned)
     assert "gives 20 counts, each from 0 to 40,000" in said
     assert "There are 20 pairs of 8 shapes: 12 for training, 6 for validation, 2 for test." in said
@@ -103,7 +103,7 @@ def test_contact_is_found_over_the_noise_at_rest(data_dir: Path) -> None:
 
 def summary_text(dataset: Dataset, scanned: Scan) -> str:
     values = dataset_report.summary(dataset, scanned)
-    text = render_section(dataset_report.TEMPLATE, "summary", dataset=dataset, **values)
+    text = render_section(dataset_report.TEMPLATES, "summary", dataset=dataset, **values)
     return " ".join(text.split())
 
 
@@ -113,7 +113,7 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
     shutil.copytree(data_dir, folder)
     before = read_dataset(folder)
     noise = noise_grey(before)
-    assert not near_duplicates(before, scan(before, noise)).any()
+    assert not near_duplicates(before, scan(before)).any()
     path = folder / "train/square-1.parquet"
     rows = pq.ParquetFile(path).read().to_pylist()
     rng = np.random.default_rng(0)
@@ -135,7 +135,7 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
     pairs = info.pairs | {"train": info.pairs["train"] + 2}
     write_info(folder, replace(info, shards=shards, pairs=pairs))
     dataset = read_dataset(folder)
-    scanned = scan(dataset, noise)
+    scanned = scan(dataset)
     twins = np.flatnonzero(near_duplicates(dataset, scanned))
     assert [dataset.column("index")[place] for place in twins] == [rows[1]["index"], 587]
     difference = np.sqrt(np.square(second[1] - counts[1]).mean())

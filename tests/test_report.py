@@ -184,7 +184,9 @@ def test_limits_say_what_is_known_only(report_data: ReportData) -> None:
 
 
 def limits_text(report: ReportData) -> str:
-    text = render_section(run_report.RUNS, "limits", report=report, **run_report.limits(report))
+    text = render_section(
+        run_report.TEMPLATES, "limits", report=report, **run_report.limits(report)
+    )
     return " ".join(text.split())
 
 
@@ -228,7 +230,7 @@ def test_pairs_are_of_every_family_and_all_different(report_data: ReportData) ->
 
 def test_pairs_are_sampled_in_turn(report_data: ReportData) -> None:
     """One of each shape, then one more of each; some shapes have fewer than others."""
-    names = report_data.shapes
+    names = report_data.column("shape")
     picked = sample_in_turn(report_data, names, 100, seed=0)
     assert sorted(picked) == sorted(report_data.places)
     shapes_picked = [report_data.row(split, row)["shape"] for split, row in picked]

@@ -87,12 +87,12 @@ def test_the_page_of_data_with_many_shapes_stays_short(data_dir: Path, tmp_path:
     assert "The 256 shapes are grouped by family." in text
     assert "256 pairs of 256 shapes, pressed with 0.5, 2 and 8 N" in text
     dataset = read_dataset(data_dir)
-    counted = dataset_report.counted_by_split(dataset, dataset.families)
+    counted = dataset_report.counted_by_split(dataset, dataset.column("family"))
     assert counted["train", "long"] == 72 and counted["val", "round"] == 16
 
 
 def test_pictures_of_many_shapes_are_of_shapes_drawn_at_random(data_dir: Path) -> None:
     dataset = read_dataset(data_dir)
-    drawn = sample_in_turn(dataset, dataset.shapes, 40, 0)
+    drawn = sample_in_turn(dataset, dataset.column("shape"), 40, 0)
     assert len({dataset.row(split, row)["shape"] for split, row in drawn}) == 40
     assert {split for split, _ in drawn} > {"train"}

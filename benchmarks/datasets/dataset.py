@@ -68,12 +68,11 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def figures(dataset: Dataset) -> dict[str, Any]:
     """What a dataset's shards say."""
-    from t2twin.report.near_duplicates import near_duplicates, noise_grey, scan
+    from t2twin.report.near_duplicates import near_duplicates, scan
 
-    scanned = scan(dataset, noise_grey(dataset))
+    scanned = scan(dataset)
     array = dataset.array
     counts, saturated, largest = array.counts, array.saturated, array.largest
-    split = np.array([split for split, _ in dataset.places])
     size = sum((dataset.data / path).stat().st_size for path in dataset.info.shards)
     force = dataset.column("force_n")
     alike, same = np.isfinite(scanned.alike_counts), near_duplicates(dataset, scanned)
@@ -96,7 +95,9 @@ def figures(dataset: Dataset) -> dict[str, Any]:
             ]
             for name, role in SENSORS.items()
         },
-        "largest_taxel_percentile_99_5": float(np.percentile(largest[split == "train"], 99.5)),
+        "largest_taxel_percentile_99_5": float(
+            np.percentile(largest[dataset.splits == "train"], 99.5)
+        ),
         "saturated_taxels_percent": 100 * float(saturated.mean()),
         "pairs_with_a_saturated_taxel_percent": 100 * float(saturated.any(axis=1).mean()),
         "near_duplicates_percent": 100 * float(same.mean()),
@@ -142,7 +143,7 @@ def draw(dataset: Dataset) -> None:
     }
     for name, (height_in, drawing) in drawings.items():
         _write(name, figure("png", report.WIDTH_IN, height_in, drawing))
-    _write("gallery", report.grid_of(dataset, report.gallery(dataset), SENSORS["digit"]))
+    _write("gallery", report.grid_of(dataset, SENSORS["digit"]))
 
 
 def _write(name: str, content: bytes) -> None:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from benchmarks import ROOT
-from t2twin.report.figures import draw_tactile_image, draw_taxels, figure
+from t2twin.report.figures import draw_tactile_image, figure
 from t2twin.translate.data.pairs import DataInfo, Pairs
 
 PICTURE = ROOT / "docs" / "pictures" / "reverse.png"
@@ -65,8 +65,7 @@ def _draw(page: Figure, samples: Sequence[tuple[Split, int]], info: DataInfo) ->
     for axes, (split, place) in zip(all_axes, samples, strict=True):
         pairs = split.pairs
         counts = phi(pairs.counts[place])
-        draw_tactile_image(axes[0], counts, phi, (0.0, float(counts.max())))
-        draw_taxels(axes[0], info.x_mm, info.y_mm)
+        draw_tactile_image(axes[0], counts, phi, info.taxels, (0.0, float(counts.max())))
         _view(axes[0], info.view_mm)
         axes[0].set_ylabel(f"{pairs.shapes[place]}\n{SPLITS[split.name]}")
         _picture(axes[1], split.real[place], aspect)

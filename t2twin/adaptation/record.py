@@ -21,7 +21,7 @@ from t2twin.core.files import write_json
 from t2twin.core.records import read_json
 from t2twin.core.tables import Table
 from t2twin.report.figures import Panel, panels_image
-from t2twin.report.page import Section, write_page
+from t2twin.report.page import write_page
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.calibrate.calibrate import OpticsReport, write_coverage
 from t2twin.sim.optical.calibrate.uncertainty import OpticsUncertainty, uncertainty_table
@@ -153,7 +153,7 @@ def write_adapt_page(
     result: AdaptationResult,
 ) -> Path:
     """Writes out/index.html and returns its path."""
-    values = {
+    sections = {
         "summary": ("", lambda: _summary(result, run)),
         "presses": (
             "Presses",
@@ -161,9 +161,8 @@ def write_adapt_page(
         ),
         "uncertainty": ("Uncertainty", lambda: {"table": uncertainty_table(result.uncertainty)}),
     }
-    template = "adaptation/templates/adaptation.html"
-    sections = {name: Section(link, template, compute) for name, (link, compute) in values.items()}
-    return write_page(out, TITLE, sections, result=result)
+    templates = ["adaptation/templates/adaptation.html"]
+    return write_page(out, TITLE, templates, sections, result=result)
 
 
 def _summary(result: AdaptationResult, run: CountsPredictor) -> dict[str, Any]:

@@ -9,12 +9,12 @@ Shape letters: P pairs of all splits, N taxels, R rows and C columns of an image
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
@@ -24,12 +24,12 @@ from t2twin.sim.dataset.format_1 import TACTILE_IMAGE
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo, SensorInfo
 from t2twin.sim.dataset.store import (
     INFO,
+    iter_images,
     lists,
     read_info,
     read_split,
     sha256_of,
     split_shards,
-    stored_name,
 )
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.phi import Phi
@@ -155,36 +155,24 @@ class Dataset:
 
     def image(self, split: str, row: int, role: str | None = None) -> np.ndarray:
         """The image of a row, (R, C, 3) uint8. role: of the gel camera; None for the first."""
-        name = stored_name(column(role or self.info.role_of(IMAGE), IMAGE), self.info)
-        path, place = self._shard(split, row)
-        with pq.ParquetFile(self.data / path) as shard:
-            for group in range(shard.num_row_groups):
-                rows = shard.metadata.row_group(group).num_rows
-                if place < rows:
-                    images = shard.read_row_group(group, columns=[name])[name]
-                    return decode_png(images[place].as_py()["bytes"])
-                place -= rows
-        raise AssertionError("the row is in a row group of its shard")
+        name = column(role or self.info.role_of(IMAGE), IMAGE)
+        for path in split_shards(self.info, split):
+            pairs = self.info.shards[path].pairs
+            if row < pairs:
+                return decode_png(next(islice(iter_images(self.data, path, name), row, None)))
+            row -= pairs
+        raise AssertionError("the row is in a shard of its split")
 
     def counts_of(self, split: str, row: int, role: str) -> np.ndarray:
         """(N,) float32: the counts of a row and role."""
         return np.array(self.row(split, row)[column(role, COUNTS)], dtype=np.float32)
-
-    def _shard(self, split: str, row: int) -> tuple[str, int]:
-        """Path of the shard that contains a row of a split, and the row's index in it."""
-        for path in split_shards(self.info, split):
-            pairs = self.info.shards[path].pairs
-            if row < pairs:
-                return path, row
-            row -= pairs
-        raise AssertionError("the row is in a shard of its split")
 
     def row(self, split: str, row: int) -> dict[str, Any]:
         """Values of a row by column."""
         return self.tables[split].slice(row, 1).to_pylist()[0]
 
     def column(self, name: str) -> np.ndarray:
-        """(P,) a column of all splits; missing numbers are NaN."""
+        """(P,) a column of all splits, such as "shape"; missing numbers are NaN."""
         return np.concatenate([table[name].to_numpy() for table in self.tables.values()])
 
     def contact(self, role: str, name: str) -> np.ndarray:
@@ -192,17 +180,9 @@ class Dataset:
         return self.column(column(role, name))
 
     @property
-    def shapes(self) -> np.ndarray:
-        """(P,) shape of each pair, in the order of `column`."""
-        return self._names("shape")
-
-    @property
-    def families(self) -> np.ndarray:
-        """(P,) family of each pair, in the order of `column`."""
-        return self._names("family")
-
-    def _names(self, column: str) -> np.ndarray:
-        return np.concatenate([table[column].to_pylist() for table in self.tables.values()])
+    def splits(self) -> np.ndarray:
+        """(P,) split of each pair, in the order of `column`."""
+        return np.array([split for split, _ in self.places])
 
     @property
     def forces_n(self) -> np.ndarray:

@@ -15,19 +15,16 @@ from t2twin.core import arguments
 from t2twin.report import pairs
 from t2twin.report.data import MIN_CONTACT_SHARE, Array, Dataset, read_dataset
 from t2twin.report.figures import aspect_of, draw_discs, figure, force_axis
-from t2twin.report.near_duplicates import Scan, duplicates, near_duplicates, noise_grey, scan
+from t2twin.report.near_duplicates import Scan, duplicates, near_duplicates, scan
 from t2twin.report.page import (
     SENSOR_COLORS,
     SPLIT_COLORS,
     SPLIT_NAMES,
-    Section,
     check_out,
     forces_text,
     shape_name,
     write_page,
 )
-from t2twin.sim.dataset.columns import COUNTS, column
-from t2twin.sim.dataset.store import lists
 
 MAX_BARS = 100
 """Maximum number of bars (assumed: three printed pages)."""
@@ -69,7 +66,7 @@ def summary(dataset: Dataset, scanned: Scan | None) -> dict[str, Any]:
     place = int(np.argsort(sizes, kind="stable")[(sizes.size - 1) // 2])
     split, row = dataset.places[place]
     return {
-        "shapes": np.unique(dataset.shapes).size,
+        "shapes": np.unique(dataset.column("shape")).size,
         "near_duplicates": None if scanned is None else _share(near_duplicates(dataset, scanned)),
         "without_contact": _share(dataset.without_contact),
         "contact": _contact(dataset),
@@ -108,9 +105,11 @@ def about(dataset: Dataset) -> dict[str, Any]:
 
 def shapes(dataset: Dataset) -> dict[str, Any]:
     """Bar chart of the pairs per shape; of more than MAX_BARS shapes, per family."""
-    number = np.unique(dataset.shapes).size
+    number = np.unique(dataset.column("shape")).size
     by_shape = number <= MAX_BARS
-    counted = counted_by_split(dataset, dataset.shapes if by_shape else dataset.families)
+    counted = counted_by_split(
+        dataset, dataset.column("shape") if by_shape else dataset.column("family")
+    )
     shown = dict(list(counted.items())[:MAX_BARS])
     height = MARGINS_IN + BAR_IN * len(shown)
     return {
@@ -126,66 +125,52 @@ def counted_by_split(dataset: Dataset, names: np.ndarray) -> dict[tuple[str, str
 
     Of more than MAX_BARS names, in descending order. names: (P,).
     """
-    splits = np.repeat(list(dataset.tables), [len(table) for table in dataset.tables.values()])
-    counted = Counter(zip(splits.tolist(), names.tolist(), strict=True))
+    counted = Counter(zip(dataset.splits.tolist(), names.tolist(), strict=True))
     return dict(counted.most_common()) if len(counted) > MAX_BARS else dict(counted)
-
-
-def gallery(dataset: Dataset) -> list[tuple[str, int]]:
-    """Splits and rows of the sampled images: one of each shape, then further ones of each."""
-    return pairs.sample_in_turn(dataset, dataset.shapes, MAX_IMAGES, GALLERY_SEED)
 
 
 def images(dataset: Dataset) -> dict[str, Any] | None:
     """Grid of images of all shapes for each gel camera; None without one."""
-    if not dataset.cameras:
-        return None
-    rows = gallery(dataset)
-    return {"grids": {role: grid_of(dataset, rows, role) for role in dataset.cameras}}
+    grids = {role: grid_of(dataset, role) for role in dataset.cameras}
+    return {"grids": grids} if grids else None
 
 
-def grid_of(dataset: Dataset, rows: list[tuple[str, int]], role: str) -> bytes:
-    """Content of a PNG file with images of a gel camera. rows: splits and rows of the images."""
-    aspect = aspect_of(dataset.image(*rows[0], role))
-    height = WIDTH_IN / GALLERY_COLUMNS / aspect + TILE_TITLE_IN
+def grid_of(dataset: Dataset, role: str) -> bytes:
+    """Content of a PNG file with images of a gel camera: one of each shape, then further ones."""
+    rows = pairs.sample_in_turn(dataset, dataset.column("shape"), MAX_IMAGES, GALLERY_SEED)
     lines = -(-len(rows) // GALLERY_COLUMNS)
-    draw = partial(tiles, dataset=dataset, rows=rows, role=role)
-    return figure("png", WIDTH_IN, height * lines, draw)
 
+    def draw(page: Figure) -> None:
+        grid = page.subplots(lines, GALLERY_COLUMNS, squeeze=False)
+        for axes in grid.flat:
+            axes.set_axis_off()
+        for axes, (split, row) in zip(grid.flat, rows, strict=False):
+            axes.imshow(dataset.image(split, row, role))
+            axes.set_title(shape_name(dataset.row(split, row)["shape"]), fontsize=6)
 
-def saturation_charts(dataset: Dataset) -> dict[str, Any] | None:
-    """Saturated counts of each taxel array, and a chart of them by pair and by taxel."""
-    if not dataset.arrays:
-        return None
-    arrays = dataset.arrays.values()
-    charts = [figure("svg", WIDTH_IN, SATURATION_IN, partial(saturation, array=a)) for a in arrays]
-    saturated = [array.saturated for array in arrays]
-    return {
-        "arrays": dict(zip(dataset.arrays, zip(saturated, charts, strict=True), strict=True)),
-    }
+    height_in = WIDTH_IN / GALLERY_COLUMNS / aspect_of(dataset.image(*rows[0], role))
+    return figure("png", WIDTH_IN, (height_in + TILE_TITLE_IN) * lines, draw)
 
 
 def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
     """counted: number of pairs by split and name, in the order of the bars."""
     axes = page.subplots()
     for split in dict.fromkeys(split for split, _ in counted):
-        own = [n for n, (where, _) in enumerate(counted) if where == split]
-        pairs = [number for (where, _), number in counted.items() if where == split]
-        axes.barh(own, pairs, 0.8, color=SPLIT_COLORS[split], label=SPLIT_NAMES[split])
+        own = {n: pairs for n, ((s, _), pairs) in enumerate(counted.items()) if s == split}
+        axes.barh([*own], [*own.values()], 0.8, color=SPLIT_COLORS[split], label=SPLIT_NAMES[split])
     axes.set_yticks(range(len(counted)), [shape_name(name) for _, name in counted], fontsize=7.5)
     axes.set(xlabel="pairs", ylim=(len(counted) - 0.4, -0.6))
     axes.locator_params(axis="x", integer=True)
     page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
 
-def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]], role: str) -> None:
-    """rows: splits and rows of the images. role: of the gel camera."""
-    grid = page.subplots(-(-len(rows) // GALLERY_COLUMNS), GALLERY_COLUMNS, squeeze=False)
-    for axes in grid.flat:
-        axes.set_axis_off()
-    for axes, (split, row) in zip(grid.flat, rows, strict=False):
-        axes.imshow(dataset.image(split, row, role))
-        axes.set_title(shape_name(dataset.row(split, row)["shape"]), fontsize=6)
+def saturation_charts(dataset: Dataset) -> dict[str, Any] | None:
+    """Chart of the saturated counts of each taxel array, by pair and by taxel; None without one."""
+    charts = {
+        role: figure("svg", WIDTH_IN, SATURATION_IN, partial(saturation, array=array))
+        for role, array in dataset.arrays.items()
+    }
+    return {"charts": charts} if charts else None
 
 
 def saturation(page: Figure, array: Array) -> None:
@@ -202,7 +187,7 @@ def saturation(page: Figure, array: Array) -> None:
     number.locator_params(axis="x", integer=True)
     percent = 100 * saturated.mean(axis=0)
     drawn = draw_discs(
-        places, layout.x_mm, layout.y_mm, layout.pad_diameter_mm, array=percent,
+        places, layout, layout.pad_diameter_mm, array=percent,
         clim=(0.0, max(float(percent.max()), 1.0)), edgecolors="#444444", linewidths=0.4,
     )  # fmt: skip
     margin = layout.pad_diameter_mm.max()
@@ -221,7 +206,7 @@ def forces(dataset: Dataset) -> dict[str, Any] | None:
         return None
     commanded = dataset.column("force_n")
     contact = commanded > 0
-    families = np.unique(dataset.families).size
+    families = np.unique(dataset.column("family")).size
 
     def chart(draw: Callable[[Figure, Dataset], None], height_in: float = HEIGHT_IN) -> bytes:
         return figure("svg", WIDTH_IN, height_in, lambda page: draw(page, dataset))
@@ -289,9 +274,8 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
     touching = commanded > 0
     low, high = commanded[touching].min(), commanded[touching].max()
     edges = np.geomspace(low, high, FORCE_BINS + 1) if high > low else np.array([low, 2 * low])
-    splits = np.repeat(list(dataset.tables), [len(table) for table in dataset.tables.values()])
     for split, color in SPLIT_COLORS.items():
-        own = commanded[touching & (splits == split)]
+        own = commanded[touching & (dataset.splits == split)]
         if own.size:
             left.hist(own, edges.tolist(), histtype="step", color=color, label=SPLIT_NAMES[split])
     left.set(xlabel="commanded force, N", ylabel="pairs")
@@ -314,12 +298,10 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
 
 def _counts(axes: Axes, dataset: Dataset, role: str) -> None:
     bins = np.linspace(0.0, dataset.arrays[role].full_scale, BINS + 1).tolist()
-    for split, color in SPLIT_COLORS.items():
-        if split not in dataset.tables:
-            continue
-        counts = lists(dataset.tables[split], column(role, COUNTS)).ravel()
+    for split in dataset.tables:
+        counts = dataset.arrays[role].counts[dataset.splits == split].ravel()
         weights = np.full(counts.size, 100.0 / counts.size)
-        name = SPLIT_NAMES[split]
+        color, name = SPLIT_COLORS[split], SPLIT_NAMES[split]
         axes.hist(counts, bins, weights=weights, histtype="step", color=color, label=name)
     axes.set(
         xlabel=f"counts of {dataset.label(role)}", ylabel="% of the split's counts", yscale="log"
@@ -331,7 +313,7 @@ def _counts(axes: Axes, dataset: Dataset, role: str) -> None:
 
 def depths_in(page: Figure, dataset: Dataset) -> None:
     touching = dataset.column("force_n") > 0
-    families = dataset.families[touching]
+    families = dataset.column("family")[touching]
     names = list(dict.fromkeys(families.tolist()))
     if len(names) > MAX_FAMILIES:
         names = [name for name, _ in Counter(families.tolist()).most_common(MAX_FAMILIES)]
@@ -352,7 +334,7 @@ def depths_in(page: Figure, dataset: Dataset) -> None:
     axes.legend()
 
 
-TEMPLATE = "report/templates/dataset.html"
+TEMPLATES = ("report/templates/dataset.html",)
 
 
 def write_data_report(out: str | Path, data: str | Path) -> Path:
@@ -365,8 +347,8 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     check_out(out)
     dataset = read_dataset(data)
     is_both = bool(dataset.cameras and dataset.arrays)
-    scanned = scan(dataset, noise_grey(dataset)) if is_both else None
-    values = {
+    scanned = scan(dataset) if is_both else None
+    sections = {
         "summary": ("", partial(summary, dataset, scanned)),
         "about": ("", partial(about, dataset)),
         "shapes": ("Pairs by shape", partial(shapes, dataset)),
@@ -376,5 +358,4 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
         "saturation": ("Saturation", partial(saturation_charts, dataset)),
         "duplicates": ("Near-duplicates", lambda: scanned and duplicates(dataset, scanned)),
     }
-    sections = {name: Section(link, TEMPLATE, compute) for name, (link, compute) in values.items()}
-    return write_page(out, f"The dataset in {data}", sections, dataset=dataset)
+    return write_page(out, f"The dataset in {data}", TEMPLATES, sections, dataset=dataset)

@@ -19,6 +19,7 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import FixedLocator, LogFormatter, NullLocator
 from scipy.spatial import KDTree
 
+from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.phi import Phi
 
 STYLE = {
@@ -109,39 +110,32 @@ def draw_tactile_image(
     axes: Axes,
     image: np.ndarray,
     phi: Phi,
+    layout: Layout,
     limits: tuple[float, float],
     color_map: str = COUNTS_MAP,
+    rings: str = "white",
 ) -> AxesImage:
     """Draws a tactile image or a difference of two, (R, C) counts, on axes in mm.
 
-    limits: counts at both ends of the color scale.
+    limits: counts at both ends of the color scale. rings: color of the ring at each taxel.
     """
     axes.set(xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set(visible=True, linewidth=0.4, color="#aaaaaa")
-    return axes.imshow(image, cmap=color_map, vmin=limits[0], vmax=limits[1], extent=extent_mm(phi))
-
-
-def draw_taxels(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
-    """Draws a ring at each taxel. x_mm, y_mm: (N,)."""
-    size = np.full(x_mm.size, 2 * _ring_mm(x_mm, y_mm))
-    draw_discs(axes, x_mm, y_mm, size, facecolors="none", edgecolors=color, linewidths=0.5)
-
-
-def _ring_mm(x_mm: np.ndarray, y_mm: np.ndarray) -> float:
-    """Radius of the rings of taxels. x_mm, y_mm: (N,)."""
-    if x_mm.size < 2:
-        return RING_MM
-    places = np.column_stack([x_mm, y_mm])
-    nearest = KDTree(places).query(places, 2)[0][:, 1]
-    return min(RING_MM, RING_SHARE * float(nearest.min()))
+    low, high = limits
+    drawn = axes.imshow(image, cmap=color_map, vmin=low, vmax=high, extent=extent_mm(phi))
+    places = np.column_stack([layout.x_mm, layout.y_mm])
+    nearest_mm = KDTree(places).query(places, 2)[0][:, 1].min()
+    size = np.full(layout.size, 2 * min(RING_MM, RING_SHARE * nearest_mm))
+    draw_discs(axes, layout, size, facecolors="none", edgecolors=rings, linewidths=0.5)
+    return drawn
 
 
 def draw_discs(
-    axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, diameter_mm: np.ndarray, **style: Any
+    axes: Axes, layout: Layout, diameter_mm: np.ndarray, **style: Any
 ) -> EllipseCollection:
-    """Draws discs to scale. x_mm, y_mm, diameter_mm: (N,)."""
-    centers = np.column_stack([x_mm, y_mm])
+    """Draws a disc at each taxel, to scale. diameter_mm: (N,)."""
+    centers = np.column_stack([layout.x_mm, layout.y_mm])
     angles = np.zeros(diameter_mm.size)
     discs = EllipseCollection(
         diameter_mm, diameter_mm, angles, units="xy", offsets=centers,
@@ -178,12 +172,10 @@ class Panel:
         return aspect_of(self.image)
 
 
-def draw_panels(
-    page: Figure, panels: Sequence[Panel], phi: Phi, x_mm: np.ndarray, y_mm: np.ndarray
-) -> None:
+def draw_panels(page: Figure, panels: Sequence[Panel], phi: Phi, layout: Layout) -> None:
     """Draws images in a row, with one color scale of counts and one of differences.
 
-    x_mm, y_mm: (N,) taxels. The last panel is a tactile image.
+    The last panel is a tactile image.
     """
     tactile = [one for one in panels if one.image.ndim == 2]
     peak, difference = (
@@ -202,19 +194,20 @@ def draw_panels(
             if one.is_difference
             else ((0.0, peak), COUNTS_MAP, "white")
         )
-        drawn[one.is_difference] = draw_tactile_image(place, one.image, phi, limits, color_map)
-        draw_taxels(place, x_mm, y_mm, rings)
+        drawn[one.is_difference] = draw_tactile_image(
+            place, one.image, phi, layout, limits, color_map, rings
+        )
     for is_difference, image in sorted(drawn.items(), reverse=True):
         title = "difference, counts" if is_difference else "counts"
         color_bar(page, image, axes[-1], BAR_WIDTH, title)
 
 
-def panels_image(panels: Sequence[Panel], phi: Phi, x_mm: np.ndarray, y_mm: np.ndarray) -> bytes:
+def panels_image(panels: Sequence[Panel], phi: Phi, layout: Layout) -> bytes:
     """Content of a PNG file with a row of panels; see `draw_panels`."""
     bars = BAR_IN + DIFFERENCE_BAR_IN * any(one.is_difference for one in panels)
     aspects = [panel.aspect for panel in panels]
     height = min(PANEL_IN, WIDEST_IN / max(aspects))
-    draw = partial(draw_panels, panels=panels, phi=phi, x_mm=x_mm, y_mm=y_mm)
+    draw = partial(draw_panels, panels=panels, phi=phi, layout=layout)
     return figure("png", height * sum(aspects) + bars, height + TITLES_IN, draw)
 
 

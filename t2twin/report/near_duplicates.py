@@ -54,16 +54,13 @@ class Scan:
     alike_counts: np.ndarray
 
 
-def scan(dataset: Dataset, noise_grey: float) -> Scan:
-    """Compares all images. noise_grey: standard deviation of the image noise.
-
-    Raises T2TwinError for a dataset without images or without counts.
-    """
+def scan(dataset: Dataset) -> Scan:
+    """Compares all images. Raises T2TwinError for a dataset without images or without counts."""
     images_of = column(dataset.info.role_of(IMAGE), IMAGE)
     paths = [path for split in dataset.tables for path in split_shards(dataset.info, split)]
     ends = np.cumsum([dataset.info.shards[path].pairs for path in paths])
     shards = dict(zip(paths, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
-    shapes, counts = dataset.shapes, dataset.array.counts
+    shapes, counts, noise = dataset.column("shape"), dataset.array.counts, noise_grey(dataset)
     nearest_grey, alike_counts = np.zeros((2, len(shapes)))
 
     def scan_shard(path: str) -> None:
@@ -75,7 +72,7 @@ def scan(dataset: Dataset, noise_grey: float) -> Scan:
             at = shards[path][members]
             # Residuals are small, which preserves single precision.
             residual = coarse[members] - np.median(coarse[members], axis=0)
-            near = nearest_others(residual, counts[at].astype(float), noise_grey)
+            near = nearest_others(residual, counts[at].astype(float), noise)
             nearest_grey[at], alike_counts[at] = near
 
     with ThreadPoolExecutor(cores()) as pool:

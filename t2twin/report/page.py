@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -54,16 +54,8 @@ MAX_NAME, NAME_END = 20, 6
 phone's width)."""
 
 
-class Section(NamedTuple):
-    """A section of a page.
-
-    title: of the link to it; "" for none. template: file with a block of the section's name.
-    values: computes the values of the block, or None to leave the section out.
-    """
-
-    title: str
-    template: str
-    values: Callable[[], Mapping[str, Any] | None]
+Values = Callable[[], Mapping[str, Any] | None]
+"""Computes the values of a section's block, or None to leave the section out."""
 
 
 def check_out(out: Path) -> None:
@@ -72,18 +64,25 @@ def check_out(out: Path) -> None:
         check_replaceable(out / PAGE)
 
 
-def write_page(out: Path, title: str, sections: Mapping[str, Section], **shared: Any) -> Path:
+def write_page(
+    out: Path,
+    title: str,
+    templates: Sequence[str],
+    sections: Mapping[str, tuple[str, Values]],
+    **shared: Any,
+) -> Path:
     """Writes out/index.html, a self-contained page, and returns its path.
 
-    sections: by name, in their order; the first is above the links. shared: values for all of them.
+    templates: files with blocks of the sections' names. sections: the title of the link to each, ""
+    for none, and its values, by name, in their order; the first is above the links. shared: values
+    for all of them.
     """
     bodies = {}
     for name in Progress(list(sections), desc="report", unit="section"):
-        section = sections[name]
-        values = section.values()
+        values = sections[name][1]()
         if values is not None:
-            bodies[name] = render_section(section.template, name, **shared, **values)
-    links = {name: sections[name].title for name in bodies if sections[name].title}
+            bodies[name] = render_section(templates, name, **shared, **values)
+    links = {name: sections[name][0] for name in bodies if sections[name][0]}
     path = out / PAGE
     with locked(path.parent), atomic_write(path) as temporary:
         text = render("report/templates/page.html", title=title, links=links, sections=bodies)
@@ -91,12 +90,14 @@ def write_page(out: Path, title: str, sections: Mapping[str, Section], **shared:
     return path
 
 
-def render_section(template: str, name: str, /, **values: Any) -> str:
-    """HTML of the block of a section. It also has LABELS, and the macros of MACROS as `ui`."""
-    found = environment().get_template(template)
-    ui = environment().get_template(MACROS).module
-    context = found.new_context({"ui": ui, **LABELS, **values})
-    return "".join(found.blocks[name.replace("-", "_")](context))
+def render_section(templates: Sequence[str], name: str, /, **values: Any) -> str:
+    """HTML of the block of a section, in the first of the templates that has it.
+
+    It also has LABELS, and the macros of MACROS as `ui`.
+    """
+    block, ui = name.replace("-", "_"), environment().get_template(MACROS).module
+    found = next(one for one in map(environment().get_template, templates) if block in one.blocks)
+    return "".join(found.blocks[block](found.new_context({"ui": ui, **LABELS, **values})))
 
 
 def name_of(model: str) -> str:

@@ -1,7 +1,8 @@
 """Pairs: images of gel cameras, counts and tactile images of taxel arrays, prediction of a run."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +20,6 @@ from t2twin.report.figures import (
     draw_image,
     draw_panels,
     draw_tactile_image,
-    draw_taxels,
     extent_mm,
     figure,
 )
@@ -41,6 +41,9 @@ inches."""
 
 BAR_WIDTH = 0.07
 """Width of a color bar, relative to a tactile image."""
+
+_Part = Callable[[Axes], AxesImage | None]
+"""Draws a part of a pair's figure, and returns what needs a color bar."""
 
 
 def section(dataset: Dataset) -> dict[str, Any]:
@@ -66,13 +69,12 @@ def field_of_view(dataset: Dataset) -> tuple[float, float] | None:
 
 def sampled_pairs(dataset: Dataset) -> list[tuple[str, int]]:
     """Splits and rows of PAIRS pairs, sampled from all families in turn."""
-    return sample_in_turn(dataset, dataset.families, PAIRS, SEED)
+    return sample_in_turn(dataset, dataset.column("family"), PAIRS, SEED)
 
 
 def example(dataset: Dataset, split: str, row: int) -> bytes:
-    """Content of a PNG file with a pair: images and tactile images."""
-    parts = [column[-1:] for column in _columns(dataset, split, row)]
-    return _pair(dataset, parts, EXAMPLE_IN, EXAMPLE_HEIGHT_IN, has_titles=True)
+    """Content of a PNG file with a pair: images and tactile images, with titles."""
+    return _figure(dataset, split, row, EXAMPLE_IN, EXAMPLE_HEIGHT_IN, is_example=True)
 
 
 def translation(dataset: Dataset, split: str, row: int, predicted: np.ndarray) -> bytes:
@@ -80,7 +82,7 @@ def translation(dataset: Dataset, split: str, row: int, predicted: np.ndarray) -
 
     predicted: (N,) counts.
     """
-    array, layout = dataset.array, dataset.array.layout
+    array = dataset.array
     true = dataset.counts_of(split, row, dataset.info.role_of("counts"))
     panels = [
         Panel(f"{dataset.camera_name}\n(image)", dataset.image(split, row)),
@@ -88,80 +90,53 @@ def translation(dataset: Dataset, split: str, row: int, predicted: np.ndarray) -
         Panel("network\n(predicted)", array.phi(predicted)),
     ]
     height = min(EXAMPLE_HEIGHT_IN, (EXAMPLE_IN - BAR_IN) / sum(panel.aspect for panel in panels))
-    return figure(
-        "png",
-        EXAMPLE_IN,
-        height + TITLES_IN,
-        lambda page: draw_panels(page, panels, array.phi, layout.x_mm, layout.y_mm),
-    )
+    draw = partial(draw_panels, panels=panels, phi=array.phi, layout=array.layout)
+    return figure("png", EXAMPLE_IN, height + TITLES_IN, draw)
 
 
-class _Part(NamedTuple):
-    """A part of a pair's figure.
-
-    title: of an image or a tactile image. aspect: width over height. draw: draws it, and returns
-    what needs a color bar.
-    """
-
-    title: str
-    aspect: float
-    draw: Callable[[Axes], AxesImage | None]
-
-
-_Column = list[_Part]
-"""One part, or two of the same aspect on top of each other."""
-
-
-def _columns(dataset: Dataset, split: str, row: int) -> list[_Column]:
-    """The image of each gel camera, the pads and the tactile image of each array, source first."""
-    columns = []
-    for role in dataset.info.sensors:
-        if role in dataset.cameras:
-            columns.append([_image(dataset, role, dataset.image(split, row, role))])
-        else:
-            columns.append(_array(dataset, role, dataset.counts_of(split, row, role)))
-    return columns
-
-
-def _figure(dataset: Dataset, split: str, row: int) -> bytes:
-    columns = []
-    for column in _columns(dataset, split, row):
-        columns += [column] if column[0].aspect > STACKED_ASPECT else [[part] for part in column]
-    return _pair(dataset, columns, WIDTH_IN, HEIGHT_IN)
-
-
-def _pair(
+def _figure(
     dataset: Dataset,
-    columns: list[_Column],
-    width_in: float,
-    height_in: float,
-    has_titles: bool = False,
+    split: str,
+    row: int,
+    width_in: float = WIDTH_IN,
+    height_in: float = HEIGHT_IN,
+    is_example: bool = False,
 ) -> bytes:
-    """Content of a PNG file. height_in: largest height of the images."""
-    aspects = [column[0].aspect / len(column) for column in columns]
+    """Content of a PNG file with the image of each gel camera, and with the pads and the tactile
+    image of each array, source first. height_in: largest height of the images."""
+    columns: list[tuple[str, float, list[_Part]]] = []
+    for role in dataset.info.sensors:
+        name = dataset.label(role)
+        if role in dataset.cameras:
+            image = dataset.image(split, row, role)
+            draw_own: _Part = partial(draw_image, image=image)
+            columns.append((f"{name}\n(image)", aspect_of(image), [draw_own]))
+            continue
+        parts = _array_parts(dataset, role, dataset.counts_of(split, row, role))[is_example:]
+        rows, pixels = dataset.arrays[role].phi.shape
+        is_stacked = len(parts) == 2 and pixels / rows > STACKED_ASPECT
+        for column in [parts] if is_stacked else [[part] for part in parts]:
+            columns.append((f"{name}\n(counts)", pixels / rows / len(column), column))
+    aspects = [aspect for _, aspect, _ in columns]
     height = min(height_in, (width_in - BAR_IN * len(dataset.arrays)) / sum(aspects))
 
     def draw(page: Figure) -> None:
         grid = page.add_gridspec(2, len(columns), width_ratios=aspects)
-        for place, column in enumerate(columns):
+        for place, (title, _, parts) in enumerate(columns):
             half = [grid[0, place], grid[1, place]]
-            spaces = half if len(column) == 2 else [grid[:, place]]
-            axes = [page.add_subplot(space) for space in spaces]
-            drawn = [part.draw(own) for part, own in zip(column, axes, strict=True)]
+            axes = [
+                page.add_subplot(space) for space in (half if len(parts) == 2 else [grid[:, place]])
+            ]
+            drawn = [part(own) for part, own in zip(parts, axes, strict=True)]
             if drawn[-1] is not None:
-                color_bar(page, drawn[-1], axes, BAR_WIDTH, "counts" if has_titles else "")
-            if has_titles:
-                axes[0].set_title(column[0].title)
+                color_bar(page, drawn[-1], axes, BAR_WIDTH, "counts" if is_example else "")
+            if is_example:
+                axes[0].set_title(title)
 
-    return figure("png", width_in, height + (TITLES_IN if has_titles else MARGIN_IN), draw)
-
-
-def _image(dataset: Dataset, role: str, image: np.ndarray) -> _Part:
-    title = f"{dataset.label(role)}\n(image)"
-    return _Part(title, aspect_of(image), lambda axes: draw_image(axes, image))
+    return figure("png", width_in, height + (TITLES_IN if is_example else MARGIN_IN), draw)
 
 
-def _array(dataset: Dataset, role: str, counts: np.ndarray) -> _Column:
+def _array_parts(dataset: Dataset, role: str, counts: np.ndarray) -> list[_Part]:
     """The pads and the tactile image. counts: (N,)."""
     array = dataset.arrays[role]
     phi, layout = array.phi, array.layout
@@ -169,8 +144,8 @@ def _array(dataset: Dataset, role: str, counts: np.ndarray) -> _Column:
 
     def draw_pads(axes: Axes) -> None:
         draw_discs(
-            axes, layout.x_mm, layout.y_mm, layout.pad_diameter_mm, array=counts, cmap=COUNTS_MAP,
-            clim=limits, edgecolors="#444444", linewidths=0.4, clip_on=False,
+            axes, layout, layout.pad_diameter_mm, array=counts, cmap=COUNTS_MAP, clim=limits,
+            edgecolors="#444444", linewidths=0.4, clip_on=False,
         )  # fmt: skip
         half_mm = field_of_view(dataset)
         if half_mm is not None:
@@ -181,13 +156,9 @@ def _array(dataset: Dataset, role: str, counts: np.ndarray) -> _Column:
         axes.set_axis_off()
 
     def draw_tactile(axes: Axes) -> AxesImage:
-        drawn = draw_tactile_image(axes, phi(counts), phi, limits)
-        draw_taxels(axes, layout.x_mm, layout.y_mm)
-        return drawn
+        return draw_tactile_image(axes, phi(counts), phi, layout, limits)
 
-    aspect = phi.shape[1] / phi.shape[0]
-    title = f"{dataset.label(role)}\n(counts)"
-    return [_Part(title, aspect, draw_pads), _Part(title, aspect, draw_tactile)]
+    return [draw_pads, draw_tactile]
 
 
 def sample_in_turn(
@@ -195,8 +166,8 @@ def sample_in_turn(
 ) -> list[tuple[str, int]]:
     """Splits and rows of sampled pairs: one pair of each name, then further ones of each.
 
-    names: (P,) groups of the pairs, such as dataset.shapes; of more than MAX_NAMES, their order is
-    random. number: of pairs.
+    names: (P,) groups of the pairs, such as the column "shape"; of more than MAX_NAMES, their order
+    is random. number: of pairs.
     """
     rng = np.random.default_rng(seed)
     of_name: dict[str, list[tuple[str, int]]] = {}

@@ -13,7 +13,7 @@ from t2twin.core.tables import Table
 from t2twin.report import dataset_report, pairs, run_charts
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.figures import Panel, panels_image
-from t2twin.report.page import KIND_NAMES, SPLIT_NAMES, Section, listed, name_of, write_page
+from t2twin.report.page import KIND_NAMES, SPLIT_NAMES, listed, name_of, write_page
 from t2twin.sim.dataset.info import SensorInfo
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.predictions import bundled_in_own_light
@@ -35,11 +35,6 @@ UNSEEN_SHAPES = {
     "test": "hand tools (new objects)",
 }
 """Content of the splits of the paper's protocol, for a run trained on the same dataset."""
-
-HEADS = [
-    "Run", "Trained on", "Pairs", "Steps", "Preset", "Image, px", "Parameters", "Epochs",
-    "Best epoch", "Minutes",
-]  # fmt: skip
 
 TITLES = {"val": "Validation, unseen versions", "test": "Test, objects"}
 """Titles of the splits of the paper's protocol."""
@@ -107,11 +102,12 @@ def _ratio(evaluation: Evaluation) -> float:
 def about(report: ReportData) -> dict[str, Any]:
     """Shapes by split, table of the runs, and runs with other training data."""
     models = report.evaluation.runs
+    rows = [_run(report, name) for name in report.runs]
     return {
         "shapes": {s: len(table["shape"].unique()) for s, table in report.tables.items()},
         "cores": cores(),
         "processor": processor(),
-        "table": Table(HEADS, {"": [_run(report, name) for name in report.runs]}),
+        "table": Table([*rows[0]], {"": [[*row.values()] for row in rows]}),
         "other_data": [
             f"{name_of(name)} ({training_data(model)[0]})"
             for name, model in models.items()
@@ -120,22 +116,25 @@ def about(report: ReportData) -> dict[str, Any]:
     }
 
 
-def _run(report: ReportData, name: str) -> list[str]:
-    """Row of a run."""
+def _run(report: ReportData, name: str) -> dict[str, str]:
+    """Row of a run, by the titles of the columns."""
     run, history = report.runs[name], report.histories[name]
     preset = run.config.preset
     parameters = sum(p.numel() for p in run.translator.predictor.parameters())
     seconds = sum(record.seconds for record in history)
-    return [
-        name_of(name),
-        *training_data(report.evaluation.runs[name]),
-        preset.name,
-        f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
-        f"{parameters / 1e6:.2f} M",
-        f"{len(history)}",
-        f"{best_epoch(history).epoch}",
-        f"{seconds / 60:.1f}" if seconds < 600 else f"{seconds / 60:,.0f}",
-    ]
+    recipe, pairs, steps = training_data(report.evaluation.runs[name])
+    return {
+        "Run": name_of(name),
+        "Trained on": recipe,
+        "Pairs": pairs,
+        "Steps": steps,
+        "Preset": preset.name,
+        "Image, px": f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
+        "Parameters": f"{parameters / 1e6:.2f} M",
+        "Epochs": f"{len(history)}",
+        "Best epoch": f"{best_epoch(history).epoch}",
+        "Minutes": f"{seconds / 60:.1f}" if seconds < 600 else f"{seconds / 60:,.0f}",
+    }
 
 
 def limits(report: ReportData) -> dict[str, Any]:
@@ -233,7 +232,7 @@ def samples_at_quantiles(report: ReportData, split: str) -> list[tuple[int, floa
 
 def sample_image(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, generated images, phi of the predicted counts, differences, and I."""
-    predictions, phi, layout = report.predictions[split], report.array.phi, report.array.layout
+    predictions, phi = report.predictions[split], report.array.phi
     image, truth = report.image(split, row), phi(predictions.truth[row])
     panels = [Panel(f"X\n{report.camera_name}", image)]
     for name, run in report.runs.items():
@@ -244,26 +243,26 @@ def sample_image(report: ReportData, split: str, row: int) -> bytes:
         panels.append(Panel(f"φ(Ŷ) {title}\n{report.counts(error)} counts", predicted))
         panels.append(Panel("φ(Ŷ) − I\n", predicted - truth, is_difference=True))
     panels.append(Panel("I = φ(Y)\ntrue", truth))
-    return panels_image(panels, phi, layout.x_mm, layout.y_mm)
+    return panels_image(panels, phi, report.array.layout)
 
 
-RUNS, DATASET = "report/templates/runs.html", "report/templates/dataset.html"
+TEMPLATES = ("report/templates/runs.html", *dataset_report.TEMPLATES)
 
-SECTIONS: dict[str, tuple[str, str, Callable[[ReportData], Mapping[str, Any] | None]]] = {
-    "summary": ("", RUNS, summary),
-    "about": ("", RUNS, about),
-    "results": ("Results", RUNS, results),
-    "finding": ("The paper's finding", RUNS, finding),
-    "by-force": ("By force", RUNS, run_charts.by_force),
-    "uncertainty": ("Uncertainty", RUNS, run_charts.uncertainty),
-    "samples": ("Samples", RUNS, samples),
-    "pairs": ("Pairs", DATASET, pairs.section),
-    "curves": ("Learning", RUNS, run_charts.learning_curves),
-    "forces": ("Forces", DATASET, dataset_report.forces),
-    "by-shape": ("By shape", RUNS, run_charts.by_shape),
-    "limits": ("Limits", RUNS, limits),
+SECTIONS: dict[str, tuple[str, Callable[[ReportData], Mapping[str, Any] | None]]] = {
+    "summary": ("", summary),
+    "about": ("", about),
+    "results": ("Results", results),
+    "finding": ("The paper's finding", finding),
+    "by-force": ("By force", run_charts.by_force),
+    "uncertainty": ("Uncertainty", run_charts.uncertainty),
+    "samples": ("Samples", samples),
+    "pairs": ("Pairs", pairs.section),
+    "curves": ("Learning", run_charts.learning_curves),
+    "forces": ("Forces", dataset_report.forces),
+    "by-shape": ("By shape", run_charts.by_shape),
+    "limits": ("Limits", limits),
 }
-"""Fields of page.Section; two sections are also in the report of a dataset."""
+"""Title of the link to each section, and its values; two are also in the report of a dataset."""
 
 
 def write_report(
@@ -294,8 +293,5 @@ def draw_report(out: Path, report: ReportData) -> Path:
     title = TITLE if info.is_simulated else IMPORTED_TITLE.format(report.data)
     if info.is_simulated and not info.is_protocol:
         title += f", recipe {info.recipe_name}"
-    sections = {
-        name: Section(link, template, partial(values, report))
-        for name, (link, template, values) in SECTIONS.items()
-    }
-    return write_page(out, title, sections, report=report, dataset=report)
+    sections = {name: (link, partial(values, report)) for name, (link, values) in SECTIONS.items()}
+    return write_page(out, title, TEMPLATES, sections, report=report, dataset=report)

@@ -38,8 +38,7 @@ from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
 from t2twin.translate.uncertainty.estimate import Estimate
 
-VAL, TEST = "val", "test"
-SPLITS = (VAL, TEST)
+SPLITS = ("val", "test")
 
 OF_PAIRS, OF_OPTICS = "each pair's own", "that of the default optics"
 """Sources of frames that are not files."""
@@ -256,8 +255,7 @@ def read_predictions(folder: Path) -> Predictions:
             models = {name: arrays[name] for name in arrays.files if name not in known}
     except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
         raise T2TwinError(f"{path} is damaged; evaluate the runs again") from None
-    stds = {name: models.pop(name) for name in list(models) if name.startswith(STD)}
-    stds = {name.removeprefix(STD): std for name, std in stds.items()}
+    stds = {n.removeprefix(STD): models.pop(n) for n in list(models) if n.startswith(STD)}
     return Predictions(truth, models, presses, stds)
 
 

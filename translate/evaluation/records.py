@@ -22,7 +22,6 @@ FORMAT = 5
 
 METRICS = "metrics.json"
 FINDINGS = "findings.json"
-TABLE = "results.md"
 
 FigureName = Literal[
     "rmse_counts",
@@ -323,12 +322,10 @@ def write_findings(
 def as_json(value: Any) -> Any:
     """A record, or a dict of them, as JSON content. Fields that are None by default are omitted."""
     if is_dataclass(value):
-        content = {field.name: getattr(value, field.name) for field in fields(value)}
-        optional = {field.name for field in fields(value) if field.default is not MISSING}
         return {
-            name: as_json(part)
-            for name, part in content.items()
-            if not (part is None and name in optional)
+            field.name: as_json(getattr(value, field.name))
+            for field in fields(value)
+            if getattr(value, field.name) is not None or field.default is MISSING
         }
     if isinstance(value, Mapping):
         return {name: as_json(part) for name, part in value.items()}
