@@ -21,10 +21,10 @@ from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import Layout, load_layout
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
+from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.predictions import read_predictions
 from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.reliability import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.inference.batch import translate_files
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.predictor import FieldPredictor, require

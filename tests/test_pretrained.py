@@ -13,9 +13,9 @@ from maintenance.publish_pretrained import publish_pretrained
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_pairs
+from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.predictions import as_readings
-from t2twin.translate.evaluation.reliability import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import FieldPredictor, require
 from t2twin.translate.runs import config as run_config

@@ -12,9 +12,9 @@ from torch import nn
 
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
+from t2twin.translate.evaluation.array_errors import shear_metrics
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.reliability import shear_metrics
 from t2twin.translate.evaluation.table import motion_text
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.onnx_export import export_onnx

@@ -105,7 +105,7 @@ def tools() -> Recipe:
 
 def _shear(estimate: Estimate, pairs: Pairs, which: np.ndarray) -> dict[str, Any]:
     """Figures of the shear force over the moving pairs `which`, (P,) bool."""
-    from t2twin.translate.evaluation.reliability import shear_metrics
+    from t2twin.translate.evaluation.array_errors import shear_metrics
 
     arrays = {f.name: getattr(estimate, f.name) for f in fields(estimate)}
     part = {n: a[which] for n, a in arrays.items() if isinstance(a, np.ndarray)}

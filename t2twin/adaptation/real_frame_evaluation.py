@@ -24,7 +24,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.translate.evaluation.reliability import REPORTED_LEVEL
+from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
 from t2twin.translate.runs.card import CARD, LIMITS
@@ -121,12 +121,6 @@ class RunScores:
     real: AdaptationScores
     simulated: AdaptationScores
     background_counts: float
-
-    @classmethod
-    def of(cls, comparisons: Sequence[PressComparison], background_counts: float) -> "RunScores":
-        real = AdaptationScores.of([one.real for one in comparisons])
-        simulated = AdaptationScores.of([one.simulated for one in comparisons])
-        return cls(real, simulated, background_counts)
 
 
 def simulate_reference(
@@ -271,8 +265,9 @@ class Candidate:
         run = load_run(run_dir)
         comparisons = evaluate_frames(run, references, background)
         counts = predict_counts(run, background, background)
-        scores = RunScores.of(comparisons, background_counts=float(counts.max()))
-        return cls(run_dir, run, comparisons, scores)
+        real = AdaptationScores.of([one.real for one in comparisons])
+        simulated = AdaptationScores.of([one.simulated for one in comparisons])
+        return cls(run_dir, run, comparisons, RunScores(real, simulated, float(counts.max())))
 
 
 def choose(candidates: Mapping[str, Candidate]) -> str:

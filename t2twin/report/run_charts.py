@@ -21,6 +21,7 @@ from t2twin.report.page import (
     name_of,
     shape_name,
 )
+from t2twin.translate.evaluation.array_errors import REPORTED_SHARE
 from t2twin.translate.evaluation.baselines import (
     MEAN_ARRAY,
     MEAN_ARRAY_OF_FORCE,
@@ -28,7 +29,6 @@ from t2twin.translate.evaluation.baselines import (
     NEAREST_NEIGHBOR,
 )
 from t2twin.translate.evaluation.records import Evaluation, ForceFigures
-from t2twin.translate.evaluation.reliability import REPORTED_SHARE
 from t2twin.translate.evaluation.table import uncertainty_text
 from t2twin.translate.runs.log import best_epoch
 

@@ -20,7 +20,12 @@ from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_pairs, usable_cache
 from t2twin.translate.evaluation import array_errors
-from t2twin.translate.evaluation.array_errors import by_force, by_motion
+from t2twin.translate.evaluation.array_errors import (
+    by_force,
+    by_motion,
+    shear_metrics,
+    uncertainty_metrics,
+)
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     NEAREST_NEIGHBOR,
@@ -49,10 +54,6 @@ from t2twin.translate.evaluation.records import (
     ModelRow,
     write_evaluation,
     write_findings,
-)
-from t2twin.translate.evaluation.reliability import (
-    shear_metrics,
-    uncertainty_metrics,
 )
 from t2twin.translate.evaluation.table import datasets_markdown, results_markdown
 from t2twin.translate.inference.predictor import CountsPredictor, TrainedTranslator

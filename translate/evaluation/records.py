@@ -101,7 +101,7 @@ class ForceFigures:
 
 @dataclass(frozen=True)
 class UncertaintyMetrics:
-    """Optics and sharpness of a run's predicted uncertainty; see module reliability.
+    """Calibration and sharpness of a run's predicted uncertainty; see module array_errors.
 
     levels: nominal coverages of intervals; coverage: the observed ones. retained: shares of the
     presses, the most certain ones; retained_rmse_counts: RMSE over them. predicted_rmse_counts:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from t2twin.core.tables import NONE, Cell, Table, markdown, text
+from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, REPORTED_SHARE
 from t2twin.translate.evaluation.baselines import (
     MEAN_ARRAY,
     MEAN_ARRAY_OF_FORCE,
@@ -25,7 +26,6 @@ from t2twin.translate.evaluation.records import (
     ModelRow,
     PaperRow,
 )
-from t2twin.translate.evaluation.reliability import REPORTED_LEVEL, REPORTED_SHARE
 
 Evaluations = Mapping[str, Evaluation]
 """Evaluations of one dataset by split."""
