@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 
 from t2twin.core.images import encode_png
-from t2twin.sim.dataset.columns import base_schema, schema_of
+from t2twin.sim.dataset.columns import schema_of
 from t2twin.sim.dataset.info import FORMAT, DatasetInfo, SensorInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.sampling.plan import shard_path
@@ -127,7 +127,7 @@ def _spot(
     image = (light[:, :, None] * np.array([1.0, 0.8, 0.6])).astype(np.uint8)
     from_taxels = np.square(layout.x_mm - x_mm) + np.square(layout.y_mm - y_mm)
     counts = PEAK_COUNTS * strength * np.exp(-from_taxels / (2 * RESPONSE_MM**2))
-    schema = base_schema(VALUES)
+    schema = schema_of(VALUES, None)
     rest = {field.name: False if pa.types.is_boolean(field.type) else 0 for field in schema}
     return rest | {
         "shape": shape,

@@ -4,9 +4,9 @@ import pytest
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import check_names, nearest
-from t2twin.sim.dataset.columns import base_schema
+from t2twin.sim.dataset.columns import schema_of
 
-NAMES = base_schema({"source": "image", "target": "counts"}).names
+NAMES = schema_of({"source": "image", "target": "counts"}, None).names
 KNOWN = ("file", "force_n", "depth_mm", "ball_diameter_mm")
 
 

@@ -175,13 +175,11 @@ class _Model(_Xml):
                     raise ValueError(f"its unit {unit!r} is not one of {', '.join(UNITS_MM)}")
                 self.unit_mm = UNITS_MM[unit]
                 for prefix in attributes.get("requiredextensions", "").split():
-                    self._check_extension(self.namespaces.get(prefix, prefix))
-
-    def _check_extension(self, name: str) -> None:
-        if name not in KNOWN_EXTENSIONS:
-            raise ValueError(
-                f"it requires the extension {name}, which is not read; export it without"
-            )
+                    if (name := self.namespaces.get(prefix, prefix)) not in KNOWN_EXTENSIONS:
+                        raise ValueError(
+                            f"it requires the extension {name}, which is not read; export it "
+                            "without"
+                        )
 
     def _place(self, attributes: dict[str, str]) -> _Place:
         self.counts.count_part()

@@ -81,7 +81,7 @@ def write_card(folder: Path, info: DatasetInfo) -> None:
         info=info,
         splits={HUB_SPLITS[split]: split for split in _present(info)},
         features=_hub_features(schema_of(info.values, info.recipe)),
-        size=_size_category(sum(info.pairs.values())),
+        size=next((name for end, name in SIZES if sum(info.pairs.values()) < end), LARGEST_SIZE),
         download_bytes=sum(sizes.values()),
     )
     write_whole(folder / CARD, text.encode())
@@ -92,10 +92,6 @@ def write_card(folder: Path, info: DatasetInfo) -> None:
 def _present(info: DatasetInfo) -> list[str]:
     """The splits that have pairs."""
     return [split for split in SPLITS if info.pairs[split]]
-
-
-def _size_category(pairs: int) -> str:
-    return next((name for end, name in SIZES if pairs < end), LARGEST_SIZE)
 
 
 def _hub_features(schema: pa.Schema) -> list[dict[str, str]]:

@@ -58,7 +58,12 @@ def run(
     Raises T2TwinError where no scheduler answers, a worker has other versions or cannot read the
     dataset's folder, or the cluster is lost.
     """
-    client = _connect(address)
+    try:
+        client = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise T2TwinError(
+            f"no Dask scheduler answers at {address}; expected an address like tcp://10.0.0.1:8786"
+        ) from error
     with client:
         plugin = f"t2twin-context-{uuid4().hex}"
         client.register_plugin(_ShardContextPlugin(context), name=plugin)
@@ -88,15 +93,6 @@ def run(
             client.unregister_worker_plugin(plugin)
 
 
-def _connect(address: str) -> Client:
-    try:
-        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise T2TwinError(
-            f"no Dask scheduler answers at {address}; expected an address like tcp://10.0.0.1:8786"
-        ) from error
-
-
 class _ShardContextPlugin(WorkerPlugin):
     """Sends the context to each worker once, also to workers that join later."""
 
@@ -121,8 +117,4 @@ def _work(batch: Batch, plugin: str, needed: dict[str, str]) -> ShardResult:
             f"the worker {worker.address} cannot read {sent.context.folder}; use a folder that all "
             "workers share"
         )
-    return make_shard(batch, sent.context, _count_nothing)
-
-
-def _count_nothing() -> None:
-    """The progress of a cluster is counted by shards."""
+    return make_shard(batch, sent.context, lambda: None)  # shards are counted, not pairs

@@ -74,43 +74,26 @@ def column(role: str, name: str) -> str:
     return f"{role}_{name}"
 
 
-def base_schema(values: Values) -> pa.Schema:
-    """The columns of every dataset of such values."""
+def schema_of(values: Values, recipe: Recipe | None) -> pa.Schema:
+    """The columns of a recipe's shards, without a recipe those of every dataset."""
     columns = dict(PRESS)
     columns |= {column(role, values[role]): VALUES[values[role]] for role in ROLES}
     columns |= {column(role, name): kind for role in ROLES for name, kind in CONTACT.items()}
-    return pa.schema(list(columns.items()))
-
-
-def schema_of(values: Values, recipe: Recipe | None) -> pa.Schema:
-    """The columns of a recipe's shards, without a recipe those of every dataset."""
-    schema = base_schema(values)
     if recipe is not None and recipe.has_more:
-        further = {}
         for role in ROLES:
-            more = _of_camera if values[role] == IMAGE else _of_array
-            further |= {column(role, name): kind for name, kind in more(recipe).items()}
+            own = {}
+            if values[role] == IMAGE:
+                own[UNIT] = pa.int64()
+                own |= {BACKGROUND: IMAGE_TYPE} if recipe.background_frames else {}
+                own |= {MARKERS: pa.bool_()} if recipe.motion else {}
+            elif recipe.dense_counts:
+                own[DENSE_COUNTS] = pa.list_(pa.uint16())
+                own |= dict.fromkeys(TRACTIONS if recipe.motion else (), pa.list_(pa.float32()))
+            columns |= {column(role, name): kind for name, kind in own.items()}
         if recipe.motion:
-            further[PATH] = pa.int32()
-            further |= {column(role, name): pa.float64() for role in ROLES for name in MOTION}
-        for name, kind in further.items():
-            schema = schema.append(pa.field(name, kind))
-    return with_features(schema)
-
-
-def _of_camera(recipe: Recipe) -> dict[str, pa.DataType]:
-    """Further columns of a gel camera."""
-    columns = {UNIT: pa.int64()}
-    columns |= {BACKGROUND: IMAGE_TYPE} if recipe.background_frames else {}
-    return columns | ({MARKERS: pa.bool_()} if recipe.motion else {})
-
-
-def _of_array(recipe: Recipe) -> dict[str, pa.DataType]:
-    """Further columns of a taxel array."""
-    if not recipe.dense_counts:
-        return {}
-    tractions = dict.fromkeys(TRACTIONS if recipe.motion else (), pa.list_(pa.float32()))
-    return {DENSE_COUNTS: pa.list_(pa.uint16()), **tractions}
+            columns[PATH] = pa.int32()
+            columns |= {column(role, name): pa.float64() for role in ROLES for name in MOTION}
+    return with_features(pa.schema(list(columns.items())))
 
 
 def with_features(schema: pa.Schema) -> pa.Schema:

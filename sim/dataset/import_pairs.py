@@ -202,7 +202,8 @@ def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     """All rows, with checked counts."""
     table, places = read_table(path)
     if "image" not in table.column_names:
-        raise T2TwinError(f"{path} has no column image; its columns are {_list(table)}")
+        names = ", ".join(table.column_names)
+        raise T2TwinError(f"{path} has no column image; its columns are {names}")
     is_csv = path.suffix.lower() == ".csv"
     counts = _counts(table, places, path, layout, full_scale)
     columns = {
@@ -319,10 +320,6 @@ def _pose(value: Any, location: str, name: str, is_csv: bool) -> float | None:
 def _shown(value: Any) -> str:
     """A value for a message."""
     return "empty" if value is None else f"{value!r:.40}"
-
-
-def _list(table: pa.Table) -> str:
-    return ", ".join(table.column_names)
 
 
 def _with_splits(pairs: list[Pair], seed: int) -> list[Pair]:

@@ -169,9 +169,6 @@ class DatasetInfo:
                     f"the shard {path!r} is not in a split's folder; allowed are paths like "
                     f"{SPLITS[0]}/NAME.parquet"
                 )
-        self._check_pairs()
-
-    def _check_pairs(self) -> None:
         for split, expected in self.pairs.items():
             present = sum(
                 s.pairs for path, s in self.shards.items() if path.startswith(f"{split}/")

@@ -214,7 +214,10 @@ def iter_shards(
     for path in shards:
         with _opened(folder, path) as file:
             stored = None if columns is None else [stored_name(each, info) for each in columns]
-            table = _renamed(file.read(columns=stored), info)
+            table = file.read(columns=stored)
+        if info.format == 1:
+            names = {old: new for new, old in COLUMNS.items()}
+            table = table.rename_columns([names.get(each, each) for each in table.column_names])
         try:
             check_table(table, columns or schema.names, schema, info.shards[path], info)
         except ValueError as error:
@@ -265,14 +268,6 @@ def list_limits(info: DatasetInfo) -> dict[str, tuple[int, float]]:
 def stored_name(name: str, info: DatasetInfo) -> str:
     """The name of a column in the dataset's files."""
     return COLUMNS.get(name, name) if info.format == 1 else name
-
-
-def _renamed(table: pa.Table, info: DatasetInfo) -> pa.Table:
-    """A table as it is stored, with the columns of format 2."""
-    if info.format != 1:
-        return table
-    names = {old: new for new, old in COLUMNS.items()}
-    return table.rename_columns([names.get(name, name) for name in table.column_names])
 
 
 def _check_lists(rows: pa.ListArray, name: str, size: int, largest: float) -> None:

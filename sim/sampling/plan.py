@@ -1,6 +1,6 @@
 """Plans the presses of a recipe, divided into shards."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,16 +47,13 @@ class Batch:
     def pairs(self) -> int:
         return self.presses * len(self.shapes)
 
-    @property
-    def press_indices(self) -> Sequence[int]:
-        """Indices of the presses of each shape."""
-        return range(self.presses) if self.indices is None else self.indices
-
 
 def paths_of(recipe: Recipe, batch: Batch, number: int) -> tuple[MotionPath, ...]:
     """The paths of a shape of a shard. number: of the shape in the part."""
-    if not recipe.motion or batch.indices is not None:
-        return tuple(map(MotionPath, batch.press_indices))
+    if batch.indices is not None:
+        return tuple(map(MotionPath, batch.indices))
+    if not recipe.motion:
+        return tuple(map(MotionPath, range(batch.presses)))
     return sample_paths(recipe.motion, batch.presses, (recipe.seed, batch.part), number)
 
 

@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.records import REMARKS, check_names, read_json
+from t2twin.core.records import REMARKS, check_names, convert, read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
 DEFAULT_LAYOUT = "cyskin-20"
@@ -119,23 +119,19 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None)
 
         rows = read_rows(path, _Taxel, "a layout")
     else:
-        rows = read_json(path, _File, 1).taxels
-        _check_keys(path)
+        content = read_json(path, dict, 1)
+        rows = convert(content, _File, path).taxels
+        # unknown keys would have no effect, such as a gain
+        check_names(content, ["taxels", "format", *REMARKS], path, what="key")
+        given = sorted({key for taxel in content["taxels"] for key in taxel})
+        known = [*(field.name for field in fields(_Taxel)), *REMARKS]
+        check_names(given, known, f"{path}: a taxel", what="key")
     return Layout(
         path.stem,
         np.array([row.x_mm for row in rows], dtype=float),
         np.array([row.y_mm for row in rows], dtype=float),
         np.array([row.pad_diameter_mm for row in rows], dtype=float),
     )
-
-
-def _check_keys(path: Path) -> None:
-    """Raises T2TwinError for unknown keys, which would have no effect, such as a gain."""
-    content = read_json(path, dict, 1)
-    given = sorted({key for taxel in content["taxels"] for key in taxel})
-    known = [field.name for field in fields(_Taxel)]
-    check_names(content, ["taxels", "format", *REMARKS], path, what="key")
-    check_names(given, [*known, *REMARKS], f"{path}: a taxel", what="key")
 
 
 def grid_layout(
