@@ -137,23 +137,14 @@ def _content(
             yield Fault(path, str(error))
         else:
             yield from (Fault(path, reason) for reason in _pairing(path, table, info, planned))
-        row, shapes = 0, _image_shapes(images, info)
-        for batch in file.iter_batches(BATCH_ROWS, columns=list(shapes)):
+        roles = {stored_name(name, info): name.split("_")[0] for name in images}
+        row = 0
+        for batch in file.iter_batches(BATCH_ROWS, columns=list(roles)):
             for values in batch.to_pylist():
                 for name, image in values.items():
-                    for reason in _image(image, shapes[name]):
+                    for reason in _image(image, info.sensors[roles[name]].image_shape):
                         yield Fault(path, f"row {row}: {reason}")
                 row += 1
-
-
-def _image_shapes(images: list[str], info: DatasetInfo) -> dict[str, tuple[int, ...]]:
-    """Shapes of the images by the names of their stored columns."""
-    shapes = {}
-    for name in images:
-        shape = info.sensors[name.split("_")[0]].image_shape
-        assert shape is not None
-        shapes[stored_name(name, info)] = shape
-    return shapes
 
 
 def _pairing(
@@ -182,12 +173,16 @@ def _pairing(
         presses = [(_planned(shape), index) for shape, index in presses]
     if set(presses) != set(expected):
         yield "its presses are not the planned ones"
-    for row, press in enumerate(presses):
-        if press in expected:
-            start, attempts = expected[press]
-            yield from _pose(rows.slice(row, 1), row, press, attempts)
-            if PATH in rows.column_names and rows[PATH][row].as_py() != start:
-                yield f"row {row}: its path is not the planned one"
+    names = [name for name in ("shape", *POSE, PATH) if name in rows.column_names]
+    for number, row in enumerate(rows.select(names).to_pylist()):
+        shape, index = press = presses[number]
+        if press not in expected:
+            continue
+        start, attempts = expected[press]
+        if wrong := _wrong(row, attempts()):
+            yield f"row {number}: its {wrong} is not the planned one of press {index} of {shape}"
+        if row.get(PATH, start) != start:
+            yield f"row {number}: its path is not the planned one"
 
 
 def _planned(shape: str) -> str:
@@ -198,23 +193,17 @@ def _planned(shape: str) -> str:
         return shape
 
 
-def _pose(
-    row: pa.Table,
-    number: int,
-    press: tuple[str, int],
-    attempts: Callable[[], Iterator[PressCommand]],
-) -> Iterator[str]:
-    """A fault if a row's shape and pose are those of no attempt at its press."""
-    written = {name: float(row[name].to_numpy()[0]) for name in POSE}
+def _wrong(row: dict[str, Any], attempts: Iterator[PressCommand]) -> str | None:
+    """A column of a row whose shape and pose are those of no attempt at its press, else None."""
     wrong = "shape"
-    for command in attempts():
-        if command.shape != row["shape"][0].as_py():
-            continue
-        errors = {name: abs(written[name] - getattr(command, name)) for name in POSE}
-        if all(error <= POSE_TOLERANCE for error in errors.values()):
-            return
-        wrong = next(name for name, error in errors.items() if not error <= POSE_TOLERANCE)
-    yield f"row {number}: its {wrong} is not the planned one of press {press[1]} of {press[0]}"
+    for command in attempts:
+        if command.shape == row["shape"]:
+            near = [(row[name], getattr(command, name)) for name in POSE]
+            equal = [a is not None and abs(a - b) <= POSE_TOLERANCE for a, b in near]
+            if all(equal):
+                return None
+            wrong = POSE[equal.index(False)]
+    return wrong
 
 
 def _planned_presses(
@@ -235,10 +224,10 @@ def _planned_presses(
     }
 
 
-def _image(image: dict[str, Any] | None, shape: tuple[int, ...]) -> Iterator[str]:
+def _image(image: dict[str, Any] | None, shape: tuple[int, ...] | None) -> Iterator[str]:
     try:
         found = decode_png(image["bytes"] if image else b"").shape
         if found != shape:
-            yield f"its image is {list(found)} instead of {list(shape)}"
+            yield f"its image is {list(found)} instead of {list(shape or ())}"
     except T2TwinError:
         yield "its image cannot be decoded"
