@@ -3,8 +3,10 @@
 viser passes on whatever a client sends, so the values are checked here.
 """
 
+import re
 from collections.abc import Callable
 from functools import partial
+from itertools import groupby
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any, get_args
@@ -12,7 +14,7 @@ from typing import Any, get_args
 import viser
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad import catalogue, primitive_parameters
+from t2twin.primitives_cad.catalogue import NAMES
 from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.sampling.presses import MAX_SHAPE_SEED
 from t2twin.sim.sampling.protocol import SCALES
@@ -80,17 +82,9 @@ SLIDERS = {
 """Sliders by their field of PressState: label, range, step and hint. A link may contain any valid
 value."""
 
-GROUPS = {
-    **{
-        family: tuple(
-            n for n in primitive_parameters.PRIMITIVES if primitive_parameters.family(n) == family
-        )
-        for family in primitive_parameters.FAMILIES
-    },
-    **{
-        tool: tuple(f"{tool}/{keypoint}" for keypoint in keypoints)
-        for tool, keypoints in catalogue.KEYPOINTS.items()
-    },
+GROUPS: dict[str, tuple[str, ...]] = {
+    group: tuple(names)
+    for group, names in groupby(NAMES, lambda name: re.split(r"/|-\d+$", name)[0])
 }
 """Shapes of the catalogue by family and by tool."""
 
