@@ -121,7 +121,7 @@ def _rows(
     """The rows of a shard, shape by shape, path by path."""
     recipe, roles = context.recipe, context.sensors.roles
     ranges = {name: sensor.FRICTION for name, sensor in context.sensors.by_name.items()}
-    units = _units(batch, recipe, context.sensors, watch)
+    present, sensors, of_unit = None, context.sensors, {}
     for source, number in zip(batch.shapes, batch.numbers, strict=True):
         with watch.running("shape"):
             shape = load_shape(recipe.parts[batch.part], source, context.cache)
@@ -129,13 +129,17 @@ def _rows(
         if recipe.motion:
             friction = sample_friction(recipe.motion, ranges, (recipe.seed, batch.part), number)
         for path in paths_of(recipe, batch, number):
-            unit = next(units)
+            unit = number if recipe.light.each == "shape" else number * batch.presses + path.index
+            unit = 0 if recipe.light.kind == "fixed" else unit
+            if unit != present:
+                sensors, of_unit = _unit(batch.part, unit, recipe, context.sensors, watch)
+                present = unit
             attempts = path_attempts(recipe, batch.part, name_of(source), number, path, first)
-            press = partial(_touches, unit.sensors, friction, watch)
+            press = partial(_touches, sensors, friction, watch)
             touches, accepted = press_until_accepted(attempts, shape, press, rejected)
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
             for index, touch in enumerate(touches, start=path.index):
-                columns = unit.columns
+                columns = of_unit
                 if recipe.dense_counts:
                     with watch.running("dense counts"):
                         columns = columns | dense_row(touch, roles, bool(recipe.motion))
@@ -238,55 +242,38 @@ def _markers(rng: np.random.Generator, share: float) -> Markers | None:
     return Markers(pitch_mm, float(diameter_mm), float(jitter_mm), int(rng.integers(MAX_SEED)))
 
 
-@dataclass(frozen=True)
-class _Unit:
-    """The sensors of a part's unit. columns: of the rows of its presses."""
-
-    number: int
-    sensors: SensorPair
-    columns: dict[str, Any]
-
-
-def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) -> Iterator[_Unit]:
-    """The unit of each path of a shard: the same for all, or one per shape or path."""
-    light, unit = recipe.light, None
-    for shape in batch.numbers:
-        for path in paths_of(recipe, batch, shape):
-            sampled = shape if light.each == "shape" else shape * batch.presses + path.index
-            number = 0 if light.kind == "fixed" else sampled
-            if unit is None or unit.number != number:
-                unit = _unit(batch.part, number, recipe, sensors, watch)
-            yield unit
-
-
-def _unit(part: int, number: int, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) -> _Unit:
-    """A unit of a part: each gel camera with sampled light and markers."""
+def _unit(
+    part: int, number: int, recipe: Recipe, sensors: SensorPair, watch: Stopwatch
+) -> tuple[SensorPair, dict[str, Any]]:
+    """The sensors of a part's unit, gel cameras with sampled light and markers, and the columns of
+    the rows of its presses."""
     own: dict[str, Any] = {}
     columns: dict[str, Any] = {}
     for place, role in enumerate(ROLES):
         sensor = getattr(sensors, role)
         if not sensor.HAS_UNITS:
             continue
-        keys = {
-            stream: (recipe.seed, stream, part, number, *[place] * bool(place))
+        rngs = {
+            stream: np.random.default_rng(
+                (recipe.seed, stream, part, number, *[place] * bool(place))
+            )
             for stream in (UNIT_STREAM, ARTIFACT_STREAM, MARKER_STREAM, FRAME_STREAM)
         }
         if recipe.has_more:
             columns[column(role, UNIT)] = number
         if not _is_fixed(recipe, part, number):
             with watch.running("light"):
-                rngs = (np.random.default_rng(keys[n]) for n in (UNIT_STREAM, ARTIFACT_STREAM))
-                artifacts = recipe.light.artifacts or None
-                sensor = sensor.sampled(*rngs, recipe.light.draw, artifacts)
+                light, artifacts = rngs[UNIT_STREAM], rngs[ARTIFACT_STREAM]
+                draw = recipe.light.draw, recipe.light.artifacts or None
+                sensor = sensor.sampled(light, artifacts, *draw)
         if recipe.motion:
-            rng = np.random.default_rng(keys[MARKER_STREAM])
-            sensor = replace(sensor, markers=_markers(rng, recipe.motion.markers))
+            markers = _markers(rngs[MARKER_STREAM], recipe.motion.markers)
+            sensor = replace(sensor, markers=markers)
             columns[column(role, MARKERS)] = sensor.markers is not None
         if recipe.has_more and recipe.background_frames:
-            rng = np.random.default_rng(keys[FRAME_STREAM])
             with watch.running("encoding"):
-                png = encode_png(sensor.background_frame(rng))
+                png = encode_png(sensor.background_frame(rngs[FRAME_STREAM]))
             path = f"background-{number}-{role}.png"
             columns[column(role, BACKGROUND)] = {"bytes": png, "path": path}
         own[role] = sensor
-    return _Unit(number, replace(sensors, **own), columns)
+    return replace(sensors, **own), columns
