@@ -29,15 +29,12 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.optical.gel_camera import GelCamera, ImageReading
+from t2twin.sim.optical.gel_camera import ImageReading
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
-from t2twin.sim.taxels.taxel_array import CountsReading, TaxelArray
-
-Sensor = GelCamera | TaxelArray
-"""A simulated sensor: `spec`, `name`, `elastomer`, `friction`, `press` and `read`."""
+from t2twin.sim.taxels.taxel_array import CountsReading
 
 Reading = ImageReading | CountsReading
 """A sensor's reading: the sensor, its contact, and its image or counts."""

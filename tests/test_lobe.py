@@ -14,7 +14,7 @@ from t2twin.sim.optical.calibrate.frames import clean_background, contact_patch,
 from t2twin.sim.optical.calibrate.geometry import Geometry
 from t2twin.sim.optical.calibrate.ridge import Terms
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.light.lobe import LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.optical.light.illumination import LOBE_PLACES, LOBE_TERMS
 from t2twin.sim.optical.light.ray_casting import Leds
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.surface import ball_surface

@@ -7,8 +7,8 @@ For a point p of the gel with unit normal n (towards the camera), the light of L
 
 with l_k, d_k the direction and distance to the LED. P are the polynomials of degree four in the
 place where the pixel's ray meets the gel at rest. R is the fitted response, a constant for a
-Lambertian surface and a uniform LED. S is the fitted lobe (t2twin.sim.optical.light.lobe), of
-degree two in the place; the default optics have none. N are n_x, n_y, n_x^2, n_x n_y and n_y^2.
+Lambertian surface and a uniform LED. S is the fitted lobe, of degree two in the place; the default
+optics have none. N are n_x, n_y, n_x^2, n_x n_y and n_y^2.
 V_k is the visible fraction of the LED's disc. It is computed from a ray over the height map to the
 disc's middle: the ray's smallest clearance, projected on to the disc, cuts the disc.
 
@@ -33,7 +33,7 @@ from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.optical.camera import response
 from t2twin.sim.optical.camera.noise import Keys, keys, quantiles
 from t2twin.sim.optical.camera.pinhole import Camera
-from t2twin.sim.optical.light import illumination, lobe
+from t2twin.sim.optical.light import illumination
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.light.ray_casting import Leds, Rays, Region
@@ -176,8 +176,8 @@ class ImageRenderer:
     def _lobe_gain(self) -> np.ndarray | None:
         if self.optics.lobe is None:
             return None
-        places = place_terms(*self._rays.places_mm, lobe.LOBE_DEGREE)
-        return lobe.lobe_gain(self.optics.lobe, places)
+        places = place_terms(*self._rays.places_mm, illumination.LOBE_DEGREE)
+        return illumination.lobe_gain(self.optics.lobe, places)
 
     @cached_property
     def _rest_light(self) -> np.ndarray:
@@ -226,7 +226,7 @@ class ImageRenderer:
     ) -> None:
         if self._lobe_gain is not None:
             normals = rays.normals(coated_mm, samples)
-            lobe.add_lobe(normals, weight, self._lobe_gain, samples, light)
+            illumination.add_lobe(normals, weight, self._lobe_gain, samples, light)
 
     def _encoded(
         self,

@@ -12,8 +12,7 @@ from t2twin.core.files import atomic_write
 from t2twin.core.records import REMARKS
 from t2twin.sim.optical.camera.noise import Noise
 from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
-from t2twin.sim.optical.light.illumination import COSINE_TERMS
-from t2twin.sim.optical.light.lobe import LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.optical.light.illumination import COSINE_TERMS, LOBE_PLACES, LOBE_TERMS
 
 PLACE_MM = 8.0
 """Unit of length of the response's polynomials, mm: half an image of 16 mm."""

@@ -34,8 +34,8 @@ from t2twin.sim.optical.camera import response
 from t2twin.sim.optical.camera.noise import standard_normal
 from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.light.coating import coated
 from t2twin.sim.optical.light.leds import REACH_MM, Led
+from t2twin.sim.optical.light.ray_casting import smoothed
 from t2twin.sim.optical.light.shadows import MIN_CASTER_MM
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.optics import Optics
@@ -220,7 +220,7 @@ class ReferenceRenderer:
                 f"surface_mm has shape {surface_mm.shape}; it must be {self._rest_mm.shape}, "
                 "on t2twin.sim.optical.camera.pinhole.optical_grid()"
             )
-        surface_mm = coated(np.ascontiguousarray(surface_mm, dtype=np.float32))
+        surface_mm = smoothed(np.ascontiguousarray(surface_mm, dtype=np.float32))
         z = self._rest_mm - surface_mm
         along_y, along_x = np.gradient(z, *reversed(self._axes))
         normals = _blocks(np.stack([along_x, along_y, -np.ones_like(z)], axis=-1))

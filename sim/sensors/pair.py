@@ -1,6 +1,6 @@
 """Two sensors, and the press of one shape into both."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,12 +23,8 @@ from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.sim.touch import Reading, Touch
 
-StageTimer = Callable[[str], AbstractContextManager[None]]
+StageTimer = Callable[[str], AbstractContextManager[Any]]
 """Context manager around each stage of a press, named as in t2twin.sim.dataset.timing.STAGES."""
-
-
-def _untimed(stage: str) -> AbstractContextManager[None]:
-    return nullcontext()
 
 
 @dataclass(frozen=True)
@@ -71,11 +67,8 @@ class SensorPair:
 
         Raises T2TwinError for a pair without one.
         """
-        camera = self.camera
-        lit = camera.with_options({"optics": optics})
-        if camera is self.source:
-            return replace(self, source=lit)
-        return replace(self, target=lit)
+        role = "source" if self.camera is self.source else "target"
+        return replace(self, **{role: self.camera.with_options({"optics": optics})})
 
     def with_imperfections(self, name: str | None) -> "SensorPair":
         """The same pair with imperfections of its taxel arrays; None for those of a dataset."""
@@ -122,22 +115,20 @@ class SensorPair:
         Raises T2TwinError for another one.
         """
         name = ALIASES.get(sensor, sensor)
-        found = {
-            **{role: each for each, role in self.roles.items()},
-            **{n: n for n in self.by_name},
-        }
-        if name not in found:
-            raise T2TwinError(
-                f"there is no sensor {sensor!r} in the twin; allowed are {', '.join(self.by_name)}"
-            )
-        return found[name]
+        if name in self.by_name:
+            return name
+        if name in ROLES:
+            return list(self.by_name)[ROLES.index(name)]
+        raise T2TwinError(
+            f"there is no sensor {sensor!r} in the twin; allowed are {', '.join(self.by_name)}"
+        )
 
     def press(
         self,
         shape: Shape,
         command: PressCommand,
         rng: np.random.Generator | None = None,
-        timed: StageTimer = _untimed,
+        timed: StageTimer = nullcontext,
         only: str | None = None,
         before: Touch | None = None,
     ) -> Touch:
@@ -149,7 +140,9 @@ class SensorPair:
         Raises T2TwinError as solve_contact does.
         """
         readings: dict[str, Reading] = {}
-        for name, sensor in self._chosen(only):
+        for name, sensor in self.by_name.items():
+            if only not in (None, name):
+                continue
             contact = None
             if command.force_n != 0.0:
                 with timed(f"press {self.roles[name]}"):
@@ -158,9 +151,6 @@ class SensorPair:
             with timed(f"read {self.roles[name]}"):
                 readings[name] = sensor.read(contact, rng, _reading(before, name))
         return Touch(shape, command, readings)
-
-    def _chosen(self, only: str | None) -> Iterable[tuple[str, Sensor]]:
-        return [(name, sensor) for name, sensor in self.by_name.items() if only in (None, name)]
 
     def check_over_pads(self, touch: Touch, command: PressCommand) -> None:
         """Raises OffPadError if the shape of a touch does not lie over its pads at another pose."""

@@ -32,8 +32,7 @@ from t2twin.sim.optical.calibrate.ridge import (
 from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.camera.response import linear
 from t2twin.sim.optical.gel_camera import GelCamera
-from t2twin.sim.optical.light.illumination import COSINE_TERMS
-from t2twin.sim.optical.light.lobe import lobe_columns, normal_terms
+from t2twin.sim.optical.light.illumination import COSINE_TERMS, lobe_columns, normal_terms
 from t2twin.sim.optical.light.ray_casting import Leds, Rays
 from t2twin.sim.optical.optics import PLACE_TERMS, Optics, led_columns, place_terms
 from t2twin.sim.optical.surface import ball_surface

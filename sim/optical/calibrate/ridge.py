@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.light.illumination import COSINE_TERMS
-from t2twin.sim.optical.light.lobe import LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.optical.light.illumination import COSINE_TERMS, LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
 from t2twin.sim.optical.optics import PLACE_DEGREE, place_degrees
 
 GROWTH = 2.0

@@ -1,8 +1,9 @@
 """Casts the camera's rays on to the gel, and computes the LEDs' incidence there.
 
 This is the geometry of the baked model (t2twin.sim.optical.image_renderer). Camera and gel are
-fixed; LEDs are arguments, so that a fit can move them. S is the lattice of samples of the image:
-one in the middle of every 2 x 2 pixels and one more beyond each edge.
+fixed; LEDs are arguments, so that a fit can move them. G is the optical grid (ny, nx). S is the
+lattice of samples of the image: one in the middle of every 2 x 2 pixels and one more beyond each
+edge.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,9 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.optical.camera.compiled import jit_finite
 from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
-from t2twin.sim.optical.light import coating, illumination, lobe
+from t2twin.sim.optical.light import illumination
 from t2twin.sim.optical.light.leds import REACH_MM
 from t2twin.sim.optical.light.shadows import (
     MIN_CASTER_MM,
@@ -30,6 +32,9 @@ REST_STEPS = 12
 DEFORMED_STEPS = 3
 """The same for the deformed gel, from the neighboring ray's displacement: each step multiplies the
 error by the slopes of surface and ray, at most 0.4."""
+
+COATING_TAPS = np.array([0.0614, 0.2448, 0.3876, 0.2448, 0.0614], dtype=np.float32)
+"""Weights of a Gaussian of one cell, 0.1 mm (assumed: the coating's thickness)."""
 
 Region = tuple[int, int, int, int]
 """First row, end row, first column, end column."""
@@ -83,7 +88,7 @@ class Rays:
         surface = np.ascontiguousarray(surface_mm, dtype=np.float32)
         if not np.isfinite(surface).all():
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
-        return coating.coated(surface)
+        return smoothed(surface)
 
     def incidence(
         self, coated_mm: np.ndarray, leds: Leds, samples: Region | None = None
@@ -108,7 +113,7 @@ class Rays:
         depth = self._rest_depth_mm.copy()
         self._intersect(z, region, DEFORMED_STEPS, depth)
         normals, single = np.empty((2, *depth.shape), dtype=np.float32), np.float32
-        lobe.fill_normals(
+        illumination.fill_normals(
             z, depth, self._across, self._down, single(self.camera.distance_mm),
             single(self.x_mm[0]), single(self.y_mm[0]), single(self.pitch_mm), region, normals,
         )  # fmt: skip
@@ -239,7 +244,7 @@ def _sample_slopes(count: int, middle: float, focal_px: float) -> np.ndarray:
 
 def _regions(coated_mm: np.ndarray) -> tuple[Region, Region]:
     """Regions of a deflection that are rendered, and that are deep enough to cast a shadow."""
-    deflected, deep = coating.bounds(coated_mm, MIN_DEFLECTION_MM, MIN_CASTER_MM)
+    deflected, deep = _bounds(coated_mm, MIN_DEFLECTION_MM, MIN_CASTER_MM)
     return _region(deflected), _region(deep)
 
 
@@ -271,3 +276,70 @@ def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
         region[2] // stride,
         min(-(-region[3] // stride), shape[1]),
     )
+
+
+@jit_finite
+def _bounds(coated, deflected_mm, deep_mm):
+    """Regions of the cells deflected by more than deflected_mm in either direction, and by more
+    than deep_mm, which is not less, into the sensor (empty: end <= first)."""
+    ny, nx = coated.shape
+    limit, high = np.float32(deflected_mm), np.float32(deep_mm)
+    region, deep = np.array([ny, 0, nx, 0]), np.array([ny, 0, nx, 0])
+    for i in range(ny):
+        row = coated[i]
+        # counts instead of branches, so that the loop is vectorized
+        deflected, deeper = 0, 0
+        for j in range(nx):
+            deflected += abs(row[j]) > limit
+            deeper += row[j] > high
+        if deflected == 0:
+            continue
+        region[0], region[1] = min(region[0], i), i + 1
+        j = 0
+        while j < region[2] and not abs(row[j]) > limit:
+            j += 1
+        region[2] = min(region[2], j)
+        j = nx
+        while j > region[3] and not abs(row[j - 1]) > limit:
+            j -= 1
+        region[3] = max(region[3], j)
+        if deeper == 0:
+            continue
+        deep[0], deep[1] = min(deep[0], i), i + 1
+        j = 0
+        while j < deep[2] and not row[j] > high:
+            j += 1
+        deep[2] = min(deep[2], j)
+        j = nx
+        while j > deep[3] and not row[j - 1] > high:
+            j -= 1
+        deep[3] = max(deep[3], j)
+    return region, deep
+
+
+@jit_finite
+def smoothed(surface):
+    """(G) a surface, smoothed by COATING_TAPS along both axes; edge cells are repeated outwards."""
+    ny, nx = surface.shape
+    taps, reach = COATING_TAPS.size, COATING_TAPS.size // 2
+    padded = np.empty(nx + 2 * reach, dtype=np.float32)
+    across = np.zeros_like(surface)
+    out = np.zeros_like(surface)
+    for i in range(ny):
+        padded[:reach] = surface[i, 0]
+        row = surface[i]
+        for j in range(nx):  # an assignment of arrays would compile its error messages
+            padded[reach + j] = row[j]
+        padded[reach + nx :] = surface[i, nx - 1]
+        row = across[i]
+        for k in range(taps):
+            tap, shifted = COATING_TAPS[k], padded[k : k + nx]
+            for j in range(nx):
+                row[j] += tap * shifted[j]
+    for i in range(ny):
+        row = out[i]
+        for k in range(taps):
+            tap, shifted = COATING_TAPS[k], across[min(max(i + k - reach, 0), ny - 1)]
+            for j in range(nx):
+                row[j] += tap * shifted[j]
+    return out

@@ -26,7 +26,7 @@ from t2twin.sim.optical.camera.compiled import jit
 from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.randomization.lighting import at_middle
-from t2twin.sim.optical.randomization.ranges import Range, log_uniform, uniform
+from t2twin.sim.optical.randomization.ranges import Range, log_uniform
 from t2twin.sim.optical.randomization.unit import Size as Pixels
 from t2twin.sim.optical.randomization.unit import Unit, cubic_weights
 
@@ -145,8 +145,8 @@ def with_artifacts(
 
 def sample_drift(rng: np.random.Generator, artifacts: Artifacts, size: Pixels) -> np.ndarray:
     """(RGB, nodes) float32 drift, grey levels, FINE_DRIFT_PX apart."""
-    rms = uniform(rng, artifacts.drift_grey, 3)[:, None, None]
-    even = uniform(rng, artifacts.drift_even_part, 3)[:, None, None]
+    rms = rng.uniform(*artifacts.drift_grey, 3)[:, None, None]
+    even = rng.uniform(*artifacts.drift_even_part, 3)[:, None, None]
     signs = rng.choice([-1.0, 1.0], (3, 1, 1))
     down, across = _cubics(DRIFT_PX, FINE_DRIFT_PX, size)
     samples = rng.standard_normal((3, down.shape[1], across.shape[1]))
@@ -187,7 +187,7 @@ def _sample_albedo(rng: np.random.Generator, artifacts: Artifacts, size: Pixels)
     down, across = _cubics(WEAR_PX, SPECKLE_PX, size)
     smooth = rng.standard_normal((down.shape[1], across.shape[1]))
     fine = rng.standard_normal((len(down), len(across)))
-    smooth_part, fine_part = uniform(rng, artifacts.wear_part), uniform(rng, artifacts.speckle_part)
+    smooth_part, fine_part = rng.uniform(*artifacts.wear_part), rng.uniform(*artifacts.speckle_part)
     albedo = 1.0 + smooth_part * (down @ smooth @ across.T)
     return np.maximum(albedo + fine_part * fine, MIN_ALBEDO)
 
@@ -207,31 +207,31 @@ def _sample_lights(
     count = int(rng.integers(artifacts.streaks[0], artifacts.streaks[1] + 1))
     leds = rng.integers(len(toward_px), size=count)
     places = rng.uniform((0.0, 0.0), size, (count, 2))
-    deviation = np.radians(uniform(rng, artifacts.streak_off_deg, count))
+    deviation = np.radians(rng.uniform(*artifacts.streak_off_deg, count))
     lengths = log_uniform(rng, artifacts.streak_length_px, count)
     widths = log_uniform(rng, artifacts.streak_px, count)
-    bends = uniform(rng, artifacts.streak_bend_part, count) * lengths
+    bends = rng.uniform(*artifacts.streak_bend_part, count) * lengths
     colors = _colors(rng, artifacts, colors_of[leds], artifacts.streak_grey)
     aim = toward_px[leds] - places
     angles = np.arctan2(aim[:, 0], aim[:, 1]) + deviation
     sizes = np.stack([np.sin(angles), np.cos(angles), lengths, widths, bends], axis=1)
-    moved = uniform(rng, artifacts.streak_moved_px, (count, 1))
+    moved = rng.uniform(*artifacts.streak_moved_px, (count, 1))
     turn = rng.uniform(0.0, 2.0 * np.pi, count)
     places_before = places + moved * np.stack([np.sin(turn), np.cos(turn)], axis=1)
-    colors_before = colors * (1.0 + uniform(rng, artifacts.changed_part, (count, 1)))
+    colors_before = colors * (1.0 + rng.uniform(*artifacts.changed_part, (count, 1)))
 
     glares = int(rng.integers(artifacts.glares[0], artifacts.glares[1] + 1))
     leds = rng.integers(len(toward_px), size=glares)
     middle = np.array(size) / 2
     aim = toward_px[leds] - middle
-    angles = np.arctan2(aim[:, 0], aim[:, 1]) + np.radians(uniform(rng, GLARE_OFF_DEG, glares))
+    angles = np.arctan2(aim[:, 0], aim[:, 1]) + np.radians(rng.uniform(*GLARE_OFF_DEG, glares))
     direction = np.stack([np.sin(angles), np.cos(angles)], axis=1)
     to_edge = np.min(middle / np.maximum(np.abs(direction), 1e-9), axis=1)
-    reach = to_edge - uniform(rng, GLARE_INSET_PX, glares)
+    reach = to_edge - rng.uniform(*GLARE_INSET_PX, glares)
     radii = log_uniform(rng, artifacts.glare_px, (glares, 1))
     blobs = np.concatenate([middle + reach[:, None] * direction, radii], axis=1)
     glare = _colors(rng, artifacts, colors_of[leds], artifacts.glare_grey)
-    glare_before = glare * (1.0 + uniform(rng, artifacts.changed_part, (glares, 1)))
+    glare_before = glare * (1.0 + rng.uniform(*artifacts.changed_part, (glares, 1)))
     return (
         (_joined(places, sizes, colors), _joined(blobs, glare)),
         (_joined(places_before, sizes, colors_before), _joined(blobs, glare_before)),
@@ -246,7 +246,7 @@ def _colors(
     rng: np.random.Generator, artifacts: Artifacts, colors: np.ndarray, grey: Range
 ) -> np.ndarray:
     """(n, RGB) grey levels of lights that are brightest in colors (n,)."""
-    parts = uniform(rng, artifacts.other_color_part, (colors.size, 3))
+    parts = rng.uniform(*artifacts.other_color_part, (colors.size, 3))
     parts[np.arange(colors.size), colors] = 1.0
     return log_uniform(rng, grey, (colors.size, 1)) * parts
 

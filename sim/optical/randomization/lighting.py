@@ -25,7 +25,7 @@ from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.leds import REACH_MM, Led
 from t2twin.sim.optical.optics import PLACE_TERMS, place_terms
-from t2twin.sim.optical.randomization.ranges import UnitRanges, log_uniform, uniform
+from t2twin.sim.optical.randomization.ranges import UnitRanges, log_uniform
 
 MIN_OWN = 0.5
 """Share of an LED's brightest color from which on it has another color too (assumed: color filters
@@ -79,15 +79,15 @@ def sample_light(
     assert ranges.led_distance_mm is not None and ranges.led_elevation_deg is not None
     count = len(leds)
     azimuths_deg = np.array([led.angle_deg for led in leds])
-    azimuth = np.radians(azimuths_deg + uniform(rng, ranges.led_turn_deg, count))
+    azimuth = np.radians(azimuths_deg + rng.uniform(*ranges.led_turn_deg, count))
     distance_mm = float(log_uniform(rng, ranges.led_distance_mm))
-    elevation_deg = float(uniform(rng, ranges.led_elevation_deg))
-    elevation = np.radians(elevation_deg + uniform(rng, ranges.led_elevation_off_deg, count))
+    elevation_deg = rng.uniform(*ranges.led_elevation_deg)
+    elevation = np.radians(elevation_deg + rng.uniform(*ranges.led_elevation_off_deg, count))
     towards = np.stack([np.cos(azimuth), -np.sin(azimuth)], axis=1)
     heights = -distance_mm * np.tan(elevation)
     places_mm = np.concatenate([distance_mm * towards, heights[:, None]], axis=1)
     response = _relative(rng, ranges, leds, towards, gamma**GAMMA_EXPONENT)
-    facing = (uniform(rng, ranges.facing_grey, 3) / 255.0) ** gamma
+    facing = (rng.uniform(*ranges.facing_grey, 3) / 255.0) ** gamma
     # in the middle, an LED's light falls with the square of its distance to the apex
     reach = REACH_MM**2 / (places_mm**2).sum(axis=1) * FACING_COSINE
     response *= (facing / _of_colors(reach, own_colors(leds)))[None, :, None, None]
@@ -118,14 +118,14 @@ def _relative(
     count = len(leds)
     by_power = np.zeros((count, 3, 3, TERMS))  # LED, color, power of the cosine, place
     few = min(1.0, STATED_LEDS / count)
-    leaks = few * mixed * float(uniform(rng, ranges.leak_amount))
-    leaks = leaks * uniform(rng, ranges.leak_part, (count, 3))
-    amount = np.sqrt(few) * mixed * float(uniform(rng, ranges.irregular_amount))
+    leaks = few * mixed * rng.uniform(*ranges.leak_amount)
+    leaks = leaks * rng.uniform(*ranges.leak_part, (count, 3))
+    amount = np.sqrt(few) * mixed * rng.uniform(*ranges.irregular_amount)
     patterns = amount * rng.standard_normal((count, 3, *IRREGULAR.shape)) * IRREGULAR
     by_power[:, :, 0, 0] = leaks
     by_power[:, :, : len(IRREGULAR)] += patterns
-    slopes = uniform(rng, ranges.cosine_slope_part, count)
-    bends = uniform(rng, ranges.cosine_bend_part, count)
+    slopes = rng.uniform(*ranges.cosine_slope_part, count)
+    bends = rng.uniform(*ranges.cosine_bend_part, count)
     colors = own_colors(leds)
     shares = 1.0 / np.maximum(colors.sum(axis=0), 1)  # of each color's own LEDs
     for k in range(count):
@@ -156,8 +156,8 @@ def _beam(
     rng: np.random.Generator, ranges: UnitRanges, towards: np.ndarray, across_sign: float
 ) -> np.ndarray:
     """(TERMS,) coefficients of an LED's light in the place. towards: (2,) direction."""
-    along, across = uniform(rng, ranges.beam_along_part), uniform(rng, ranges.beam_across_part)
-    curves, twist = uniform(rng, ranges.beam_curve_part, 2), uniform(rng, ranges.beam_twist_part)
+    along, across = rng.uniform(*ranges.beam_along_part), rng.uniform(*ranges.beam_across_part)
+    curves, twist = rng.uniform(*ranges.beam_curve_part, 2), rng.uniform(*ranges.beam_twist_part)
     sideways = np.array([-towards[1], towards[0]])
     rise = along * towards + across_sign * across * sideways
     return np.array([1.0, rise[0], rise[1], curves[0], twist, curves[1]])

@@ -160,11 +160,6 @@ def _bounds() -> dict[str, tuple[float, float]]:
 Range = tuple[float, float]
 
 
-def uniform(rng: np.random.Generator, bounds: Range, shape: int | tuple = ()) -> np.ndarray:
-    """Uniform samples of a shape."""
-    return rng.uniform(bounds[0], bounds[1], shape)
-
-
 def log_uniform(rng: np.random.Generator, bounds: Range, shape: int | tuple = ()) -> np.ndarray:
     """Samples of a shape whose logarithm is uniform."""
     return np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]), shape))

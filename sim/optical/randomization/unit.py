@@ -34,7 +34,7 @@ from t2twin.sim.optical.randomization.lighting import (
     light_at_rest,
     sample_light,
 )
-from t2twin.sim.optical.randomization.ranges import UnitRanges, log_uniform, uniform
+from t2twin.sim.optical.randomization.ranges import UnitRanges, log_uniform
 from t2twin.sim.optical.spec import GelCameraSpec
 
 NODE_PX = 10
@@ -91,11 +91,11 @@ def sample_unit(
     ranges, leds = _complete(ranges, spec), spec.light.leds
     assert ranges.scale_px_per_mm is not None and ranges.distance_mm is not None
     size, gel = (spec.camera.rows, spec.camera.columns), spec.gel.elastomer(spec.name)
-    scale, distance_mm = uniform(rng, ranges.scale_px_per_mm), uniform(rng, ranges.distance_mm)
-    shift, tilt = uniform(rng, ranges.shift_px, 2), uniform(rng, ranges.tilt_deg, 2)
-    camera = Camera(*size, float(scale), float(distance_mm), *shift.tolist(), *tilt.tolist())
+    scale, distance_mm = rng.uniform(*ranges.scale_px_per_mm), rng.uniform(*ranges.distance_mm)
+    shift, tilt = rng.uniform(*ranges.shift_px, 2), rng.uniform(*ranges.tilt_deg, 2)
+    camera = Camera(*size, scale, distance_mm, *shift.tolist(), *tilt.tolist())
     is_linear = rng.random() < ranges.linear_amount
-    gamma = float(uniform(rng, ranges.linear_gamma if is_linear else ranges.gamma))
+    gamma = rng.uniform(*(ranges.linear_gamma if is_linear else ranges.gamma))
     light = sample_light(rng, ranges, leds, gamma)
     background, light = sample_background(rng, ranges, light, camera, gel, gamma)
     noise_grey = float(log_uniform(rng, ranges.noise_grey))
@@ -129,9 +129,9 @@ def _sample_near(
     leds = len(center.leds_mm)
 
     def part(shape: int | tuple = ()) -> np.ndarray:
-        return uniform(rng, ranges.around_part, shape)
+        return rng.uniform(*ranges.around_part, shape)
 
-    leds_mm = center.leds_mm + uniform(rng, ranges.around_led_mm, (leds, 3))
+    leds_mm = center.leds_mm + rng.uniform(*ranges.around_led_mm, (leds, 3))
     # the colors are mixed, and each LED is a little brighter or dimmer
     mixing = np.eye(3) + part((3, 3))
     brightness = 1.0 + part((leds, 1, 1, 1))
@@ -140,7 +140,7 @@ def _sample_near(
         mixed = np.einsum("kcij,dc->kdij", table, mixing) * brightness
         return np.clip(mixed, -MAX_RESPONSE, MAX_RESPONSE)
 
-    shift, tilt = uniform(rng, ranges.around_shift_px, 2), uniform(rng, ranges.around_tilt_deg, 2)
+    shift, tilt = rng.uniform(*ranges.around_shift_px, 2), rng.uniform(*ranges.around_tilt_deg, 2)
     optics = replace(
         center,
         background=_varied(center.background, part((3, 3))),
@@ -188,17 +188,17 @@ def sample_background(
     size = camera.rows, camera.columns
     rows, columns = nodes(size)
     direct = np.maximum(light_at_rest(light, camera, gel, columns, rows), DARKEST)
-    mean = direct[INSIDE].mean(axis=(0, 1)) * (1.0 + uniform(rng, ranges.scattered_part, 3))
+    mean = direct[INSIDE].mean(axis=(0, 1)) * (1.0 + rng.uniform(*ranges.scattered_part, 3))
     low, high = (np.array(ranges.brightness_grey) / 255.0) ** gamma
     exposure = np.minimum(high / mean, 1.0)
     direct = direct * exposure
-    follow = float(uniform(rng, ranges.follow_amount))
+    follow = rng.uniform(*ranges.follow_amount)
     mixed = follow * direct / direct[INSIDE].mean(axis=(0, 1))
     mixed += (1.0 - follow) * _separate_pattern(rng, ranges, size)
     mixed = np.clip(mixed, *PATTERN) * np.maximum(mean * exposure, low)
     # the background contains most of the light that a shadow removes; else it would be clipped
     mixed = np.maximum(mixed, np.minimum(direct, PATTERN[1] * mean * exposure))
-    grey = _limit_std(255.0 * mixed ** (1.0 / gamma), uniform(rng, ranges.pattern_grey, 3))
+    grey = _limit_std(255.0 * mixed ** (1.0 / gamma), rng.uniform(*ranges.pattern_grey, 3))
     grey *= _dark_side(rng, ranges, size)[..., None]
     grey += blotches(rng, ranges, size)
     exposed = replace(light, response=light.response * exposure[:, None, None])
@@ -211,7 +211,7 @@ def _separate_pattern(rng: np.random.Generator, ranges: UnitRanges, size: Size) 
     rows, columns = nodes(size)
     x = (columns - half_columns)[None, :, None] / half_columns
     y = (rows - half_rows)[:, None, None] / half_rows
-    along = uniform(rng, ranges.gradient_part, (2, 3))
+    along = rng.uniform(*ranges.gradient_part, (2, 3))
     return 1.0 + along[0] * x + along[1] * y
 
 
@@ -223,8 +223,8 @@ def _limit_std(grey: np.ndarray, limit: np.ndarray) -> np.ndarray:
 
 def _dark_side(rng: np.random.Generator, ranges: UnitRanges, size: Size) -> np.ndarray:
     """(nodes) factor that darkens one side of the image."""
-    amount, end = float(uniform(rng, ranges.edge_dark_amount)), float(uniform(rng, ranges.edge_px))
-    soft, side = float(uniform(rng, ranges.edge_soft_px)), int(rng.integers(4))
+    amount, end = rng.uniform(*ranges.edge_dark_amount), rng.uniform(*ranges.edge_px)
+    soft, side = rng.uniform(*ranges.edge_soft_px), int(rng.integers(4))
     rows, columns = nodes(size)
     distance = (
         rows[:, None],
@@ -238,10 +238,8 @@ def _dark_side(rng: np.random.Generator, ranges: UnitRanges, size: Size) -> np.n
 
 def blotches(rng: np.random.Generator, ranges: UnitRanges, size: Size) -> np.ndarray:
     """(nodes, RGB) grey levels of smooth blotches, coarse and fine."""
-    coarse_grey, fine_grey = (
-        float(uniform(rng, ranges.uneven_coarse_grey)),
-        float(uniform(rng, ranges.uneven_fine_grey)),
-    )
+    coarse_grey = rng.uniform(*ranges.uneven_coarse_grey)
+    fine_grey = rng.uniform(*ranges.uneven_fine_grey)
     places = nodes(size)
     coarse = rng.standard_normal((*(int(at[-1]) // COARSE_PX + 2 for at in places), 3))
     fine = rng.standard_normal((*(at.size for at in places), 3))
@@ -258,10 +256,10 @@ def paint(rng: np.random.Generator, ranges: UnitRanges, grey: np.ndarray, size: 
     """(rows, columns, 3) uint8: interpolated grey levels, with specks and a fixed pattern."""
     count = int(rng.integers(ranges.specks[0], ranges.specks[1] + 1))
     middles = rng.uniform((0.0, 0.0), size, (count, 2))
-    radii = uniform(rng, ranges.speck_px, (count, 1))
-    colors = uniform(rng, ranges.speck_grey, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
+    radii = rng.uniform(*ranges.speck_px, (count, 1))
+    colors = rng.uniform(*ranges.speck_grey, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
     specks = np.concatenate([middles, radii, colors], axis=1).astype(np.float32)
-    texture = np.float32(uniform(rng, ranges.texture_grey))
+    texture = np.float32(rng.uniform(*ranges.texture_grey))
     out = np.empty((*size, 3), dtype=np.uint8)
     _paint(
         np.ascontiguousarray(grey, dtype=np.float32), NODE_PX, specks,
