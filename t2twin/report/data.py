@@ -207,37 +207,28 @@ class Dataset:
 
 
 def read_dataset(data: Path) -> Dataset:
-    """Reads a dataset. Raises T2TwinError if it is missing, unfinished or empty."""
+    """Reads a dataset. Raises T2TwinError as Phi, and if it is missing, unfinished or empty."""
     info = read_info(data)
     splits = [split for split in SPLITS if info.pairs[split]]
     if not splits:
         raise T2TwinError(f"the dataset in {data} has no pairs")
-    arrays = _of_value(info, COUNTS)
-    phis = {role: _phi(sensor) for role, sensor in arrays.items()}
-    names = [*COLUMNS, *(column(role, COUNTS) for role in arrays)]
+    sensors = _of_value(info, COUNTS)
+    names = [*COLUMNS, *(column(role, COUNTS) for role in sensors)]
     names += [column(role, name) for role in info.sensors for name in CONTACT]
     tables = {split: read_split(data, split, names) for split in splits}
 
-    def counts(role: str) -> np.ndarray:
-        return np.concatenate([lists(table, column(role, COUNTS)) for table in tables.values()])
-
-    return Dataset(
-        data=data,
-        info=info,
-        arrays={role: Array(arrays[role], phi, counts(role)) for role, phi in phis.items()},
-        tables=tables,
-    )
+    arrays = {}
+    for role, sensor in sensors.items():
+        counts = [lists(table, column(role, COUNTS)) for table in tables.values()]
+        rows, columns, px_per_mm = sensor.tactile_image or TACTILE_IMAGE
+        phi = Phi(np.array(sensor.x_mm), np.array(sensor.y_mm), (rows, columns), px_per_mm)
+        arrays[role] = Array(sensor, phi, np.concatenate(counts))
+    return Dataset(data, info, arrays, tables)
 
 
 def _of_value(info: DatasetInfo, value: str) -> dict[str, SensorInfo]:
     """The sensors of a value, by role."""
     return {role: sensor for role, sensor in info.sensors.items() if sensor.value == value}
-
-
-def _phi(sensor: SensorInfo) -> Phi:
-    """phi of an array's taxels. Raises T2TwinError as Phi does."""
-    rows, columns, px_per_mm = sensor.tactile_image or TACTILE_IMAGE
-    return Phi(np.array(sensor.x_mm), np.array(sensor.y_mm), (rows, columns), px_per_mm)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Sections of runs with a chart: errors by force and shape, learning, predicted uncertainty."""
 
 import math
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -28,7 +27,7 @@ from t2twin.translate.evaluation.baselines import (
     MIN_PRESSES,
     NEAREST_NEIGHBOR,
 )
-from t2twin.translate.evaluation.records import Evaluation, ForceFigures
+from t2twin.translate.evaluation.records import Evaluation
 from t2twin.translate.evaluation.table import uncertainty_text
 from t2twin.translate.runs.log import best_epoch
 
@@ -98,17 +97,12 @@ def _force_lines(axes: Axes, report: ReportData, evaluation: Evaluation, percent
         values = [100 * (one.of_mean_array or 0) if percent else one.rmse_counts for one in drawn]
         style = DASHED if name in BASELINE_COLORS else {"marker": "o", "markersize": 3}
         axes.plot(forces, values, color=color_of[name], label=name_of(name), **style)
-        if name in report.runs and not percent:
-            _band(axes, drawn, color_of[name])
+        known = [(one.mean_n, *one.interval) for one in drawn if one.interval is not None]
+        if known and name in report.runs and not percent:
+            at, low, high = zip(*known, strict=True)
+            axes.fill_between(at, low, high, color=color_of[name], alpha=0.15, linewidth=0)
         ends += forces
     force_axis(axes, min(ends), max(ends))
-
-
-def _band(axes: Axes, drawn: Sequence[ForceFigures], color: str) -> None:
-    known = [(one.mean_n, *one.interval) for one in drawn if one.interval is not None]
-    if known:
-        forces, low, high = zip(*known, strict=True)
-        axes.fill_between(forces, low, high, color=color, alpha=0.15, linewidth=0)
 
 
 def by_shape(report: ReportData) -> dict[str, Any]:

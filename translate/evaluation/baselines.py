@@ -227,7 +227,8 @@ def force_bins(pairs: Pairs, train: Pairs) -> tuple[ForceBin, ...]:
 
     train: the training pairs, for the mean arrays.
     """
-    single = _are_few(np.concatenate([pairs.force_n, train.force_n]))
+    force_n = np.concatenate([pairs.force_n, train.force_n])
+    single = np.unique(force_n[force_n > 0].round(DECIMALS)).size <= MAX_FORCES
     own, trained = (_low_edges_n(each.force_n, single) for each in (pairs, train))
     bins = []
     for low in np.unique(own[~np.isnan(own)]):
@@ -254,11 +255,6 @@ def mean_array_of_force(bins: tuple[ForceBin, ...], pairs: Pairs, train: Pairs) 
     for one in bins:
         predicted[one.members] = one.mean_array
     return predicted
-
-
-def _are_few(force_n: np.ndarray) -> bool:
-    touching = force_n[force_n > 0]
-    return np.unique(touching.round(DECIMALS)).size <= MAX_FORCES
 
 
 def _low_edges_n(force_n: np.ndarray, single: bool) -> np.ndarray:
