@@ -219,23 +219,21 @@ def adapt(
     inputs = read_inputs(
         config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera, tolerance
     )
-    digest = config.digest(inputs)
+    out, digest = config.out, config.digest(inputs)
     fitted = _existing_fit(config, digest)
     spent: dict[str, float] = {}  # minutes
-    with locked(config.out):
+    with locked(out):
         with _step("light", spent, report):
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
-            if not (config.out / RECIPE).is_file():
-                write_recipe(
-                    config.out / RECIPE, model, config.minutes, config.out / OPTICS, config.source
-                )
+            if not (out / RECIPE).is_file():
+                write_recipe(out / RECIPE, model, config.minutes, out / OPTICS, config.source)
         with _step("data", spent, report):
-            make_dataset(config.out / DATA, recipe=config.out / RECIPE, workers=workers)
+            make_dataset(out / DATA, recipe=out / RECIPE, workers=workers)
         with _step("training", spent, report):
             _train(config)
     with _step("check", spent, report):  # without the lock, which write_page takes
         result = _check(config, inputs, fitted, spent)
-    write_json(config.out / RECORD, asdict(result))
+    write_json(out / RECORD, asdict(result))
     return result
 
 

@@ -84,7 +84,7 @@ error. viser removes buttons of a closed panel."""
 class FileTasks:
     """Runs the file tasks of one client, one at a time, each in a thread of its own.
 
-    folder: files of the client; created with the first file. get_result: returns the shown press.
+    folder: of the client's files, created here. get_result: returns the shown press.
     """
 
     def __init__(
@@ -95,19 +95,14 @@ class FileTasks:
         get_result: Callable[[], PressResult | None],
     ) -> None:
         self._client, self._notices = client, notices
-        self._folder, self._get_result = folder, get_result
+        self.folder, self._get_result = folder, get_result
+        folder.mkdir()
         self._running = Lock()
         limit_uploads(client, notices)
 
-    @property
-    def folder(self) -> Path:
-        """Folder of the client's files."""
-        self._folder.mkdir(exist_ok=True)
-        return self._folder
-
     def remove(self) -> None:
         """Removes the client's files."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        shutil.rmtree(self.folder, ignore_errors=True)
 
     def wait(self, timeout_s: float) -> bool:
         """Waits for the running task; False after the timeout."""
