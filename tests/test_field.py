@@ -18,6 +18,7 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.pair import SensorPair
+from t2twin.sim.taxels.dense import reading_matrix
 from t2twin.sim.taxels.layout import Layout, load_layout
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
@@ -111,7 +112,7 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
     pairs = load_pairs(data_dir, "train", 64, grey=False, with_dense_counts=True)
     info = load_info(data_dir)
     assert pairs.dense_counts is not None and pairs.backgrounds is not None
-    own = DENSE.reading_matrix(info.taxels) @ pairs.dense_counts.T
+    own = reading_matrix(DENSE.layout, info.taxels, DENSE.cover) @ pairs.dense_counts.T
     assert np.abs(own.T - pairs.counts).max() < 40  # the reading's noise alone
     pictures = pairs.inputs[:]
     assert pictures.shape == (len(pairs), 64, 64, 6)
@@ -161,18 +162,22 @@ def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float, part: float
         shape = shapes(name)
         reading = ARRAY.read(ARRAY.press(shape, PressCommand(shape.name, 1.5, -2.0, yaw, 8.0)))
         true = ARRAY.noiseless(reading.contact, layout)
-        read = DENSE.reading_matrix(layout) @ reading.dense_counts.astype(float)
+        read = reading_matrix(DENSE.layout, layout, DENSE.cover) @ reading.dense_counts.astype(
+            float
+        )
         assert np.sqrt(np.square(read - true).mean()) < part * true.max()
 
 
 def test_a_place_of_the_field_is_read_as_it_is_and_one_off_the_cover_refused() -> None:
     places = DENSE.layout
-    np.testing.assert_array_equal(DENSE.reading_matrix(places), np.eye(places.size))
-    own = DENSE.reading_matrix(load_layout())
+    np.testing.assert_array_equal(
+        reading_matrix(DENSE.layout, places, DENSE.cover), np.eye(places.size)
+    )
+    own = reading_matrix(DENSE.layout, load_layout(), DENSE.cover)
     assert ((own == 0) | (own == 1)).all() and (own.sum(axis=1) == 1).all()
     off = Layout("off", np.array([0.0, 5.0, 15.0]), np.array([0.0, 5.0, 0.0]), np.full(3, 4.0))
     with pytest.raises(T2TwinError, match=r"off has 1 taxel\(s\) off the cover, such as taxel 2"):
-        DENSE.reading_matrix(off)
+        reading_matrix(DENSE.layout, off, DENSE.cover)
 
 
 def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
@@ -407,7 +412,7 @@ def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: FieldPred
         teller(said).counts_std[0] / teller(said).dense_counts_std[0, 0]
         for teller in (together, apart)
     ]
-    weights = torch.from_numpy(DENSE.reading_matrix(dense)).float()
+    weights = torch.from_numpy(reading_matrix(DENSE.layout, dense, DENSE.cover)).float()
     torch.testing.assert_close(sizes[0], weights.sum(dim=1).abs(), atol=0.05, rtol=0)
     torch.testing.assert_close(sizes[1], weights.square().sum(dim=1).sqrt(), atol=1e-3, rtol=0)
 

@@ -20,6 +20,7 @@ from t2twin.sim.dataset.lerobot import convert_to_lerobot
 from t2twin.sim.dataset.store import INFO, iter_images, lists, read_info, read_split, split_shards
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sensors.pair import SensorPair
+from t2twin.sim.taxels.dense import reading_matrix
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.training.train import train
@@ -105,10 +106,9 @@ def test_pairs_are_loaded(data: Path) -> None:
     info = load_info(data)
     assert info.image_shape == SHAPE and info.has_shear and info.phi.shape == (396, 240)
     assert replace(info.elastomer, name="cyskin-20") == SensorPair().array.elastomer
-    np.testing.assert_allclose(
-        SensorPair().array.dense.reading_matrix(info.taxels) @ pairs.dense_counts[0],
-        pairs.counts[0], atol=3000.0,
-    )  # fmt: skip
+    dense = SensorPair().array.dense
+    matrix = reading_matrix(dense.layout, info.taxels, dense.cover)
+    np.testing.assert_allclose(matrix @ pairs.dense_counts[0], pairs.counts[0], atol=3000.0)
 
 
 @pytest.mark.parametrize("model", ["resnet18", "field"])

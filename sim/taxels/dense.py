@@ -99,13 +99,6 @@ class DenseGrid:
             [share * np.bincount(nearest, each.ravel(), size) for each in stresses]
         ).astype(np.float32)
 
-    def reading_matrix(self, layout: Layout) -> np.ndarray:
-        """The matrix (N, F) from the dense counts to the counts of a layout's taxels.
-
-        Raises T2TwinError for taxels that do not lie on the cover.
-        """
-        return reading_matrix(self.layout, layout, self.cover)
-
 
 def reading_matrix(places: Layout, layout: Layout, cover: Elastomer) -> np.ndarray:
     """The matrix (N, F) from dense counts at places to the counts of a layout's taxels.

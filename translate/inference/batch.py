@@ -7,7 +7,6 @@ interruptions leave no partial output.
 Shape letters: B images, N taxels, S image side of the run, c channels.
 """
 
-import csv
 import json
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -21,7 +20,7 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import locked, move_into, temporary_folder
+from t2twin.core.files import locked, move_into, temporary_folder, write_csv
 from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
 from t2twin.sim.taxels.tactile_image import colored_tactile_image
@@ -66,12 +65,18 @@ def write_tables(
 
     names: of the PNG files, or empty. background: file of the background frame, or None.
     """
-    rounded = np.rint(result.counts).astype(int)
-    _write_csv(folder / COUNTS_CSV, images, rounded, result.ood_classes)
+    # names that are not valid text are escaped
+    files = [str(image).encode(errors="backslashreplace").decode() for image in images]
+    columns = ["image", *(f"taxel_{n}" for n in range(result.counts.shape[1]))]
+    counts = np.rint(result.counts).astype(int).tolist()
+    rows = zip(files, counts, map(str, result.ood_classes), strict=True)
+    lines = [[file, *row, ood_class] for file, row, ood_class in rows]
+    write_csv(folder / COUNTS_CSV, [*columns, "ood_class"], lines)
     written = [COUNTS_CSV, COUNTS_JSON]
     if result.estimate is not None:
-        stds = np.ceil(result.estimate.counts_std).astype(int)
-        _write_csv(folder / COUNTS_STD_CSV, images, stds)
+        stds = np.ceil(result.estimate.counts_std).astype(int).tolist()
+        lines = [[file, *row] for file, row in zip(files, stds, strict=True)]
+        write_csv(folder / COUNTS_STD_CSV, columns, lines)
         written.append(COUNTS_STD_CSV)
     head = _head(run) | ({} if background is None else {"background": str(background)})
     entries = [
@@ -96,20 +101,6 @@ def earlier_files(out_dir: Path) -> set[Path]:
     own = {name for name in names if name.endswith(".png") and Path(name).name == name}
     own |= {COUNTS_STD_CSV} if has_std else set()
     return {out_dir.resolve() / name for name in own}
-
-
-def _write_csv(
-    path: Path, images: list[Path], counts: np.ndarray, classes: list[OODClass] | None = None
-) -> None:
-    """Without classes, the file has no column of them."""
-    taxels = [f"taxel_{n}" for n in range(counts.shape[1])]
-    last = [[]] * len(images) if classes is None else [[str(each)] for each in classes]
-    # File names that are not valid text are escaped.
-    with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
-        writer = csv.writer(file)
-        writer.writerow(["image", *taxels, *([] if classes is None else ["ood_class"])])
-        for image, row, of_image in zip(images, counts, last, strict=True):
-            writer.writerow([str(image), *row.tolist(), *of_image])
 
 
 def _head(run: CountsPredictor) -> dict[str, Any]:
@@ -272,7 +263,9 @@ def _translate(
 ) -> TranslationResult:
     """Predicts all images and writes the PNG files. names: of the PNG files, or empty."""
     native = None if background is None else np.asarray(open_image(background))
-    frame = None if native is None else _frame(run, native)
+    frame = None
+    if native is not None:
+        frame = require(run, FieldPredictor, "a background frame").pixels_of(native)[0]
     counts = np.empty((len(images), run.config.data.x_mm.size), np.float32)
     classes: list[OODClass] = []
     estimates: list[Estimate] = []
@@ -335,11 +328,6 @@ def _read(path: Path, run: RunConfig, background: np.ndarray | None) -> tuple[np
     image, preset = open_image(path), run.preset
     own = classify_frame(np.asarray(image), run.data.aspect, background)
     return to_pixels(image, preset.size, preset.grey), own
-
-
-def _frame(run: CountsPredictor, background: np.ndarray) -> np.ndarray:
-    """(S, S, 3) uint8. Raises T2TwinError for a run without background frames."""
-    return require(run, FieldPredictor, "a background frame").pixels_of(background)[0]
 
 
 def _save_png(

@@ -143,8 +143,8 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             patience=20,  # assumed
             bf16=True,  # 2.3 times as fast on two cores (measured)
         ),
-        "cpu": Preset(
-            name="cpu",
+        "cpu": replace(
+            RESNET18_CPU,
             size=64,  # assumed
             grey=True,
             filters=16,  # a third of the time of 32 (measured)
@@ -153,28 +153,18 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             beta1=0.5,
             l1_weight=100.0,
             discriminator_share=0.05,  # with 0.2, L1 and L3 increase within 24 epochs (measured)
-            schedule="cosine",
             weight_decay=0.05,  # validation at scale small 2.5 %, with 0.5 3.0 % (measured)
             averaged_part=0.1,  # 0.25 is too slow for decaying weights (measured)
-            epochs=40,
             steps=10_500,  # 24 epochs of the paper's dataset, 52 minutes of one core (measured)
-            patience=15,
-            bf16=True,
-            brightness=0.02,
-            contrast=0.05,
-            noise=0.01,
         ),
-        "smoke": Preset(
-            name="smoke",
+        "smoke": replace(
+            RESNET18_SMOKE,
             size=32,
             grey=True,
             filters=8,
-            batch=8,
             learning_rate=1e-3,
             beta1=0.5,
             l1_weight=100.0,
-            epochs=10,
-            patience=10,
         ),
     },
     "resnet18": {
