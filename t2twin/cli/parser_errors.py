@@ -66,21 +66,22 @@ class ParserError:
             return f"a command is missing; expected {_one_of(tuple(self._commands))}"
         if isinstance(event, _errors.UnrecognizedArgs):
             return self._unrecognized(event.tokens[0])
-        if isinstance(event, _errors.MissingArgs):
-            unknown = self._unknown_option()
-            return self._missing(event) if unknown is None else self._unrecognized(unknown)
         if isinstance(event, _errors.InvalidChoice):
             name = _name(event.argument)
             return f"{name} is {event.value!r}; expected {_expected(event.argument)}"
-        if isinstance(event, _errors.BadValue):
-            # An argument is missing if an unknown option is in its place.
-            name, positional = _name(event.argument), event.argument.is_positional()
-            unknown = self._unknown_option() if positional else None
+        missing = []
+        if isinstance(event, _errors.MissingArgs):
+            missing = [_name(each.arg) for each in event.missing_arguments]
+        elif isinstance(event, _errors.BadValue):
+            name = _name(event.argument)
+            if not event.argument.is_positional():
+                return f"{name} has no value; expected {_expected(event.argument)}"
+            missing = [name]
+        if missing:  # an argument is missing if an unknown option is in its place
+            unknown = self._unknown_option()
             if unknown is not None:
                 return self._unrecognized(unknown)
-            if positional:
-                return f"{name} is missing"
-            return f"{name} has no value; expected {_expected(event.argument)}"
+            return f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
         if isinstance(event, _errors.InstantiationFailure) and event.argument is not None:
             name = _name(event.argument)
             return f"{name} is {self._value(name)!r}; expected {_expected(event.argument)}"
@@ -97,10 +98,6 @@ class ParserError:
             return f"unexpected argument {token!r}{run}"
         near = get_close_matches(name.lower(), names, 1)
         return f"there is no {kind} {name!r}" + (f" (did you mean {near[0]}?)" if near else "")
-
-    def _missing(self, event: _errors.MissingArgs) -> str:
-        names = [_name(each.arg) for each in event.missing_arguments]
-        return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing"
 
     def _options(self) -> tuple[str, ...]:
         names: list[str] = []
