@@ -5,18 +5,15 @@ are fitted twice more: with all inputs at the end of their tolerances where pres
 deepest, and at the end where they come out shallowest.
 """
 
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.tables import Table
-from t2twin.primitives_cad.export import write_ball
-from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.contact_solver import force_at_depth, solve_contact
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.optical.calibrate.fit import Measurements, Presses
@@ -216,19 +213,13 @@ def ball_forces_n(sensor: GelCamera, poses: np.ndarray, diameters_mm: np.ndarray
 
 
 def _force_n(sensor: GelCamera, pose: np.ndarray, diameter_mm: float) -> float:
-    ball = _ball(diameter_mm)
-    command = PressCommand(ball.name, float(pose[0]), float(pose[1]), 0.0, 1.0)
-    press = partial(solve_contact, ball, elastomer=sensor.own_gel, pitch_mm=sensor.pitch_mm)
+    shape = ball(diameter_mm / 2)
+    command = PressCommand(shape.name, float(pose[0]), float(pose[1]), 0.0, 1.0)
+    press = partial(solve_contact, shape, elastomer=sensor.own_gel, pitch_mm=sensor.pitch_mm)
     try:
         return force_at_depth(press, command, float(pose[2]))
     except T2TwinError:
         return float("nan")
-
-
-@lru_cache(maxsize=16)
-def _ball(diameter_mm: float) -> Shape:
-    with tempfile.TemporaryDirectory() as folder:
-        return write_ball(Path(folder) / "ball.step", diameter_mm)
 
 
 def force_ratio(measured_n: np.ndarray, own_n: np.ndarray) -> float:
