@@ -79,22 +79,9 @@ MIN_COUNTS = 100.0
 MODELS = {"resnet18": "ResNet18", "touch2touch": "touch2touch", "field": "field"}
 """Displayed names of the models."""
 
-WELCOME = (
-    "Press a shape into two touch sensors. Move a slider or drag the shape: Shift rotates it, Ctrl "
-    "changes the force. Drop a file on the page to press your own shape."
-)
-
 LOADING = "The translators are being loaded."
 
-OUT_OF_DISTRIBUTION = "This image is unlike the training images; its counts are unreliable."
-
 BACKGROUND_USED = "Uses the background frame."
-
-PRETRAINED = "pretrained run"
-"""Displayed instead of the run's name."""
-
-NO_FRICTION = "The networks are trained on presses without friction."
-"""Note at the predictions for a contact that has slid."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +123,11 @@ def scales_of(result: PressResult) -> Scales:
 
 def welcome_html() -> str:
     """The introduction of a page, with the style of all cards."""
-    return STYLE + _page([_paragraph(WELCOME)])
+    text = (
+        "Press a shape into two touch sensors. Move a slider or drag the shape: Shift rotates it, "
+        "Ctrl changes the force. Drop a file on the page to press your own shape."
+    )
+    return STYLE + _page([_paragraph(text)])
 
 
 def press_html(result: PressResult, scales: Scales, has_runs: bool, loading: bool = False) -> str:
@@ -153,7 +144,8 @@ def press_html(result: PressResult, scales: Scales, has_runs: bool, loading: boo
     parts = [_row(*readings, f"<div><b>Colors</b>{''.join(bars)}</div>"), _slide(result)]
     if result.translations:
         parts.append(_heading(f"Counts predicted from the image of {touch.of_camera.sensor.name}"))
-        parts.append(_paragraph(NO_FRICTION) if result.has_slid else "")
+        if result.has_slid:
+            parts.append(_paragraph("The networks are trained on presses without friction."))
         parts += [_translation(each, scales, touch) for each in result.translations]
     elif loading:
         parts += [_heading("Translation"), _paragraph(LOADING)]
@@ -211,35 +203,35 @@ def frame_html(
 
 def _translation(translation: Translation, scales: Scales, touch: Touch) -> str:
     """Predicted tactile image of a run, differences from the true counts, error and intervals."""
-    force_n = touch.command.force_n
-    if translation.rmse_counts is None:  # no such array was pressed
-        notes = f'<div class="wide">{_unreliable(translation)}</div>'
-        figures = _row(_predicted(translation, scales.predicted), notes)
-        return figures + _force(translation, force_n) + intervals_html(translation)
-    rmse_counts, full_scale = translation.rmse_counts, touch.of_array.sensor.full_scale
-    percent = 100.0 * rmse_counts / full_scale
-    discs = _discs(translation, scales.difference)
-    right = f'<figure><b>Difference</b>{discs}<span class="soft">predicted − true</span></figure>'
-    bar = _bar("counts", DIVERGING, f"-{scales.difference:,.0f}", f"+{scales.difference:,.0f}")
-    notes = (
-        f"<p><b>RMSE {rmse_counts:,.0f} counts</b>"
-        f'<span class="soft">{percent:.2f}&nbsp;% of full scale '
-        f"({full_scale:,.0f})</span></p>{_unreliable(translation)}"
-    )
-    figures = _row(_predicted(translation, scales.predicted), right, f"<div>{bar}{notes}</div>")
-    return figures + _force(translation, force_n) + intervals_html(translation)
+    unreliable, rmse_counts = _unreliable(translation), translation.rmse_counts
+    if rmse_counts is None:  # no such array was pressed
+        right = f'<div class="wide">{unreliable}</div>'
+    else:
+        discs = _discs(translation, scales.difference)
+        bar = _bar("counts", DIVERGING, f"-{scales.difference:,.0f}", f"+{scales.difference:,.0f}")
+        full_scale = touch.of_array.sensor.full_scale
+        right = (
+            f'<figure><b>Difference</b>{discs}<span class="soft">predicted − true</span></figure>'
+            f"<div>{bar}<p><b>RMSE {rmse_counts:,.0f} counts</b>"
+            f'<span class="soft">{100.0 * rmse_counts / full_scale:.2f}&nbsp;% of full scale '
+            f"({full_scale:,.0f})</span></p>{unreliable}</div>"
+        )
+    figures = _row(_predicted(translation, scales.predicted), right)
+    return figures + _force(translation, touch.command.force_n) + intervals_html(translation)
 
 
 def _predicted(translation: Translation, high: float) -> str:
     """Predicted tactile image, in colors from 0 to high."""
     model, name = translation.model, translation.name
     url = color_image_url(translation.tactile_image, high)
-    caption = PRETRAINED if name == model else name
+    caption = "pretrained run" if name == model else name
     return _figure(MODELS.get(model, model), caption, url, "translated")
 
 
 def _unreliable(translation: Translation) -> str:
-    return "" if translation.in_distribution else _paragraph(OUT_OF_DISTRIBUTION)
+    if translation.in_distribution:
+        return ""
+    return _paragraph("This image is unlike the training images; its counts are unreliable.")
 
 
 def _force(translation: Translation, true_n: float | None) -> str:
