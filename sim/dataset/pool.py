@@ -6,10 +6,9 @@ import pickle
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from pathlib import Path
 
 from t2twin.core import arguments
@@ -70,8 +69,13 @@ def _run(
         # The largest first, so that no long shard runs alone at the end.
         order = sorted(todo, key=lambda batch: -batch.pairs)
         try:
-            with _signals_blocked():  # inherited by the workers
+            # Workers inherit that SIGINT and SIGTERM are blocked: the run stops its workers; the
+            # same signal would end them too, some of them while they start.
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+            try:
                 batches = {pool.submit(_work, batch): batch for batch in order}
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
             waiting = set(batches)
             while waiting:
                 done, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
@@ -99,17 +103,6 @@ def _run(
             # Wait here: __exit__ does not wait after a shutdown without waiting.
             pool.shutdown(wait=True, cancel_futures=True)
             raise
-
-
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Blocks SIGINT and SIGTERM. The run stops its workers; the same signal would end them too,
-    some of them while they start."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _context: ShardContext

@@ -1,6 +1,6 @@
 """Plans the presses of a recipe, divided into shards."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,34 +82,17 @@ def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch
         for number, part in enumerate(recipe.parts)
         for batch in _part_batches(recipe, number, part, names)
     ]
-    _check_names(source for batch in batches for source in batch.shapes)
-    _check_val_shares(recipe, {(batch.part, batch.split) for batch in batches})
-    on_grid = [batch for batch in batches if batch.indices is not None]
-    others = [batch for batch in batches if batch.indices is None]
-    return sorted(on_grid, key=lambda batch: names.index(batch.shapes[0])) + others
-
-
-def _check_names(sources: Iterable[str]) -> None:
-    """Raises T2TwinError for two shapes of one name, by which a dataset refers to them."""
     known: dict[str, str] = {}
-    for source in sources:
+    for source in (source for batch in batches for source in batch.shapes):
         other = known.setdefault(name_of(source), source)
         if Path(other) != Path(source):
             raise T2TwinError(
                 f"{other} and {source} would both be the shape {name_of(source)!r} of the dataset; "
                 "rename one of them"
             )
-
-
-def _check_val_shares(recipe: Recipe, splits: set[tuple[int, str]]) -> None:
-    """Raises T2TwinError for a val_share of too few shapes. splits: number of the part and split of
-    all shards."""
-    for number, part in enumerate(recipe.parts):
-        if part.val_share and (number, "val") not in splits:
-            raise T2TwinError(
-                f"val_share of the part of {part.shapes} shapes is {part.val_share:g}, which is "
-                "less than half a shape; expected a larger share, or more shapes"
-            )
+    # those on the grid first, in the order of the names
+    last = len(names)
+    return sorted(batches, key=lambda b: last if b.indices is None else names.index(b.shapes[0]))
 
 
 def solids_in(folder: str) -> tuple[str, ...]:
@@ -148,6 +131,11 @@ def _part_batches(
     by_split: dict[Split, list[int]] = {}
     for place, name in enumerate(shapes):
         by_split.setdefault(_split(part, name, place, len(shapes)), []).append(place)
+    if part.val_share and "val" not in by_split:
+        raise T2TwinError(
+            f"val_share of the part of {part.shapes} shapes is {part.val_share:g}, which is "
+            "less than half a shape; expected a larger share, or more shapes"
+        )
     for split, places in by_split.items():
         for nth, start in enumerate(range(0, len(places), shapes_per_shard)):
             mine = tuple(places[start : start + shapes_per_shard])
