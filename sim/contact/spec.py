@@ -23,6 +23,9 @@ DEEPEST_MM = 200.0
 
 Side = Annotated[float, Meta(ge=1.0, le=LARGEST_MM)]
 Radius = Annotated[float, Meta(ge=1.0)]
+SensorName = Annotated[
+    str, Meta(min_length=1, max_length=40, pattern="^[a-z0-9][a-z0-9_-]*$", description="name")
+]
 ColorValue = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 

@@ -38,7 +38,7 @@ from t2twin.sim.optical.light.illumination import COSINE_TERMS
 from t2twin.sim.optical.light.leds import Led
 from t2twin.sim.optical.light.ray_casting import Leds, Rays, Region
 from t2twin.sim.optical.markers import NO_SHADE, MarkerImage, Markers
-from t2twin.sim.optical.optics import PLACE_TERMS, Optics, place_terms
+from t2twin.sim.optical.optics import PLACE_TERMS, Optics, place_degrees, place_terms
 
 Renderer = Literal["baked", "pyrender"]
 """What renders images: the baked model, in milliseconds, or pyrender, in about
@@ -276,9 +276,8 @@ def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
     response: (LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
     """
     used = np.flatnonzero(np.any(response != 0, axis=(0, 1, 3)))
-    degree = 0
-    while used.size and used[-1] >= (degree + 1) * (degree + 2) // 2:
-        degree += 1  # high powers are slow to compute, and many responses have none
+    # high powers are slow to compute, and many responses have none
+    degree = int(place_degrees()[used[-1]]) if used.size else 0
     rows_of_gain = illumination.gain_rows(rays.places_mm[0].shape[0])
     x_mm, y_mm = (places[rows_of_gain] for places in rays.places_mm)
     terms = np.moveaxis(place_terms(x_mm, y_mm, degree), -1, 1)

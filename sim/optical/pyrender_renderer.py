@@ -64,6 +64,10 @@ PLATFORM = "PYOPENGL_PLATFORM"
 """Environment variable with the platform of PyOpenGL. MuJoCo sets it to that of MUJOCO_GL."""
 
 
+Scene = tuple[tuple[Led, ...], tuple[float, float, float], Camera, Elastomer]
+"""LEDs, undirected light, camera and gel."""
+
+
 def _import_pyrender() -> Any:
     os.environ[PLATFORM] = os.environ.get(PLATFORM) or "egl"
     np.__dict__.setdefault("infty", np.inf)
@@ -228,23 +232,19 @@ class ReferenceRenderer:
         points = _blocks(np.stack([*self._grid, z], axis=-1))
         # pyrender's shadow maps omit back faces: the gel, facing away from the LEDs, only receives
         # shadows; a copy behind it, invisible to the camera, casts them
-        primitives = [self._primitive(points, normals, self._seen_faces, self._gel_material)]
+        parts = [(points, self._seen_faces, self._gel_material)]
         deep = _blocks(surface_mm[..., None]).ravel() > MIN_CASTER_MM
         casting = self._faces[deep[self._faces].all(axis=1)]
         if casting.size:
-            behind = points - CASTER_DEPTH_MM * normals
-            primitives.append(self._primitive(behind, normals, casting, self._caster_material))
+            parts.append((points - CASTER_DEPTH_MM * normals, casting, self._caster_material))
+        primitives = [
+            self._pyrender.Primitive(positions=at, normals=normals, indices=faces, material=of)
+            for at, faces, of in parts
+        ]
         mesh = self._pyrender.Mesh(primitives)
         if self._mesh_node is not None:
             self._scene.remove_node(self._mesh_node)
         self._mesh_node = self._scene.add(mesh)
-
-    def _primitive(
-        self, points: np.ndarray, normals: np.ndarray, faces: np.ndarray, material: Any
-    ) -> Any:
-        return self._pyrender.Primitive(
-            positions=points, normals=normals, indices=faces, material=material
-        )
 
 
 class PyrenderRenderer(ImageRenderer):
@@ -266,7 +266,7 @@ class PyrenderRenderer(ImageRenderer):
         markers: Markers | None = None,
     ) -> None:
         super().__init__(optics, gel, noise_grey, other_gel, markers)
-        self._lit_by, self._ambient = leds, ambient
+        self._scene: Scene = leds, ambient, optics.camera, self._gel
 
     def _image(
         self,
@@ -277,34 +277,24 @@ class PyrenderRenderer(ImageRenderer):
         rng: np.random.Generator | None,
         noise_grey: float,
     ) -> np.ndarray:
-        grey = self._grey(surface_mm, background)
+        light, grey = self.optics, background.astype(float)
+        if surface_mm.any():
+            change = _thread(os.getpid()).submit(_change, self._scene, surface_mm).result()
+            if light.albedo is not None:
+                change = change * light.albedo[..., None]
+            total = response.linear(background, light.gamma) + change
+            grey = 255.0 * np.clip(total, 0.0, 1.0) ** (1.0 / light.gamma)
         if shade.size:
             grey *= shade[..., None]
         if rng is not None:
             grey += noise_grey * standard_normal(rng, grey.shape)
         return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
 
-    def _grey(self, surface_mm: np.ndarray, background: np.ndarray) -> np.ndarray:
-        """(rows, columns, 3) float64 grey levels on a background frame, without noise."""
-        if not surface_mm.any():
-            return background.astype(float)
-        light, thread = self.optics, _thread(os.getpid())
-        scene = self._lit_by, self._ambient, light.camera, self._gel
-        change = thread.submit(_change, scene, surface_mm).result()
-        if light.albedo is not None:
-            change = change * light.albedo[..., None]
-        total = response.linear(background, light.gamma) + change
-        return 255.0 * np.clip(total, 0.0, 1.0) ** (1.0 / light.gamma)
-
 
 @cache
 def _thread(process: int) -> ThreadPoolExecutor:
     """The thread of a process for OpenGL; the argument distinguishes forks."""
     return ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"pyrender-{process}")
-
-
-Scene = tuple[tuple[Led, ...], tuple[float, float, float], Camera, Elastomer]
-"""LEDs, undirected light, camera and gel."""
 
 
 _last: dict[int, tuple[Scene, ReferenceRenderer, np.ndarray]] = {}

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.spec import LayerTable, MountTable
+from t2twin.sim.contact.spec import LayerTable, MountTable, SensorName
 from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.light.leds import Led, LedDistance, Radiance
 from t2twin.sim.optical.markers import Markers
@@ -122,9 +122,7 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     """A gel camera's file."""
 
     kind: Annotated[Literal["gel-camera"], Meta(description="kind of the sensor")]
-    name: Annotated[
-        str, Meta(min_length=1, max_length=40, pattern="^[a-z0-9][a-z0-9_-]*$", description="name")
-    ]
+    name: SensorName
     gel: Annotated[LayerTable, Meta(description="the gel")]
     camera: Annotated[CameraTable, Meta(description="the camera")]
     light: Annotated[LightTable, Meta(description="the light")]

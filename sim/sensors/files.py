@@ -97,7 +97,9 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
         for table, key in (("light", "optics"), ("layout", "file"))
     )
     if own_files and folder != path.parent:
-        base = _absolute(base, folder)
+        light = base.get("light")
+        if isinstance(light, dict) and isinstance(light.get("optics"), str):
+            light["optics"] = str((folder / light["optics"]).absolute())
         folder = path.parent
     return _merged(base, content), folder
 
@@ -106,15 +108,6 @@ def _beside(path: Path, extends: object) -> str | Path:
     """The sensor that a file extends: a name, or a path that starts from the file's folder."""
     name = arguments.text(extends, f"{path}: extends")
     return name if not name.endswith(".toml") else path.parent / name
-
-
-def _absolute(content: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A file's content with the optics file as an absolute path."""
-    light = content.get("light")
-    if isinstance(light, dict) and isinstance(light.get("optics"), str):
-        light = light | {"optics": str((folder / light["optics"]).absolute())}
-        return content | {"light": light}
-    return content
 
 
 REPLACED = ("layout", "transducer", "markers")

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.spec import LayerTable, MountTable
+from t2twin.sim.contact.spec import LayerTable, MountTable, SensorName
 from t2twin.sim.taxels.dense import DenseTable
 from t2twin.sim.taxels.layout import (
     LARGEST_PAD_MM,
@@ -76,9 +76,7 @@ class TaxelArraySpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defau
     """A taxel array's file."""
 
     kind: Annotated[Literal["taxel-array"], Meta(description="kind of the sensor")]
-    name: Annotated[
-        str, Meta(min_length=1, max_length=40, pattern="^[a-z0-9][a-z0-9_-]*$", description="name")
-    ]
+    name: SensorName
     cover: Annotated[LayerTable, Meta(description="the cover")]
     layout: Annotated[LayoutTable, Meta(description="the taxels")]
     transducer: Annotated[TransducerTable, Meta(description="the law of a taxel")]

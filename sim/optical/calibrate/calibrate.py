@@ -187,7 +187,7 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
     model = BallFit(held_out, fit.model.camera)
     poses = np.array([model.pose(fit.state, index) for index in range(len(test))])
     surfaces_mm = np.array(
-        [model.surface(fit.state, index, pose) for index, pose in enumerate(poses)]
+        [model.surface(fit.state.geometry, index, pose) for index, pose in enumerate(poses)]
     )
     optics = fit.model.optics(fit.state)
     renderer = ImageRenderer(optics, inputs.sensor.own_gel, inputs.sensor.noise_grey)

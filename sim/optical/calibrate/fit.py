@@ -154,15 +154,6 @@ def surface_at(gel: Elastomer, pose: np.ndarray, profile: Profile) -> np.ndarray
     return ball_surface(gel, pose[0], pose[1], depth, radius_mm, hold, skirt)
 
 
-@dataclass(frozen=True)
-class _Setting:
-    """What one press is computed with: the LEDs, its ball's profile, its square of samples."""
-
-    leds: Leds
-    profile: Profile
-    square: Square
-
-
 class BallFit:
     """The model of presses of balls; the fit starts from the LEDs of the sensor."""
 
@@ -230,9 +221,8 @@ class BallFit:
         for ring in self._start.rings():
             presses = []
             for index, pose in enumerate(self._start_poses):
-                setting = self._setting(ring, index)
                 (_, lit, _), (_, rest, _) = (
-                    self._incidence(setting, each, lobe=False) for each in (pose, None)
+                    self._incidence(ring, index, each, lobe=False) for each in (pose, None)
                 )
                 presses.append(Shading.of((lit - rest).astype(float), self._target(index)))
             estimated.append(ring.chosen(choose_leds(presses, self._start.count)))
@@ -264,12 +254,11 @@ class BallFit:
         )
         low = np.array([middle[0] - 1.5, middle[1] - 1.5, SHALLOWEST_MM])
         high = np.array([middle[0] + 1.5, middle[1] + 1.5, DEEPEST * radius_mm])
-        setting = self._setting(state.geometry, index)
-        gain = self._gain(state, setting.square)
-        target = self._light(setting, None, gain) + self._target(index)
+        gain = self._gain(state, index)
+        target = self._light(state.geometry, index, None, gain) + self._target(index)
 
         def residual(pose: np.ndarray) -> np.ndarray:
-            return (self._light(setting, pose, gain) - target).ravel()
+            return (self._light(state.geometry, index, pose, gain) - target).ravel()
 
         fits = [
             least_squares(
@@ -296,20 +285,16 @@ class BallFit:
             lobe=None if lobe is None else lobe.transpose(1, 0, 2, 3),
         )
 
-    def surface(self, state: State, index: int, pose: np.ndarray) -> np.ndarray:
+    def surface(self, geometry: Geometry, index: int, pose: np.ndarray) -> np.ndarray:
         """The deflection by one frame's ball at a pose, mm, on optical_grid(gel)."""
-        return surface_at(self.gel, pose, self._setting(state.geometry, index).profile)
-
-    def _setting(self, geometry: Geometry, index: int) -> _Setting:
-        profile = self.radii_mm[index], *geometry.profile
-        return _Setting(geometry.leds, profile, self._squares[index])
+        return surface_at(self.gel, pose, (self.radii_mm[index], *geometry.profile))
 
     def _target(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""
         return self._changes[index][self._squares[index]].reshape(-1, 3)
 
     def _incidence(
-        self, setting: _Setting, pose: np.ndarray | None, lobe: bool
+        self, geometry: Geometry, index: int, pose: np.ndarray | None, lobe: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Cosines and weights (samples, LEDs), and for a lobe normals (samples, 2).
 
@@ -318,40 +303,45 @@ class BallFit:
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
-            surface = surface_at(self.gel, pose, setting.profile)
-        rows, columns = part = inner(setting.square)
+            surface = self.surface(geometry, index, pose)
+        rows, columns = part = inner(self._squares[index])
         region = (rows.start, rows.stop, columns.start, columns.stop)
         coated = self._rays.coated(surface)
-        cosine, weight = self._rays.incidence(coated, setting.leds, region)
+        cosine, weight = self._rays.incidence(coated, geometry.leds, region)
         normals = None
         if lobe:
             normals = self._rays.normals(coated, region)[:, rows, columns].reshape(2, -1).T
         cosine, weight = (of[part].reshape(-1, of.shape[-1]) for of in (cosine, weight))
         return cosine, weight, normals
 
-    def _columns(self, setting: _Setting, pose: np.ndarray | None, terms: Terms) -> np.ndarray:
+    def _columns(
+        self, geometry: Geometry, index: int, pose: np.ndarray | None, terms: Terms
+    ) -> np.ndarray:
         """(samples, entries) light per unit of each of the response's entries."""
-        cosine, weight, normals = self._incidence(setting, pose, terms.lobe)
-        places = self._place_terms(setting.square, terms)
+        cosine, weight, normals = self._incidence(geometry, index, pose, terms.lobe)
+        places = self._place_terms(index, terms)
         leds = range(terms.leds)
         entries = [led_columns(cosine[:, k], weight[:, k], places) for k in leds]
         if normals is not None:
             entries += [lobe_columns(normals, weight[:, k], places) for k in leds]
         return np.concatenate(entries, axis=-1)
 
-    def _place_terms(self, square: Square, terms: Terms) -> np.ndarray:
-        """(samples, places) polynomials of the place."""
-        places = self._places[inner(square)]
+    def _place_terms(self, index: int, terms: Terms) -> np.ndarray:
+        """(samples, places) polynomials of the place in a press's square."""
+        places = self._places[inner(self._squares[index])]
         return places.reshape(-1, places.shape[-1])[:, : terms.places]
 
-    def _changed(self, setting: _Setting, pose: np.ndarray, terms: Terms) -> np.ndarray:
+    def _changed(
+        self, geometry: Geometry, index: int, pose: np.ndarray, terms: Terms
+    ) -> np.ndarray:
         """(samples, entries) the columns of a pose minus those at rest."""
-        return self._columns(setting, pose, terms) - self._columns(setting, None, terms)
+        pressed, rest = (self._columns(geometry, index, each, terms) for each in (pose, None))
+        return pressed - rest
 
-    def _gain(self, state: State, square: Square) -> list[np.ndarray]:
+    def _gain(self, state: State, index: int) -> list[np.ndarray]:
         """The response and, if fitted, the lobe at each sample's place, for _light: (samples, LEDs,
         COSINE_TERMS or LOBE_TERMS, RGB)."""
-        places = self._place_terms(square, state.terms)
+        places = self._place_terms(index, state.terms)
         return [
             np.einsum("sp,ckpj->skjc", places[:, : table.shape[2]], table, optimize=True)
             for table in state.terms.tables(state.response)
@@ -359,10 +349,10 @@ class BallFit:
         ]
 
     def _light(
-        self, setting: _Setting, pose: np.ndarray | None, gain: list[np.ndarray]
+        self, geometry: Geometry, index: int, pose: np.ndarray | None, gain: list[np.ndarray]
     ) -> np.ndarray:
         """(samples, RGB) light of a pose: _columns times the response, computed without them."""
-        cosine, weight, normals = self._incidence(setting, pose, len(gain) > 1)
+        cosine, weight, normals = self._incidence(geometry, index, pose, len(gain) > 1)
         powers = weight[..., None] * cosine[..., None] ** np.arange(COSINE_TERMS)
         light = np.einsum("skj,skjc->sc", powers, gain[0], optimize=True)
         if normals is not None:
@@ -374,7 +364,7 @@ class BallFit:
         """Of each press, for the fit of the response."""
         return [
             Sums.of(
-                self._changed(self._setting(geometry, index), pose, terms).astype(float),
+                self._changed(geometry, index, pose, terms).astype(float),
                 self._target(index),
             )
             for index, pose in enumerate(poses)
@@ -450,16 +440,15 @@ class BallFit:
     def _linearized(self, state: State, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Linearization of one press: columns (samples, entries), residual (samples, RGB), and
         derivatives of the light (parameters, samples, RGB) by its pose and the geometry."""
-        setting, pose = self._setting(state.geometry, index), state.poses[index]
-        columns = self._changed(setting, pose, state.terms).astype(float)
+        fitted, pose = state.geometry, state.poses[index]
+        columns = self._changed(fitted, index, pose, state.terms).astype(float)
         shown = columns @ state.response.T
-        gain = self._gain(state, setting.square)
-        lit = self._light(setting, pose, gain)
+        gain = self._gain(state, index)
+        lit = self._light(fitted, index, pose, gain)
         derivatives = []
         for nudged in pose + POSE_NUDGE_MM * np.eye(3):
-            derivatives.append((self._light(setting, nudged, gain) - lit) / POSE_NUDGE_MM)
-        for geometry, nudge in state.geometry.nudged():
-            other = self._setting(geometry, index)
-            moved = self._light(other, pose, gain) - self._light(other, None, gain)
-            derivatives.append((moved - shown) / nudge)
+            derivatives.append((self._light(fitted, index, nudged, gain) - lit) / POSE_NUDGE_MM)
+        for geometry, nudge in fitted.nudged():
+            moved, rest = (self._light(geometry, index, each, gain) for each in (pose, None))
+            derivatives.append((moved - rest - shown) / nudge)
         return columns, shown - self._target(index), np.array(derivatives)

@@ -125,17 +125,15 @@ def with_artifacts(
     else:
         colors = at_middle(light.response)
     now, before = _sample_lights(rng, artifacts, toward_px, colors.argmax(axis=1), size)
-    nodes = np.zeros((2, 0, 0), dtype=np.float32)
-    albedo = None
+    shade, albedo = np.zeros((0, 0), dtype=np.float32), None
     if rng.random() < artifacts.worn:
-        albedo_nodes = _sample_albedo(rng, artifacts, size)
-        nodes = np.stack([albedo_nodes, albedo_nodes ** (1.0 / light.gamma)]).astype(np.float32)
-        albedo = np.empty(size, dtype=np.float32)
-        enlarge(nodes[0], SPECKLE_PX, albedo)
+        nodes = _sample_albedo(rng, artifacts, size)
+        shade, albedo = (nodes ** (1.0 / light.gamma)).astype(np.float32), np.empty(size, "f4")
+        enlarge(nodes.astype(np.float32), SPECKLE_PX, albedo)
     drift = sample_drift(rng, artifacts, size)
     still = np.zeros((3, 0, 0), dtype=np.float32)
-    background = _frame(light, nodes[1], still, now)
-    earlier = _frame(light, nodes[1], drift, before)
+    background = _frame(light, shade, still, now)
+    earlier = _frame(light, shade, drift, before)
     return replace(
         unit,
         optics=replace(light, background=background, albedo=albedo),

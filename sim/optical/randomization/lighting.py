@@ -90,18 +90,12 @@ def sample_light(
     facing = (rng.uniform(*ranges.facing_grey, 3) / 255.0) ** gamma
     # in the middle, an LED's light falls with the square of its distance to the apex
     reach = REACH_MM**2 / (places_mm**2).sum(axis=1) * FACING_COSINE
-    response *= (facing / _of_colors(reach, own_colors(leds)))[None, :, None, None]
+    own = own_colors(leds)
+    of_color = np.where(own.any(axis=0), own, True)  # all LEDs, if none has a color
+    mean_reach = (of_color * reach[:, None]).sum(axis=0) / of_color.sum(axis=0)
+    response *= (facing / mean_reach)[None, :, None, None]
     sizes_mm = np.minimum(log_uniform(rng, ranges.led_size_mm, count), LARGEST_SIZE * -heights)
     return SampledLight(places_mm, sizes_mm, response, leds)
-
-
-def _of_colors(values: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """(RGB,) means of values of LEDs (LEDs,) over those that have a color, else over all.
-
-    own: (LEDs, RGB) bool.
-    """
-    weights = np.where(own.any(axis=0), own, True)
-    return (weights * values[:, None]).sum(axis=0) / weights.sum(axis=0)
 
 
 def _relative(
@@ -129,7 +123,9 @@ def _relative(
     colors = own_colors(leds)
     shares = 1.0 / np.maximum(colors.sum(axis=0), 1)  # of each color's own LEDs
     for k in range(count):
-        beam = _beam(rng, ranges, towards[k], _across_sign(leds[k].angle_deg))
+        # the light of LEDs that are to the right or left crosses the middle towards the upper end
+        across_sign = -np.sign(round(float(np.cos(np.radians(leds[k].angle_deg))), 6))
+        beam = _beam(rng, ranges, towards[k], across_sign)
         for c in np.flatnonzero(colors[k]):
             # an LED's own light is irregular too, except for its level
             own, lit = by_power[k, c], shares[c] * beam
@@ -144,18 +140,13 @@ def _relative(
     return response
 
 
-def _across_sign(angle_deg: float) -> float:
-    """Sign of the gradient of an LED's light across its direction.
-
-    The light of LEDs that are to the right or left crosses the middle towards the upper end.
-    """
-    return -float(np.sign(round(float(np.cos(np.radians(angle_deg))), 6)))
-
-
 def _beam(
     rng: np.random.Generator, ranges: UnitRanges, towards: np.ndarray, across_sign: float
 ) -> np.ndarray:
-    """(TERMS,) coefficients of an LED's light in the place. towards: (2,) direction."""
+    """(TERMS,) coefficients of an LED's light in the place.
+
+    towards: (2,) direction. across_sign: of the gradient of its light across this direction.
+    """
     along, across = rng.uniform(*ranges.beam_along_part), rng.uniform(*ranges.beam_across_part)
     curves, twist = rng.uniform(*ranges.beam_curve_part, 2), rng.uniform(*ranges.beam_twist_part)
     sideways = np.array([-towards[1], towards[0]])
