@@ -124,11 +124,10 @@ class TranslateTab:
     def _show_current(self) -> None:
         result = self._get_result()
         if result is not None:
-            if result.touch.of_camera is None:
+            reading = result.touch.of_camera
+            if reading is None:
                 raise T2TwinError("neither sensor is a gel camera, so there is no image")
-            noise_grey = result.touch.of_camera.sensor.spec.camera.noise_grey
-            noise = np.random.default_rng().normal(0.0, noise_grey, result.touch.image.shape)
-            noisy = np.clip(np.rint(result.touch.image + noise), 0, 255).astype(np.uint8)
+            noisy = reading.sensor.image(reading.contact, np.random.default_rng())
             self._show((noisy, f"{result.touch.shape.name}, one frame with noise"))
 
     def _show(self, frame: NamedFrame) -> None:
