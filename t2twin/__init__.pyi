@@ -7,8 +7,8 @@ from .primitives_cad.export import export_shapes as export_shapes
 from .primitives_cad.shape import Shape as Shape
 from .report.dataset_report import write_data_report as write_data_report
 from .report.run_report import write_report as write_report
-from .sim.calibrate import calibrate as calibrate
-from .sim.calibrate import guess_light as guess_light
+from .sim.calibrate.calibrate import calibrate as calibrate
+from .sim.calibrate.calibrate import guess_light as guess_light
 from .sim.contact.elastomer import Elastomer as Elastomer
 from .sim.contact.types import Contact as Contact
 from .sim.contact.types import PressCommand as PressCommand

@@ -110,7 +110,7 @@ def unit(products):
 @pytest.fixture(scope="session")
 def calibrated(unit, products):
     """What is fitted to the unit's frames, without its uncertainty, which takes as long again."""
-    from t2twin.sim.calibrate import calibrate
+    from t2twin.sim.calibrate.calibrate import calibrate
 
     def build(folder):
         folder.mkdir()

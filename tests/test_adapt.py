@@ -28,7 +28,7 @@ from t2twin.adaptation.record import PRESSES, RECORD, read_fitted
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.export import write_ball
-from t2twin.sim.calibrate import DEFAULT_TOLERANCE
+from t2twin.sim.calibrate.calibrate import DEFAULT_TOLERANCE
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import load_layout

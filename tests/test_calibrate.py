@@ -13,16 +13,15 @@ from PIL import Image
 from benchmarks.optics.fitted_optics import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.calibrate import calibrate
-from t2twin.sim.optical.calibrate.calibrate import _check_explains, cut_and_paste, score
-from t2twin.sim.optical.calibrate.fit import BallFit
-from t2twin.sim.optical.calibrate.frames import (
+from t2twin.sim.calibrate.calibrate import _check_explains, calibrate, cut_and_paste, score
+from t2twin.sim.calibrate.fit import BallFit
+from t2twin.sim.calibrate.frames import (
     clean_background,
     contact_patch,
     crop,
     upright_frame,
 )
-from t2twin.sim.optical.calibrate.ridge import Sums, Terms, select_terms
+from t2twin.sim.calibrate.ridge import Sums, Terms, select_terms
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.surface import ball_surface

@@ -8,16 +8,15 @@ from ball_frames import save
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.calibrate import calibrate, guess_light
-from t2twin.sim.optical.calibrate.calibrate import Inputs, evaluate
-from t2twin.sim.optical.calibrate.coverage import (
+from t2twin.sim.calibrate.calibrate import Inputs, calibrate, evaluate, guess_light
+from t2twin.sim.calibrate.coverage import (
     coverage_of,
     coverage_picture,
     coverage_sentences,
 )
-from t2twin.sim.optical.calibrate.fit import Measurements
-from t2twin.sim.optical.calibrate.frames import contact_patch
-from t2twin.sim.optical.calibrate.measurements import fit_presses
+from t2twin.sim.calibrate.fit import Measurements
+from t2twin.sim.calibrate.frames import contact_patch
+from t2twin.sim.calibrate.measurements import fit_presses
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.pair import SensorPair

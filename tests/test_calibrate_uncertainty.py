@@ -12,13 +12,13 @@ from msgspec import structs
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.tables import text
-from t2twin.sim.calibrate import calibrate
+from t2twin.sim.calibrate.calibrate import calibrate
+from t2twin.sim.calibrate.fit import BallFit, State
+from t2twin.sim.calibrate.geometry import Geometry
+from t2twin.sim.calibrate.measurements import FORCES, Tolerance, read_measurements
+from t2twin.sim.calibrate.ridge import Terms
+from t2twin.sim.calibrate.uncertainty import ball_forces_n, force_ratio, uncertainty_table
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.optical.calibrate.fit import BallFit, State
-from t2twin.sim.optical.calibrate.geometry import Geometry
-from t2twin.sim.optical.calibrate.measurements import FORCES, Tolerance, read_measurements
-from t2twin.sim.optical.calibrate.ridge import Terms
-from t2twin.sim.optical.calibrate.uncertainty import ball_forces_n, force_ratio, uncertainty_table
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.light.ray_casting import Leds

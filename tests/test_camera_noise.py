@@ -7,7 +7,7 @@ import pytest
 from kinds import gel_camera
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.calibrate.frames import measure_noise
+from t2twin.sim.calibrate.frames import measure_noise
 from t2twin.sim.optical.camera.noise import Noise
 from t2twin.sim.optical.camera.pinhole import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer

@@ -9,7 +9,7 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.sim.optical.calibrate.calibrate import (
+from t2twin.sim.calibrate.calibrate import (
     RANGES,
     crop_scores,
     mean_light,
@@ -74,7 +74,7 @@ def test_the_mean_errs_less_than_the_drawn_ones(lights):
 
 def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys, monkeypatch):
     few = functools.partial(sample_lights, count=FEW)
-    monkeypatch.setattr("t2twin.sim.calibrate.sample_lights", few)
+    monkeypatch.setattr("t2twin.sim.calibrate.calibrate.sample_lights", few)
     path = tmp_path / "mine.png"
     Image.fromarray(background).save(path)
     main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])

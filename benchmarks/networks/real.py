@@ -26,8 +26,8 @@ from benchmarks.evidence.run import main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.export import write_ball
-from t2twin.sim.calibrate import calibrate
-from t2twin.sim.optical.calibrate.frames import read_frame, upright_frame
+from t2twin.sim.calibrate.calibrate import calibrate
+from t2twin.sim.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:

@@ -25,15 +25,15 @@ from scipy.optimize import nnls
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
-from t2twin.sim.calibrate import calibrate
-from t2twin.sim.optical.calibrate.calibrate import (
+from t2twin.sim.calibrate.calibrate import (
     Score,
+    calibrate,
     crop_scores,
     mean_light,
     mean_score,
     sample_lights,
 )
-from t2twin.sim.optical.calibrate.frames import contact_patch, read_frames
+from t2twin.sim.calibrate.frames import contact_patch, read_frames
 from t2twin.sim.optical.camera.response import linear
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics

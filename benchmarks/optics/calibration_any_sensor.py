@@ -20,9 +20,8 @@ from PIL import Image
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad.export import write_ball
-from t2twin.sim.calibrate import calibrate, sensor_and_camera
+from t2twin.sim.calibrate.calibrate import Score, calibrate, mean_score, sensor_and_camera
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.optical.calibrate.calibrate import Score, mean_score
 from t2twin.sim.optical.gel_camera import GelCamera
 
 SENSORS = ("digit", "gelsight-mini")

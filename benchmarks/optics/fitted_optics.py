@@ -16,17 +16,17 @@ from scipy.ndimage import gaussian_gradient_magnitude
 
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from t2twin.sim.calibrate import calibrate
-from t2twin.sim.optical.calibrate.calibrate import (
+from t2twin.sim.calibrate.calibrate import (
     Inputs,
     Score,
+    calibrate,
     evaluate,
     mean_score,
     read_inputs,
     score,
 )
-from t2twin.sim.optical.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
-from t2twin.sim.optical.calibrate.measurements import fit_presses
+from t2twin.sim.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
+from t2twin.sim.calibrate.measurements import fit_presses
 from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(

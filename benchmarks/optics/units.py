@@ -23,7 +23,7 @@ from benchmarks.evidence.run import main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from maintenance.bake_optics import block
 from t2twin.core.files import atomic_write
-from t2twin.sim.calibrate import calibrate
+from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
 from t2twin.sim.optical.randomization.unit import Unit, UnitRanges, sample_unit

@@ -44,12 +44,17 @@ from t2twin.core.files import atomic_write, is_empty, locked, write_json
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.export import write_ball
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.calibrate import DEFAULT_TOLERANCE, calibrate, sensor_and_camera
+from t2twin.sim.calibrate.calibrate import (
+    DEFAULT_TOLERANCE,
+    Inputs,
+    calibrate,
+    read_inputs,
+    sensor_and_camera,
+)
+from t2twin.sim.calibrate.coverage import coverage_sentences
+from t2twin.sim.calibrate.measurements import Tolerance
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.pool import check_workers
-from t2twin.sim.optical.calibrate.calibrate import Inputs, read_inputs
-from t2twin.sim.optical.calibrate.coverage import coverage_sentences
-from t2twin.sim.optical.calibrate.measurements import Tolerance
 from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE, TARGET

@@ -22,9 +22,9 @@ from t2twin.core.records import read_json
 from t2twin.core.tables import Table
 from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import write_page
+from t2twin.sim.calibrate.calibrate import OpticsReport, write_coverage
+from t2twin.sim.calibrate.uncertainty import OpticsUncertainty, uncertainty_table
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.optical.calibrate.calibrate import OpticsReport, write_coverage
-from t2twin.sim.optical.calibrate.uncertainty import OpticsUncertainty, uncertainty_table
 from t2twin.translate.inference.predictor import CountsPredictor
 
 OPTICS, PRESSES, RECORD = "optics.npz", "presses.json", "adapted.json"

@@ -10,8 +10,8 @@ from t2twin.sim.sensors.defaults import SOURCE
 
 if TYPE_CHECKING:
     from t2twin.adaptation.record import AdaptationResult
-    from t2twin.sim.optical.calibrate.calibrate import OpticsReport, Score
-    from t2twin.sim.optical.calibrate.measurements import Tolerance
+    from t2twin.sim.calibrate.calibrate import OpticsReport, Score
+    from t2twin.sim.calibrate.measurements import Tolerance
     from t2twin.sim.optical.camera.pinhole import Camera
 
 FILES = ("optics_strip.png", "optics_coverage.png", "optics.json", "optics.npz")
@@ -47,7 +47,7 @@ class FitOptions:
     @property
     def tolerance(self) -> "Tolerance":
         """The tolerances. Raises T2TwinError for a value that is negative or not finite."""
-        from t2twin.sim.optical.calibrate.measurements import Tolerance
+        from t2twin.sim.calibrate.measurements import Tolerance
 
         return Tolerance(
             self.ball_tolerance_mm, self.scale_tolerance_px_per_mm, self.depth_tolerance_mm,
@@ -56,7 +56,7 @@ class FitOptions:
 
     def camera(self, sensor: str) -> "Camera":
         """The camera of a sensor, by name or file, with the given scale."""
-        from t2twin.sim.calibrate import sensor_and_camera
+        from t2twin.sim.calibrate.calibrate import sensor_and_camera
 
         _, camera = sensor_and_camera(sensor, None)
         if self.scale_px_per_mm is None:
@@ -88,8 +88,8 @@ def calibrate(
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import check_replaceable, locked
-    from t2twin.sim.calibrate import calibrate as calibrate_optics
-    from t2twin.sim.calibrate import guess_light
+    from t2twin.sim.calibrate.calibrate import calibrate as calibrate_optics
+    from t2twin.sim.calibrate.calibrate import guess_light
 
     camera = fit.camera(sensor)
     if presses is None:
@@ -128,10 +128,9 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
 
     from t2twin.core.files import atomic_write
     from t2twin.core.tables import text
-    from t2twin.sim.calibrate import sensor_and_camera
-    from t2twin.sim.optical.calibrate.calibrate import write_coverage, write_record
-    from t2twin.sim.optical.calibrate.coverage import coverage_sentences
-    from t2twin.sim.optical.calibrate.uncertainty import uncertainty_table
+    from t2twin.sim.calibrate.calibrate import sensor_and_camera, write_coverage, write_record
+    from t2twin.sim.calibrate.coverage import coverage_sentences
+    from t2twin.sim.calibrate.uncertainty import uncertainty_table
 
     simulated, noise, rng = report.simulated, report.optics.noise, np.random.default_rng(0)
     if noise is not None:
@@ -219,7 +218,7 @@ def adapt(
 
 def _print(result: "AdaptationResult") -> None:
     from t2twin.core.tables import text
-    from t2twin.sim.optical.calibrate.uncertainty import uncertainty_table
+    from t2twin.sim.calibrate.uncertainty import uncertainty_table
 
     print(text(uncertainty_table(result.uncertainty)), end="\n\n")
     minutes = ", ".join(f"{name} {spent:.1f}" for name, spent in result.minutes.items())

@@ -14,10 +14,8 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.core.tables import Table
 from t2twin.primitives_cad.shape import ball
-from t2twin.sim.contact.contact_solver import force_at_depth, solve_contact
-from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
-from t2twin.sim.optical.calibrate.fit import Measurements, Presses
-from t2twin.sim.optical.calibrate.measurements import (
+from t2twin.sim.calibrate.fit import Measurements, Presses
+from t2twin.sim.calibrate.measurements import (
     FORCES,
     Fit,
     Tolerance,
@@ -25,6 +23,8 @@ from t2twin.sim.optical.calibrate.measurements import (
     fit_presses,
     scale_range,
 )
+from t2twin.sim.contact.contact_solver import force_at_depth, solve_contact
+from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 

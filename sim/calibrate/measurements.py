@@ -21,8 +21,8 @@ from msgspec import Meta
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.calibrate.fit import BallFit, Measurements, Presses, State
 from t2twin.sim.contact.types import FORCE_RANGE_N
-from t2twin.sim.optical.calibrate.fit import BallFit, Measurements, Presses, State
 from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.tables import read_rows
