@@ -23,13 +23,7 @@ from t2twin.sim.sampling.protocol import FORCE_N
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.sim.sensors.files import Sensor, bundled_sensors
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.slide import (
-    check_friction,
-    path_commands,
-    slide_to,
-    straight_path,
-    touches_along,
-)
+from t2twin.sim.slide import check_friction, path_commands, slide_to, straight_path, touches_along
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.touch import Touch
 

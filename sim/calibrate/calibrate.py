@@ -28,13 +28,7 @@ from t2twin.sim.calibrate.frames import (
     read_frames,
     upright_frame,
 )
-from t2twin.sim.calibrate.measurements import (
-    FORCES,
-    Fit,
-    Tolerance,
-    fit_presses,
-    read_measurements,
-)
+from t2twin.sim.calibrate.measurements import FORCES, Fit, Tolerance, fit_presses, read_measurements
 from t2twin.sim.calibrate.uncertainty import (
     OpticsUncertainty,
     check_tolerance,

@@ -21,13 +21,7 @@ from scipy.optimize import least_squares
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.geometry import Geometry, Shading, choose_leds
-from t2twin.sim.calibrate.ridge import (
-    Sums,
-    Terms,
-    select_terms,
-    solve_ridge,
-    solve_step,
-)
+from t2twin.sim.calibrate.ridge import Sums, Terms, select_terms, solve_ridge, solve_step
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.camera.response import linear
