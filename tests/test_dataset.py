@@ -22,6 +22,7 @@ from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
+from t2twin.sim.dataset.shard import STAGES
 from t2twin.sim.dataset.store import (
     LOG,
     lists,
@@ -30,7 +31,6 @@ from t2twin.sim.dataset.store import (
     sha256_of,
     write_info,
 )
-from t2twin.sim.dataset.timing import STAGES
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors.defaults import ROLES
@@ -284,15 +284,6 @@ def test_a_pair_takes_at_most_80_kb(made):
     assert np.mean(sizes) < 75_000
 
 
-def test_an_optics_file_is_checked_before_anything_is_written(tmp_path, capsys):
-    (tmp_path / "leds.npz").write_text("none")
-    with pytest.raises(SystemExit) as stop:
-        main(["simdata", "--scale", "smoke", "--out", str(tmp_path / "out"),
-              "--optics", str(tmp_path / "leds.npz")])  # fmt: skip
-    assert stop.value.code == 2 and "is not an optics file" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_other_parameters_are_refused(made, shape_cache):
     with pytest.raises(T2TwinError, match="another seed"):
         make_dataset(made, "smoke", seed=5, workers=1, cache=shape_cache, shapes=SHAPES)
@@ -312,9 +303,6 @@ def test_shapes_of_another_code_are_not_mixed(made, tmp_path, shape_cache, code)
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ({"seed": -1}, "the seed is -1"),
-        ({"workers": 0}, "workers is 0"),
-        ({"scale": "huge"}, "no scale 'huge'"),
         ({"shapes": ("square-1", "sphere")}, "sphere"),
         ({"layout": "x_mm,y_mm\n0,0\n5,0\n13.9,0\n"}, "off the cover"),
         ({"scheduler": "tcp://127.0.0.1:9"}, "needs Dask"),

@@ -9,7 +9,7 @@ import pytest
 from t2twin.cli import doctor
 from t2twin.core import machine
 from t2twin.primitives_cad import shape_cache
-from t2twin.sim.dataset import info, timing
+from t2twin.sim.dataset import info, shard
 from t2twin.translate.models import distributed
 
 ABSENT = "no-such-package-of-t2twin"
@@ -24,7 +24,7 @@ def macos(monkeypatch, tmp_path):
     monkeypatch.setattr("platform.processor", lambda: "")
     monkeypatch.setattr("platform.machine", lambda: "arm64")
     monkeypatch.setattr(machine, "CPUINFO", tmp_path / "cpuinfo")
-    monkeypatch.setattr(timing, "STATUS", tmp_path / "status")
+    monkeypatch.setattr(shard, "STATUS", tmp_path / "status")
 
 
 def test_macos_has_cores_and_a_processor(macos):
@@ -37,11 +37,11 @@ def test_memory_is_in_bytes(macos, monkeypatch):
     """macOS gives the peak in bytes, Linux in KiB."""
     used = SimpleNamespace(ru_maxrss=50_000_000)
     monkeypatch.setattr(resource, "getrusage", lambda who: used)
-    assert timing.peak_memory() == 50_000_000
+    assert shard.peak_memory() == 50_000_000
     monkeypatch.setattr("sys.platform", "linux")
-    assert timing.peak_memory() == 50_000_000 * 1024
-    timing.STATUS.write_text("Name:\tpython\nVmHWM:\t    2048 kB\n")
-    assert timing.peak_memory() == 2 * 2**20
+    assert shard.peak_memory() == 50_000_000 * 1024
+    shard.STATUS.write_text("Name:\tpython\nVmHWM:\t    2048 kB\n")
+    assert shard.peak_memory() == 2 * 2**20
 
 
 def test_macos_keeps_torchs_memory_as_it_is(macos, monkeypatch):

@@ -14,8 +14,8 @@ from benchmarks.taxels.recordings import REAL
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
+from t2twin.sim.dataset.shard import Stopwatch
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of
-from t2twin.sim.dataset.timing import Stopwatch
 from t2twin.sim.sampling.presses import PressSample
 from t2twin.sim.slide import path_commands, touches_along
 from t2twin.sim.taxels import reading

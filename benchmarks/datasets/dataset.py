@@ -23,8 +23,8 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.files import atomic_write
 from t2twin.core.records import decode_json
+from t2twin.sim.dataset.generate import RunTiming
 from t2twin.sim.dataset.store import LOG, read_info
-from t2twin.sim.dataset.timing import RunTiming
 from t2twin.sim.sensors.defaults import ROLES
 
 if TYPE_CHECKING:

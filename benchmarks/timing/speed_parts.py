@@ -15,7 +15,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact import pin_layout
 from t2twin.sim.contact.fixed_point import FixedPoint
 from t2twin.sim.contact.layer import Layer
-from t2twin.sim.dataset.timing import Stopwatch
+from t2twin.sim.dataset.shard import Stopwatch
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors.pair import SensorPair
 

@@ -5,7 +5,7 @@ import json
 import time
 from collections import Counter
 from contextlib import closing, suppress
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -32,7 +32,7 @@ from t2twin.sim.dataset.info import (
     Shard,
     versions,
 )
-from t2twin.sim.dataset.shard import ShardContext
+from t2twin.sim.dataset.shard import STAGES, ShardContext, Stopwatch, peak_memory, process_name
 from t2twin.sim.dataset.store import (
     INFO,
     LOG,
@@ -41,7 +41,6 @@ from t2twin.sim.dataset.store import (
     write_info,
     write_whole,
 )
-from t2twin.sim.dataset.timing import RunTiming, Stopwatch, peak_memory, process_name, summary
 from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.held_out import check_held_out
@@ -65,6 +64,24 @@ MADE_WITH = {
 }
 """Text of a message for a field of info.json that differs; other fields are "another" and their
 name."""
+
+
+@dataclass(frozen=True)
+class RunTiming:
+    """Time and memory of one run of `t2twin simdata`: a line of the dataset's log.jsonl.
+
+    ended: the time, UTC, ISO 8601. seconds: of the whole run. stage_seconds: processor time of all
+    pairs by stage. peak_memory_bytes: the sum of all processes' peaks. rejected: attempts at
+    presses that were rejected, by reason.
+    """
+
+    ended: str
+    pairs: int
+    workers: int
+    seconds: float
+    stage_seconds: dict[str, float]
+    peak_memory_bytes: int
+    rejected: dict[str, int] = field(default_factory=dict)
 
 
 @new_keywords
@@ -231,7 +248,7 @@ def _remove_empty(folder: Path) -> None:
 
 
 def _check_same_parameters(folder: Path, present: DatasetInfo, wanted: DatasetInfo) -> None:
-    for name in ("scale", "seed", *(field.name for field in fields(DatasetInfo))):
+    for name in ("scale", "seed", *(each.name for each in fields(DatasetInfo))):
         if name not in STATE and getattr(present, name) != getattr(wanted, name):
             raise T2TwinError(
                 f"{folder} holds a dataset made with {MADE_WITH.get(name, f'another {name}')}; "
@@ -297,6 +314,27 @@ def _make_shards(
     print(summary(timing))
     _log(folder, timing)
     return info
+
+
+def summary(run: RunTiming) -> str:
+    """The text printed after a run: pairs per second, stages of a pair, memory."""
+    stages = ", ".join(
+        f"{stage} {1e3 * run.stage_seconds[stage] / run.pairs:.1f}"
+        for stage in STAGES
+        if stage != "shape" and run.stage_seconds[stage]
+    )
+    busy = sum(run.stage_seconds.values()) / (run.workers * run.seconds)
+    rejected = "".join(
+        f"{count} presses rejected and sampled again: {reason}\n"
+        for reason, count in run.rejected.items()
+    )
+    return (
+        f"{run.pairs} pairs in {run.seconds:.0f} s with {run.workers} workers: "
+        f"{run.pairs / run.seconds:.1f} pairs/s, workers busy {100 * busy:.0f} % of the time\n"
+        f"processor time of a pair, ms: {stages}; and {run.stage_seconds['shape']:.1f} s to load "
+        f"the shapes\n{rejected}"
+        f"peak memory of all processes together: {run.peak_memory_bytes / 2**30:.2f} GiB"
+    )
 
 
 def _log(folder: Path, timing: RunTiming) -> None:

@@ -3,10 +3,15 @@
 A sampled press is repeated until it touches the shape and settles.
 """
 
+import os
+import platform
+import resource
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,7 +36,6 @@ from t2twin.sim.dataset.columns import (
     schema_of,
 )
 from t2twin.sim.dataset.store import write_shard
-from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.randomization.ranges import log_uniform
 from t2twin.sim.sampling.plan import Batch, load_shape, name_of, paths_of
@@ -48,6 +52,24 @@ from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import slide_to
 from t2twin.sim.touch import Touch
+
+STAGES = (
+    "press source",
+    "press target",
+    "read source",
+    "read target",
+    "motion",
+    "dense counts",
+    "light",
+    "encoding",
+    "writing",
+    "shape",
+)
+"""Stages of a shard. "shape" is done once for all presses of a shape; "dense counts", "light" and
+"motion" only where the recipe has dense counts, samples the light or has motion."""
+
+STATUS = Path("/proc/self/status")
+"""File with the memory of this process on Linux."""
 
 MARKER_STREAM = 18
 """Random stream of a seed: markers of the units."""
@@ -68,6 +90,48 @@ MARKER_SHARES, MAX_JITTER_SHARE = (0.25, 0.45), 0.3
 
 Press = Callable[[Shape, PressSample], list[Touch]]
 """Makes a press and the touches of its path; the last one is rejected, or none."""
+
+
+@dataclass
+class Stopwatch:
+    """Processor time by stage, s, summed over many pairs."""
+
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+
+    @contextmanager
+    def running(self, stage: str) -> Iterator[None]:
+        """Add the processor time of the block to a stage."""
+        start = time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds[stage] += time.process_time() - start
+
+    def add(self, other: "Stopwatch") -> None:
+        for stage, seconds in other.seconds.items():
+            self.seconds[stage] += seconds
+
+    @property
+    def total(self) -> float:
+        return sum(self.seconds.values())
+
+
+def peak_memory() -> int:
+    """Peak memory of this process, bytes.
+
+    On Linux from the process's status: getrusage includes the memory of the parent before exec.
+    """
+    if STATUS.is_file():
+        for line in STATUS.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    unit = 1 if sys.platform == "darwin" else 1024  # of getrusage, bytes
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+
+
+def process_name() -> str:
+    """A name of this process that is unique in a cluster."""
+    return f"{platform.node()}:{os.getpid()}"
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.sim.touch import Reading, Touch
 
 StageTimer = Callable[[str], AbstractContextManager[Any]]
-"""Context manager around each stage of a press, named as in t2twin.sim.dataset.timing.STAGES."""
+"""Context manager around each stage of a press, named as in t2twin.sim.dataset.shard.STAGES."""
 
 
 @dataclass(frozen=True)
