@@ -95,7 +95,8 @@ def read_solid(
         mesh, unit_mm = READERS[suffix](path)
     except Exception as error:  # readers raise many unrelated types
         raise T2TwinError(
-            f"{path} cannot be read as {suffix[1:].upper()}: {_first_line(error)}"
+            f"{path} cannot be read as {suffix[1:].upper()}: "
+            f"{(str(error).strip().splitlines() or [type(error).__name__])[0]}"
         ) from error
     of_file = mesh.metadata.get("note")
     _resize(path, mesh, unit_mm if scale is None else scale, INCHES.search(head), hints)
@@ -157,7 +158,3 @@ def _rounded_up(scale: float) -> float:
     """A scale, rounded up to two digits."""
     digit = 10.0 ** (math.floor(math.log10(scale)) - 1)
     return math.ceil(scale / digit) * digit
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -106,17 +106,8 @@ class _Counts:
 class _Xml:
     """Target of an XML parser."""
 
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
-        raise NotImplementedError
-
-    def start_ns(self, prefix: str, uri: str) -> None:
-        pass
-
     def doctype(self, name: str, public: str, system: str) -> None:
         raise ValueError("its XML declares a document type, which 3MF does not allow")
-
-    def close(self) -> None:
-        pass
 
 
 class _Start(_Xml):

@@ -86,7 +86,9 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
             "the export needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
         ) from None
     counts_run = counts_run.in_float32()
-    pixels = _random_pixels(counts_run)
+    preset = counts_run.config.preset
+    shape = (PARITY_IMAGES, preset.size, preset.size, 1 if preset.grey else 3)
+    pixels = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     with atomic_write(path) as temporary:
         _write(counts_run, pixels, temporary)
         difference = _difference(counts_run, pixels, temporary)
@@ -104,7 +106,7 @@ def _write(run: CountsPredictor, pixels: np.ndarray, path: Path) -> None:
 
     module = run.translator.as_module().eval()
     frame = [module.mean_frame] if isinstance(module, FromPixels) else []
-    images = _to_tensor(pixels)
+    images = torch.from_numpy(_to_input(pixels))
     missing = module.missing if isinstance(module, FromPixels) else set(OUTPUTS[2:])
     outputs = tuple(name for name in OUTPUTS if name not in missing)
     with warnings.catch_warnings():
@@ -132,7 +134,7 @@ def _write(run: CountsPredictor, pixels: np.ndarray, path: Path) -> None:
 
 def _difference(run: CountsPredictor, pixels: np.ndarray, path: Path) -> float:
     """Largest difference between the outputs of the file and of the run, see PARITY_COUNTS."""
-    session, images = open_onnx(path), _to_tensor(pixels).numpy()
+    session, images = open_onnx(path), _to_input(pixels)
     (counts,) = session.run([COUNTS], {INPUT: images})
     difference = float(np.abs(counts - run.predict_pixels(pixels)).max())
     if isinstance(run, FieldPredictor):
@@ -144,11 +146,6 @@ def _difference(run: CountsPredictor, pixels: np.ndarray, path: Path) -> float:
     return difference
 
 
-def _to_tensor(pixels: np.ndarray) -> torch.Tensor:
-    """(B, c, S, S) float32 in [0, 1]."""
-    return torch.from_numpy(pixels.astype(np.float32) / 255.0).permute(0, 3, 1, 2).contiguous()
-
-
 def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
     """An ONNX Runtime session of a file or its content, on the CPU. threads: 0 for its default."""
     import onnxruntime
@@ -157,13 +154,6 @@ def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
     options.log_severity_level = 3  # errors only; inputs with a default cause a warning
     options.intra_op_num_threads = threads
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-
-
-def _random_pixels(run: CountsPredictor) -> np.ndarray:
-    """(PARITY_IMAGES, S, S, c) uint8."""
-    preset = run.config.preset
-    shape = (PARITY_IMAGES, preset.size, preset.size, 1 if preset.grey else 3)
-    return np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
 
 
 def _about(run: CountsPredictor, outputs: tuple[str, ...]) -> str:
@@ -245,6 +235,7 @@ class OnnxEngine:
 
 
 def _to_input(pixels: np.ndarray) -> np.ndarray:
+    """(B, c, S, S) float32 in [0, 1]."""
     return np.ascontiguousarray(pixels.transpose(0, 3, 1, 2), np.float32) / np.float32(255.0)
 
 

@@ -119,20 +119,13 @@ class Pix2Pix(Translator):
         """
         with self.precision():
             generated = self.generator(inputs)
-        discriminator_loss = self._discriminator_step(inputs, targets, generated.detach())
-        losses = self._generator_step(inputs, targets, generated)
-        return {"discriminator": discriminator_loss, **losses}
-
-    def _discriminator_step(
-        self, inputs: torch.Tensor, targets: torch.Tensor, generated: torch.Tensor
-    ) -> float:
-        """Classifies real and generated pairs; the loss is halved to slow this network down."""
-        with self.precision():
             real_logits = self.discriminator(inputs, targets)
-            generated_logits = self.discriminator(inputs, generated)
+            generated_logits = self.discriminator(inputs, generated.detach())
+        # halved to slow the discriminator down
         loss = 0.5 * (_adversarial(real_logits, 1.0) + _adversarial(generated_logits, 0.0))
         self.descend(loss, self.discriminator, "discriminator")
-        return float(loss.detach())
+        losses = self._generator_step(inputs, targets, generated)
+        return {"discriminator": float(loss.detach()), **losses}
 
     def _generator_step(
         self, inputs: torch.Tensor, targets: torch.Tensor, generated: torch.Tensor
