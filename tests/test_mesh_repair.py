@@ -357,7 +357,7 @@ REFUSED = {
            partial(threemf_with, old="</vertices>", new=f"{corner}</vertices>"), said)
        for number, (corner, said) in enumerate((
            ('<vertex x="nan" y="0" z="0"/>', "not numbers"), ('<vertex x="1" y="0"/>', "lacks z"),
-           ('<vertex x="1e300" y="0" z="0"/>', "farther out"), ('<vertex x="a" y="0" z="0"/>', ""),
+           ('<vertex x="1e300" y="0" z="0"/>', "farther out"), ('<vertex x="a" y="0" z="0"/>', "as 3MF"),
        ))},
     **{f"place{number}.3mf": (
            partial(threemf_with, old="<item", new=f'<item transform="{place}"'), said)
@@ -369,7 +369,7 @@ REFUSED = {
         partial(threemf_with, old="</resources>", new='<object id="2"/>' * 20_000 + "</resources>"),
         "parts",
     ),
-    "vast.3mf": (partial(threemf_with, old='v1="0"', new=f'v1="{10**30}"'), ""),
+    "vast.3mf": (partial(threemf_with, old='v1="0"', new=f'v1="{10**30}"'), "that it lacks"),
     **{f"extension{number}.3mf": (partial(threemf_with, old="<model ", new=(
            f'<model xmlns:x="http://{name}" requiredextensions="x" ')), said)
        for number, (name, said) in enumerate((
