@@ -357,7 +357,8 @@ REFUSED = {
            partial(threemf_with, old="</vertices>", new=f"{corner}</vertices>"), said)
        for number, (corner, said) in enumerate((
            ('<vertex x="nan" y="0" z="0"/>', "not numbers"), ('<vertex x="1" y="0"/>', "lacks z"),
-           ('<vertex x="1e300" y="0" z="0"/>', "farther out"), ('<vertex x="a" y="0" z="0"/>', "as 3MF"),
+           ('<vertex x="1e300" y="0" z="0"/>', "farther out"),
+           ('<vertex x="a" y="0" z="0"/>', "as 3MF"),
        ))},
     **{f"place{number}.3mf": (
            partial(threemf_with, old="<item", new=f'<item transform="{place}"'), said)
