@@ -1,7 +1,6 @@
 """Benchmarks: declared by their modules, run by one runner, results with provenance."""
 
 import ast
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -98,19 +97,6 @@ def measured_as(monkeypatch, time_ms, ratio):
     return content
 
 
-def test_figures_are_printed_in_columns(results, monkeypatch, capsys):
-    measured_as(monkeypatch, 1.25, 2.0)
-    assert run.run(SMALL, []) == []
-    lines = capsys.readouterr().out.splitlines()
-    assert lines == [
-        "small",
-        "name          value     limit",
-        "time_ms        1.25 ms  at most 2",
-        "rows.a.ratio      3     at least 1.5",
-        "rows.b.ratio      2     at least 1.5",
-    ]
-
-
 def test_results_are_written_with_their_provenance(results, monkeypatch):
     content = measured_as(monkeypatch, 1.0, 2.0)
     run.run(SMALL, [])
@@ -166,13 +152,6 @@ def test_regressions_are_found(results, tmp_path, monkeypatch, time_ms, ratio, l
     assert (list(map(str, found)), processor) == (lines, "")
 
 
-def test_results_without_committed_ones_have_no_regression(results, tmp_path, monkeypatch):
-    measured_as(monkeypatch, 1.0, 2.0)
-    run.run(SMALL, [])
-    monkeypatch.setattr(compare, "git", lambda *_, root: None)
-    assert compare.changes(SMALL, tmp_path) == ([], "")
-
-
 def test_regressions_are_counted(monkeypatch, capsys):
     worse = compare.Change("time_ms", 1.0, 2.0, "ms", True)
     monkeypatch.setattr(command, "changes", lambda benchmark: ([worse], "another"))
@@ -216,19 +195,3 @@ def test_a_failed_benchmark_does_not_stop_the_others(monkeypatch):
 def test_an_impossible_request_is_refused(arguments, sentence):
     with pytest.raises(SystemExit, match=sentence):
         command.main(arguments)
-
-
-def test_the_list_names_every_benchmark(capsys):
-    command.main(["--list"])
-    printed = capsys.readouterr().out
-    assert all(benchmark.measures in printed for benchmark in BENCHMARKS.values())
-    assert "--report DIR" in printed
-
-
-def test_the_list_ends_without_a_traceback_when_its_reader_has_ended():
-    reader, writer = os.pipe()
-    os.close(reader)
-    command_line = [sys.executable, "-m", "benchmarks", "--list"]
-    done = subprocess.run(command_line, cwd=ROOT, stdout=writer, stderr=subprocess.PIPE)
-    os.close(writer)
-    assert (done.returncode, done.stderr) == (0, b"")

@@ -49,21 +49,3 @@ def test_of_the_public_press_it_is_the_digits_depth():
 def test_alone_the_cyskin_is_pressed_to_the_depth(tmp_path, capsys):
     main(["press", "hemisphere-2", "--sensor", "cyskin", "--depth-mm", "1", "--out", str(tmp_path)])
     assert " at 1.00" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("depth", "said"),
-    [
-        ("0", "it must be above 0"),
-        ("-1", "it must be above 0"),
-        ("nan", "it must be above 0"),
-        ("1e-5", "needs a force under 0.01 N"),
-        ("7", "needs a force over 100 N"),
-    ],
-)
-def test_a_depth_that_cannot_be_pressed_is_one_sentence(depth, said, tmp_path, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(["press", "square-2", f"--depth-mm={depth}", "--out", str(tmp_path / "out")])
-    error = capsys.readouterr().err
-    assert stop.value.code == 2 and said in error and len(error.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()

@@ -142,16 +142,6 @@ def test_no_generator_or_no_deviation_gives_no_noise(renderer):
     np.testing.assert_array_equal(renderer.render(FLAT, rng, noise_grey=0.0), renderer.background)
 
 
-def test_an_optics_file_survives_its_file(tmp_path):
-    optics = DIGIT.optics
-    optics.save(tmp_path / "unit.npz")
-    again = Optics.load(tmp_path / "unit.npz")
-    np.testing.assert_array_equal(again.background, optics.background)
-    np.testing.assert_array_equal(again.response, optics.response)
-    assert again.distance_mm == optics.distance_mm
-    assert [path.name for path in tmp_path.iterdir()] == ["unit.npz"]
-
-
 def test_bad_input_is_refused(renderer, tmp_path):
     with pytest.raises(T2TwinError, match="must be"):
         renderer.render(np.zeros((5, 5)))

@@ -328,7 +328,7 @@ def test_a_wrong_part_is_one_sentence(changed, said, tmp_path, capsys):
 def test_a_misspelt_draw_is_refused(tmp_path):
     path = tmp_path / "wrong.toml"
     path.write_text(MINE + "[light.draw]\nled_sice_mm = [1.0, 2.0]\n")
-    with pytest.raises(T2TwinError, match="draw has a range .led_sice_mm., .* mean led_size_mm"):
+    with pytest.raises(T2TwinError, match=r"draw has a range .led_sice_mm., .* mean led_size_mm"):
         load_recipe(path)
 
 

@@ -1,4 +1,3 @@
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -107,35 +106,6 @@ def test_the_denser_layout_holds_the_default_one():
     assert apart.max() < 1e-3
     nearest = KDTree(places).query(places, k=2)[0][:, 1]
     np.testing.assert_allclose(nearest, 3.75, atol=1e-3)
-
-
-def test_layouts_from_json_and_csv_agree(tmp_path):
-    rows = [(0.0, 0.0), (7.5, 0.0), (0.0, 7.5), (5.0, 5.0)]
-    (tmp_path / "a.csv").write_text("x_mm,y_mm\n" + "".join(f"{x},{y}\n" for x, y in rows))
-    (tmp_path / "a.json").write_text(
-        json.dumps({"taxels": [{"x_mm": x, "y_mm": y} for x, y in rows]})
-    )
-    first, second = load_layout(tmp_path / "a.csv"), load_layout(tmp_path / "a.json")
-    assert (first.x_mm == second.x_mm).all() and (first.y_mm == second.y_mm).all()
-
-
-@pytest.mark.parametrize(
-    "content, message",
-    [
-        ("x_mm,y_mm\n0,0\n1,1\n", "at least 3"),
-        ("x_mm,y_mm\n0,0\n1,1\n1,1\n", "in one place"),
-        ("x_mm,y_mm\n0,0\n1,abc\n1,1\n", "y_mm is text; it must be a number"),
-        ("a,b\n0,0\n", "has a column 'a', which is not read; its columns may be x_mm"),
-        ("x_mm,y_mm\n0,0\n1,nan\n1,1\n", "line 3: y_mm is nan; it must be a finite number"),
-    ],
-)
-def test_a_bad_layout_is_one_sentence(tmp_path, content, message):
-    path = tmp_path / "bad.csv"
-    path.write_text(content)
-    with pytest.raises(T2TwinError, match=message):
-        load_layout(path)
-    with pytest.raises(T2TwinError, match="no taxel layout"):
-        load_layout(tmp_path / "missing.csv")
 
 
 def test_taxels_outside_the_cover_are_an_error(sensor):

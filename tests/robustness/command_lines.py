@@ -59,6 +59,9 @@ press circle-1 | --x-mm --y-mm 3 => --x-mm has no value | --flat=yes => unexpect
 press circle-1 | --depth_mm= => --depth-mm is ''; expected a number | --x-mm 1 --x-mm 2,0 => '2,0'
 press circle-1 | --optics => --optics has no value; expected FILE
 press random-3 --out out | --scale 2 => files only
+press square-2 --out out --depth-mm | 1e-5 => needs a force under 0.01 N | nan => above 0
+press square-2 --out out --depth-mm | 7 => needs a force over 100 N | 0 => above 0
+demo --minutes | 0.5 => minutes is | nan => minutes is | inf => minutes is
 PRESS | --source gelsight => no sensor 'gelsight' | --target no.toml => no.toml | --source '' => a
 PRESS | --source digit --target digit --layout cyskin-63 => --layout | --source LONG => shorter
 SIM | --source gelsight => no sensor 'gelsight' | --target no.toml => no.toml | --target / => sensor

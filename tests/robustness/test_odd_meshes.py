@@ -11,7 +11,7 @@ from odd_meshes import FORMATS, odd, write
 from t2twin.cli import main
 from t2twin.primitives_cad import catalogue
 
-SAMPLE, COUNT = 28, 504
+SAMPLE, COUNT = 14, 504
 """Seeds that each run tries, and those of the exhaustive run: multiples of the formats."""
 
 ADVICE = re.compile(r"--scale \S+|--x-mm \S+ --y-mm \S+|--center")
