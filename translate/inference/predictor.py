@@ -33,7 +33,7 @@ from t2twin.translate.data.images import (
     to_input,
 )
 from t2twin.translate.data.pairs import DataInfo, ImageFile, InputImages
-from t2twin.translate.models.base import CountsTranslator, LayoutReader, Translator
+from t2twin.translate.models.base import CountsTranslator, Translator
 from t2twin.translate.models.field import FieldPrediction, FieldTranslator
 from t2twin.translate.models.touch2touch import CountsToImage
 from t2twin.translate.runs.config import RunConfig
@@ -203,7 +203,7 @@ class CountsPredictor(TrainedTranslator):
     def reads_any_layout(self) -> bool:
         """Whether the network predicts an image or dense counts, from which any layout can be
         read."""
-        return isinstance(self.translator, LayoutReader)
+        return self.translator.reads_any_layout
 
     def at_layout(
         self,
@@ -231,7 +231,7 @@ class CountsPredictor(TrainedTranslator):
             not self.translator.learns_dense_counts or trained.same_pads(data.taxels)
         ):
             return self
-        if not isinstance(self.translator, LayoutReader):
+        if not self.translator.reads_any_layout:
             raise T2TwinError(
                 f"{self.run_dir} is a ResNet18, which predicts only the {trained.x_mm.size} taxels "
                 f"of {trained.layout} that it was trained on; another layout needs a touch2touch "

@@ -11,7 +11,7 @@ a tactile image.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from copy import copy
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -120,8 +120,19 @@ class CountsTranslator(Translator):
     """A translator from images to counts.
 
     Input images are as `data.images.to_input` returns them, (B, c, S, S) float32; counts are (B, N)
-    float32, within zero and full scale.
+    float32, within zero and full scale. reads_any_layout: whether it has a spatial output, an image
+    or dense counts, which `read_at` reads.
     """
+
+    reads_any_layout = False
+
+    def read_at(self, layout: Layout) -> "CountsTranslator":
+        """The same networks with counts of another layout.
+
+        Raises T2TwinError for a layout that phi cannot interpolate, and for one that the spatial
+        output does not cover or does not resolve.
+        """
+        raise NotImplementedError
 
     @abstractmethod
     def predict(self, images: torch.Tensor) -> torch.Tensor:
@@ -141,19 +152,6 @@ class CountsTranslator(Translator):
 
     def errors(self, pixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
         return self.predict(to_input(pixels.astype(np.float32) / 255.0)).cpu().numpy() - counts
-
-
-@runtime_checkable
-class LayoutReader(Protocol):
-    """A translator whose spatial output, image or dense counts, can be read at any taxel layout."""
-
-    def read_at(self, layout: Layout) -> CountsTranslator:
-        """The same networks with counts of another layout.
-
-        Raises T2TwinError for a layout that phi cannot interpolate, and for one that the spatial
-        output does not cover or does not resolve.
-        """
-        ...
 
 
 def adamw(

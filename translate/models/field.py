@@ -281,7 +281,7 @@ class FieldTranslator(CountsTranslator):
     """One network, which predicts the dense counts; any layout can be read from it."""
 
     predictor: FieldNet
-    learns_dense_counts = True
+    learns_dense_counts = reads_any_layout = True
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         if info.dense_x_mm is None or info.dense_y_mm is None:
@@ -388,7 +388,7 @@ class FieldTranslator(CountsTranslator):
         return DenseImage(*self.places_mm, (rows, columns), px_per_mm).to(self.device)
 
     def read_at(self, layout: Layout) -> Self:
-        """See LayoutReader. Takes any layout on the cover, with its pad sizes."""
+        """See CountsTranslator. Takes any layout on the cover, with its pad sizes."""
         other = copy(self)
         other.layout = layout
         other.readout = FieldReadout(self.predictor, self._reading(layout), self.full_scale)

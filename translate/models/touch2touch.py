@@ -153,6 +153,8 @@ def _adversarial(logits: torch.Tensor, label: float) -> torch.Tensor:
 class Touch2Touch(Pix2Pix, CountsTranslator):
     """pix2pix with images as inputs and tactile images as targets."""
 
+    reads_any_layout = True
+
     def step(self, examples: Examples) -> dict[str, float]:
         """See Translator. images: (B, 1, S, S) in [-1, 1]."""
         targets = self.scaled_tactile_images(examples.counts.to(self.device))
@@ -173,7 +175,7 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
         return (self.generate(images) + 1.0) * (self.full_scale / 2.0)
 
     def read_at(self, layout: Layout) -> Self:
-        """See LayoutReader. The images keep their size; the new layout's phi^-1 reads them."""
+        """See CountsTranslator. The images keep their size; the new layout's phi^-1 reads them."""
         phi = self.info.phi_of(layout.x_mm, layout.y_mm)
         _check_inside(self.info, layout.x_mm, layout.y_mm, layout.name)
         other = copy(self)

@@ -3,7 +3,7 @@
 Shape letters: B images, N taxels, F places of the dense counts.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Any
 
@@ -64,12 +64,7 @@ class Estimate(NewAttributes):
 
     def first(self) -> "Estimate":
         """The estimate of the first image alone."""
-        values: dict[str, Any] = {
-            name: None if value is None else value[0]
-            for name, value in vars(self).items()
-            if name != "full_scale_counts"
-        }
-        return Estimate(**values, full_scale_counts=self.full_scale_counts)
+        return replace(self, **{name: getattr(self, name)[0] for name in _arrays(self)})
 
 
 def _with_std(value: np.ndarray, std: np.ndarray) -> str:
@@ -90,8 +85,11 @@ def half_width(level: float) -> float:
 
 def concatenate(parts: list[Estimate]) -> Estimate:
     """Concatenates one or more estimates of several images."""
-    values: dict[str, Any] = {}
-    for name in vars(parts[0]).keys() - {"full_scale_counts"}:
-        of_parts = [getattr(part, name) for part in parts]
-        values[name] = None if of_parts[0] is None else np.concatenate(of_parts)
-    return Estimate(**values, full_scale_counts=parts[0].full_scale_counts)
+    found = {name: [getattr(part, name) for part in parts] for name in _arrays(parts[0])}
+    return replace(parts[0], **{name: np.concatenate(each) for name, each in found.items()})
+
+
+def _arrays(estimate: Estimate) -> list[str]:
+    """Names of the predictions that an estimate has."""
+    given = (name for name, value in vars(estimate).items() if value is not None)
+    return [name for name in given if name != "full_scale_counts"]
