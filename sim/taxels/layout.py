@@ -98,6 +98,11 @@ class Layout:
         return np.hypot(self.x_mm[:, None] - other.x_mm, self.y_mm[:, None] - other.y_mm)
 
 
+def layout_names() -> tuple[str, ...]:
+    """Names of the bundled layouts."""
+    return tuple(sorted(path.stem for path in LAYOUTS.glob("*.json")))
+
+
 def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None) -> Layout:
     """A layout by its name, or from a JSON or CSV file. folder: that a relative path starts from;
     None for the working directory.
@@ -110,9 +115,9 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None)
     if not path.exists():
         path = base / source
     if not path.is_file():
-        known = ", ".join(sorted(p.stem for p in LAYOUTS.glob("*.json")))
         raise T2TwinError(
-            f"no taxel layout {source}; known are {known}, or a path to .json or .csv"
+            f"no taxel layout {source}; known are {', '.join(layout_names())}, or a path to .json "
+            "or .csv"
         )
     if path.suffix.lower() == ".csv":
         from t2twin.sim.tables import read_rows  # imports pyarrow, which is slow

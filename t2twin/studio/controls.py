@@ -21,13 +21,13 @@ from t2twin.sim.sampling.protocol import SCALES
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.files import bundled_sensors, load_sensor
 from t2twin.sim.sensors.pair import SensorPair
+from t2twin.sim.taxels.layout import layout_names
 from t2twin.studio.press_state import (
     IMPERFECTIONS,
     Motion,
     PressState,
     file_name,
     is_file,
-    layout_names,
     protocol_press,
     protocol_presses,
 )

@@ -20,7 +20,7 @@ from t2twin.sim.sensors.defaults import ALIASES, ROLES, SOURCE, TARGET
 from t2twin.sim.sensors.files import bundled_sensors
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import check_friction
-from t2twin.sim.taxels.layout import LAYOUTS
+from t2twin.sim.taxels.layout import layout_names
 from t2twin.sim.taxels.reading import NONE
 
 FIRST_SHAPE = "square-1"
@@ -222,11 +222,6 @@ def protocol_press(state: PressState, scale: str, number: int) -> PressState:
 def protocol_presses(shape: str, scale: str) -> int:
     """Number of presses of a shape at a scale; 0 for a shape outside the protocol."""
     return len(indices(shape, scale_of(scale))) if shape in catalogue.NAMES else 0
-
-
-def layout_names() -> tuple[str, ...]:
-    """Names of the bundled layouts."""
-    return tuple(sorted(path.stem for path in LAYOUTS.glob("*.json")))
 
 
 def is_file(source: str) -> bool:

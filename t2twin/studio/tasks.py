@@ -21,25 +21,22 @@ def log(message: str) -> None:
 
 
 class Notices:
-    """Shows at most one error, until it is cleared. Several threads may use one."""
+    """Shows at most one error, until it is cleared. Several threads may use one.
+
+    shown: the error that is shown, if there is one.
+    """
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
-        self._error: viser.NotificationHandle | None = None
-        self._shown = ""
+        self.shown: viser.NotificationHandle | None = None
         self._lock = RLock()
-
-    @property
-    def shown(self) -> viser.NotificationHandle | None:
-        """The error that is shown, if there is one."""
-        return self._error
 
     def clear(self, error: viser.NotificationHandle | None) -> None:
         """Removes an error, unless a newer one has replaced it."""
         with self._lock:
-            if error is not None and error is self._error:
+            if error is not None and error is self.shown:
                 error.remove()
-                self._error, self._shown = None, ""
+                self.shown = None
 
     def show_error(self, error: Exception) -> None:
         """Shows an error with the message of the command line."""
@@ -52,10 +49,9 @@ class Notices:
             at = f" at {places[-1].filename}:{places[-1].lineno}" if places else ""
             log(f"the studio continues after an error{at}: {error!r}")
         with self._lock:
-            if message != self._shown:
-                self.clear(self._error)
-                self._shown = message
-                self._error = self._client.add_notification("Not possible", message, color="red")
+            if self.shown is None or self.shown.body != message:
+                self.clear(self.shown)
+                self.shown = self._client.add_notification("Not possible", message, color="red")
 
     def guard(self, task: Callable[[], object]) -> None:
         """Runs a task and shows its error."""
