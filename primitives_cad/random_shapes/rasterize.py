@@ -18,8 +18,6 @@ _, _ROUNDED, _ROD, _WEDGE = range(4)
 _POINTED = 1
 
 MAX_SIDES = 8
-VALUES = 16
-"""Numbers that represent a feature in the compiled loop."""
 
 
 def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
@@ -40,8 +38,7 @@ def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> 
         sides,
         np.array(cuts, dtype=float).reshape(-1, 3),
         np.array(composition.holes, dtype=float).reshape(-1, 3),
-        composition.tilt[0],
-        composition.tilt[1],
+        *composition.tilt,
         x_mm,
         y_mm,
         heights,
@@ -50,7 +47,7 @@ def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> 
 
 
 def _values(feature: Feature) -> tuple[float, ...]:
-    """The VALUES numbers of a feature, in the order of `_rasterize`."""
+    """The numbers that represent a feature, in the order of `_rasterize`."""
     half_width = min(feature.half_width_mm, 1e6)
     if feature.outline == "polygon":
         # the farthest point at which neighboring sides meet
