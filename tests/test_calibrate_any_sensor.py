@@ -38,8 +38,10 @@ def sensor_of(turn_deg=0.0, colors=COLORS):
         for number, color in enumerate(colors)
     )
     light = structs.replace(own.light, leds=leds, optics=None)
-    spec = structs.replace(own, name="small", gel=gel, camera=camera, light=light, markers=None)
-    return GelCamera(spec)
+    assert own.units is not None
+    units = structs.replace(own.units, scale_px_per_mm=(7.4, 8.8))
+    spec = structs.replace(own, name="small", gel=gel, camera=camera, light=light, units=units)
+    return GelCamera(structs.replace(spec, markers=None))
 
 
 def poses_of(count):
