@@ -259,16 +259,6 @@ def test_a_press_without_a_contact_is_named(copy, capsys):
     assert "no contact is visible in press_07.png" in refused(copy, capsys)
 
 
-def test_what_is_no_picture_is_refused(copy, capsys):
-    (copy / "press_03.png").write_text("no picture")
-    assert "press_03.png is not an image" in refused(copy, capsys)
-    assert "there is no file" in refused(copy, capsys, background=copy / "absent.png")
-    (copy / "press_03.png").write_bytes((copy / "press_05.png").read_bytes()[:3000])
-    assert "press_03.png is not an image" in refused(copy, capsys)
-    save(np.zeros((ROWS, COLUMNS), np.uint16), copy / "press_03.png")
-    assert "press_03.png has more than 8 bits a channel" in refused(copy, capsys)
-
-
 def test_too_few_presses_are_refused(copy, capsys):
     assert "at least 6" in refused(copy, capsys, "--held-out", 8)
     assert "at least 1 held out" in refused(copy, capsys, "--held-out", 0)
@@ -280,17 +270,8 @@ def test_too_few_presses_are_refused(copy, capsys):
     assert "contains no images" in refused(copy, capsys)
 
 
-def test_a_ball_that_cannot_be_is_refused(copy, capsys):
-    assert "from 1 to 12" in refused(copy, capsys, ball=0.2)
-    assert "a finite number" in refused(copy, capsys, ball=float("nan"))
-
-
 def save_parts(parts: dict[str, Any], path):
     np.savez(path, **parts)
-
-
-def test_a_ball_that_is_too_small_for_its_contacts_is_refused(copy, capsys):
-    assert "the ball of 2.5 mm is too small" in refused(copy, capsys, ball=2.5)
 
 
 def test_frames_of_another_gel_camera_are_refused_before_the_long_fit(copy, capsys, monkeypatch):

@@ -45,9 +45,8 @@ def run(program: str, **variables: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env=environment, capture_output=True, text=True)
 
 
-@pytest.mark.parametrize("platform", ["", "osmesa"])
-def test_press_works_under_egl(platform):
-    done = run(PRESS, MUJOCO_GL="egl", PYOPENGL_PLATFORM=platform)
+def test_press_works_under_egl():
+    done = run(PRESS, MUJOCO_GL="egl", PYOPENGL_PLATFORM="osmesa")
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) == pytest.approx(8.0, rel=1e-3)
 

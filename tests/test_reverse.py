@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from PIL import Image
 from safetensors.torch import load_file
 from spots import stopped_after_an_epoch
 
 import t2twin
-from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.studio.translators import Translators
 from t2twin.translate.data.images import to_input
@@ -204,37 +202,6 @@ def test_a_wrong_direction_in_the_config_is_one_sentence(
     with pytest.raises(T2TwinError, match=said) as error:
         load_config(tmp_path)
     assert str(error.value).startswith(str(tmp_path / "config.json")) and "\n" not in str(error)
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("translate", "--run", "{run}", "x.png", "--out", "out"),
-        ("evaluate", "{run}", "--data", "{data}", "--out", "out"),
-        ("export", "--run", "{run}", "--out", "x.onnx"),
-        ("report", "--data", "{data}", "--runs", "{run}", "--out", "out"),
-        ("live", "--run", "{run}", "frames"),
-    ],
-    ids=lambda words: words[0],
-)
-def test_commands_that_want_counts_refuse_it_in_one_sentence(
-    words: tuple[str, ...],
-    run_dir: Path,
-    data_dir: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "frames").mkdir()
-    Image.new("RGB", (240, 320)).save("x.png")
-    before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(SystemExit) as stop:
-        main([word.format(run=run_dir, data=data_dir) for word in words])
-    said = capsys.readouterr().err.strip()
-    assert stop.value.code == 2 and len(said.splitlines()) == 1
-    assert f"{run_dir} is a {WAY} run, which predicts images" in said
-    assert sorted(tmp_path.rglob("*")) == before
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from kinds import COVER, GEL
 
-from benchmarks.contact.solids import ball
+from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.scene import mesh_name, scene

@@ -5,8 +5,9 @@ import pytest
 from kinds import taxel_array
 from scipy.spatial import KDTree
 
-from benchmarks.contact.solids import ball, punch
+from benchmarks.contact.solids import punch
 from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.taxels import pads, reading
 from t2twin.sim.taxels.layout import Layout, load_layout
