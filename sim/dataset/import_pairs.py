@@ -205,27 +205,15 @@ def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
         names = ", ".join(table.column_names)
         raise T2TwinError(f"{path} has no column image; its columns are {names}")
     is_csv = path.suffix.lower() == ".csv"
-    counts = _counts(table, places, path, layout, full_scale)
-    columns = {
-        name: table[name].to_pylist() if name in table.column_names else [None] * len(table)
-        for name in ("image", "split", "shape", "family", *POSE)
-    }
+    counts = _counts(table, places, path, layout, full_scale).tolist()
+    columns = [n for n in ("image", "split", "shape", "family", *POSE) if n in table.column_names]
     pairs = []
-    for row, place in enumerate(places):
-        location = f"{path}, {place}"
-        names = {n: _name(columns[n][row], location, n) for n in ("split", "shape", "family")}
-        shape = names["shape"] or names["family"] or OWN
-        pairs.append(
-            Pair(
-                place=location,
-                image=_image(columns["image"][row], location),
-                counts=tuple(counts[row].tolist()),
-                split=names["split"],
-                shape=shape,
-                family=names["family"] or shape,
-                pose=tuple(_pose(columns[name][row], location, name, is_csv) for name in POSE),
-            )
-        )
+    for place, row, own in zip(places, table.select(columns).to_pylist(), counts, strict=True):
+        at = f"{path}, {place}"
+        split, shape, family = (_name(row.get(n), at, n) for n in ("split", "shape", "family"))
+        shape, image = shape or family or OWN, _image(row["image"], at)
+        pose = tuple(_pose(row.get(name), at, name, is_csv) for name in POSE)
+        pairs.append(Pair(at, image, tuple(own), split, shape, family or shape, pose))
     return pairs
 
 
