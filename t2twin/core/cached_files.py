@@ -74,10 +74,18 @@ def _has_shape(path: Path, shape: tuple[int | None, ...]) -> bool:
     )
 
 
-def write_checked(path: Path, content: bytes) -> None:
-    """Write a file with its checksum. Raises T2TwinError where that fails."""
+def write_checked(path: Path, content: bytes, most: int | None = None) -> None:
+    """Write a file with its checksum. Raises T2TwinError where that fails.
+
+    most: number of files of this suffix in the folder; the oldest others are removed.
+    """
     with atomic_write(path) as temporary:
         temporary.write_bytes(content + _trailer(zlib.crc32(content, _start(path.name))))
+    if most is not None:
+        with suppress(OSError):  # another process may remove them at the same time
+            files = path.parent.glob(f"*{path.suffix}")
+            for oldest in sorted(files, key=lambda each: each.lstat().st_mtime)[:-most]:
+                oldest.unlink()
 
 
 def read_checked(path: Path) -> bytes | None:
@@ -128,9 +136,6 @@ def cached_array(kind: str, key: str, source: str, compute: Callable[[], np.ndar
         return np.load(io.BytesIO(content), allow_pickle=False)
     values, buffer = compute(), io.BytesIO()
     np.save(buffer, values)
-    with suppress(T2TwinError, OSError):  # a full disk, or files that another process removed
-        write_checked(path, buffer.getvalue())
-        files = path.parent.glob(f"*{ARRAY_SUFFIX}")
-        for oldest in sorted(files, key=lambda each: each.stat().st_mtime)[:-MAX_ARRAYS]:
-            oldest.unlink()
+    with suppress(T2TwinError):  # a full disk
+        write_checked(path, buffer.getvalue(), MAX_ARRAYS)
     return values

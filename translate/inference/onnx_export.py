@@ -27,7 +27,6 @@ counts, R rows and C columns.
 import hashlib
 import json
 import warnings
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -226,8 +225,7 @@ class OnnxEngine:
             model = read_checked(path)
             if model is None:
                 model = _export(self.run, path.parent)
-                write_checked(path, model)
-                _remove_oldest(path.parent)
+                write_checked(path, model, MAX_FILES)
         except (T2TwinError, OSError):
             return None
         session = open_onnx(model, torch.get_num_threads())
@@ -250,14 +248,6 @@ def _export(run: CountsPredictor, parent: Path) -> bytes:
     outputs = model.graph.output
     outputs.remove(next(each for each in outputs if each.name == TACTILE_IMAGES))
     return model.SerializeToString()
-
-
-def _remove_oldest(folder: Path) -> None:
-    """Removes all files but the latest MAX_FILES."""
-    with suppress(OSError):  # another process may remove them at the same time
-        files = sorted(folder.glob("*.onnx"), key=lambda each: each.lstat().st_mtime)
-        for older in files[:-MAX_FILES]:
-            older.unlink()
 
 
 def _key(run: CountsPredictor) -> str:
