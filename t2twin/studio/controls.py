@@ -156,10 +156,10 @@ class Controls:
     """The panel of the press. Inputs of the client are passed to `change`, which changes fields of
     the state and returns the new state.
 
-    sliders: by their field of PressState. uploads: buttons by kind of file. number: of the
-    protocol's press. noise: checkbox. A state may contain values between the steps of a slider,
-    such as those of the protocol's presses; they remain until the slider is moved. lift_off: called
-    before a press without tangential traction.
+    state: that is shown. sliders: by their field of PressState. uploads: buttons by kind of file.
+    number: of the protocol's press. noise: checkbox. A state may contain values between the steps
+    of a slider, such as those of the protocol's presses; they remain until the slider is moved.
+    lift_off: called before a press without tangential traction.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class Controls:
         notices: Notices,
     ) -> None:
         self._inputs, self._change, self._lift_off = Inputs(client.gui, notices), change, lift_off
-        self._state, gui = state, client.gui
+        self.state, gui = state, client.gui
         self._shown_for: tuple[str, str] | None = None  # source and target
         self._handles: dict[str, Any] = {}  # by their field of PressState
         self.uploads: dict[str, viser.GuiUploadButtonHandle] = {}
@@ -187,7 +187,7 @@ class Controls:
 
     def show(self, state: PressState) -> None:
         """Shows a state in all controls, without a call of `change`."""
-        self._state = state
+        self.state = state
         self._show_sensors(state)
         group, has_noise = group_of(state.shape), state.seed is not None
         for name, handle in self._handles.items():
@@ -244,7 +244,7 @@ class Controls:
 
     def show_solved_values(self, result: PressResult) -> None:
         """Shows the depth of a given force, or the force of a given depth, of the current state."""
-        if result.state != self._state:
+        if result.state != self.state:
             return
         if result.state.depth_mm is None:
             _show_value(
@@ -264,7 +264,7 @@ class Controls:
             self._inputs.on(handle, lambda value, name=name: self._set(name, value))
 
     def _set(self, name: str, value: Any) -> None:
-        self._state = self._change({name: value})
+        self.state = self._change({name: value})
 
     def _add_shape(self, gui: viser.GuiApi) -> None:
         self._group = gui.add_dropdown(
@@ -312,7 +312,7 @@ class Controls:
         self.number = gui.add_slider(
             "Press", 0, 1, 1, 0, hint="Number among the shape's presses at this scale"
         )
-        self._inputs.on(self._scale_name, lambda _: self.show(self._state))
+        self._inputs.on(self._scale_name, lambda _: self.show(self.state))
         self._inputs.on(self.number, self._number_changed)
 
     def _add_sensors(self, gui: viser.GuiApi) -> None:
@@ -344,7 +344,7 @@ class Controls:
             "Noise", False, hint="Camera noise and imperfections of the array"
         )
         imperfections = gui.add_dropdown(
-            "Array", self._state.imperfection_names, initial_value=IMPERFECTIONS,
+            "Array", self.state.imperfection_names, initial_value=IMPERFECTIONS,
             hint="Imperfections in the file of the array, applied with noise",
         )  # fmt: skip
         seed = gui.add_number("Seed", 0, min=0, max=MAX_SEED, step=1, hint="Seed of the noise")
@@ -373,17 +373,12 @@ class Controls:
     def use_sensor(self, path: Path) -> None:
         """Use a sensor file for the sensor of its kind, the source unless only the target is."""
         kind = load_sensor(path).spec.kind
-        kinds = [load_sensor(getattr(self._state, role)).spec.kind for role in ROLES]
+        kinds = [load_sensor(getattr(self.state, role)).spec.kind for role in ROLES]
         role = "target" if kinds[0] != kind and kinds[1] == kind else "source"
         self.apply({role: str(path)})
 
-    @property
-    def files(self) -> tuple[str, ...]:
-        """The user's files of the state that is shown."""
-        return self._state.files
-
     def _number_changed(self, number: int) -> None:
-        state = protocol_press(self._state, self._scale_name.value, number)
+        state = protocol_press(self.state, self._scale_name.value, number)
         self.apply({name: getattr(state, name) for name in self.sliders})
 
 

@@ -135,7 +135,7 @@ class FileTasks:
                 controls.use_sensor(path)
             else:
                 controls.apply({kind: str(path)} | ({"scale": None} if kind == "shape" else {}))
-            remove_uploads(kind, self.folder, all_but=[Path(each) for each in controls.files])
+            remove_uploads(kind, self.folder, all_but=[Path(each) for each in controls.state.files])
 
         handlers = dict.fromkeys(readers, press_with)
         handlers["frame"] = lambda kind, path: tab.show_file(path)
