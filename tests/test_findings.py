@@ -16,7 +16,7 @@ from benchmarks.networks.irreducible_error import (
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.reading import Imperfections
+from t2twin.sim.taxels.reading import Imperfections, expected_reading
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation import array_errors
 from t2twin.translate.evaluation.array_errors import GroupedFigures, PairFigures
@@ -92,8 +92,9 @@ def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     rows = predict_baselines(inputs, pairs, train, near, ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
     array = SensorPair().array.for_dataset()
-    at_rest, _ = array.expected(np.zeros(pairs.counts.shape[1]))
-    _, noise = array.expected(np.maximum(pairs.counts - at_rest, 0.0))
+    flaws, table = array.flaws, array.spec.counts
+    at_rest, _ = expected_reading(flaws, table, np.zeros(pairs.counts.shape[1]))
+    _, noise = expected_reading(flaws, table, np.maximum(pairs.counts - at_rest, 0.0))
     assert error == pytest.approx(np.sqrt(2 * np.square(noise).mean()), rel=0.1)
     assert error < np.sqrt(np.square(rows[NEAREST_NEIGHBOR] - pairs.counts).mean()) / 5
 

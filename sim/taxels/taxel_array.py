@@ -212,8 +212,11 @@ class TaxelArray:
         noiseless = self.noiseless(contact, self.layout)
         if rng is None:
             return CountsReading(self, contact, np.rint(noiseless).astype(np.uint16), None)
-        counts, memory = self.imperfect(self._memory(before), noiseless, rng, seconds)
-        return CountsReading(self, contact, counts, memory)
+        memory, table = self._memory(before), self.spec.counts
+        found = reading.read_after(
+            memory, noiseless, self.layout, self.flaws, table, rng, seconds=seconds
+        )
+        return CountsReading(self, contact, *found)
 
     def noiseless(self, contact: Contact | None, layout: Layout) -> np.ndarray:
         """(n,) counts of a layout before rounding, without imperfections."""
@@ -225,24 +228,6 @@ class TaxelArray:
         """Noiseless counts of mean pressures on pads, any shape, before rounding."""
         signal = self.spec.transducer.signal(pressure_mpa)
         return np.minimum(self.spec.counts.gain * signal, self.full_scale)
-
-    def imperfect(
-        self,
-        memory: np.ndarray | None,
-        noiseless: np.ndarray,
-        rng: np.random.Generator,
-        seconds: float | None = None,
-        array_seed: int = 0,
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Counts with the imperfections, and the memory after them: see reading.read_after."""
-        table = self.spec.counts
-        return reading.read_after(
-            memory, noiseless, self.layout, self.flaws, table, rng, array_seed, seconds
-        )
-
-    def expected(self, noiseless: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and standard deviation of readings of a static contact, (..., N) each."""
-        return reading.expected_reading(self.flaws, self.spec.counts, noiseless)
 
     def _memory(self, before: "CountsReading | None") -> np.ndarray | None:
         """The memory of a reading; None for one of another array."""
