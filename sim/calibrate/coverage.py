@@ -118,27 +118,18 @@ def coverage_picture(coverage: Coverage, optics: Optics, gel: Elastomer) -> Imag
     image = Image.fromarray(np.clip(np.rint(shown), 0, 255).astype(np.uint8))
     image = image.resize((zoom * camera.columns, zoom * camera.rows))
     pen, font = ImageDraw.Draw(image), ImageFont.load_default(14)
+
+    def circle(place_mm: np.ndarray, radius_mm: float, color: tuple[int, ...], label: str) -> None:
+        x_mm, y_mm = place_mm
+        row, column = (zoom * float(at) for at in camera.project(x_mm, y_mm, np.zeros(())))
+        radius = zoom * radius_mm * camera.scale_px_per_mm
+        box = (column - radius, row - radius, column + radius, row + radius)
+        pen.ellipse(box, outline=color, width=2)
+        pen.text((column, row), label, fill=color, font=font, anchor="mm")
+
     contacts = zip(coverage.poses[:, :2], coverage.radii_mm.tolist(), strict=True)
     for number, (place, radius_mm) in enumerate(contacts, start=1):
-        _draw_circle(pen, font, place, radius_mm, zoom, camera, PRESSED, str(number))
+        circle(place, radius_mm, PRESSED, str(number))
     for number, place in enumerate(coverage.next_mm, start=1):
-        _draw_circle(pen, font, place, EDGE_MM, zoom, camera, NEXT, f"next {number}")
+        circle(place, EDGE_MM, NEXT, f"next {number}")
     return image
-
-
-def _draw_circle(
-    pen: ImageDraw.ImageDraw,
-    font: ImageFont.ImageFont | ImageFont.FreeTypeFont,
-    place_mm: np.ndarray,
-    radius_mm: float,
-    zoom: int,
-    camera: Camera,
-    color: tuple[int, int, int],
-    label: str,
-) -> None:
-    x_mm, y_mm = place_mm
-    row, column = (zoom * float(at) for at in camera.project(x_mm, y_mm, np.zeros(())))
-    radius = zoom * radius_mm * camera.scale_px_per_mm
-    box = (column - radius, row - radius, column + radius, row + radius)
-    pen.ellipse(box, outline=color, width=2)
-    pen.text((column, row), label, fill=color, font=font, anchor="mm")

@@ -103,12 +103,8 @@ class Sums:
     @classmethod
     def of(cls, columns: np.ndarray, target: np.ndarray) -> "Sums":
         """columns: (samples, entries). target: (samples, RGB) change of the light."""
-        return cls(
-            columns.T @ columns,
-            columns.T @ target,
-            float(np.sum(target**2)),
-            target.size,
-        )
+        total = float(np.sum(target**2))
+        return cls(columns.T @ columns, columns.T @ target, total, target.size)
 
     def error(self, response: np.ndarray, entries: np.ndarray) -> float:
         """Mean square error of a response (RGB, n), for n indices of entries."""
@@ -141,12 +137,10 @@ def select_terms(presses: Sequence[Sums], leds: int) -> Terms:
         Terms(leds, degree, ridge, lobe)
         for ridge in reversed(RIDGES) for degree in DEGREES for lobe in (False, True)
     ]  # fmt: skip
-    errors = [cross_validation_error(presses, terms) for terms in candidates]
-    near = [(terms, error) for terms, error in zip(candidates, errors, strict=True)
-            if error <= min(errors) + TIE_DB]  # fmt: skip
-    strongest = near[0][0].ridge
-    smoothest = [(error, terms) for terms, error in near if terms.ridge == strongest]
-    return min(smoothest, key=lambda candidate: candidate[0])[1]
+    errors = {terms: cross_validation_error(presses, terms) for terms in candidates}
+    near = [terms for terms in candidates if errors[terms] <= min(errors.values()) + TIE_DB]
+    strongest = (each for each in near if each.ridge == near[0].ridge)
+    return min(strongest, key=lambda each: errors[each])
 
 
 def cross_validation_error(presses: Sequence[Sums], terms: Terms) -> float:
