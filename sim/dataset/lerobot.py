@@ -204,16 +204,13 @@ class _Conversion:
                             break
 
     def _episodes(self) -> Iterator[tuple[str, list[Row]]]:
-        """The split and the rows of each episode."""
+        """The split and the rows of each episode, with little memory."""
         for split in self._splits:
-            for _, rows in groupby(self._rows(split), _path_of):
-                yield split, list(rows)
-
-    def _rows(self, split: str) -> Iterator[Row]:
-        """The rows of a split, with little memory."""
-        for table in iter_shards(self._folder, split):
-            for batch in table.to_batches(BATCH_ROWS):
-                yield from batch.to_pylist()
+            tables = iter_shards(self._folder, split)
+            batches = (batch for table in tables for batch in table.to_batches(BATCH_ROWS))
+            rows = chain.from_iterable(batch.to_pylist() for batch in batches)
+            for _, own in groupby(rows, _path_of):
+                yield split, list(own)
 
     def _frames_of(self, rows: list[Row], episode: int) -> list[Row]:
         """The frames of an episode."""
