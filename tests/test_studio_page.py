@@ -29,7 +29,7 @@ BLOCK = 20
 MAX_GREYS_OFF = 24
 SETTLED_AFTER = 2
 SMALLEST_PX = 9
-WIDE, PHONE = {"width": 1400, "height": 900}, {"width": 420, "height": 860}
+WIDE, PHONE = {"width": 1120, "height": 720}, {"width": 420, "height": 860}
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def settled(tab):
     return seen[-1]
 
 
-def frames(tab, number=10):
+def frames(tab, number=5):
     """Waits until the browser has drawn so many frames."""
     tab.evaluate(
         "(n) => new Promise((done) => { const next = () => "
