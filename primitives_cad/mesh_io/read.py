@@ -148,13 +148,9 @@ def _scale_hint(sides: np.ndarray, unit_mm: float, in_inches: bool, hints: Hints
             option = hints.scale.format(scale)
             return f"; if it is in {name}, {option} makes it {largest * scale:g} mm large"
     narrow, wide = sorted(sides[:2].tolist())
-    least = _rounded_up(max(NARROWEST_MM / narrow, SMALLEST_MM / wide))
+    least = max(NARROWEST_MM / narrow, SMALLEST_MM / wide)
+    digit = 10.0 ** (math.floor(math.log10(least)) - 1)
+    least = math.ceil(least / digit) * digit  # rounded up to two digits
     if not _fits(sides, least):
         return ""
     return f"; {hints.scale.format(least)} or more, mm per unit, makes it large enough"
-
-
-def _rounded_up(scale: float) -> float:
-    """A scale, rounded up to two digits."""
-    digit = 10.0 ** (math.floor(math.log10(scale)) - 1)
-    return math.ceil(scale / digit) * digit

@@ -170,8 +170,7 @@ def _grid_press(part: Part, name: str, index: int, seed: int) -> PressSample:
     force = forces[which]
     if isinstance(force, ForceRange):
         force = sample_force(np.random.default_rng((seed, FORCE_STREAM, place, index)), force)
-    if force != command.force_n:
-        command = PressCommand(name, command.x_mm, command.y_mm, command.yaw_rad, float(force))
+    command = replace(command, force_n=float(force))
     return PressSample(index, command, np.random.default_rng((seed, place, index)), None)
 
 
