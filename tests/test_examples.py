@@ -22,6 +22,7 @@ def examples(monkeypatch):
 GRIPPER = """
 import gripper
 gripper.SLIPPED_M = 0.003  # seen before the tool has left the fingers
+gripper.HELD_S, gripper.END_S = 2.2, 5.0  # it holds for 0.4 s
 gripper.main()
 print(gripper.END_S)
 """
