@@ -138,7 +138,7 @@ class Rays:
         sight, shadowed = self._sight(casting, z, leds)
         for each in shadowed:
             deflected = _union(deflected, _region(each))
-        region = _intersection(_grown(deflected, 2), self._window)
+        region = _intersection(_region(np.add(deflected, 2 * GROWN)), self._window)
         if region[1] <= region[0] or region[3] <= region[2]:
             return nothing, nothing, NOWHERE, NOWHERE
         pixels = self._pixels(region, float(z.min()))
@@ -261,10 +261,6 @@ def _union(a: Region, b: Region) -> Region:
 
 def _intersection(a: Region, b: Region) -> Region:
     return max(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), min(a[3], b[3])
-
-
-def _grown(a: Region, cells: int) -> Region:
-    return a[0] - cells, a[1] + cells, a[2] - cells, a[3] + cells
 
 
 def _coarse(region: Region, shape: tuple[int, ...]) -> Region:

@@ -13,24 +13,21 @@ import numpy as np
 from msgspec import Meta
 
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.optical.light.leds import LedDistance
+from t2twin.sim.optical.spec import Distance, Elevation, Scale, Tilt
 
 Amount = Annotated[float, Meta(ge=0.0, le=1.0)]
 Part = Annotated[float, Meta(ge=-4.0, le=4.0)]
 Around = Annotated[float, Meta(ge=-0.5, le=0.5)]
 Grey = Annotated[float, Meta(ge=0.0, le=255.0)]
 Degrees = Annotated[float, Meta(ge=-45.0, le=45.0)]
-Tilt = Annotated[float, Meta(ge=-5.0, le=5.0)]
 Shift = Annotated[float, Meta(ge=-50.0, le=50.0)]
 OfLed = Annotated[float, Meta(ge=-20.0, le=20.0)]
-FarLed = Annotated[float, Meta(ge=1.0, le=200.0)]
-Elevation = Annotated[float, Meta(ge=5.0, le=80.0)]
 Size = Annotated[float, Meta(ge=0.1, le=30.0)]
 Gamma = Annotated[float, Meta(ge=0.5, le=4.0)]
 Pixels = Annotated[float, Meta(ge=-100.0, le=320.0)]
 Radius = Annotated[float, Meta(ge=0.5, le=50.0)]
 Count = Annotated[int, Meta(ge=0, le=100)]
-Scale = Annotated[float, Meta(ge=5.0, le=100.0)]
-Distance = Annotated[float, Meta(ge=5.0, le=100.0)]
 Noise = Annotated[float, Meta(ge=0.01, le=50.0)]
 
 
@@ -87,7 +84,7 @@ class UnitRanges:
     shift_px: tuple[Shift, Shift] = (-10.0, 10.0)
     tilt_deg: tuple[Tilt, Tilt] = (-1.5, 1.5)
     led_turn_deg: tuple[Degrees, Degrees] = (-9.0, 9.0)
-    led_distance_mm: tuple[FarLed, FarLed] | None = None
+    led_distance_mm: tuple[LedDistance, LedDistance] | None = None
     led_elevation_deg: tuple[Elevation, Elevation] | None = None
     led_elevation_off_deg: tuple[Degrees, Degrees] = (-4.0, 4.0)
     led_size_mm: tuple[Size, Size] = (1.0, 9.0)
