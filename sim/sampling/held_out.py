@@ -7,7 +7,6 @@ They depend little on the mesh: one ten times as coarse changes the tools' invar
 """
 
 import sys
-from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -42,7 +41,7 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
                 Progress.write(f"t2twin: {note}", file=sys.stderr)
             if part.split == "test" and not part.val_share:
                 continue
-            tool = test_solids().same_as(shape.mesh)
+            tool = tool_in(shape.mesh)
             if tool is not None:
                 raise T2TwinError(
                     f"{path} is the tool {tool}, which is a test object; remove it, or give its "
@@ -50,26 +49,19 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
                 )
 
 
-class KnownSolids:
-    """Reference solids. named: closed meshes by name."""
-
-    def __init__(self, named: Mapping[str, trimesh.Trimesh]) -> None:
-        self.names = tuple(named)
-        self._invariants = np.concatenate([invariants(mesh) for mesh in named.values()])
-
-    def same_as(self, mesh: trimesh.Trimesh) -> str | None:
-        """The name of the first reference solid that a body of a mesh equals, or None."""
-        if not len(own := invariants(mesh)):
-            return None  # a sheet
-        ratios = own[:, None] / self._invariants[None]
-        same = np.flatnonzero((np.abs(ratios - 1.0) < SAME_SHARE).all(axis=-1).any(axis=0))
-        return self.names[same[0]] if same.size else None
+def tool_in(mesh: trimesh.Trimesh) -> str | None:
+    """The name of the first tool that a body of a mesh equals, or None."""
+    own = invariants(mesh)
+    for tool, known in _tools().items():
+        if (np.abs(own[:, None] / known - 1.0) < SAME_SHARE).all(axis=-1).any():
+            return tool
+    return None
 
 
 @cache
-def test_solids() -> KnownSolids:
-    """All tools, whole."""
-    return KnownSolids({tool: catalogue.tool_mesh(tool) for tool in catalogue.TOOLS})
+def _tools() -> dict[str, np.ndarray]:
+    """The invariants of all tools."""
+    return {tool: invariants(catalogue.tool_mesh(tool)) for tool in catalogue.TOOLS}
 
 
 def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
