@@ -15,7 +15,7 @@ from t2twin.studio.press_state import PressState
 from t2twin.studio.server import studio
 
 SHAPE = "hemisphere-4"
-WIDE = {"width": 1400, "height": 900}
+WIDE = {"width": 1120, "height": 720}
 
 SURFACES = {"GlbMessage", "SceneNodeUpdateMessage"}
 """Messages with a surface of the scene, a new one or another in its place."""
