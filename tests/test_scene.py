@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from kinds import COVER, GEL
 
-from t2twin.primitives_cad.shape import ball
+from benchmarks.contact.solids import punch
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.scene import mesh_name, scene
@@ -45,7 +45,7 @@ def test_the_scene_stays_at_rest_under_the_force(name, elastomer, pitch, shapes,
 
 
 def test_a_shape_without_a_mesh_leaves_it_out():
-    shape, command = ball(3.0), PressCommand("ball", 0.0, 0.0, 0.0, 2.0)
+    shape, command = punch(3.0), PressCommand("punch", 0.0, 0.0, 0.0, 2.0)
     contact = solve_contact(shape, command, GEL, 0.25)
     model = mujoco.MjModel.from_xml_string(scene(contact, mesh_name(shape)))
     assert model.nmesh == 0
