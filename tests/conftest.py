@@ -1,4 +1,10 @@
 import os
+
+# Tests take one thread each, which NumPy reads when it is imported: the workers share the cores,
+# and the last digits of a training depend on the number of threads.
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+os.environ["MKL_NUM_THREADS"] = "1"
+
 import pickle
 import shutil
 import sys

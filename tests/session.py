@@ -31,10 +31,6 @@ FOLDERS = {
 }
 """Environment variables that name a user's folders, and the folders that replace them."""
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Numbers of threads of the numerical libraries. Tests take one each: the workers share the cores,
-and the last digits of a training depend on the number of threads."""
-
 DECODED = "cache"
 """Folder of a dataset that every reader may write to: its decoded images."""
 
@@ -54,8 +50,6 @@ def start(numba: Path, mujoco: Path) -> Path:
     (folder / "empty").mkdir()
     (folder / FOLDERS[VARIABLE] / "mujoco").symlink_to(mujoco)
     os.environ["NUMBA_CACHE_DIR"] = str(numba)
-    for name in THREADS:
-        os.environ[name] = "1"
     return folder
 
 
