@@ -397,6 +397,18 @@ def test_a_file_extends_another_and_a_chain_of_them(tmp_path):
     )
 
 
+def test_ranges_of_units_move_with_the_values_of_the_camera(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('extends = "gelsight-mini"\nname = "mine"\n[camera]\nscale_px_per_mm = 33.8\n')
+    mini, mine = (gel_camera(each).spec.units for each in ("gelsight-mini", path))
+    assert mini is not None and mine is not None
+    assert mine.scale_px_per_mm == pytest.approx([2 * each for each in mini.scale_px_per_mm])
+    assert mine.distance_mm == mini.distance_mm
+    path.write_text(path.read_text() + "[units]\nscale_px_per_mm = [30.0, 33.0]\n")
+    with pytest.raises(T2TwinError, match="expected a range that contains camera"):
+        load_sensor(path)
+
+
 @pytest.mark.parametrize("extends", ["a.toml", "./b/../a.toml", "b/b.toml"])
 def test_a_file_that_extends_itself_is_refused(extends, tmp_path):
     (tmp_path / "b").mkdir()

@@ -14,9 +14,10 @@ PITCH_MM = 0.05
 def formula(
     heights: Callable[[np.ndarray, np.ndarray], np.ndarray],
     name: str = "formula",
+    pitch_mm: float = PITCH_MM,
 ) -> Shape:
     """A shape whose pressing surface is heights(x, y), mm, <= 0; its mesh is not used."""
-    axis = np.linspace(-REACH_MM, REACH_MM, round(2 * REACH_MM / PITCH_MM) + 1)
+    axis = np.linspace(-REACH_MM, REACH_MM, round(2 * REACH_MM / pitch_mm) + 1)
     surface = heights(*np.meshgrid(axis, axis)).astype(np.float32)
     return Shape(name, trimesh.Trimesh(), HeightMap(surface, axis, axis), spacing_mm=(1.4, 1.4))
 

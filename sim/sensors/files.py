@@ -1,6 +1,7 @@
 """Reads sensor files: bundled ones by name, a user's own by path.
 
-A file is TOML. `extends` names another sensor, whose values hold where the file has none.
+A file is TOML. `extends` names another sensor, whose values hold where the file has none. Its
+ranges of units move with the camera's values.
 """
 
 from functools import cache
@@ -101,7 +102,21 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
         if isinstance(light, dict) and isinstance(light.get("optics"), str):
             light["optics"] = str((folder / light["optics"]).absolute())
         folder = path.parent
-    return _merged(base, content), folder
+    moved = _moved_ranges(base, content)
+    return _merged(base if moved is None else base | {"units": moved}, content), folder
+
+
+def _moved_ranges(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any] | None:
+    """The ranges of units of an extended file, as wide as before relative to the values of the
+    camera, where the own file has others; None without valid ones, which the record refuses."""
+    try:
+        ranges, before, now = base["units"], base["camera"], own["camera"]
+        names = ranges.keys() & now.keys()
+        return ranges | {
+            name: [each * (now[name] / before[name]) for each in ranges[name]] for name in names
+        }
+    except (KeyError, TypeError, AttributeError, ZeroDivisionError):
+        return None
 
 
 def _beside(path: Path, extends: object) -> str | Path:
