@@ -33,7 +33,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.optics.anchors",
     measures="Accuracy of an optics file with known displacements, forces and a second ball.",
     minutes=6,
-    sources=("primitives_cad", "sim/contact", "sim/optical"),
+    sources=("primitives_cad", "sim/contact", "sim/calibrate", "sim/optical"),
     figures=tuple(
         figure
         for balls in ("one_ball", "two_balls")

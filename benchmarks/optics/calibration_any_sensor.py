@@ -29,7 +29,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.optics.calibration_any_sensor",
     measures="Calibration of gel cameras on simulated frames of units of another light.",
     minutes=25,
-    sources=("sim/optical", "sim/sensors"),
+    sources=("sim/calibrate", "sim/optical", "sim/sensors"),
     figures=(
         *(Figure(f"{name}.mean.psnr_db", "dB") for name in SENSORS),
         *(Figure(f"{name}.mean.ssim") for name in SENSORS),

@@ -33,7 +33,10 @@ BENCHMARK = Benchmark(
     module="benchmarks.optics.fitted_optics",
     measures="Accuracy of an optics file on frames of a real DIGIT that it was not fitted to.",
     minutes=4,
-    sources=("sim/optical",),
+    sources=(
+        "sim/calibrate",
+        "sim/optical",
+    ),
     figures=(
         Figure("rotations.mean.psnr_db", "dB", least=30.5),
         Figure("rotations.mean.ssim", least=0.87),

@@ -34,7 +34,10 @@ BENCHMARK = Benchmark(
     module="benchmarks.optics.units",
     measures="A real DIGIT compared with randomly sampled units, and the cost of a unit.",
     minutes=2,
-    sources=("sim/optical",),
+    sources=(
+        "sim/calibrate",
+        "sim/optical",
+    ),
     figures=(
         Figure("made_best_ms", "ms", most=10.0),
         Figure("parameters.*.real.percentile", "%"),
