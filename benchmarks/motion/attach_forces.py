@@ -48,7 +48,7 @@ from t2twin.sim.touch import Touch
 BENCHMARK = Benchmark(
     module="benchmarks.motion.attach_forces",
     measures="Forces of MuJoCo's contacts on attached sensors: read, named, or lost.",
-    minutes=15,
+    minutes=55,
     sources=("t2twin/attachment", "sim/contact", "primitives_cad"),
     figures=(
         Figure("drops.drops"),

@@ -36,8 +36,8 @@ ADHESION = "pulling at the sensor"
 """Places of forces that are not read."""
 
 UNSTEADY = (
-    "it fell asleep before it was at rest; its force is the mean of ten steps after it is woken, "
-    "which differ by more than 1 %"
+    f"it fell asleep before it was at rest; its force is the mean of {WAKING_STEPS} steps after it "
+    f"is woken, of which some differ from the mean by more than {100 * READ_SHARE:g} %"
 )
 """Reason of a notice without a force."""
 
@@ -232,7 +232,8 @@ def sleeping_forces(
     unread = [Push(*key, force_n) for key, force_n in pushes.items()]
     return (
         [_mean(wrenches[body]) for body in sorted(wrenches)],
-        unread + [Push(body, UNSTEADY, np.zeros(3)) for body in wrenches if _rocks(wrenches[body])],
+        unread
+        + [Push(body, UNSTEADY, np.zeros(3)) for body in wrenches if _is_unsteady(wrenches[body])],
     )
 
 
@@ -249,7 +250,7 @@ def _mean(steps: list[Wrench]) -> Wrench:
     )
 
 
-def _rocks(steps: list[Wrench]) -> bool:
+def _is_unsteady(steps: list[Wrench]) -> bool:
     """Whether the force of a body differs between the steps by more than that of one at rest."""
     forces = np.zeros((WAKING_STEPS, 3))
     forces[: len(steps)] = [each.force_n for each in steps]
