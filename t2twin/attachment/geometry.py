@@ -17,7 +17,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from t2twin.attachment.rasterize import (
-    BLOCK,
     CAPSULE,
     CYLINDER,
     ELLIPSOID,
@@ -25,12 +24,12 @@ from t2twin.attachment.rasterize import (
     SPHERE,
     lower_to_top,
     raise_to_primitive,
-    raise_to_triangles,
 )
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.height_map import EDGE_MM, PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
+from t2twin.primitives_cad.triangles import Triangles, in_blocks, raise_to_triangles
 from t2twin.sim.contact.elastomer import Elastomer
 
 if TYPE_CHECKING:
@@ -59,9 +58,6 @@ HFIELD, BOX, MESH, SDF = 1, 6, 7, 8
 """Values of MuJoCo's mjtGeom."""
 
 MM_PER_M = 1000.0
-
-CODE_BITS = 10
-"""Bits an axis of a triangle's place in the order of the blocks (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -186,42 +182,6 @@ def _near(
     return reached | (model.geom_type[geoms] == PLANE)
 
 
-class Triangles(NamedTuple):
-    """Triangles in a geom's frame, mm, in blocks of BLOCK that are close to each other.
-
-    triangles_mm: (n, 3, 3) corners. normals: (n, 3, 3) outward unit normals of the neighbors at the
-    sides from each corner to the next, 0 without a neighbor. boxes_mm: (blocks, 2, 3) centers and
-    half extents of the blocks' bounding boxes. is_closed: whether the triangles enclose a volume.
-    """
-
-    triangles_mm: np.ndarray
-    normals: np.ndarray
-    boxes_mm: np.ndarray
-    is_closed: bool
-
-    def blocks_near(
-        self,
-        rotation: np.ndarray,
-        center_mm: np.ndarray,
-        half_mm: np.ndarray,
-        lowest_mm: float,
-        highest_mm: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Blocks that may be over a region and between two heights.
-
-        rotation, center_mm: pose in the shape frame. half_mm: (2,) half extents of the region.
-        Returns their numbers and the upper bounds of their heights, which fall.
-        """
-        centers = self.boxes_mm[:, 0] @ rotation.T + center_mm
-        halves = self.boxes_mm[:, 1] @ np.abs(rotation).T
-        upper = centers[:, 2] + halves[:, 2]
-        near = (np.abs(centers[:, :2]) <= halves[:, :2] + half_mm).all(axis=1)
-        near &= (centers[:, 2] - halves[:, 2] <= highest_mm) & (upper >= lowest_mm)
-        blocks = np.flatnonzero(near)
-        blocks = blocks[np.argsort(-upper[blocks])]
-        return blocks, upper[blocks]
-
-
 _known: "WeakKeyDictionary[mujoco.MjModel, dict[Asset, tuple[np.ndarray, Triangles]]]" = (
     WeakKeyDictionary()
 )
@@ -248,7 +208,7 @@ def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Tria
     key = kind, asset, hull and kind == MESH and model.mesh_graphadr[asset] >= 0
     if key not in found or not np.array_equal(found[key][0], data):
         triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset, key[2])
-        found[key] = data.copy(), _in_blocks(triangles)
+        found[key] = data.copy(), in_blocks(MM_PER_M * triangles)
     return found[key][1]
 
 
@@ -261,7 +221,7 @@ def _box(half_mm: np.ndarray) -> Triangles:
 @cache
 def _cube() -> Triangles:
     """A box with half extents of 1 mm."""
-    return _in_blocks(_of_field(np.ones((2, 2)), np.ones(2), 1.0) / MM_PER_M)
+    return in_blocks(_of_field(np.ones((2, 2)), np.ones(2), 1.0))
 
 
 def _hfield_data(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
@@ -317,45 +277,3 @@ def _of_grid(points: np.ndarray) -> np.ndarray:
     below, across = points[1:, :-1], points[1:, 1:]
     halves = np.stack((first, right, across)), np.stack((first, across, below))
     return np.stack(halves).transpose(0, 2, 3, 1, 4).reshape(-1, 3, 3)
-
-
-def _in_blocks(triangles: np.ndarray) -> Triangles:
-    """Triangles, (n, 3, 3), m, with their neighbors."""
-    centers = triangles.mean(axis=1)
-    low = centers.min(axis=0)
-    extent = max(float((centers - low).max()), np.finfo(float).tiny)
-    cells = ((centers - low) / extent * (2**CODE_BITS - 1)).astype(np.int64)
-    # Interleaved bits: the Morton order.
-    code = sum(
-        ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-        for bit in range(CODE_BITS)
-        for axis in range(3)
-    )
-    triangles_mm = np.ascontiguousarray(MM_PER_M * triangles[np.argsort(code)], np.float32)
-    starts = np.arange(0, len(triangles_mm), BLOCK)
-    low = np.minimum.reduceat(triangles_mm.min(axis=1), starts).astype(float)
-    high = np.maximum.reduceat(triangles_mm.max(axis=1), starts).astype(float)
-    boxes_mm = np.ascontiguousarray(np.stack(((low + high) / 2, (high - low) / 2), axis=1))
-    normals, is_closed = _neighbors(triangles_mm)
-    return Triangles(triangles_mm, normals, boxes_mm, is_closed)
-
-
-def _neighbors(triangles_mm: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Normals of the neighbors, see `Triangles`, and whether the triangles enclose a volume.
-
-    They do if each side is met in the other direction equally often, and the volume is positive.
-    """
-    _, points = np.unique(triangles_mm.reshape(-1, 3), axis=0, return_inverse=True)
-    start = points.reshape(-1, 3).astype(np.int64)
-    end = np.roll(start, -1, axis=1)
-    sides, reversed_sides = (start * points.size + end).ravel(), (end * points.size + start).ravel()
-    order = np.argsort(sides)
-    places = np.searchsorted(sides, reversed_sides, sorter=order)
-    met = order[np.minimum(places, sides.size - 1)]
-    a, b, c = triangles_mm.astype(float).transpose(1, 0, 2)
-    across = np.cross(b - a, c - a)
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.finfo(float).tiny)
-    normals = np.where((sides[met] == reversed_sides)[:, None], across[met // 3], 0.0)
-    volume = np.einsum("ni,ni->", a, np.cross(b, c))
-    is_closed = volume > 0.0 and np.array_equal(sides[order], np.sort(reversed_sides))
-    return np.ascontiguousarray(normals.reshape(-1, 3, 3), np.float32), bool(is_closed)

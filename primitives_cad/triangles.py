@@ -1,0 +1,243 @@
+"""Triangles of a solid in any pose, and the loop that raises a height map to them.
+
+Frames and NOTHING_MM are those of t2twin.primitives_cad.shape, lengths in mm. A map is
+(2 rows + 3, 2 columns + 3) float32, centered on the axis, with a rim of NOTHING_MM. The pose of
+triangles is the rotation to the shape frame, (3, 3), and the center, (3,).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from t2twin.core.jit import compiled
+from t2twin.primitives_cad.height_map import EDGE_MM
+from t2twin.primitives_cad.shape import NOTHING_MM
+
+OUTLINE = 0.5 - 1.0e-6
+"""Share of the pitch by which an outline is moved outward, times the sum of the absolute components
+of its unit normal along x and y. The interpolated map is solid only in cells between four points of
+the solid. Without the shift these are too small by this much on average."""
+
+STEEP = 0.1
+"""Greatest vertical component of a wall's unit normal, below which its top edge is an outline
+(assumed)."""
+
+BLOCK = 64
+"""Triangles that share a bounding box (assumed)."""
+
+CODE_BITS = 10
+"""Bits an axis of a triangle's place in the order of the blocks (assumed)."""
+
+LEVEL = 1.0e-10
+"""Rows, below which the extent of a triangle's side is replaced by it (assumed)."""
+
+FAST: dict[str, Any] = {"nogil": True, "fastmath": {"nnan", "nsz"}}
+"""Options of loops that take a maximum; without a case for NaN they use vector instructions."""
+
+POSE = "f8[:, ::1], f8[::1]"
+MAP = "f8, f8, f8, f4[:, ::1]"
+"""Types of the pitch, `behind`, the greatest height so far, and the map."""
+
+
+class Triangles(NamedTuple):
+    """Triangles in their own frame, mm, in blocks of BLOCK that are close to each other.
+
+    triangles_mm: (n, 3, 3) corners. normals: (n, 3, 3) outward unit normals of the neighbors at the
+    sides from each corner to the next, 0 without a neighbor. boxes_mm: (blocks, 2, 3) centers and
+    half extents of the blocks' bounding boxes. is_closed: whether the triangles enclose a volume.
+    """
+
+    triangles_mm: np.ndarray
+    normals: np.ndarray
+    boxes_mm: np.ndarray
+    is_closed: bool
+
+    def blocks_near(
+        self,
+        rotation: np.ndarray,
+        center_mm: np.ndarray,
+        half_mm: np.ndarray,
+        lowest_mm: float,
+        highest_mm: float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Blocks that may be over a region and between two heights.
+
+        rotation, center_mm: pose in the shape frame. half_mm: (2,) half extents of the region.
+        Returns their numbers and the upper bounds of their heights, which fall.
+        """
+        centers = self.boxes_mm[:, 0] @ rotation.T + center_mm
+        halves = self.boxes_mm[:, 1] @ np.abs(rotation).T
+        upper = centers[:, 2] + halves[:, 2]
+        near = (np.abs(centers[:, :2]) <= halves[:, :2] + half_mm).all(axis=1)
+        near &= (centers[:, 2] - halves[:, 2] <= highest_mm) & (upper >= lowest_mm)
+        blocks = np.flatnonzero(near)
+        blocks = blocks[np.argsort(-upper[blocks])]
+        return blocks, upper[blocks]
+
+
+def in_blocks(triangles_mm: np.ndarray, faces: np.ndarray | None = None) -> Triangles:
+    """Triangles, (n, 3, 3), mm, with their neighbors.
+
+    faces: (n, 3) numbers of their corners; None if they are not known. Corners of one number, or
+    else of one place, are one point.
+    """
+    centers = triangles_mm.mean(axis=1)
+    low = centers.min(axis=0)
+    extent = max(float((centers - low).max()), np.finfo(float).tiny)
+    cells = ((centers - low) / extent * (2**CODE_BITS - 1)).astype(np.int64)
+    # Interleaved bits: the Morton order.
+    code = sum(
+        ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+        for bit in range(CODE_BITS)
+        for axis in range(3)
+    )
+    order = np.argsort(code)
+    triangles_mm = np.ascontiguousarray(triangles_mm[order], np.float32)
+    starts = np.arange(0, len(triangles_mm), BLOCK)
+    low = np.minimum.reduceat(triangles_mm.min(axis=1), starts).astype(float)
+    high = np.maximum.reduceat(triangles_mm.max(axis=1), starts).astype(float)
+    boxes_mm = np.ascontiguousarray(np.stack(((low + high) / 2, (high - low) / 2), axis=1))
+    found = None if faces is None else _neighbors(triangles_mm, faces[order])
+    if found is None or not found[1]:
+        _, points = np.unique(triangles_mm.reshape(-1, 3), axis=0, return_inverse=True)
+        found = _neighbors(triangles_mm, points.reshape(-1, 3))
+    return Triangles(triangles_mm, found[0], boxes_mm, found[1])
+
+
+def _neighbors(triangles_mm: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Normals of the neighbors, see `Triangles`, and whether the triangles enclose a volume.
+
+    They do if each side is met in the other direction equally often, and the volume is positive.
+    faces: (n, 3) numbers of the corners.
+    """
+    start = faces.astype(np.int64)
+    end, points = np.roll(start, -1, axis=1), int(start.max()) + 1
+    sides, reversed_sides = (start * points + end).ravel(), (end * points + start).ravel()
+    order = np.argsort(sides)
+    places = np.searchsorted(sides, reversed_sides, sorter=order)
+    met = order[np.minimum(places, sides.size - 1)]
+    a, b, c = triangles_mm.astype(float).transpose(1, 0, 2)
+    across = np.cross(b - a, c - a)
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.finfo(float).tiny)
+    normals = np.where((sides[met] == reversed_sides)[:, None], across[met // 3], 0.0)
+    volume = np.einsum("ni,ni->", a, np.cross(b, c))
+    is_closed = volume > 0.0 and np.array_equal(sides[order], np.sort(reversed_sides))
+    return np.ascontiguousarray(normals.reshape(-1, 3, 3), np.float32), bool(is_closed)
+
+
+@compiled(f"f8(f4[:, :, ::1], f4[:, :, ::1], i8[::1], f8[::1], b1, f8, {POSE}, {MAP})", nogil=True)
+def raise_to_triangles(
+    triangles, normals, blocks, upper, closed, depth, rotation, center, pitch, behind, top, heights
+):
+    """Raise a map to the parts of a mesh that are at most `depth` below the greatest height.
+
+    Takes the greatest height so far and returns the new one. Surfaces above `behind` are left out.
+    triangles: (n, 3, 3), mm in their own frame. normals: (n, 3, 3) unit normals of the neighbors at
+    the sides from each corner to the next, 0 without a neighbor. blocks: numbers of the blocks of
+    BLOCK triangles over the map, in falling order of upper, their upper bounds. closed: whether
+    triangles that face down are left out.
+    """
+    # From here on x is in columns and y in rows of the map.
+    turned, middle = np.empty((3, 3)), np.empty(3)
+    for axis in range(3):
+        scale = 1.0 if axis == 2 else 1.0 / pitch
+        middle[axis] = center[axis] * scale
+        for n in range(3):
+            turned[axis, n] = rotation[axis, n] * scale
+    middle[0] += heights.shape[1] // 2
+    middle[1] += heights.shape[0] // 2
+    for m in range(blocks.size):
+        if upper[m] < top - depth:
+            break
+        for n in range(BLOCK * blocks[m], min(BLOCK * blocks[m] + BLOCK, triangles.shape[0])):
+            a = _moved(turned, middle, triangles[n, 0])
+            b = _moved(turned, middle, triangles[n, 1])
+            c = _moved(turned, middle, triangles[n, 2])
+            area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            if area == 0.0 or max(a[2], b[2], c[2]) < top - depth:
+                continue  # seen edge-on, its neighbors include its outline
+            if area > 0.0:
+                ab, bc, ca = _outlines(turned, normals[n], 1.0, pitch)
+                top = raise_to_triangle(a, b, c, area, ab, bc, ca, behind, top, heights)
+            elif not closed:
+                ab, bc, ca = _outlines(turned, normals[n], -1.0, pitch)
+                top = raise_to_triangle(a, c, b, -area, ca, bc, ab, behind, top, heights)
+    return top
+
+
+@compiled(inline="always")
+def _moved(rotation, center, point):
+    """A point of the triangles' frame in the frame of the map, (x, y, z)."""
+    x, y, z = np.float64(point[0]), np.float64(point[1]), np.float64(point[2])
+    return (
+        center[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
+        center[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z,
+        center[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
+    )
+
+
+@compiled(inline="always")
+def _outlines(rotation, normals, sign, pitch):
+    """Columns by which each side of a triangle is moved outward."""
+    up = rotation[2]
+    ab = sign * (up[0] * normals[0, 0] + up[1] * normals[0, 1] + up[2] * normals[0, 2])
+    bc = sign * (up[0] * normals[1, 0] + up[1] * normals[1, 1] + up[2] * normals[1, 2])
+    ca = sign * (up[0] * normals[2, 0] + up[1] * normals[2, 1] + up[2] * normals[2, 2])
+    edge = EDGE_MM / pitch
+    return (
+        OUTLINE if ab < STEEP else edge,
+        OUTLINE if bc < STEEP else edge,
+        OUTLINE if ca < STEEP else edge,
+    )
+
+
+@compiled(inline="always")
+def _side(a, b, edge):
+    """Bounds of rows by a side from a to b of a triangle on its left: x at y = 0 and change with y,
+    of the left and of the right bound; infinite where the side is on the other side of the row."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    room = edge * (abs(dx) + abs(dy))
+    dy = LEVEL if abs(dy) < LEVEL else dy
+    start, change = a[0] + (room - dx * a[1]) / dy, dx / dy
+    if dy > 0.0:
+        return -np.inf, 0.0, start, change
+    return start, change, np.inf, 0.0
+
+
+TRIANGLE = "UniTuple(f8, 3), UniTuple(f8, 3), UniTuple(f8, 3), f8, f8, f8, f8"
+"""Types of a triangle's corners a, b and c, counterclockwise, its double area, and the distances by
+which its sides ab, bc and ca are moved outward."""
+
+
+@compiled(f"f8({TRIANGLE}, f8, f8, f4[:, ::1])", **FAST)
+def raise_to_triangle(a, b, c, area, ab, bc, ca, behind, top, heights):
+    """Raise a map to a triangle whose x is in columns and y in rows."""
+    highest, edge = np.float32(top), max(ab, bc, ca)
+    first_row = max(int(np.ceil(min(a[1], b[1], c[1]) - edge)), 1)
+    last_row = min(int(np.floor(max(a[1], b[1], c[1]) + edge)), heights.shape[0] - 2)
+    lowest_x = max(np.ceil(min(a[0], b[0], c[0]) - edge), 1.0)
+    greatest_x = min(np.floor(max(a[0], b[0], c[0]) + edge), heights.shape[1] - 2.0)
+    if last_row < first_row or greatest_x < lowest_x:
+        return top
+    left_0, left_1, right_0, right_1 = _side(a, b, ab)
+    left_2, left_3, right_2, right_3 = _side(b, c, bc)
+    left_4, left_5, right_4, right_5 = _side(c, a, ca)
+    low, high = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
+    uz, vz = b[2] - a[2], c[2] - a[2]
+    along_x = (uz * (c[1] - a[1]) - vz * (b[1] - a[1])) / area
+    along_y = (vz * (b[0] - a[0]) - uz * (c[0] - a[0])) / area
+    for row in range(first_row, last_row + 1):
+        y = np.float64(row)
+        left = max(left_0 + left_1 * y, left_2 + left_3 * y, left_4 + left_5 * y, lowest_x)
+        right = min(right_0 + right_1 * y, right_2 + right_3 * y, right_4 + right_5 * y, greatest_x)
+        start = a[2] + along_y * (y - a[1]) - along_x * a[0]
+        out = heights[row]
+        for column in range(int(np.ceil(left)), int(np.floor(right)) + 1):
+            height = start + along_x * column
+            height = low if height < low else height
+            height = np.float32(high if height > high else height)
+            height = height if height <= behind else np.float32(NOTHING_MM)
+            at = np.uintp(column)
+            out[at] = out[at] if out[at] > height else height
+            highest = highest if highest > height else height
+    return highest
