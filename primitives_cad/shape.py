@@ -7,13 +7,17 @@ Frames of the whole project, lengths in mm:
   <= 0.
 - Sensor frame: x to the right of the image (columns), y down the image (rows), z out of
   the sensor towards the shape. Right-handed.
-- A press turns the shape over about x, rotates it by yaw about +z, and moves it to (x, y):
-  p_sensor = Rz(yaw) diag(1, -1, -1) p_shape + (x, y, .). At yaw 0 the image shows the
-  shape as seen from above with y up; a positive yaw rotates it clockwise in the image.
+- A press turns the shape over about x, tilts it about x and then y, rotates it by yaw about +z, and
+  moves its origin to (x, y): p_sensor = Rz(yaw) Ry(tilt_y) Rx(tilt_x) diag(1, -1, -1) p_shape
+  + (x, y, .), all rotations right-handed. At yaw 0 the image shows the shape as seen from above
+  with y up; a positive yaw rotates it clockwise in the image. A positive tilt_x lowers the shape's
+  +y side into the sensor, a positive tilt_y its +x side: at yaw 0 the upper and the right side of
+  the image. The tilt turns with the yaw.
 """
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -88,6 +92,8 @@ class Shape:
     parameters: of a primitive, by name, mm.
     base_mm: height of the base plate's top (negative), or None; of a shape from a file the lowest
         flat face below other parts.
+    base_slope: rise of this plane along x and y, mm per mm, of a tilted shape; base_mm is then its
+        height on the press axis.
     notes: repairs of a shape from a file, and what stays open or is not pressed, each a sentence.
     """
 
@@ -98,6 +104,7 @@ class Shape:
     parameters: dict[str, float] = field(default_factory=dict)
     base_mm: float | None = None
     notes: tuple[str, ...] = ()
+    base_slope: tuple[float, float] = (0.0, 0.0)
 
     def __repr__(self) -> str:
         return f"Shape({self.name!r})"
@@ -106,6 +113,16 @@ class Shape:
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices (n, 3), mm, and faces (m, 3) of the mesh."""
         return self.mesh.vertices, self.mesh.faces
+
+    @property
+    def is_under_surface(self) -> bool:
+        """Whether the solid is what lies under the pressing surface, such as without a mesh."""
+        return not len(self.triangles[1])
+
+    @cached_property
+    def prepared(self) -> dict[str, Any]:
+        """What has been computed from the shape for further presses."""
+        return {}
 
 
 def ball(radius_mm: float, pitch_mm: float = BALL_PITCH_MM) -> Shape:

@@ -130,13 +130,12 @@ def _pin_elements(state: PinState) -> tuple[str, str, str]:
 
 
 def _solid_elements(contact: Contact, mesh_file: str) -> tuple[str, str]:
-    """The mesh, and the solid's geom: turned over about x, then by the yaw, at first touch."""
-    command, half = contact.command, contact.command.yaw_rad / 2
+    """The mesh, and the solid's geom at first touch."""
+    quaternion, (x, y, z) = contact.shape_pose
+    quat = " ".join(f"{value:.9g}" for value in quaternion)
     return (
         f'<mesh name="solid" file="{mesh_file}" inertia="shell"/>',
-        f'<geom class="solid" pos="{command.x_mm:.6g} {command.y_mm:.6g} '
-        f'{contact.depth_mm - contact.shape_depth_mm:.6g}" '
-        f'quat="0 {np.cos(half):.9g} {np.sin(half):.9g} 0"/>',
+        f'<geom class="solid" pos="{x:.6g} {y:.6g} {z + contact.depth_mm:.6g}" quat="{quat}"/>',
     )
 
 

@@ -5,7 +5,7 @@ before. A row with force 0 lifts the shape off, and the next row with a force is
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from math import ceil, hypot
 from pathlib import Path
 
@@ -72,12 +72,16 @@ def read_path(file: Path) -> np.ndarray:
 
 
 def path_commands(
-    shape: str, path: Sequence[Sequence[float]] | np.ndarray, source: str = "path"
+    shape: str,
+    path: Sequence[Sequence[float]] | np.ndarray,
+    source: str = "path",
+    tilt_rad: tuple[float, float] = (0.0, 0.0),
 ) -> list[PressCommand]:
     """The validated commands of a path, (n, 4) rows of PATH_COLUMNS.
 
-    shape: its name. source: origin of the path, for messages. Raises T2TwinError for an array of
-    another shape, values out of range, and a path without contact.
+    shape: its name. source: origin of the path, for messages. tilt_rad: of all commands, about x
+    and y. Raises T2TwinError for an array of another shape, values out of range, and a path without
+    contact.
     """
     rows = arguments.array(path, source)
     if rows.ndim != 2 or rows.shape[1] != len(PATH_COLUMNS):
@@ -90,7 +94,7 @@ def path_commands(
         _check_row(row.tolist(), before.tolist(), f"{source}, row {number}")
     if not rows[:, 3].any():
         raise T2TwinError(f"{source} has no row with contact; expected a force_n above 0 N")
-    return _commands(shape, rows.astype(float))
+    return _commands(PressCommand(shape, 0.0, 0.0, 0.0, 0.0, *tilt_rad), rows.astype(float))
 
 
 def _check_row(row: list[float], before: list[float], place: str) -> None:
@@ -158,7 +162,7 @@ def slide_to(
     change = end - start
     steps = max(hypot(change[0], change[1]) / MAX_STEP_MM, abs(change[2]) / MAX_STEP_DEG)
     parts = max(1, ceil(steps - ROUNDING))
-    for part in _commands(command.shape, np.linspace(start, end, parts + 1)[1:]):
+    for part in _commands(command, np.linspace(start, end, parts + 1)[1:]):
         touch = sensors.advance(touch, part, friction)
     return touch
 
@@ -169,9 +173,9 @@ def _row(command: PressCommand) -> np.ndarray:
     return np.array([command.x_mm, command.y_mm, yaw_deg, command.force_n])
 
 
-def _commands(shape: str, rows: np.ndarray) -> list[PressCommand]:
-    """Commands of rows of PATH_COLUMNS, (n, 4)."""
+def _commands(like: PressCommand, rows: np.ndarray) -> list[PressCommand]:
+    """Commands of rows of PATH_COLUMNS, (n, 4), of the shape and the tilt of another command."""
     return [
-        PressCommand(shape, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force_n)
+        replace(like, x_mm=x_mm, y_mm=y_mm, yaw_rad=float(np.deg2rad(yaw_deg)), force_n=force_n)
         for x_mm, y_mm, yaw_deg, force_n in rows.tolist()
     ]

@@ -28,7 +28,7 @@ from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
 from t2twin.sim.contact.elastomer import elastomer_json
-from t2twin.sim.contact.types import Contact, PressCommand
+from t2twin.sim.contact.types import TILT, Contact, PressCommand
 from t2twin.sim.optical.gel_camera import ImageReading
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
@@ -256,8 +256,9 @@ def _press_json(touch: Touch) -> dict[str, Any]:
         "x_mm": command.x_mm,
         "y_mm": command.y_mm,
         "yaw_rad": command.yaw_rad,
+        **{name: getattr(command, name) for name in TILT},
         "commanded_force_n": command.force_n,
-        "notes": list(touch.shape.notes),
+        "notes": list(command.tilted(touch.shape).notes),
         "versions": {name: installed_version(name) for name in VERSIONS},
     } | {
         sensor: {

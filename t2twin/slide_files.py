@@ -193,6 +193,8 @@ def _row(step: int, touch: Touch) -> Row:
         "x_mm": command.x_mm,
         "y_mm": command.y_mm,
         "yaw_deg": float(np.rad2deg(command.yaw_rad)),
+        "tilt_x_deg": float(np.rad2deg(command.tilt_x_rad)),
+        "tilt_y_deg": float(np.rad2deg(command.tilt_y_rad)),
         "force_n": command.force_n,
     }
     for sensor, contact in touch.contacts.items():

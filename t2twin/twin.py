@@ -14,6 +14,7 @@ from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.renamed import new_keywords
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
+from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import PressCommand, check_force
@@ -94,6 +95,8 @@ class Twin:
         x_mm: float = 0.0,
         y_mm: float = 0.0,
         yaw_deg: float = 0.0,
+        tilt_x_deg: float = 0.0,
+        tilt_y_deg: float = 0.0,
         seed: int | None = None,
         scale: float | None = None,
         center: bool = False,
@@ -103,13 +106,17 @@ class Twin:
         shape, scale, center: as for `load_shape`. force_n: 0.01 to 100, default 8. depth_mm:
         instead of a force, the depth in the source's layer from first contact; the target is
         pressed with the resulting force. x_mm, y_mm: position of the shape's origin, right and down
-        in the image. yaw_deg: rotation, clockwise in the image. seed: of the camera noise and the
+        in the image. yaw_deg: rotation, clockwise in the image. tilt_x_deg, tilt_y_deg: tilt about
+        the shape's origin, -30 to 30; a positive one lowers the shape's upper or right side in the
+        image at yaw 0 into the sensors, and turns with the yaw. seed: of the camera noise and the
         imperfections; None for neither.
         Raises T2TwinError for an invalid shape, number or position.
         """
         rng = generator(seed)
         solid = load_shape(shape, scale, center)
-        command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, self.sensors.source)
+        pose = x_mm, y_mm, yaw_deg, tilt_x_deg, tilt_y_deg
+        command = press_command(solid, force_n, pose, depth_mm, self.sensors.source)
+        warn_of_tilt(solid, command)
         return self.sensors.press(solid, command, rng)
 
     def slide(
@@ -144,7 +151,7 @@ class Twin:
         check_force(force)
         rng = generator(seed)
         rows = straight_path(start, dx_mm, dy_mm, dyaw_deg, steps, force)
-        commands = path_commands(start.shape, rows)[1:]
+        commands = path_commands(start.shape, rows, tilt_rad=start.tilt_rad)[1:]
         self.sensors.check_over_pads(touch, commands[-1])
         touches = []
         for command in commands:
@@ -159,6 +166,8 @@ class Twin:
         path: Sequence[Sequence[float]] | np.ndarray,
         *,
         friction: float | None = None,
+        tilt_x_deg: float = 0.0,
+        tilt_y_deg: float = 0.0,
         seed: int | None = None,
         scale: float | None = None,
         center: bool = False,
@@ -168,12 +177,14 @@ class Twin:
         path: (n, 4) rows of x_mm, y_mm, yaw_deg, force_n. The first row is a press; each further
         row continues the one before. A row with force 0 lifts the shape off: its touch has no
         contact, and the next row with a force is a press without tangential traction.
-        shape, scale, center, seed: as for `press`. friction: as for `slide`.
+        shape, scale, center, seed, tilt_x_deg, tilt_y_deg: as for `press`. friction: as for
+        `slide`.
         Raises T2TwinError for an invalid shape, path or number, and where the shape leaves a pad.
         """
         friction, rng = check_friction(friction), generator(seed)
         solid = load_shape(shape, scale, center)
-        commands = path_commands(solid.name, path)
+        commands = path_commands(solid.name, path, tilt_rad=tilt_rad(tilt_x_deg, tilt_y_deg))
+        warn_of_tilt(solid, commands[0])
         return list(touches_along(self.sensors, solid, commands, friction, rng))
 
 
@@ -185,6 +196,8 @@ def press(
     x_mm: float = 0.0,
     y_mm: float = 0.0,
     yaw_deg: float = 0.0,
+    tilt_x_deg: float = 0.0,
+    tilt_y_deg: float = 0.0,
     seed: int | None = None,
     scale: float | None = None,
     center: bool = False,
@@ -197,6 +210,8 @@ def press(
         x_mm=x_mm,
         y_mm=y_mm,
         yaw_deg=yaw_deg,
+        tilt_x_deg=tilt_x_deg,
+        tilt_y_deg=tilt_y_deg,
         seed=seed,
         scale=scale,
         center=center,
@@ -249,29 +264,45 @@ def load_shape(
 def press_command(
     shape: Shape,
     force_n: float | None,
-    x_mm: float,
-    y_mm: float,
-    yaw_deg: float,
+    pose: tuple[float, float, float, float, float],
     depth_mm: float | None,
     sensor: Sensor,
 ) -> PressCommand:
     """The validated command of a force, FORCE_N where it is None, or of a depth in a sensor, mm.
 
-    Raises T2TwinError for a force or depth out of range, for both, and for values not finite.
+    pose: x_mm, y_mm, yaw_deg, tilt_x_deg, tilt_y_deg. Raises T2TwinError for a force, a depth or a
+    tilt out of range, for a force and a depth, and for values not finite.
     """
     x_mm, y_mm, yaw_deg = (
         arguments.number(value, name)
-        for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("yaw_deg", yaw_deg))
+        for name, value in zip(("x_mm", "y_mm", "yaw_deg"), pose, strict=False)
     )
+    tilt = tilt_rad(*pose[3:])
     if force_n is not None and depth_mm is not None:
         raise T2TwinError("force_n and depth_mm are both given; expected one of them")
     force = FORCE_N if force_n is None else arguments.real(force_n, "force_n")
     check_force(force)
-    command = PressCommand(shape.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force)
+    command = PressCommand(shape.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force, *tilt)
     if depth_mm is None:
         return command
     found = force_at_depth(partial(sensor.press, shape), command, depth_mm)
     return replace(command, force_n=found)
+
+
+def tilt_rad(tilt_x_deg: float, tilt_y_deg: float) -> tuple[float, float]:
+    """A validated tilt about x and y, rad. Raises T2TwinError for more than MAX_TILT_DEG."""
+    values = {"tilt_x_deg": tilt_x_deg, "tilt_y_deg": tilt_y_deg}
+    about_x, about_y = (
+        float(np.deg2rad(arguments.number(value, name, -MAX_TILT_DEG, MAX_TILT_DEG)))
+        for name, value in values.items()
+    )
+    return about_x, about_y
+
+
+def warn_of_tilt(shape: Shape, command: PressCommand) -> None:
+    """Warn of what a shape does not show of the sides that a tilt turns up."""
+    for note in command.tilted(shape).notes[len(shape.notes) :]:
+        warnings.warn(note, T2TwinWarning, stacklevel=3)
 
 
 def generator(seed: int | None) -> np.random.Generator | None:

@@ -412,7 +412,7 @@ def test_the_drawn_surface_is_the_contact_s(result):
 
 def test_the_drawn_shape_touches_the_surface(result):
     """In its pose the solid's lowest point is where the contact says."""
-    turn, place = solids.shape_pose(result.touch.digit)
+    turn, place = result.touch.digit.shape_pose
     mesh = solids.near_mesh(result.touch.shape).copy()
     mesh.apply_transform(trimesh.transformations.quaternion_matrix(turn))
     assert (mesh.vertices[:, 2] + place[2]).min() == pytest.approx(
@@ -421,9 +421,8 @@ def test_the_drawn_shape_touches_the_surface(result):
 
 
 def test_a_cut_leaves_the_half_behind(result):
-    yaw = result.touch.command.yaw_rad
-    half = solids.cut_open(solids.near_mesh(result.touch.shape), yaw).copy()
-    turn, _ = solids.shape_pose(result.touch.digit)
+    half = solids.cut_open(solids.near_mesh(result.touch.shape), result.touch.command).copy()
+    turn, _ = result.touch.digit.shape_pose
     half.apply_transform(trimesh.transformations.quaternion_matrix(turn))
     assert half.bounds[0][1] == pytest.approx(0.0, abs=1e-6) and half.bounds[1][1] > 1.0
 

@@ -63,6 +63,11 @@ class RandomShape(Shape):
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
+    @property
+    def is_under_surface(self) -> bool:
+        """True: the mesh is made from the surface."""
+        return True
+
     @cached_property
     def mesh(self) -> "trimesh.Trimesh":  # pyright: ignore[reportIncompatibleVariableOverride]
         """The solid, mm."""

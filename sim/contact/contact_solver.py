@@ -36,6 +36,7 @@ from t2twin.sim.contact.grid import (
 from t2twin.sim.contact.heights import heights_at, is_cut, place_of_top
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import STAGES, OffPadError, PinLayout, Survey
+from t2twin.sim.contact.pins import Pins
 from t2twin.sim.contact.types import (
     FORCE_RANGE_N,
     SMALLEST_CONTACT_MM2,
@@ -80,10 +81,11 @@ def solve_contact(
         return solve_bodies([(shape, command)], elastomer, pitch_mm, shift)
     except OffPadError as error:
         place = f"{error}; --center puts the highest part of a file's shape there"
-        x_mm, y_mm = place_of_top(shape.surface, command.yaw_rad)
+        surface = command.tilted(shape).surface
+        x_mm, y_mm = place_of_top(surface, command.yaw_rad)
         reach_mm = np.hypot(elastomer.width_mm, elastomer.length_mm) / 2
         # Farther out the pad would reach beyond the height map.
-        if np.hypot(x_mm, y_mm) < REACH_MM - reach_mm or not is_cut(shape.surface):
+        if np.hypot(x_mm, y_mm) < REACH_MM - reach_mm or not is_cut(surface):
             place += f", as do --x-mm {x_mm:.2f} --y-mm {y_mm:.2f}"
         raise OffPadError(place, error.shape) from None
 
@@ -374,14 +376,29 @@ def _bottomed(equilibrium: _Equilibrium) -> bool:
     solution, surveys = equilibrium.solution, equilibrium.layout.surveys
     if all(survey.shape.base_mm is None for survey in surveys):
         return False
-    loaded = solution.pins.spread_each((solution.pressure_mpa > 0).astype(float)) > 0
-    heights = solution.pins.heights_mm
+    pins = solution.pins
+    loaded = pins.spread_each((solution.pressure_mpa > 0).astype(float)) > 0
     return any(
-        base is not None and bool((mm[at] <= base + BASE_TOLERANCE_MM).any())
-        for base, mm, at in zip(
-            (survey.shape.base_mm for survey in surveys), heights, loaded, strict=True
-        )
+        survey.shape.base_mm is not None and bool((mm <= _base_limit_mm(survey, pins))[at].any())
+        for survey, mm, at in zip(surveys, pins.heights_mm, loaded, strict=True)
     )
+
+
+def _base_limit_mm(survey: Survey, pins: Pins) -> np.ndarray | float:
+    """Largest height of a base plate, mm, on the pins' fine cells.
+
+    A tilted one is a plane, whose height may differ by its slope within a partly covered cell.
+    """
+    base_mm, (along_x, along_y) = survey.shape.base_mm, survey.shape.base_slope
+    assert base_mm is not None
+    limit = base_mm + BASE_TOLERANCE_MM
+    if along_x == 0.0 == along_y:
+        return limit
+    command, layer, (rows, columns) = survey.command, pins.layer, pins.window
+    x, y = layer.x_mm[columns] - command.x_mm, layer.y_mm[rows, None] - command.y_mm
+    cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
+    plane = along_x * (cos * x + sin * y) + along_y * (sin * x - cos * y)
+    return limit + plane + layer.pitch_mm * float(np.hypot(along_x, along_y))
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:

@@ -82,9 +82,10 @@ class OffPadError(T2TwinError):
 class Survey:
     """The whole pad and the shape above it, on cells of at most SURVEY_MM.
 
-    per_side: cells of the contact's grid along one survey cell. footprint: the shape over the
-    cells. gap_mm: (rows, columns) distance of surface and shape at first touch, mm, >= 0.
-    peak_gap_mm: the same for the shape's highest point over each cell instead of its mean.
+    shape: with the tilt of the press. per_side: cells of the contact's grid along one survey cell.
+    footprint: the shape over the cells. gap_mm: (rows, columns) distance of surface and shape at
+    first touch, mm, >= 0. peak_gap_mm: the same for the shape's highest point over each cell
+    instead of its mean.
     preparing_s: time spent on cached layers.
     Raises OffPadError for a shape that does not lie over the pad.
     """
@@ -92,6 +93,7 @@ class Survey:
     def __init__(
         self, shape: Shape, command: PressCommand, layer: Layer, shift: SurfaceShift | None = None
     ) -> None:
+        shape = command.tilted(shape)
         self.shape, self.command, self.layer, self.shift = shape, command, layer, shift
         self.per_side = 2 if 2 * layer.pitch_mm <= SURVEY_MM + 1e-9 else 1
         x = layer.x_mm.reshape(-1, self.per_side).mean(axis=1)

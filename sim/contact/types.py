@@ -14,7 +14,8 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
-from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.shape import HeightMap, Shape
+from t2twin.primitives_cad.tilt import MAX_TILT_DEG, TiltedShape, quaternion_of, tilted
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.grid import Window
 from t2twin.sim.contact.tangential.displacements import unfolded
@@ -22,6 +23,11 @@ from t2twin.sim.contact.tangential.shear_layer import DomedLayer, ShearLayer, do
 
 FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""
+
+TILT = ("tilt_x_rad", "tilt_y_rad")
+"""Fields of the tilt in PressCommand."""
+
+MAX_TILT_RAD = float(np.deg2rad(MAX_TILT_DEG))
 
 SMALLEST_CONTACT_MM2 = 0.0625
 """Area of a contact up to which it is not resolved, mm2: one cell of a grid of 0.25 mm. A
@@ -37,8 +43,10 @@ class PressCommand:
     """One commanded press: the shape's pose on the sensor, and the force.
 
     x_mm, y_mm: position of the shape's origin in the sensor frame, mm. yaw_rad: rotation about the
-    sensor's z. force_n: force along the press axis, N.
-    Raises T2TwinError for values that are not numbers, and for a pose that is not finite.
+    sensor's z. force_n: force along the press axis, N. tilt_x_rad, tilt_y_rad: tilt about the
+    shape's origin, before the yaw, see t2twin.primitives_cad.shape; up to 30 degrees.
+    Raises T2TwinError for values that are not numbers, for a pose that is not finite, and for a
+    larger tilt.
     """
 
     shape: str
@@ -46,12 +54,25 @@ class PressCommand:
     y_mm: float
     yaw_rad: float
     force_n: float
+    tilt_x_rad: float = 0.0
+    tilt_y_rad: float = 0.0
 
     def __post_init__(self) -> None:
         arguments.text(self.shape, "shape")
         for name in ("x_mm", "y_mm", "yaw_rad"):
             arguments.number(getattr(self, name), name)
+        for name in TILT:
+            arguments.number(getattr(self, name), name, -MAX_TILT_RAD, MAX_TILT_RAD)
         arguments.real(self.force_n, "force_n")  # `solve_contact` checks its range
+
+    @property
+    def tilt_rad(self) -> tuple[float, float]:
+        """The tilt about x and about y."""
+        return self.tilt_x_rad, self.tilt_y_rad
+
+    def tilted(self, shape: Shape) -> Shape:
+        """A shape with the tilt of the press; the shape itself without a tilt."""
+        return tilted(shape, self.tilt_x_rad, self.tilt_y_rad)
 
 
 @dataclass(frozen=True)
@@ -204,6 +225,20 @@ class Contact:
             f"{', smaller than the grid' if self.smaller_than_grid else ''}"
             f"{', bottomed' if self.bottomed else ''}"
         )
+
+    @property
+    def pressing_surface(self) -> HeightMap:
+        """The height map of the shape, with the tilt of the press."""
+        return self.command.tilted(self.shape).surface
+
+    @property
+    def shape_pose(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pose of the pressed shape in the sensor frame: quaternion w, x, y, z, (4,), and the
+        position of its origin, (3,) mm."""
+        command, shape = self.command, self.command.tilted(self.shape)
+        rise_mm = shape.rise_mm if isinstance(shape, TiltedShape) else 0.0
+        quaternion = quaternion_of(command.tilt_x_rad, command.tilt_y_rad, command.yaw_rad)
+        return quaternion, np.array([command.x_mm, command.y_mm, rise_mm - self.shape_depth_mm])
 
     @property
     def smaller_than_grid(self) -> bool:

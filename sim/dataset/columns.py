@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
+from t2twin.sim.contact.types import TILT
 from t2twin.sim.sampling.plan import file_stem
 from t2twin.sim.sampling.recipe import Recipe
 from t2twin.sim.sensors.defaults import ROLES
@@ -18,6 +19,9 @@ if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset 
 
 POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
 """Columns of the press: fields of PressCommand."""
+
+TILTED_POSE = (*POSE, *TILT)
+"""Those of recipes that sample a tilt."""
 
 IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
@@ -76,7 +80,7 @@ def column(role: str, name: str) -> str:
 
 def schema_of(values: Values, recipe: Recipe | None) -> pa.Schema:
     """The columns of a recipe's shards, without a recipe those of every dataset."""
-    columns = dict(PRESS)
+    columns = dict(PRESS) | dict.fromkeys(pose_of(recipe), pa.float64())
     columns |= {column(role, values[role]): VALUES[values[role]] for role in ROLES}
     columns |= {column(role, name): kind for role in ROLES for name, kind in CONTACT.items()}
     if recipe is not None and recipe.has_more:
@@ -94,6 +98,11 @@ def schema_of(values: Values, recipe: Recipe | None) -> pa.Schema:
             columns[PATH] = pa.int32()
             columns |= {column(role, name): pa.float64() for role in ROLES for name in MOTION}
     return with_features(pa.schema(list(columns.items())))
+
+
+def pose_of(recipe: Recipe | None) -> tuple[str, ...]:
+    """The columns of the press in a recipe's shards, without a recipe those of every dataset."""
+    return TILTED_POSE if recipe is not None and recipe.has_tilt else POSE
 
 
 def with_features(schema: pa.Schema) -> pa.Schema:

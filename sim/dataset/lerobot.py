@@ -53,10 +53,10 @@ from t2twin.sim.dataset.columns import (
     MARKERS,
     MOTION,
     PATH,
-    POSE,
     TRACTIONS,
     UNIT,
     column,
+    pose_of,
     schema_of,
     with_features,
 )
@@ -360,7 +360,8 @@ def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
         wanted.append(
             Feature(f"observation.{role}_contact", "float32", size, tuple(names), columns)
         )
-    wanted.append(Feature("action", "float32", (len(POSE),), POSE, POSE))
+    pose = pose_of(info.recipe)
+    wanted.append(Feature("action", "float32", (len(pose),), pose, pose))
     flags = [column(role, flag) for role in ROLES for flag in ("settled", "bottomed", MARKERS)]
     wanted += [Feature(name, "bool", (1,), None, (name,)) for name in flags]
     wanted.append(Feature("press_index", "int64", (1,), None, ("index",)))

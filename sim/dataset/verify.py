@@ -19,7 +19,7 @@ from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.dataset.columns import IMAGE_TYPE, PATH, POSE, schema_of
+from t2twin.sim.dataset.columns import IMAGE_TYPE, PATH, pose_of, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import (
     BATCH_ROWS,
@@ -173,13 +173,14 @@ def _pairing(
         presses = [(_planned(shape), index) for shape, index in presses]
     if set(presses) != set(expected):
         yield "its presses are not the planned ones"
-    names = [name for name in ("shape", *POSE, PATH) if name in rows.column_names]
+    pose = pose_of(info.recipe)
+    names = [name for name in ("shape", *pose, PATH) if name in rows.column_names]
     for number, row in enumerate(rows.select(names).to_pylist()):
         shape, index = press = presses[number]
         if press not in expected:
             continue
         start, attempts = expected[press]
-        if wrong := _wrong(row, attempts()):
+        if wrong := _wrong(row, pose, attempts()):
             yield f"row {number}: its {wrong} is not the planned one of press {index} of {shape}"
         if row.get(PATH, start) != start:
             yield f"row {number}: its path is not the planned one"
@@ -193,16 +194,21 @@ def _planned(shape: str) -> str:
         return shape
 
 
-def _wrong(row: dict[str, Any], attempts: Iterator[PressCommand]) -> str | None:
-    """A column of a row whose shape and pose are those of no attempt at its press, else None."""
+def _wrong(
+    row: dict[str, Any], pose: tuple[str, ...], attempts: Iterator[PressCommand]
+) -> str | None:
+    """A column of a row whose shape and pose are those of no attempt at its press, else None.
+
+    pose: the columns of the pose.
+    """
     wrong = "shape"
     for command in attempts:
         if command.shape == row["shape"]:
-            near = [(row[name], getattr(command, name)) for name in POSE]
+            near = [(row[name], getattr(command, name)) for name in pose]
             equal = [a is not None and abs(a - b) <= POSE_TOLERANCE for a, b in near]
             if all(equal):
                 return None
-            wrong = POSE[equal.index(False)]
+            wrong = pose[equal.index(False)]
     return wrong
 
 

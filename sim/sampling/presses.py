@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from msgspec import structs
+from msgspec import UNSET, structs
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import PREFIX
@@ -157,8 +157,21 @@ def sample_press(
     force = sample_force(rng, part.force_n)
     if rng.random() < part.background_share:
         force = 0.0
-    command = PressCommand(name_at(name, attempt), float(x), float(y), float(yaw), force)
+    tilt = sample_tilt(rng, part.place)
+    command = PressCommand(name_at(name, attempt), float(x), float(y), float(yaw), force, *tilt)
     return PressSample(index, command, rng, attempt)
+
+
+def sample_tilt(rng: np.random.Generator, place: Place) -> tuple[float, float]:
+    """A tilt about x and y, rad, with a uniform angle to the press axis in a uniform direction."""
+    if place.tilt_deg is UNSET:
+        return 0.0, 0.0
+    angle = np.deg2rad(rng.uniform(*place.tilt_range_deg))
+    towards = rng.uniform(0.0, 2.0 * np.pi)
+    # The axis is (sin y cos x, -sin x, cos y cos x) after a tilt by x and y.
+    about_x = np.arcsin(np.sin(angle) * np.sin(towards))
+    about_y = np.arctan2(np.sin(angle) * np.cos(towards), np.cos(angle))
+    return float(about_x), float(about_y)
 
 
 def _grid_press(part: Part, name: str, index: int, seed: int) -> PressSample:

@@ -29,6 +29,7 @@ from t2twin.core import arguments
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import check_names, convert, read_toml
+from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.optical.randomization.artifacts import Artifacts
 from t2twin.sim.optical.randomization.ranges import UnitRanges
@@ -68,6 +69,7 @@ SHARE_TOLERANCE = 1e-6
 Share = Annotated[float, Meta(ge=0.0, le=0.9)]
 Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
 Reach = Annotated[float, Meta(ge=0.0, le=MAX_DISTANCE_MM)]
+Tilt = Annotated[float, Meta(ge=0.0, le=MAX_TILT_DEG)]
 Split = Literal["train", "val", "test"]
 MotionShare = Annotated[float, Meta(ge=0.0, le=1.0)]
 Length = Annotated[float, Meta(ge=0.01, le=25.0)]
@@ -79,14 +81,34 @@ Friction = Annotated[float, Meta(ge=0.01, le=5.0)]
 
 class Place(Struct, frozen=True, forbid_unknown_fields=True):
     """Distribution of presses around a shape's middle: either the standard deviation of a normal
-    distribution along x and y, or half the side of a square, mm."""
+    distribution along x and y, or half the side of a square, mm.
+
+    tilt_deg: angle between the shape's axis and the press axis, uniform up to a maximum, or in a
+    range; its direction is uniform. Without it no press is tilted, and info.json does not contain
+    it.
+    """
 
     normal_mm: Reach | None = None
     uniform_mm: Reach | None = None
+    # A tuple of fixed length next to a constrained number crashes msgspec 0.22.
+    tilt_deg: Tilt | Annotated[tuple[Tilt, ...], Meta(min_length=2, max_length=2)] | UnsetType = (
+        UNSET
+    )
 
     def __post_init__(self) -> None:
         if (self.normal_mm is None) == (self.uniform_mm is None):
             raise T2TwinError("place must have one of normal_mm and uniform_mm")
+        low, high = self.tilt_range_deg
+        if low > high:
+            raise T2TwinError(f"tilt_deg of place is [{low:g}, {high:g}]; expected low first")
+
+    @property
+    def tilt_range_deg(self) -> tuple[float, float]:
+        """Least and largest tilt."""
+        if isinstance(self.tilt_deg, tuple):
+            low, high = self.tilt_deg
+            return low, high
+        return 0.0, self.tilt_deg or 0.0
 
 
 class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
@@ -272,6 +294,14 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
                 f"markers of motion is {self.motion.markers:g}; expected 0 or 1, as a fixed light "
                 "has one unit"
             )
+
+    @property
+    def has_tilt(self) -> bool:
+        """Whether a part samples a tilt; its pairs then have the columns of the tilt."""
+        return any(
+            isinstance(part.place, Place) and part.place.tilt_deg is not UNSET
+            for part in self.parts
+        )
 
     @property
     def has_more(self) -> bool:

@@ -93,6 +93,9 @@ class TouchOptions:
         x_mm: Position of the shape's middle, to the right in the image, mm.
         y_mm: The same, down in the image, mm.
         yaw_deg: Rotation about the press axis, clockwise in the image, degrees.
+        tilt_x_deg: Tilt about the shape's middle, -30 to 30 degrees. A positive one lowers the
+            side that is up in the image at yaw 0 into the sensors. The tilt turns with the yaw.
+        tilt_y_deg: The same for the side that is to the right.
         force_n: Commanded force, N; default 8.
         scale: mm per unit of the file: 1000 for meters, 25.4 for inches. Default: the file's unit
             (3MF, GLB, STEP), else 1.
@@ -121,6 +124,8 @@ class TouchOptions:
     x_mm: float = 0.0
     y_mm: float = 0.0
     yaw_deg: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
     force_n: Float = None
     scale: Float = None
     center: bool = False
@@ -212,9 +217,8 @@ class TouchOptions:
         from t2twin.twin import press_command
 
         measured = next(iter(self.pressed(sensors).values()))
-        return press_command(
-            shape, self.force_n, self.x_mm, self.y_mm, self.yaw_deg, depth_mm, measured
-        )
+        pose = self.x_mm, self.y_mm, self.yaw_deg, self.tilt_x_deg, self.tilt_y_deg
+        return press_command(shape, self.force_n, pose, depth_mm, measured)
 
     def folder(self, command: str, shape: "Shape") -> Path:
         """The folder to write. The suffix is added where another file of a shape has this stem."""
@@ -272,6 +276,7 @@ class SlideOptions(TouchOptions):
         """The commands of the path. Raises T2TwinError where options conflict or are invalid."""
         from t2twin.core.errors import T2TwinError
         from t2twin.sim.slide import path_commands, read_path, straight_path
+        from t2twin.twin import tilt_rad
 
         motion = self.dx_mm, self.dy_mm, self.dyaw_deg
         if self.path is None:
@@ -282,14 +287,15 @@ class SlideOptions(TouchOptions):
             start = self.command(shape, sensors)
             steps = DEFAULT_STEPS if self.steps is None else self.steps
             rows = straight_path(start, *motion, steps, start.force_n)
-            return path_commands(shape.name, rows)
+            return path_commands(shape.name, rows, tilt_rad=start.tilt_rad)
         given = (self.x_mm, self.y_mm, self.yaw_deg, *motion)
         if any(given) or self.force_n is not None or self.steps is not None:
             raise T2TwinError(
                 "--path contains poses and forces; expected none of --x-mm, --y-mm, --yaw-deg, "
                 "--force-n, --dx-mm, --dy-mm, --dyaw-deg, --steps with it"
             )
-        return path_commands(shape.name, read_path(self.path), str(self.path))
+        tilt = tilt_rad(self.tilt_x_deg, self.tilt_y_deg)
+        return path_commands(shape.name, read_path(self.path), str(self.path), tilt)
 
 
 def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
@@ -426,10 +432,11 @@ def _off_map(contact: "Contact") -> str:
     """A note that the sensor reaches parts of the shape beyond its height map, or an empty text."""
     from t2twin.sim.contact.heights import reaches_beyond
 
-    surface = contact.shape.surface
+    shape = contact.command.tilted(contact.shape)
+    surface = shape.surface
     reach_mm = max(surface.x_mm[-1], surface.y_mm[-1])
     if not reaches_beyond(surface, contact.command, contact.x_mm, contact.y_mm) or (
-        abs(contact.shape.triangles[0][:, :2]).max() <= reach_mm
+        abs(shape.triangles[0][:, :2]).max() <= reach_mm
     ):
         return ""
     return f"; parts of the shape beyond {reach_mm:.0f} mm from its middle are not pressed"

@@ -16,6 +16,7 @@ import viser
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.catalogue import NAMES
 from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
+from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.sampling.presses import MAX_SHAPE_SEED
 from t2twin.sim.sampling.protocol import SCALES
 from t2twin.sim.sensors.defaults import ROLES
@@ -64,6 +65,14 @@ SLIDERS = {
     "y_mm": ("y, mm", -10.0, 10.0, 0.1, "Downwards in the image"),
     "yaw_deg": (
         "yaw, °", -180.0, 180.0, 1.0, "Rotation about the press axis, clockwise in the image"
+    ),
+    "tilt_x_deg": (
+        "tilt x, °", -MAX_TILT_DEG, MAX_TILT_DEG, 0.5,
+        "A positive tilt lowers the side that is up in the image at yaw 0",
+    ),
+    "tilt_y_deg": (
+        "tilt y, °", -MAX_TILT_DEG, MAX_TILT_DEG, 0.5,
+        "A positive tilt lowers the side that is to the right at yaw 0",
     ),
     "force_n": (
         "force, N", MIN_SLIDER_N, MAX_SLIDER_N, 0.1,

@@ -14,6 +14,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.records import convert
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import seed_of
+from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.contact.types import check_force
 from t2twin.sim.sampling.protocol import FORCE_N, indices, press_of, scale_of
 from t2twin.sim.sensors.defaults import ALIASES, ROLES, SOURCE, TARGET
@@ -35,7 +36,10 @@ MAX_QUERY = 2000
 Motion = Literal["jump", "slide"]
 """What a changed pose does: a press at the new pose, or sliding there with friction."""
 
-CONTACT = ("shape", "scale", "optics", "motion", "friction", "source", "target")
+TILT = ("tilt_x_deg", "tilt_y_deg")
+"""Fields of the tilt."""
+
+CONTACT = ("shape", "scale", "optics", "motion", "friction", "source", "target", *TILT)
 """Fields whose change lifts the shape off."""
 
 SENSORS = ("source", "target", "optics", "markers", "layout", "imperfections")
@@ -52,7 +56,7 @@ class PressState:
     of an array, applied with a seed. seed: of camera noise and imperfections, None for neither.
     scale: millimeters per unit of a file, None for the unit stated in the file. friction: as for
     `Twin.slide`. markers: whether the camera's markers are printed on its gel. source, target:
-    names of bundled sensors, or sensor files.
+    names of bundled sensors, or sensor files. tilt_x_deg, tilt_y_deg: as for `t2twin press`.
     """
 
     shape: str = FIRST_SHAPE
@@ -71,6 +75,8 @@ class PressState:
     markers: bool = False
     source: str = SOURCE
     target: str = TARGET
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
 
     def with_changes(self, changes: dict[str, Any]) -> "PressState":
         """The press with changed fields. A changed force replaces the depth, and vice versa.
@@ -192,6 +198,8 @@ def read_query(query: str) -> PressState:
     ):
         if value not in known:
             raise T2TwinError(f"no {name} {value!r}; expected one of {', '.join(known)}")
+    for name in TILT:
+        arguments.number(getattr(state, name), name, -MAX_TILT_DEG, MAX_TILT_DEG)
     check_force(state.force_n)
     check_friction(state.friction)
     if state.seed is not None:
@@ -216,7 +224,7 @@ def protocol_press(state: PressState, scale: str, number: int) -> PressState:
     command = press_of(state.shape, catalogue.spacing_mm(state.shape), index)
     yaw_deg = float(np.rad2deg(command.yaw_rad))
     pose = {"x_mm": command.x_mm, "y_mm": command.y_mm, "yaw_deg": yaw_deg}
-    return state.with_changes(pose | {"force_n": command.force_n})
+    return state.with_changes(pose | dict.fromkeys(TILT, 0.0) | {"force_n": command.force_n})
 
 
 def protocol_presses(shape: str, scale: str) -> int:

@@ -15,6 +15,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.files import Sensor
+from t2twin.sim.touch import Touch
 from t2twin.studio.charts import SLIP_RGB, STICK_RGB, arrows_of
 from t2twin.studio.session import PressResult
 from t2twin.studio.solids import (
@@ -24,7 +25,6 @@ from t2twin.studio.solids import (
     elastomer_part,
     linear_values,
     near_mesh,
-    shape_pose,
     surface_mm,
     taxels_part,
     without_plate,
@@ -98,7 +98,7 @@ class Scene:
         self._surfaces: dict[str, list[viser.GlbHandle]] = {role: [] for role in ROLES}
         self._shapes: dict[str, viser.MeshHandle] = {}
         self._arrows: dict[str, viser.ArrowsHandle] = {}
-        self._drawn: tuple[Shape, ShapeStyle, float] | None = None
+        self._drawn: tuple[Shape, ShapeStyle, tuple[float, ...]] | None = None
         self._mesh: tuple[Shape, trimesh.Trimesh] | None = None
         self._grabbed = np.zeros(3)
         self._is_phone = client.camera.image_width < PHONE_PX
@@ -159,9 +159,7 @@ class Scene:
             surfaces[role] = as_glb(parts)
         self._use(tuple(each.sensor for each in result.touch.readings.values()))
         with self._client.atomic():  # short, because the client receives no messages meanwhile
-            self._draw_shape(
-                result.touch.shape, shape_style, result.touch.command.yaw_rad, contacts
-            )
+            self._draw_shape(result.touch, shape_style, contacts)
             for role in contacts:
                 self._draw_surface(role, surfaces[role])
                 self._draw_arrows(role, contacts[role], with_arrows)
@@ -222,24 +220,27 @@ class Scene:
         )
 
     def _draw_shape(
-        self, shape: Shape, shape_style: ShapeStyle, yaw_rad: float, contacts: dict[str, Contact]
+        self, touch: Touch, shape_style: ShapeStyle, contacts: dict[str, Contact]
     ) -> None:
-        # The cutting plane is fixed in the sensor frame, so the cut shape depends on the yaw.
-        drawn = (shape, shape_style, yaw_rad if shape_style == "cut open" else 0.0)
+        shape, command = touch.shape, touch.command
+        # The cutting plane is fixed in the sensor frame, so the cut shape depends on the rotation.
+        turned = (command.yaw_rad, *command.tilt_rad) if shape_style == "cut open" else ()
+        drawn = (shape, shape_style, turned)
         if self._drawn is None or self._drawn[0] is not shape or self._drawn[1:] != drawn[1:]:
-            self._put_shape(*drawn)
+            self._put_shape(touch, shape_style)
             self._drawn = drawn
         for name, contact in contacts.items():
-            turn, place = shape_pose(contact)
+            turn, place = contact.shape_pose
             self._shapes[name].wxyz = turn
             self._shapes[name].position = place + np.array([0.0, 0.0, LIFT_MM])
 
-    def _put_shape(self, shape: Shape, shape_style: ShapeStyle, yaw_rad: float) -> None:
+    def _put_shape(self, touch: Touch, shape_style: ShapeStyle) -> None:
+        shape = touch.shape
         if self._mesh is None or self._mesh[0] is not shape:
             self._mesh = (shape, near_mesh(shape))
         mesh = self._mesh[1]
         if shape_style == "cut open":
-            mesh = cut_open(mesh, yaw_rad)
+            mesh = cut_open(mesh, touch.command)
         elif shape_style == "glass":
             mesh = without_plate(mesh, shape)
         for name in self._places:

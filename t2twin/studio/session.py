@@ -187,9 +187,8 @@ class Session:
                 self._shape = (source, load_shape(*source))
         shape = self._shape[1]
         force_n = state.force_n if state.depth_mm is None else None
-        command = press_command(
-            shape, force_n, state.x_mm, state.y_mm, state.yaw_deg, state.depth_mm, sensors.source
-        )
+        pose = state.x_mm, state.y_mm, state.yaw_deg, state.tilt_x_deg, state.tilt_y_deg
+        command = press_command(shape, force_n, pose, state.depth_mm, sensors.source)
         return sensors.press(shape, command, rng)
 
     def _sensors_for(self, state: PressState) -> SensorPair:
@@ -207,8 +206,10 @@ class Session:
 
 
 def _command(touch: Touch, row: PathRow) -> PressCommand:
+    """The command of a row of the path of a touch, whose tilt stays."""
     yaw_rad = float(np.deg2rad(row.yaw_deg))
-    return PressCommand(touch.command.shape, row.x_mm, row.y_mm, yaw_rad, row.force_n)
+    pose = {"x_mm": row.x_mm, "y_mm": row.y_mm, "yaw_rad": yaw_rad}
+    return replace(touch.command, **pose, force_n=row.force_n)
 
 
 def _point(row: PathRow, touch: Touch) -> SlidePoint:

@@ -12,7 +12,8 @@ from trimesh.exchange.gltf import export_glb
 from trimesh.intersections import slice_faces_plane
 
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
-from t2twin.sim.contact.types import Contact
+from t2twin.primitives_cad.tilt import rotation_of
+from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.taxels.layout import Layout
 from t2twin.studio.colors import color_values
 
@@ -111,11 +112,11 @@ def linear_values(colors: np.ndarray) -> np.ndarray:
     return np.rint(255.0 * linear).astype(np.uint8)
 
 
-def cut_open(mesh: trimesh.Trimesh, yaw_rad: float) -> trimesh.Trimesh:
+def cut_open(mesh: trimesh.Trimesh, command: PressCommand) -> trimesh.Trimesh:
     """The half of a mesh in the shape frame on the positive side of the sensor's y axis."""
-    # The sensor's y axis in the shape frame: rotated back by yaw, then by 180 degrees about x.
-    across = (np.sin(yaw_rad), -np.cos(yaw_rad), 0.0)
-    return _half(mesh, across, (0.0, 0.0, 0.0))
+    # The sensor's y axis in the shape frame: rotated back by the yaw, turned over, and tilted back.
+    across = np.array((np.sin(command.yaw_rad), -np.cos(command.yaw_rad), 0.0))
+    return _half(mesh, across @ rotation_of(*command.tilt_rad), (0.0, 0.0, 0.0))
 
 
 def without_plate(mesh: trimesh.Trimesh, shape: Shape) -> trimesh.Trimesh:
@@ -123,14 +124,6 @@ def without_plate(mesh: trimesh.Trimesh, shape: Shape) -> trimesh.Trimesh:
     if shape.base_mm is None:
         return mesh
     return _half(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, shape.base_mm))
-
-
-def shape_pose(contact: Contact) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the pressed shape in the sensor frame: quaternion w, x, y, z, and position, mm."""
-    command, half = contact.command, contact.command.yaw_rad / 2
-    # 180 degrees about x is the quaternion (0, 1, 0, 0), followed by yaw about z.
-    quaternion = np.array([0.0, np.cos(half), np.sin(half), 0.0])
-    return quaternion, np.array([command.x_mm, command.y_mm, -contact.shape_depth_mm])
 
 
 def _unlit(tree: dict[str, Any]) -> None:
@@ -163,9 +156,7 @@ def near_mesh(shape: Shape) -> trimesh.Trimesh:
     return mesh
 
 
-def _half(
-    mesh: trimesh.Trimesh, normal: tuple[float, float, float], origin: ArrayLike
-) -> trimesh.Trimesh:
+def _half(mesh: trimesh.Trimesh, normal: ArrayLike, origin: ArrayLike) -> trimesh.Trimesh:
     """The part of a mesh on the positive side of a plane; the whole mesh if there is none."""
     # trimesh's function for whole meshes requires shapely, for caps that are not needed here.
     vertices, faces, _ = slice_faces_plane(mesh.vertices, mesh.faces, normal, origin)
