@@ -35,6 +35,7 @@ from benchmarks.evidence.run import main
 from t2twin.core.cached_files import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.tilt import rotation_of
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.taxels.layout import DEFAULT_LAYOUT, load_layout
@@ -84,6 +85,10 @@ FINE_MAP_MM = 0.0125
 
 OFFSET_MM = 0.5
 """Largest offset of a press along x and y, mm."""
+
+BETWEEN = np.linspace(-1.5, 1.5, 61)
+"""Distances from the highest cell of a tilted case, in cells, at which its highest point is
+searched."""
 
 FORCE_SEED = 2
 """Distinguishes the generator of the presses from that of the shapes."""
@@ -155,12 +160,12 @@ def summary(rows: Sequence[dict[str, Any]], key: str) -> dict[str, Any]:
     }
 
 
-def measure_case(number: int) -> dict[str, Any]:
-    """Errors of one case with both height maps, and of its reference."""
+def measure_case(number: int, tilt_deg: float = 0.0) -> dict[str, Any]:
+    """Errors of one case with both height maps, and of its reference. tilt_deg: of the press."""
     case = make_case(number)
     sensor = tuple(SENSORS)[number // len(FAMILIES) % len(SENSORS)]
     shape, top_mm = case.shape(FINE_MAP_MM)
-    contact = press(shape, sensor, sample_command(case, number))
+    contact = press(shape, sensor, sample_command(case, number, tilt_deg))
     command = contact.command
     usual = solve_contact(case.shape()[0], command, SENSORS[sensor].flat, SENSORS[sensor].pitch_mm)
     coarse, fine = references(case, top_mm, sensor, contact)
@@ -182,11 +187,14 @@ def measure_case(number: int) -> dict[str, Any]:
     }
 
 
-def sample_command(case: Case, number: int) -> PressCommand:
+def sample_command(case: Case, number: int, tilt_deg: float = 0.0) -> PressCommand:
     rng = np.random.default_rng((number, case.seed, FORCE_SEED))
     x_mm, y_mm = rng.uniform(-OFFSET_MM, OFFSET_MM, 2).tolist()
     yaw_rad, log_force = rng.uniform(0.0, 2 * np.pi), rng.uniform(*np.log(FORCES_N))
-    return PressCommand(case.name, x_mm, y_mm, float(yaw_rad), float(np.exp(log_force)))
+    towards = rng.uniform(0.0, 2 * np.pi)
+    tilt = np.radians(tilt_deg) * np.array((np.cos(towards), np.sin(towards)))
+    force_n = float(np.exp(log_force))
+    return PressCommand(case.name, x_mm, y_mm, float(yaw_rad), force_n, *tilt.tolist())
 
 
 def press(shape: Shape, sensor: str, command: PressCommand) -> Contact:
@@ -230,7 +238,16 @@ def gaps(pad: FlatPad, case: Case, top_mm: float, command: PressCommand) -> np.n
     """Distance of the exact shape from the pad's cells at first touch, (rows, columns), mm."""
     x, y = np.meshgrid(pad.x_mm - command.x_mm, pad.y_mm - command.y_mm)
     cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
-    return np.minimum(top_mm - case.tilted_mm(cos * x + sin * y, sin * x - cos * y), DEEPEST_MM)
+    places = cos * x + sin * y, sin * x - cos * y
+    if command.tilt_rad == (0.0, 0.0):
+        return np.minimum(top_mm - case.tilted_mm(*places), DEEPEST_MM)
+    turn = rotation_of(*command.tilt_rad)
+    heights = case.turned_mm(*places, top_mm, turn)
+    # The highest point is a corner or an edge between the cells.
+    at, (step_x, step_y) = heights.argmax(), np.meshgrid(BETWEEN, BETWEEN)
+    around = places[0].flat[at] + pad.pitch_mm * step_x, places[1].flat[at] + pad.pitch_mm * step_y
+    highest = case.turned_mm(*around, top_mm, turn).max()
+    return np.minimum(highest - heights, DEEPEST_MM)
 
 
 def extrapolated(

@@ -22,6 +22,17 @@ TILT_DEG = 3.0
 NEEDLE_APART_MM = 0.6
 """Least free distance between needles, mm."""
 
+ACROSS_MM = 0.02
+"""Distance across the press axis between the points of a line of sight at which the solid of a
+tilted case is tested, mm: less than any of its parts."""
+
+SEEN_MM = 6.0
+"""Depth below the press axis' origin to which the solid of a tilted case is seen, mm: more than a
+layer and a tilt."""
+
+BISECTIONS = 12
+"""Halvings of the last distance between two of these points."""
+
 Heights = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Heights at points x, y before the tilt, mm: 0 on faces, NOTHING_MM next to them."""
 
@@ -45,6 +56,39 @@ class Case:
         heights = self.heights(x_mm, y_mm)
         tilted = heights + self.slope[0] * x_mm + self.slope[1] * y_mm
         return np.where(heights > NOTHING_MM / 2, tilted, NOTHING_MM)
+
+    def turned_mm(
+        self, x_mm: np.ndarray, y_mm: np.ndarray, top_mm: float, rotation: np.ndarray
+    ) -> np.ndarray:
+        """Exact heights of the solid below the faces, turned about (0, 0, top_mm), above it.
+
+        rotation: (3, 3), of a tilt. The sides of the solid are parallel to its axis. A point lies
+        on the solid where the line of sight from above first meets it.
+        """
+        angle = np.arccos(rotation[2, 2])
+        near = np.hypot(x_mm, y_mm) <= REACH_MM + SEEN_MM * np.sin(angle)
+        points = x_mm[near, None] * rotation[0] + y_mm[near, None] * rotation[1]
+
+        def is_solid(which: np.ndarray | slice, z_mm: np.ndarray | float) -> np.ndarray:
+            x, y, z = (points[which] + np.multiply.outer(z_mm, rotation[2])).T
+            return z <= self.tilted_mm(x, y) - top_mm
+
+        step = ACROSS_MM / np.tan(angle)
+        found, left = np.full(len(points), NOTHING_MM), np.arange(len(points))
+        highest = REACH_MM * np.sin(angle) + ACROSS_MM
+        for z_mm in np.arange(highest, -SEEN_MM, -step):
+            met = is_solid(left, z_mm)
+            found[left[met]], left = z_mm, left[~met]
+        hits = np.flatnonzero(found > NOTHING_MM / 2)
+        low, high = found[hits], found[hits] + step
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            solid = is_solid(hits, middle)
+            low, high = np.where(solid, middle, low), np.where(solid, high, middle)
+        found[hits] = low
+        heights = np.full(x_mm.shape, NOTHING_MM)
+        heights[near] = found
+        return heights
 
     def shape(self, pitch_mm: float = FILE_PITCH_MM) -> tuple[Shape, float]:
         """The shape with a height map of a pitch, mm, made as for shapes from files, and its top,
