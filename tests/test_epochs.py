@@ -73,26 +73,27 @@ def test_steps_asked_for_go_into_the_config_and_bound_the_epochs(
 ) -> None:
     """Short epochs resume as whole ones do, at the length that the run began with."""
     monkeypatch.setattr("t2twin.translate.training.trainer.MIN_STEPS", 2)
-    train("resnet18", data_dir, "smoke", tmp_path / "whole", steps=24)
+    monkeypatch.setattr("t2twin.translate.training.trainer.MIN_EPOCHS", 4)
+    train("resnet18", data_dir, "smoke", tmp_path / "whole", steps=8)
     config = load_config(tmp_path / "whole")
-    assert (config.steps, config.epoch_steps, config.planned_epochs) == (24, 2, 12)
+    assert (config.steps, config.epoch_steps, config.planned_epochs) == (8, 2, 4)
     assert config.data.recipe == "smoke" and config.data.train_pairs == 32
 
     epoch = Trainer._epoch
 
     def killed(self: Trainer, number: int, bar: object) -> EpochRecord:
-        if number == 5:
+        if number == 2:
             raise KeyboardInterrupt
         return epoch(self, number, bar)  # pyright: ignore[reportArgumentType]
 
     with monkeypatch.context() as patch:
         patch.setattr(Trainer, "_epoch", killed)
         with pytest.raises(KeyboardInterrupt):
-            train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=24)
+            train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=8)
     monkeypatch.setattr("t2twin.translate.training.trainer.MIN_STEPS", 100)
-    train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=24)
+    train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=8)
     assert without_times(tmp_path / "killed") == without_times(tmp_path / "whole")
     whole, resumed = (load_file(tmp_path / run / "last.safetensors") for run in ("whole", "killed"))
     assert all(torch.equal(tensor, resumed[key]) for key, tensor in whole.items())
     with pytest.raises(T2TwinError, match="another number of steps"):
-        train("resnet18", data_dir, "smoke", tmp_path / "whole", steps=25)
+        train("resnet18", data_dir, "smoke", tmp_path / "whole", steps=9)

@@ -14,7 +14,7 @@ from t2twin.sim.taxels.layout import load_layout
 
 E, NU = 0.5, 0.47
 MODULUS = E / (1 - NU**2)
-PITCH, CELLS = 0.2, 60
+PITCH, CELLS = 0.25, 36
 
 
 def grid():
@@ -27,9 +27,8 @@ def thick():
     return kernel(CELLS, CELLS, PITCH, 50.0, E, NU)
 
 
-@pytest.mark.parametrize("force", [0.2, 0.5])
-def test_a_ball_is_hertz(thick, force):
-    radius = 6.0
+def test_a_ball_is_hertz(thick):
+    radius, force = 6.0, 0.5
     answer = solve(grid() ** 2 / (2 * radius), force, PITCH, thick)
     contact = (3 * force * radius / (4 * MODULUS)) ** (1 / 3)
     assert answer.depth_mm == pytest.approx(contact**2 / radius, rel=0.05)
@@ -64,7 +63,7 @@ def test_a_shape_longer_than_the_pad_is_cut_at_its_rim():
     pad = FlatPad(layer, 8.0, 10.0, PITCH)
     command = PressCommand("block", 0.0, 0.0, 0.0, 2.0)
     longer, cut = (pad.press(block(4.0, length), command) for length in (26.0, 10.0))
-    assert longer.pressure_mpa.shape == (50, 40)
+    assert longer.pressure_mpa.shape == (40, 32)
     assert longer.depth_mm == pytest.approx(cut.depth_mm, rel=1e-6)
     assert longer.pressure_mpa == pytest.approx(cut.pressure_mpa, abs=1e-6)
 

@@ -8,19 +8,23 @@ import torch
 from safetensors import safe_open
 from spots import write_spots
 
-from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model
+from t2twin.translate.models.presets import PRESETS, Model
 from t2twin.translate.runs.config import load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
+from t2twin.translate.training import train as training
 from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import Trainer
 
 
-@pytest.mark.parametrize("model", PAPER_MODELS)
+@pytest.mark.parametrize(
+    "model", [pytest.param("touch2touch", marks=pytest.mark.exhaustive), "resnet18"]
+)
 def test_published_size_resumes_to_the_last_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: Model
 ) -> None:
-    data = write_spots(tmp_path / "data", train=8, val=2, test=0)
-    preset = replace(PRESETS[model]["paper"], batch=8)  # all pairs: an epoch is one step
+    data = write_spots(tmp_path / "data", train=2, val=1, test=0)
+    preset = replace(PRESETS[model]["paper"], batch=2)  # all pairs: an epoch is one step
+    monkeypatch.setattr(training, "MIN_PAIRS", 2)
     monkeypatch.setattr(Trainer, "_measure", lambda self: 1.0)
     train(model, data, preset, tmp_path / "whole", epochs=2)
 

@@ -1,5 +1,7 @@
 """The five tools: one closed solid each, and keypoints that a sensor can reach."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import trimesh
@@ -18,9 +20,18 @@ PROMISED_MM = 0.01
 """Promised distance of a mesh from its solid, mm."""
 
 
+QUICK = ("allen-key", "wrench")
+"""Tools whose solids are quick to make; the others are exhaustive."""
+
+SOLIDS = [
+    pytest.param(tool, marks=() if tool in QUICK else pytest.mark.exhaustive)
+    for tool in catalogue.TOOLS
+]
+
+
 @pytest.fixture(scope="module")
 def solids():
-    return {tool: tools.solid(tool) for tool in catalogue.TOOLS}
+    return cache(tools.solid)
 
 
 def distance_mm(mesh: trimesh.Trimesh, point: np.ndarray) -> tuple[float, np.ndarray]:
@@ -34,9 +45,9 @@ def distance_mm(mesh: trimesh.Trimesh, point: np.ndarray) -> tuple[float, np.nda
     return float(distances.min()), mesh.face_normals[chosen[distances.argmin()]]
 
 
-@pytest.mark.parametrize("tool", catalogue.TOOLS)
+@pytest.mark.parametrize("tool", SOLIDS)
 def test_each_tool_is_one_closed_solid(tool, solids):
-    solid = solids[tool]
+    solid = solids(tool)
     assert solid.isValid()
     assert len(solid.Solids()) == 1
     mesh = catalogue.tool_mesh(tool)
@@ -46,14 +57,14 @@ def test_each_tool_is_one_closed_solid(tool, solids):
     assert 90.0 < mesh.extents.max() < 200.0
 
 
-@pytest.mark.parametrize("tool", catalogue.TOOLS)
+@pytest.mark.parametrize("tool", SOLIDS)
 def test_chordal_error_of_tools(tool, solids):
     import cadquery as cq
     from OCP.BRepExtrema import (
         BRepExtrema_DistShapeShape,  # pyright: ignore[reportAttributeAccessIssue]
     )
 
-    shell = cq.Compound.makeCompound(solids[tool].Faces()).wrapped
+    shell = cq.Compound.makeCompound(solids(tool).Faces()).wrapped
     mesh = catalogue.tool_mesh(tool)
     chosen = np.random.default_rng(0).choice(len(mesh.faces), 120)
     for point in mesh.triangles_center[chosen]:
