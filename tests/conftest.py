@@ -85,6 +85,14 @@ def egl():
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def few_drawn_pairs():
+    """Reports draw one pair of each family of the small dataset, and no further ones."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("t2twin.report.pairs.PAIRS", 6)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def own_folder(tmp_path):
     """Every test runs in its own temporary folder."""
@@ -201,6 +209,7 @@ def write_untrained(folder):
     """Writes the run of the model that the folder is named after."""
     from t2twin.sim.sensors.pair import SensorPair
     from t2twin.translate.data.pairs import DataInfo
+    from t2twin.translate.data.sides import ArraySide, CameraSide
     from t2twin.translate.models.presets import PRESETS
     from t2twin.translate.runs.checkpoint import build, save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
@@ -208,7 +217,8 @@ def write_untrained(folder):
     model = folder.name
     array = SensorPair().array
     layout = array.layout
-    data = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, array.full_scale)
+    side = ArraySide(layout.name, layout.x_mm, layout.y_mm, array.full_scale)
+    data = DataInfo("0" * 64, CameraSide(), side)
     config = RunConfig(model, PRESETS[model]["smoke"], 0, data, None, None, 1, False, 1)
     config.save(folder)
     save_weights(folder / BEST, build(config).predictor)
@@ -235,7 +245,7 @@ def moving_dataset(products, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def regression_data(products):
-    """Twelve primitives and all tools of the protocol at scale small; not to be written to."""
+    """Six primitives and a place of each tool at scale small; not to be written to."""
     from benchmarks.networks.regression import make_data
 
     return products.make("regression", make_data)

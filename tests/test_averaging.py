@@ -9,6 +9,7 @@ from torch import nn
 
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.models.base import weight_average
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model
 from t2twin.translate.runs.checkpoint import TRANSLATORS
@@ -59,10 +60,12 @@ def test_no_part_is_no_mean() -> None:
 @pytest.mark.parametrize("model", PAPER_MODELS)
 def test_a_translator_predicts_with_the_mean(model: Model) -> None:
     layout = load_layout("cyskin-20")
-    info = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, 40_000.0)
+    info = DataInfo(
+        "0" * 64, CameraSide(), ArraySide(layout.name, layout.x_mm, layout.y_mm, 40_000.0)
+    )
     preset = replace(PRESETS[model]["smoke"], averaged_part=1.0)
     torch.manual_seed(0)
-    translator = TRANSLATORS[model](preset, info, torch.device("cpu"), False)
+    translator = TRANSLATORS["counts"][model](preset, info, torch.device("cpu"), False)
     channels = 1 if preset.grey else 3
     images = torch.rand(8, channels, preset.size, preset.size)
     counts = torch.from_numpy(np.random.default_rng(0).uniform(0, 4e4, (8, 20)).astype(np.float32))

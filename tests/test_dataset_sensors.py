@@ -134,11 +134,16 @@ def test_the_card_and_lerobot_name_the_roles(made, tmp_path) -> None:
     assert converted["total_frames"] == 4
 
 
-def test_networks_refuse_a_dataset_without_image_or_counts(made) -> None:
+def test_networks_have_both_sides_of_a_dataset(made) -> None:
     folder, names = made
-    if len(set(PAIRS[names])) == 2:
-        assert load_info(folder).x_mm.size == 20
-        return
-    missing = "counts" if "image" in PAIRS[names] else "image"
-    with pytest.raises(T2TwinError, match=f"it has no {missing}"):
-        load_info(folder)
+    for reverse in (False, True):
+        info = load_info(folder, reverse)
+        values = [info.source.value, info.target.value]
+        assert values == list(PAIRS[names])[:: -1 if reverse else 1]
+    missing = {"image", "counts"} - {*values}
+    for kind, name in (("image", "camera"), ("counts", "array")):
+        if kind in missing:
+            with pytest.raises(T2TwinError, match=f"contain no {kind}"):
+                getattr(info, name)
+        else:
+            assert getattr(info, name).value == kind

@@ -140,8 +140,8 @@ def test_evaluation_agrees_with_training(runs: list[Path], data_dir: Path, tmp_p
         assert models[run.name].same_data
         weights = (run / "best.safetensors").read_bytes()
         assert models[run.name].weights_sha256 == hashlib.sha256(weights).hexdigest()
-    mean = models["mean-array"].overall.rmse_counts
-    assert models["nearest-neighbour"].overall.rmse_counts < mean / 2
+    mean = models["mean-array"].overall.counts
+    assert models["nearest-neighbour"].overall.counts < mean / 2
     assert evaluation.paper["resnet18"].rmse_counts == 3931
 
 
@@ -150,7 +150,7 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     content = json.loads((evaluated / "val" / METRICS).read_text())
     assert list(content) == [
         "format", "split", "pairs", "full_scale_counts", "contact_level", "info_sha256", "layout",
-        "view", "models", "bootstrap", "paired", "paper", "findings", "recipe",
+        "view", "models", "bootstrap", "paired", "paper", "findings", "recipe", "source", "target",
     ]  # fmt: skip
     assert content["format"] == FORMAT
     figures = [
@@ -263,7 +263,7 @@ def test_both_splits_at_once(
     assert findings["val"] == as_json(evaluations["val"].findings)
     assert set(findings["gap"]) == {"gap-touch2touch", "gap-resnet18"}
     for name in ("touch2touch", "resnet18"):
-        errors = {s: each.models[name].overall.rmse_counts for s, each in evaluations.items()}
+        errors = {s: each.models[name].overall.counts for s, each in evaluations.items()}
         gap = findings["gap"][f"gap-{name}"]
         assert gap["difference"] == pytest.approx(errors["test"] - errors["val"])
         assert gap["answer"] == "undecided"  # one shape a split has no interval

@@ -64,7 +64,7 @@ def test_file_says_what_it_is(run_dir: Path, session) -> None:
     assert said["full_scale_counts"] == "40000"
     assert said["color"] == ("grey" if run_dir.name == "touch2touch" else "rgb")
     assert int(said["size"]) == config.preset.size
-    assert json.loads(said["layout_x_mm"]) == config.data.x_mm.tolist()
+    assert json.loads(said["layout_x_mm"]) == config.data.array.x_mm.tolist()
     assert session.get_inputs()[0].shape[0] == "batch"
     assert "[0, 1]" in session.get_modelmeta().description
 

@@ -112,7 +112,7 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
     pairs = load_pairs(data_dir, "train", 64, grey=False, with_dense_counts=True)
     info = load_info(data_dir)
     assert pairs.dense_counts is not None and pairs.backgrounds is not None
-    own = reading_matrix(DENSE.layout, info.taxels, DENSE.cover) @ pairs.dense_counts.T
+    own = reading_matrix(DENSE.layout, info.array.taxels, DENSE.cover) @ pairs.dense_counts.T
     assert np.abs(own.T - pairs.counts).max() < 40  # the reading's noise alone
     pictures = pairs.inputs[:]
     assert pictures.shape == (len(pairs), 64, 64, 6)
@@ -212,15 +212,14 @@ def test_the_spread_takes_nothing_from_the_mean(data_dir: Path) -> None:
 
 
 def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> None:
-    """Eight pairs seen again and again: the dense counts to 2 % of full scale, the force to 20
-    %."""
+    """Four pairs seen again and again: the dense counts to 2 % of full scale, the force to 20 %."""
     info, preset = load_info(data_dir), replace(PRESETS["field"]["smoke"], learning_rate=2e-3)
     pairs = load_pairs(data_dir, "train", preset.size, False, with_dense_counts=True)
     torch.manual_seed(0)
     translator = FieldTranslator(preset, info, CPU, False)
     translator.prepare(pairs)
     assert pairs.dense_counts is not None
-    part = slice(8)
+    part = slice(4)
     examples = Examples(
         to_input(pairs.inputs[part].astype(np.float32) / 255.0),
         torch.from_numpy(pairs.counts[part]),
@@ -236,7 +235,7 @@ def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> N
     told = translator.predict_field(examples.images)
     assert examples.dense_counts is not None
     rmse = (told.dense_counts - examples.dense_counts).square().mean().sqrt().item()
-    assert rmse < 0.02 * info.full_scale_counts
+    assert rmse < 0.02 * info.array.full_scale_counts
     assert told.force_n is not None and examples.force_n is not None
     assert (told.force_n - examples.force_n).abs().max() < 0.2 * examples.force_n.max()
 
@@ -421,9 +420,9 @@ def test_another_layout_and_other_pads(run: FieldPredictor, frame: np.ndarray) -
     dense = load_layout("cyskin-63")
     at_63 = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm)
     told = at_63.estimate(frame)
-    assert told.counts.shape == (63,) and at_63.config.data.layout == "cyskin-63"
+    assert told.counts.shape == (63,) and at_63.config.data.array.layout == "cyskin-63"
     np.testing.assert_array_equal(told.dense_counts, run.estimate(frame).dense_counts)
-    own = run.config.data
+    own = run.config.data.array
     assert run.at_layout(own.x_mm, own.y_mm, "again") is run
     wide = run.at_layout(own.x_mm, own.y_mm, "wide pads", np.full(20, 8.0))
     assert wide is not run and not np.array_equal(wide.predict(frame), run.predict(frame))

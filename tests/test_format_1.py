@@ -104,10 +104,11 @@ def test_pairs_are_loaded(data: Path) -> None:
     assert pairs.shear_n is not None and pairs.shear_n.shape == (8, 2)
     assert pairs.inputs[:].shape == (8, 16, 16, 6)
     info = load_info(data)
-    assert info.image_shape == SHAPE and info.has_shear and info.phi.shape == (396, 240)
-    assert replace(info.elastomer, name="cyskin-20") == SensorPair().array.elastomer
+    array = info.array
+    assert info.camera.image_shape == SHAPE and info.has_shear and array.phi.shape == (396, 240)
+    assert replace(array.elastomer, name="cyskin-20") == SensorPair().array.elastomer
     dense = SensorPair().array.dense
-    matrix = reading_matrix(dense.layout, info.taxels, dense.cover)
+    matrix = reading_matrix(dense.layout, array.taxels, dense.cover)
     np.testing.assert_allclose(matrix @ pairs.dense_counts[0], pairs.counts[0], atol=3000.0)
 
 

@@ -133,10 +133,10 @@ def test_what_cannot_be_begun_with_is_one_sentence(
     (wide / CONFIG).write_text(json.dumps(text))
     assert "init_from_sha256 must be 64 hexadecimal digits" in refused(wide)
     text["init_from_sha256"] = None
-    text["data"]["layout_x_mm"][0] += 1.0
+    text["data"]["target"]["layout_x_mm"][0] += 1.0
     (wide / CONFIG).write_text(json.dumps(text))
     assert "a run of layout" in refused(wide)
-    text["data"]["layout_x_mm"][0] -= 1.0
+    text["data"]["target"]["layout_x_mm"][0] -= 1.0
     (wide / CONFIG).write_text(json.dumps(text))
     (wide / "best.safetensors").unlink()
     assert "has not finished its first epoch" in refused(wide)

@@ -74,7 +74,7 @@ def test_linear_response_is_read_exactly_by_any_layout(
     counts = applied.predict(np.zeros((1, 320, 240, 3), np.uint8))
     assert counts.shape == (1, dense[0].size) and dense[0].size > 30
     np.testing.assert_allclose(counts[0], response(*dense), atol=1.0)
-    assert applied.config.data.layout == "dense"
+    assert applied.config.data.array.layout == "dense"
     assert run.predict(np.zeros((1, 320, 240, 3), np.uint8)).shape == (1, 20)
 
 
@@ -82,7 +82,7 @@ def test_own_layout_changes_nothing(runs: dict[str, CountsPredictor]) -> None:
     layout = load_layout()
     for run in runs.values():
         assert run.at_layout(layout.x_mm, layout.y_mm + 1e-6, "again") is run
-        assert not run.config.data.same_layout(layout.x_mm[::-1], layout.y_mm[::-1])
+        assert not run.config.data.array.same_layout(layout.x_mm[::-1], layout.y_mm[::-1])
 
 
 def test_layouts_that_cannot_be_read_are_refused(
@@ -104,7 +104,7 @@ def test_what_the_trained_layout_can_say(
     runs: dict[str, CountsPredictor], dense: tuple[np.ndarray, np.ndarray]
 ) -> None:
     """A projection of rank 20: any trained array's interpolation passes, nothing is added."""
-    trained = runs["touch2touch"].config.data
+    trained = runs["touch2touch"].config.data.array
     kept = representable(trained, *dense)
     np.testing.assert_allclose(kept @ kept, kept, atol=1e-9)
     assert np.linalg.matrix_rank(kept) == 20
@@ -130,7 +130,7 @@ def test_evaluation_on_a_denser_layout(
     assert evaluation.view.pitch_mm == pytest.approx(PITCH_MM)
     stored = np.load(tmp_path / "out" / "predictions.npz")
     assert stored["touch2touch"].shape == stored["truth"].shape == (4, dense[0].size)
-    kept = representable(run.config.data, *dense)
+    kept = representable(run.config.data.array, *dense)
     np.testing.assert_allclose(stored[LAYOUT_FLOOR], stored["truth"] @ kept.T, rtol=1e-5, atol=0.1)
     floor = evaluation.models[LAYOUT_FLOOR].overall.rmse_counts
     assert 0 < floor < evaluation.models["touch2touch"].overall.rmse_counts

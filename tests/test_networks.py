@@ -8,6 +8,7 @@ from torch import nn
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.inference.load import fold_batchnorm
 from t2twin.translate.models.base import adamw
 from t2twin.translate.models.presets import find_preset
@@ -23,7 +24,9 @@ FULL_SCALE = 40_000.0
 
 def info() -> DataInfo:
     layout = load_layout()
-    return DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE)
+    return DataInfo(
+        "0" * 64, CameraSide(), ArraySide(layout.name, layout.x_mm, layout.y_mm, FULL_SCALE)
+    )
 
 
 def parameters(network: nn.Module) -> int:
@@ -146,7 +149,7 @@ def test_paper_preset_trains_the_published_networks() -> None:
 def test_adam_is_set_as_in_the_paper(model: str, rate: float, betas: tuple[float, float]) -> None:
     """The settings of the optimizers themselves, which hold every weight once, without decay."""
     preset = replace(find_preset(model, "paper"), filters=16)
-    translator = TRANSLATORS[model](preset, info(), CPU, False)
+    translator = TRANSLATORS["counts"][model](preset, info(), CPU, False)
     assert translator.optimizers.keys() == translator.networks.keys()
     for name, optimizer in translator.optimizers.items():
         assert isinstance(optimizer, torch.optim.Adam)

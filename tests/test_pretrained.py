@@ -111,7 +111,7 @@ def test_the_card_says_what_is_measured(regression_data: Path) -> None:
     pairs = load_pairs(regression_data, "test", run.config.preset.size, grey=False)
     said = as_readings(run.estimate_pixels(pairs.inputs), read_info(regression_data))
     off = said.counts - pairs.counts
-    percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.full_scale_counts
+    percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.array.full_scale_counts
     assert percent == pytest.approx(float(told[1]), rel=0.1)
     held = 100.0 * uncertainty_metrics(said, pairs.counts, pairs.force_n).coverage_at(
         REPORTED_LEVEL

@@ -17,6 +17,7 @@ from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config
 from t2twin.translate.runs.log import (
@@ -52,7 +53,9 @@ def test_verification_plans_primitives_that_are_not_on_the_grid() -> None:
 @pytest.fixture(scope="module")
 def config() -> RunConfig:
     layout = load_layout()
-    data = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, 40_000.0)
+    data = DataInfo(
+        "0" * 64, CameraSide(), ArraySide(layout.name, layout.x_mm, layout.y_mm, 40_000.0)
+    )
     return RunConfig(
         "resnet18", PRESETS["resnet18"]["smoke"], 3, data, None, 2.5, 4, bf16=False, processes=1
     )
@@ -191,15 +194,27 @@ def test_config_comes_back_as_it_was_written(tmp_path, config):
     again = load_config(tmp_path)
     assert structs.replace(again, data=config.data) == config
     assert again.data.sha256 == config.data.sha256
-    assert again.data.x_mm.dtype == float and (again.data.x_mm == config.data.x_mm).all()
-    assert (again.data.y_mm == config.data.y_mm).all()
+    own, other = again.data.array, config.data.array
+    assert own.x_mm.dtype == float and (own.x_mm == other.x_mm).all()
+    assert (own.y_mm == other.y_mm).all()
 
 
 def test_an_older_config_names_no_format(tmp_path, config):
     config.save(tmp_path)
+    content = json.loads((tmp_path / CONFIG).read_text())
+    data, camera, array = (content["data"], *map(content["data"].pop, ("source", "target")))
+    content["data"] = data | camera | array | {"layout": array["layout"]}
+    del content["data"]["value"], content["data"]["sensor"]
+    (tmp_path / CONFIG).write_text(json.dumps(content))
     for place in (["format"], ["versions"], ["preset", "discriminator_share"]):
         change(tmp_path / CONFIG, place, GONE)
-    assert load_config(tmp_path).preset == config.preset
+    again = load_config(tmp_path)
+    assert again.preset == config.preset and again.direction == "image-to-counts"
+    assert again.data.array.layout == "cyskin-20" and again.data.camera == CameraSide()
+    change(tmp_path / CONFIG, ["model"], "touch2touch")
+    for direction in ("counts-to-image", "cyskin-to-digit"):
+        change(tmp_path / CONFIG, ["direction"], direction)
+        assert load_config(tmp_path).direction == "counts-to-image"
 
 
 def test_steps_and_recipe_come_back(tmp_path, config):
@@ -213,7 +228,7 @@ def test_steps_and_recipe_come_back(tmp_path, config):
 @pytest.mark.parametrize(
     ("place", "value", "said"),
     [
-        (["format"], 7, "of format 7; this version of t2twin reads format 1"),
+        (["format"], 7, "of format 7; this version of t2twin reads format 1 and 2 only"),
         (["model"], "unet", "model is 'unet'; it must be one of touch2touch, resnet18, field"),
         (["seed"], -1, "seed must be a whole number at least 0"),
         (["minutes"], 0, "minutes must be a number above 0"),
@@ -228,13 +243,17 @@ def test_steps_and_recipe_come_back(tmp_path, config):
         (["preset", "schedule"], "steep", "schedule is 'steep', which is none of the allowed"),
         (["preset", "l1_wieght"], 5.0, r"preset\.l1_wieght is no setting"),
         (["data", "info_sha256"], "abc", "info_sha256 must be 64 hexadecimal digits"),
-        (["data", "pad_diameter_mm"], [0.0] * 20, "has a pad that is not larger than 0"),
-        (["data", "dense_x_mm"], [0.0], "dense_x_mm or dense_y_mm is missing"),
-        (["data", "layout_x_mm"], [], r"y_mm of layout cyskin-20 has shape \(20,\)"),
-        (["data", "cover", "thickness_mm"], GONE, "the cover: thickness_mm is missing"),
-        (["data", "cover", "young_mpa"], -1, "the cover: young_mpa is -1"),
-        (["data", "view_mm"], [1.0], r"data\.view_mm must be a list of length 2"),
-        (["data", "full_scale_counts"], 0, r"data\.full_scale_counts must be a number at least 1"),
+        (["data", "target", "pad_diameter_mm"], [0.0] * 20, "has a pad that is not larger than 0"),
+        (["data", "target", "dense_x_mm"], [0.0], "dense_x_mm or dense_y_mm is missing"),
+        (["data", "target", "layout_x_mm"], [], r"y_mm of layout cyskin-20 has shape \(20,\)"),
+        (["data", "target", "cover", "thickness_mm"], GONE, "the cover: thickness_mm is missing"),
+        (["data", "target", "cover", "young_mpa"], -1, "the cover: young_mpa is -1"),
+        (["data", "source", "view_mm"], [1.0], r"data\.source\.view_mm must be a list of length 2"),
+        (
+            ["data", "target", "full_scale_counts"],
+            0,
+            r"full_scale_counts must be a number at least 1",
+        ),
     ],
 )
 def test_a_wrong_field_of_config_is_one_sentence(tmp_path, config, place, value, said):

@@ -63,7 +63,7 @@ def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
     assert last[watched] < first[watched] / 4
     assert isinstance(translator, CountsTranslator)
     rmse = (translator.predict(images) - counts).square().mean().sqrt().item()
-    assert rmse < 0.02 * info.full_scale_counts
+    assert rmse < 0.02 * info.array.full_scale_counts
 
 
 @pytest.mark.parametrize("model", PAPER_MODELS)
@@ -116,7 +116,7 @@ def test_each_epoch_is_a_line_of_a_log(
     errors = iter([900.0, 500.0, 700.0])
     monkeypatch.setattr(Trainer, "_validate", lambda self: next(errors))
     train("resnet18", data_dir, "smoke", tmp_path, epochs=3)
-    scale = load_info(data_dir).full_scale_counts / 100
+    scale = load_info(data_dir).array.full_scale_counts / 100
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(" minutes")[0].rsplit(",", 1)[0] for line in lines] == [
         f"resnet18: epoch {n} of 3, step {4 * n} of 12" for n in (1, 2, 3)

@@ -248,7 +248,7 @@ def test_only_touch2touch_is_read_at_another_layout(
 ) -> None:
     """At its own taxels in another order it gives its own counts in that order."""
     digit.save(tmp_path / "press.png")
-    info = load_run(run_dir).config.data
+    info = load_run(run_dir).config.data.array
     n = int(load_run(run_dir).predict(np.asarray(digit)).argmax())
     taxels = [{"x_mm": x, "y_mm": y} for x, y in zip(info.x_mm[::-1], info.y_mm[::-1], strict=True)]
     (tmp_path / "mine.json").write_text(json.dumps({"taxels": taxels}))

@@ -125,7 +125,7 @@ def estimate_irreducible_error(data_dir: Path, split: str) -> IrreducibleError |
     of_split = neighbors(pairs.images, queries.images, NEIGHBORS, shapes, "irreducible error")
     of_train = neighbors(train.images, queries.images, NEIGHBORS)
     info = load_info(data_dir)
-    _, taxel_groups = view_on(info.x_mm, info.y_mm, info.view_mm)
+    _, taxel_groups = view_on(info.array.x_mm, info.array.y_mm, info.camera.view_mm)
     return IrreducibleError(
         noise_grey=noise,
         close_grey=CLOSE * noise,

@@ -100,7 +100,7 @@ def rows(probes: Probes, runs: Sequence[Path], data: Path) -> dict[str, dict[str
     }
     for name, run in zip(run_names(loaded), loaded, strict=True):
         predictions[name] = run.predict(probes.images)
-    full_scale = load_info(data).full_scale_counts
+    full_scale = load_info(data).array.full_scale_counts
     return {name: errors(predicted, probes, full_scale) for name, predicted in predictions.items()}
 
 

@@ -73,7 +73,8 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.translate.data.pairs import load_info, load_pairs
     from t2twin.translate.evaluation.evaluate import training_steps
     from t2twin.translate.inference.load import load
-    from t2twin.translate.inference.predictor import ImagePredictor, require
+    from t2twin.translate.inference.picture_predictor import ImagePredictor
+    from t2twin.translate.inference.predictor import require
 
     run = require(load(options.run), ImagePredictor, "the benchmark")
     if load_info(options.data).sha256 != run.config.data.sha256:
@@ -83,7 +84,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     mean = _mean(train)
     frame = Image.fromarray(SensorPair().camera.background_frame())
     background = to_pixels(frame, size, grey=True)[..., 0]
-    mm_per_px = _mm_per_px(run.config.data.view_mm, size)
+    mm_per_px = _mm_per_px(run.config.data.camera.view_mm, size)
     content, splits = {}, []
     for split, pairs in zip(SPLITS, rest, strict=True):
         real = pairs.images[:][..., 0]

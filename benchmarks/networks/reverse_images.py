@@ -58,15 +58,16 @@ def _chosen(split: Split) -> list[int]:
 
 
 def _draw(page: Figure, samples: Sequence[tuple[Split, int]], info: DataInfo) -> None:
-    phi, aspect = info.phi, 1.0 / info.aspect
+    array, camera = info.array, info.camera
+    phi, aspect = array.phi, 1.0 / camera.aspect
     tactile_width = aspect * phi.shape[1] / phi.shape[0]
     widths = (tactile_width, 1.0, 1.0, 1.0, 1.0)
     all_axes = page.subplots(len(samples), len(widths), squeeze=False, width_ratios=widths)
     for axes, (split, place) in zip(all_axes, samples, strict=True):
         pairs = split.pairs
         counts = phi(pairs.counts[place])
-        draw_tactile_image(axes[0], counts, phi, info.taxels, (0.0, float(counts.max())))
-        _view(axes[0], info.view_mm)
+        draw_tactile_image(axes[0], counts, phi, array.taxels, (0.0, float(counts.max())))
+        _view(axes[0], camera.view_mm)
         axes[0].set_ylabel(f"{pairs.shapes[place]}\n{SPLITS[split.name]}")
         _picture(axes[1], split.real[place], aspect)
         for each, name in zip(axes[2:], TITLES, strict=True):

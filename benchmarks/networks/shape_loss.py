@@ -107,7 +107,7 @@ def _figures(run: CountsPredictor, pairs: Pairs) -> tuple[dict[str, float], Any]
     """A run's figures, and the same in the resamples of the shapes."""
     from t2twin.translate.evaluation.array_errors import compare, replicates
 
-    data = run.config.data
+    data = run.config.data.array
     predicted = run.predict_pixels(pairs.images, progress=run.run_dir.name)
     figures = compare(predicted, pairs.counts, Phi(data.x_mm, data.y_mm), data.full_scale_counts)
     overall = figures.summary(data.full_scale_counts)

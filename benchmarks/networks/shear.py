@@ -119,7 +119,7 @@ def _counts(estimate: Estimate, pairs: Pairs, run: FieldPredictor) -> dict[str, 
     from t2twin.sim.taxels.phi import Phi
     from t2twin.translate.evaluation.array_errors import by_motion, compare
 
-    data = run.config.data
+    data = run.config.data.array
     full_scale = data.full_scale_counts
     figures = compare(estimate.counts, pairs.counts, Phi(data.x_mm, data.y_mm), full_scale)
     found = by_motion(figures, pairs, full_scale, estimate)

@@ -109,15 +109,17 @@ def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, floa
 
 def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> RunConfig:
     from t2twin.translate.data.pairs import DataInfo
+    from t2twin.translate.data.sides import ArraySide, CameraSide
     from t2twin.translate.runs.checkpoint import build, save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
     array = SensorPair().array
     layout, places = array.layout, array.dense.layout
-    info = DataInfo(
-        "0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE,
+    side = ArraySide(
+        layout.name, layout.x_mm, layout.y_mm, FULL_SCALE,
         dense_x_mm=places.x_mm, dense_y_mm=places.y_mm,
     )  # fmt: skip
+    info = DataInfo("0" * 64, CameraSide(), side)
     config = RunConfig(model, preset, 0, info, None, None, 1, False, 1)
     config.save(run_dir)
     save_weights(run_dir / BEST, build(config).predictor)

@@ -47,8 +47,8 @@ class PlainResNet18:
     """Regression on the counts in parts of full scale."""
 
     def __init__(self, preset: Preset, info: DataInfo) -> None:
-        self.full_scale = info.full_scale_counts
-        self.network = ResNet18(info.x_mm.size, preset.filters)
+        self.full_scale = info.array.full_scale_counts
+        self.network = ResNet18(info.array.x_mm.size, preset.filters)
         self.networks: list[nn.Module] = [self.network]
         self.optimizer = _adam(self.network, preset)
 
@@ -67,8 +67,8 @@ class PlainTouch2Touch:
     """pix2pix: the discriminator's step, then the generator's."""
 
     def __init__(self, preset: Preset, info: DataInfo) -> None:
-        self.full_scale, self.l1_weight = info.full_scale_counts, preset.l1_weight
-        self.phi = Phi(info.x_mm, info.y_mm).resized((preset.size, preset.size))
+        self.full_scale, self.l1_weight = info.array.full_scale_counts, preset.l1_weight
+        self.phi = Phi(info.array.x_mm, info.array.y_mm).resized((preset.size, preset.size))
         self.generator = UNet(preset.size, preset.filters)
         self.discriminator = PatchGAN(filters=preset.filters)
         self.networks: list[nn.Module] = [self.generator, self.discriminator]

@@ -145,9 +145,9 @@ def _paper_hours(model: Model, info: DataInfo) -> float:
         if catalogue.split(name) == "train"
     )
     bf16 = preset.bf16 and has_bf16()
-    translator = TRANSLATORS[model](preset, info, torch.device("cpu"), bf16)
+    translator = TRANSLATORS["counts"][model](preset, info, torch.device("cpu"), bf16)
     images = torch.zeros(preset.batch, 1 if preset.grey else 3, preset.size, preset.size)
-    counts = torch.zeros(preset.batch, info.x_mm.size)
+    counts = torch.zeros(preset.batch, info.array.x_mm.size)
     translator.step(Examples(images, counts))
     started = time.perf_counter()
     for _ in range(PAPER_STEPS):

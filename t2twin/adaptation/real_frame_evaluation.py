@@ -183,7 +183,7 @@ def evaluate_frame(
     truth: (N,) reference counts in the run's layout. force_n: reference force. background: as for
     `evaluate_frames`.
     """
-    layout = run.config.data
+    layout = run.config.data.array
     counts, predicted_n, coverage = _predict(run, image, truth, background)
     places = np.stack([layout.x_mm, layout.y_mm], axis=1)
     rmse = float(np.sqrt(np.mean((counts - truth) ** 2)))
@@ -242,7 +242,7 @@ def baseline_rmse_percent(
     """RMSE, percent of full scale, of zero counts and of the mean array of the presses."""
     truth = np.array([reference.counts for reference in references])
     zero, mean_array = (
-        100.0 * float(np.sqrt(np.mean(residual**2))) / run.config.data.full_scale_counts
+        100.0 * float(np.sqrt(np.mean(residual**2))) / run.config.data.array.full_scale_counts
         for residual in (truth, truth - truth.mean(axis=0))
     )
     return zero, mean_array

@@ -181,13 +181,13 @@ def _summary(result: AdaptationResult, run: CountsPredictor) -> dict[str, Any]:
         )
     ]
     heads = ["", "RMSE, %", "centroid, mm", "force error, %", "one region"]
-    least = MIN_CONTACT_SHARE * run.config.data.full_scale_counts
+    least = MIN_CONTACT_SHARE * run.config.data.array.full_scale_counts
     return {"table": Table(heads, {"": rows}), "min_contact_counts": least}
 
 
 def _figure(run: CountsPredictor, comparison: PressComparison) -> bytes:
     """Content of a PNG file with both frames of a press, their translations and the reference."""
-    reference, layout = comparison.reference, run.config.data
+    reference, layout = comparison.reference, run.config.data.array
     phi = layout.phi
     panels = [
         Panel("real frame", reference.frame),

@@ -19,28 +19,32 @@ def train(
     minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     init_from: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
-    direction: Literal["image-to-counts", "counts-to-image"] = "image-to-counts",
+    direction: Literal[
+        "source-to-target", "target-to-source", "image-to-counts", "counts-to-image"
+    ] = "source-to-target",
     iou_weight: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
 ) -> None:
     """Train a translator, or resume a stopped training.
 
     Args:
-        model: touch2touch, resnet18, or field, which needs a dataset with dense counts.
+        model: touch2touch (any pair of sensors), resnet18 (to counts), or field (from images to
+            counts; needs a dataset with dense counts).
         data: Folder of the dataset.
         preset: cpu (two cores), paper (as published; for a GPU) or smoke (seconds).
-        out: Folder of the run. Default: runs/MODEL, or runs/MODEL-counts-to-image.
+        out: Folder of the run. Default: runs/MODEL, or runs/MODEL-DIRECTION.
         seed: Seed of weights, order, dropout and augmentation.
         epochs: Maximum epochs. Default: the preset's.
         minutes: Maximum minutes; the epochs are planned to fit.
         steps: Maximum steps, rounded to whole epochs. Default: the preset's.
         init_from: Run of the same model, whose weights are the initial weights.
-        direction: image-to-counts, or for touch2touch counts-to-image: images from counts.
+        direction: Of the dataset's sensors; image-to-counts and counts-to-image are for a gel
+            camera and a taxel array, whichever is the source.
         iou_weight: Weight of the soft IoU loss of the tactile image; that of L1 is 100. touch2touch
             only. Default: the preset's, 0.
     """
     from t2twin.translate.training.train import train as run
 
-    suffix = "" if direction == "image-to-counts" else f"-{direction}"
+    suffix = "" if direction in ("source-to-target", "image-to-counts") else f"-{direction}"
     folder = out or Path("runs") / f"{model}{suffix}"
     run(
         model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps,

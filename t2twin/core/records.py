@@ -62,18 +62,19 @@ class _FormatNumber:
     format: int = 1
 
 
-def read_json(path: Path, kind: type[Record], number: int) -> Record:
-    """The record in a JSON file, which may have a byte order mark. kind: its dataclass. number: the
-    supported format number.
+def read_json(path: Path, kind: type[Record], *numbers: int) -> Record:
+    """The record in a JSON file, which may have a byte order mark. kind: its dataclass. numbers:
+    the supported format numbers.
 
     Raises T2TwinError where the file cannot be read, has another format, or does not fit the
     dataclass; see `decode_json`.
     """
     content = read_file(path).removeprefix(BOM_UTF8)
     found = decode_json(content, _FormatNumber, path).format
-    if found != number:
+    if found not in numbers:
+        known = " and ".join(map(str, numbers))
         raise T2TwinError(
-            f"{path} is of format {found}; this version of t2twin reads format {number} only"
+            f"{path} is of format {found}; this version of t2twin reads format {known} only"
         )
     return decode_json(content, kind, path)
 

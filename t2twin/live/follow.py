@@ -129,7 +129,7 @@ def _translator(
     def translate(image: np.ndarray) -> dict[str, Any]:
         pixels = run.pixels_of(image, resized)
         ood_class = combined(
-            classify_frame(image, run.config.data.aspect, background), *run.classify(pixels)
+            classify_frame(image, run.config.data.camera.aspect, background), *run.classify(pixels)
         )
         return _predict(run, pixels) | ood_entry(ood_class)
 

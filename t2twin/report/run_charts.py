@@ -137,7 +137,7 @@ def _errors(evaluation: Evaluation, model: str) -> list[float]:
     """RMSE of a model, counts, in the order of `_names`."""
     row = evaluation.models[model]
     figures = row.by_family if _by_family(evaluation) else row.by_shape
-    return [figures[name].rmse_counts for name in _names(evaluation)]
+    return [figures[name].counts for name in _names(evaluation)]
 
 
 def _shape_bars(page: Figure, report: ReportData, split: str) -> None:
@@ -195,7 +195,7 @@ def _epochs(page: Figure, report: ReportData) -> None:
     if evaluation is not None and all(row.same_data for row in evaluation.runs.values()):
         for name in (MEAN_ARRAY, NEAREST_NEIGHBOR):
             axes.axhline(
-                evaluation.models[name].overall.rmse_counts, color=color_of[name], linewidth=1,
+                evaluation.models[name].overall.counts, color=color_of[name], linewidth=1,
                 linestyle=(0, (6, 3)), label=f"{name_of(name)}, validation",
             )  # fmt: skip
     axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))

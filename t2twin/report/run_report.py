@@ -74,7 +74,7 @@ def summary(report: ReportData) -> dict[str, Any]:
 
 def best_run(evaluation: Evaluation) -> str:
     """Name of the run with the lowest RMSE on a split."""
-    return min(evaluation.runs, key=lambda name: evaluation.runs[name].overall.rmse_counts)
+    return min(evaluation.runs, key=lambda name: evaluation.runs[name].overall.counts)
 
 
 def _pairs(report: ReportData, split: str) -> str:
@@ -94,8 +94,8 @@ def _pairs(report: ReportData, split: str) -> str:
 def _ratio(evaluation: Evaluation) -> float:
     """RMSE of the best run relative to that of the better baseline."""
     baselines = (evaluation.models[name] for name in (MEAN_ARRAY, NEAREST_NEIGHBOR))
-    lowest = min(row.overall.rmse_counts for row in baselines)
-    best = evaluation.runs[best_run(evaluation)].overall.rmse_counts
+    lowest = min(row.overall.counts for row in baselines)
+    best = evaluation.runs[best_run(evaluation)].overall.counts
     return best / lowest if lowest else float("inf")
 
 

@@ -19,7 +19,7 @@ from t2twin.core.errors import T2TwinError
 if TYPE_CHECKING:
     from t2twin.sim.taxels.layout import Layout
     from t2twin.sim.touch import Touch
-    from t2twin.translate.data.pairs import DataInfo
+    from t2twin.translate.data.sides import ArraySide
     from t2twin.translate.inference.predictor import CountsPredictor
     from t2twin.translate.uncertainty.estimate import Estimate
 
@@ -163,7 +163,7 @@ class Translators:
         from t2twin.translate.uncertainty.ood import OODClass
 
         run = self._load(name)
-        data, interval, force = run.config.data, None, None
+        data, interval, force = run.config.data.array, None, None
         if isinstance(run, FieldPredictor):
             estimate = run.estimate([image], background)
             counts, tactile = estimate.counts, run.dense_images(estimate)[0]
@@ -232,7 +232,7 @@ def _model_of(folder: Path) -> str:
     return config.model
 
 
-def _truth(touch: "Touch", layout: "Layout", data: "DataInfo") -> np.ndarray | None:
+def _truth(touch: "Touch", layout: "Layout", data: "ArraySide") -> np.ndarray | None:
     """True counts at the taxels of a layout; of the touch's own layout with its noise, of any other
     without. None for a touch without an array of the cover and the full scale of the data."""
     if touch.of_array is None:

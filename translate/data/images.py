@@ -115,6 +115,11 @@ def to_input(pixels: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(scaled.reshape(pixels.shape)).permute(0, 3, 1, 2)
 
 
+def to_scaled(pixels: np.ndarray) -> torch.Tensor:
+    """Pictures of any channels, (B, S, S, c) float32 in [0, 1], as (B, c, S, S) in [-1, 1]."""
+    return torch.from_numpy(2.0 * pixels - 1.0).permute(0, 3, 1, 2)
+
+
 Images = np.ndarray | Sequence[np.ndarray]
 """One image, a batch, or a list of images, as `image_list` takes them."""
 

@@ -1,5 +1,7 @@
 """The pairs of one dataset split: images in a cache of decoded files, counts in memory.
 
+Source and target are those of a run, which may exchange those of the dataset.
+
 The cache is the folder `cache` of the dataset, with one uint8 .npy file per split, size and color.
 One more has background frames, images without contact, and the index of each pair's frame. A
 recipe with a fixed light has one frame. File names contain the first digits of the SHA-256 of
@@ -13,6 +15,7 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from functools import partial
 from itertools import chain, groupby, islice, repeat
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO
@@ -28,18 +31,15 @@ from t2twin.core.cached_files import cached_file
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
-from t2twin.sim.contact.elastomer import Elastomer, elastomer_of
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
-    COUNTS,
     DENSE_COUNTS,
     IMAGE,
     PATH,
     POSE,
     column,
 )
-from t2twin.sim.dataset.format_1 import COVER, IMAGE_SHAPE, TACTILE_IMAGE, VIEW_MM
-from t2twin.sim.dataset.info import MAX_COUNTS, DatasetInfo, is_sha256
+from t2twin.sim.dataset.info import DatasetInfo, is_sha256
 from t2twin.sim.dataset.store import (
     INFO,
     iter_images,
@@ -49,13 +49,9 @@ from t2twin.sim.dataset.store import (
     sha256_of,
     split_shards,
 )
-from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
-from t2twin.sim.taxels.phi import Phi
+from t2twin.sim.sensors.defaults import ROLES
 from t2twin.translate.data.images import to_pixels
-
-SAME_MM = 1e-3
-"""Largest distance of corresponding taxels of equal layouts, mm (assumed: far below the tolerance
-of a printed board)."""
+from t2twin.translate.data.sides import ArraySide, CameraSide, Side, TactilePictures, side_of
 
 CACHE = "cache"
 SHEAR = ("shear_x_n", "shear_y_n")
@@ -115,18 +111,26 @@ class InputImages:
         return np.concatenate([images, self.backgrounds[index]], axis=-1)
 
 
+Readings = ImageFile | np.ndarray
+"""Images, or counts, (P, N) float32."""
+
+Pictures = InputImages | TactilePictures
+"""The pictures of the source's readings."""
+
+
 @dataclass(frozen=True)
 class Pairs:
     """The pairs of one split.
 
-    images: the P images, (S, S, c) each. counts: (P, N) float32.
+    source, target: the readings of both sides: the P images, (S, S, c) each, or counts.
     shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
-    dense_counts: (P, F) uint16, counts, and backgrounds, if they were loaded. shear_n: (P, 2), N,
-    along x and y on the gel camera, and is_moving: (P,) bool, of recipes with motion.
+    dense_counts: (P, F) uint16, counts of the target, and backgrounds, of the source, if they were
+    loaded. shear_n: (P, 2), N, along x and y on the gel camera, and is_moving: (P,) bool, of
+    recipes with motion. pictures: of the counts of a source that is a taxel array.
     """
 
-    images: ImageFile
-    counts: np.ndarray
+    source: Readings
+    target: Readings
     shapes: np.ndarray
     families: np.ndarray
     x_mm: np.ndarray
@@ -137,110 +141,85 @@ class Pairs:
     backgrounds: ImageFile | None = None
     shear_n: np.ndarray | None = None
     is_moving: np.ndarray | None = None
+    pictures: TactilePictures | None = None
 
     def __len__(self) -> int:
-        return self.counts.shape[0]
+        return len(self.target)
 
     @property
-    def inputs(self) -> InputImages:
-        """The inputs of a translator from images to counts."""
+    def images(self) -> ImageFile:
+        """The images, of two gel cameras those of the source."""
+        found = self.source if isinstance(self.source, ImageFile) else self.target
+        assert isinstance(found, ImageFile)
+        return found
+
+    @property
+    def counts(self) -> np.ndarray:
+        """The counts, of two taxel arrays those of the target."""
+        found = self.source if isinstance(self.target, ImageFile) else self.target
+        assert isinstance(found, np.ndarray)
+        return found
+
+    @property
+    def inputs(self) -> Pictures:
+        """The inputs of a translator."""
+        if self.pictures is not None:
+            return self.pictures
         return InputImages(self.images, self.backgrounds)
 
     def subset(self, places: np.ndarray) -> "Pairs":
         """The pairs with these indices, (b,)."""
-        special = ("images", "backgrounds")
-        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in special}
-        own: dict[str, Any] = {n: None if a is None else a[places] for n, a in arrays.items()}
-        return Pairs(
-            images=self.images.subset(places),
-            backgrounds=None if self.backgrounds is None else self.backgrounds.subset(places),
-            **own,
-        )
+        own: dict[str, Any] = {}
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if isinstance(value, ImageFile | TactilePictures):
+                value = value.subset(places)
+            own[each.name] = value[places] if isinstance(value, np.ndarray) else value
+        return Pairs(**own)
 
 
 class DataInfo(Struct, frozen=True):
-    """Properties of a dataset, from its info.json, and the SHA-256 of that file.
+    """What a run has of its dataset: its two sides, and the SHA-256 of info.json.
 
-    layout: name of the taxel layout. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
-    taxels saturate. recipe: name of the recipe, None for imported pairs. train_pairs: number of
-    training pairs. dense_x_mm, dense_y_mm: (F,) places of the dense counts, None without dense
-    counts. pad_diameter_mm: (N,) of the taxels, None if unknown. has_shear: whether the pairs
-    contain the shear force; only present if true. image_shape: rows, columns and channels of the
-    images. view_mm: half of what they show along x and y. tactile_image: rows, columns and px/mm.
-    dense_pad_mm: diameter of the dense counts' pads. cover: the array's, as in elastomer_json.
-    The part "data" of a run's config.json, in which some fields have other names. The defaults are
-    those of runs that were trained on datasets of format 1.
+    recipe: name of the recipe, None for imported pairs. train_pairs: number of training pairs.
+    has_shear: whether the pairs contain the shear force; only present if true.
+    The part "data" of a run's config.json, in which some fields have other names.
     """
 
     sha256: str = renamed(name="info_sha256")
-    layout: str
-    x_mm: np.ndarray = renamed(name="layout_x_mm")
-    y_mm: np.ndarray = renamed(name="layout_y_mm")
-    full_scale_counts: Annotated[float, Meta(ge=1, le=MAX_COUNTS)]
+    source: Side
+    target: Side
     recipe: str | None = None
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
-    dense_x_mm: np.ndarray | None = None
-    dense_y_mm: np.ndarray | None = None
-    pad_diameter_mm: np.ndarray | None = None
     has_shear: bool | UnsetType = UNSET
-    image_shape: tuple[int, int, int] = IMAGE_SHAPE
-    view_mm: tuple[float, float] = VIEW_MM
-    tactile_image: tuple[int, int, float] = TACTILE_IMAGE
-    dense_pad_mm: float = PAD_DIAMETER_MM
-    cover: dict[str, Any] = renamed(default_factory=lambda: dict(COVER))
 
     def check(self) -> None:
-        """Raises ValueError for an invalid layout, places, cover or SHA-256."""
-        _ = self.taxels, self.dense, self.elastomer
+        """Raises ValueError for an invalid side or SHA-256."""
+        self.source.check()
+        self.target.check()
         if not is_sha256(self.sha256):
             raise ValueError("info_sha256 must be 64 hexadecimal digits")
 
-    def same_layout(self, x_mm: np.ndarray, y_mm: np.ndarray) -> bool:
-        """Whether positions equal those of the layout, in its order. x_mm, y_mm: (N,), mm."""
-        own, other = np.stack([self.x_mm, self.y_mm]), np.stack([x_mm, y_mm])
-        return own.shape == other.shape and bool(np.abs(own - other).max() < SAME_MM)
-
-    def same_pads(self, other: Layout) -> bool:
-        """Whether a layout of equal positions has pads of equal sizes."""
-        own = self.taxels.pad_diameter_mm
-        return bool(np.abs(own - other.pad_diameter_mm).max() < SAME_MM)
+    @property
+    def direction(self) -> str:
+        """What is predicted from what, as "image-to-counts"."""
+        return f"{self.source.value}-to-{self.target.value}"
 
     @property
-    def taxels(self) -> Layout:
-        """The layout, with default pad diameters if they are unknown."""
-        pads = self.pad_diameter_mm
-        default = np.full(self.x_mm.size, PAD_DIAMETER_MM)
-        return Layout(self.layout, self.x_mm, self.y_mm, default if pads is None else pads)
+    def array(self) -> ArraySide:
+        """The taxel array, the target's first. Raises T2TwinError without one."""
+        for side in (self.target, self.source):
+            if isinstance(side, ArraySide):
+                return side
+        raise T2TwinError(f"{self.source.words} and {self.target.words} contain no counts")
 
     @property
-    def dense(self) -> Layout | None:
-        """The places of the dense counts, None without dense counts."""
-        x_mm, y_mm = self.dense_x_mm, self.dense_y_mm
-        if x_mm is None and y_mm is None:
-            return None
-        if x_mm is None or y_mm is None:
-            raise T2TwinError("dense_x_mm or dense_y_mm is missing; expected both or none")
-        return Layout("dense", x_mm, y_mm, np.full(x_mm.size, self.dense_pad_mm))
-
-    @property
-    def elastomer(self) -> Elastomer:
-        """The cover of the array."""
-        return elastomer_of(self.cover, "the cover")
-
-    def phi_of(self, x_mm: np.ndarray, y_mm: np.ndarray) -> Phi:
-        """phi of taxels, in the size and scale of the tactile image. Raises T2TwinError as Phi."""
-        rows, columns, px_per_mm = self.tactile_image
-        return Phi(x_mm, y_mm, (rows, columns), px_per_mm)
-
-    @property
-    def phi(self) -> Phi:
-        """phi of the layout."""
-        return self.phi_of(self.x_mm, self.y_mm)
-
-    @property
-    def aspect(self) -> float:
-        """Width over height of an image."""
-        return self.image_shape[1] / self.image_shape[0]
+    def camera(self) -> CameraSide:
+        """The gel camera, the source's first. Raises T2TwinError without one."""
+        for side in (self.source, self.target):
+            if isinstance(side, CameraSide):
+                return side
+        raise T2TwinError(f"{self.source.words} and {self.target.words} contain no image")
 
     @property
     def recipe_shown(self) -> str:
@@ -248,31 +227,26 @@ class DataInfo(Struct, frozen=True):
         return self.recipe or f"dataset {self.sha256[:8]}"
 
 
-def load_info(data_dir: Path) -> DataInfo:
-    """Reads DIR/info.json. Raises T2TwinError if it is missing or invalid."""
+def load_info(data_dir: Path, reverse: bool = False) -> DataInfo:
+    """Reads DIR/info.json. reverse: exchange source and target.
+
+    Raises T2TwinError if it is missing or invalid.
+    """
     info = read_info(data_dir)
-    array, camera = info.array, info.camera
-    assert array.layout is not None and array.full_scale_counts is not None
-    assert camera.image_shape is not None
-    arrays = ("dense_x_mm", "dense_y_mm", "pad_diameter_mm")
-    given: dict[str, Any] = {
-        "view_mm": camera.view_mm,
-        "tactile_image": array.tactile_image,
-        "dense_pad_mm": array.dense_pad_mm,
-        "cover": array.elastomer,
-    } | {name: getattr(array, name) and np.array(getattr(array, name)) for name in arrays}
+    sides = [side_of(info.sensors[role]) for role in _roles(reverse)]
+    moves = info.recipe is not None and info.recipe.motion and isinstance(sides[0], CameraSide)
     return DataInfo(
-        sha256=sha256_of(data_dir / INFO),
-        layout=array.layout,
-        x_mm=np.array(array.x_mm),
-        y_mm=np.array(array.y_mm),
-        full_scale_counts=float(array.full_scale_counts),
+        sha256_of(data_dir / INFO),
+        *sides,
         recipe=info.recipe_name,
         train_pairs=info.pairs["train"],
-        has_shear=True if info.recipe is not None and info.recipe.motion else UNSET,
-        image_shape=camera.image_shape,
-        **{name: value for name, value in given.items() if value is not None},
+        has_shear=True if moves else UNSET,
     )
+
+
+def _roles(reverse: bool) -> tuple[str, ...]:
+    """The dataset's roles of a run's source and target."""
+    return ROLES[::-1] if reverse else ROLES
 
 
 def load_pairs(
@@ -282,53 +256,65 @@ def load_pairs(
     grey: bool,
     cache_dir: Path | None = None,
     with_dense_counts: bool = False,
+    reverse: bool = False,
 ) -> Pairs:
-    """Loads one split with images at size x size, grey or RGB.
+    """Loads one split with pictures at size x size, grey or RGB.
 
     cache_dir: folder of the decoded images, by default `cache` of the dataset. with_dense_counts:
-    also load the dense counts, and the background frames if the pairs contain them.
+    also load the dense counts of the target, and the background frames of the source if the pairs
+    contain them. reverse: exchange source and target.
     Raises T2TwinError for an unknown, missing or unfinished split, and with with_dense_counts for
     pairs without dense counts.
     """
-    info, stored = load_info(data_dir), read_info(data_dir)
-    if with_dense_counts and info.dense_x_mm is None:
+    info, stored, roles = load_info(data_dir, reverse), read_info(data_dir), _roles(reverse)
+    target, moves = info.target, bool(info.has_shear)
+    if with_dense_counts and not (isinstance(target, ArraySide) and target.dense_x_mm is not None):
         raise T2TwinError(
             f"the pairs in {data_dir} have no dense counts; make a dataset with them, such as "
             "`t2twin simdata --recipe union`"
         )
-    camera, array = stored.role_of(IMAGE), stored.role_of(COUNTS)
-    image, count, dense = column(camera, IMAGE), column(array, COUNTS), column(array, DENSE_COUNTS)
-    shear = [column(camera, name) for name in SHEAR]
+    counts = [column(role, stored.values[role]) for role in ROLES if stored.values[role] != IMAGE]
+    dense, shear = column(roles[1], DENSE_COUNTS), [column(roles[0], name) for name in SHEAR]
     optional = [dense] if with_dense_counts else []
-    optional += ["index", PATH, *shear] if info.has_shear else []
-    table = read_split(data_dir, split, ["shape", "family", *POSE, count, *optional])
-    counts = lists(table, count).astype(np.float32)
-    color, name = "grey" if grey else "rgb", info.sha256[:12]
-    folder = cache_dir or data_dir / CACHE
-    cache = folder / f"{split}-{size}-{color}-{name}.npy"
-    shape = (table.num_rows, size, size, 1 if grey else 3)
+    optional += ["index", PATH, *shear] if moves else []
+    table = read_split(data_dir, split, ["shape", "family", *POSE, *counts, *optional])
+    name, folder = info.sha256[:12], cache_dir or data_dir / CACHE
 
-    def decode(file: BinaryIO) -> None:
-        shards = split_shards(stored, split)
-        images = chain.from_iterable(iter_images(data_dir, shard, image) for shard in shards)
-        _write_images(file, images, shape, info.image_shape, cache.stem)
+    def readings(role: str, side: Side) -> Readings:
+        if isinstance(side, ArraySide):
+            return lists(table, column(role, side.value)).astype(np.float32)
+        second = role == ROLES[1] and info.source.value == target.value
+        color, part = "grey" if grey else "rgb", f"{split}-target" if second else split
+        cache = folder / f"{part}-{size}-{color}-{name}.npy"
+        shape = (table.num_rows, size, size, 1 if grey else 3)
+        images = _stored_images(data_dir, stored, split, role)
+        write = partial(_write_images, images=images, shape=shape, stored=side.image_shape)
+        cached_file(cache, shape, partial(write, name=cache.stem))
+        return ImageFile(cache)
 
-    cached_file(cache, shape, decode)
+    source, backgrounds, pictures = readings(roles[0], info.source), None, None
+    if with_dense_counts and has_backgrounds(stored):
+        backgrounds = load_backgrounds(data_dir, split, size, folder, name)
+    if isinstance(info.source, ArraySide) and isinstance(source, np.ndarray):
+        pictures = info.source.pictures(source, size, grey)
     return Pairs(
-        images=ImageFile(cache),
-        counts=counts,
+        source=source,
+        target=readings(roles[1], target),
         shapes=np.array(table["shape"].to_pylist()),
         families=np.array(table["family"].to_pylist()),
         dense_counts=lists(table, dense) if with_dense_counts else None,
-        backgrounds=load_backgrounds(data_dir, split, size, folder, name)
-        if with_dense_counts and has_backgrounds(stored)
-        else None,
-        shear_n=np.column_stack([table[name].to_numpy() for name in shear])
-        if info.has_shear
-        else None,
-        is_moving=table["index"].to_numpy() > table[PATH].to_numpy() if info.has_shear else None,
+        backgrounds=backgrounds,
+        shear_n=np.column_stack([table[name].to_numpy() for name in shear]) if moves else None,
+        is_moving=table["index"].to_numpy() > table[PATH].to_numpy() if moves else None,
+        pictures=pictures,
         **{name: table[name].to_numpy() for name in POSE},
     )
+
+
+def _stored_images(data_dir: Path, info: DatasetInfo, split: str, role: str) -> Iterator[bytes]:
+    """PNG bytes of the images of a role, in the order of read_split."""
+    for shard in split_shards(info, split):
+        yield from iter_images(data_dir, shard, column(role, IMAGE))
 
 
 def load_backgrounds(data_dir: Path, split: str, size: int, cache: Path, name: str) -> ImageFile:
@@ -422,13 +408,14 @@ def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bo
 class Examples:
     """A batch of B pairs for one training step.
 
-    images: as `images.to_input` returns them, (B, c, S, S). counts: (B, N) float32. dense_counts:
-    (B, F) float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
+    images: pictures of the source's readings, as `Translator.to_input` returns them, (B, c, S, S).
+    targets: (B, N) float32 counts, or images, (B, c, S, S) in [-1, 1]. dense_counts: (B, F)
+    float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
     shear_n: (B, 2) float32, of recipes with motion.
     """
 
     images: torch.Tensor
-    counts: torch.Tensor
+    targets: torch.Tensor
     dense_counts: torch.Tensor | None = None
     force_n: torch.Tensor | None = None
     shear_n: torch.Tensor | None = None

@@ -16,9 +16,10 @@ deviations.
 Shape letters: P pairs, N taxels, K groups of pairs, often shapes, B resamples.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -52,6 +53,9 @@ Sums = dict[str, tuple[np.ndarray, np.ndarray]]
 GroupedFigures = dict[FigureName, np.ndarray]
 """The figures of records.Figures for K groups of pairs: (K,) each, NaN for none."""
 
+NO_FIGURES = dict.fromkeys(each.name for each in fields(Figures) if each.name != "pairs")
+"""The figures of records.Figures, all unknown."""
+
 RESAMPLES = 1000
 SEED = 0
 CONFIDENCE = 0.95
@@ -70,8 +74,50 @@ MIN_SHEAR_N = 0.3
 """True shear force above which its direction and magnitude are compared, N (assumed)."""
 
 
+class FiguresOfPairs(ABC):
+    """Figures of each pair, (P,) arrays, and how they combine in groups of pairs."""
+
+    @abstractmethod
+    def figures_of(self, sums: Sums, full_scale: float) -> GroupedFigures:
+        """Figures from `sums`. full_scale: of the target, counts or grey levels."""
+
+    def summary(self, full_scale: float, which: np.ndarray | None = None) -> Figures:
+        """Figures over the pairs `which`, (P,) bool, by default all."""
+        pairs = next(iter(vars(self).values())).size
+        chosen = np.ones(pairs, bool) if which is None else which
+        return self._summaries(full_scale, chosen.astype(int), 2)[1]
+
+    def by_name(self, full_scale: float, names: np.ndarray) -> dict[str, Figures]:
+        """Figures over the pairs of each name. names: (P,), as of shapes."""
+        unique, place = np.unique(names, return_inverse=True)
+        figures = self._summaries(full_scale, place, unique.size)
+        return dict(zip(map(str, unique), figures, strict=True))
+
+    def _summaries(self, full_scale: float, place: np.ndarray, groups: int) -> list[Figures]:
+        """place, groups: as for `sums`."""
+        grouped = self.figures_of(self.sums(place, groups), full_scale)
+        summaries = []
+        for group, pairs in enumerate(np.bincount(place, minlength=groups)):
+            values = {name: float(figure[group]) for name, figure in grouped.items()}
+            known = {name: None if np.isnan(value) else value for name, value in values.items()}
+            summaries.append(Figures(pairs=int(pairs), **NO_FIGURES | known))  # pyright: ignore[reportArgumentType]
+        return summaries
+
+    def sums(self, place: np.ndarray, groups: int) -> Sums:
+        """Sums by group, (K,); figures of any union of groups follow from them.
+
+        place: (P,) the group of each pair, 0 to groups - 1.
+        """
+        sums = {}
+        for name, values in vars(self).items():
+            known = ~np.isnan(values)
+            pairs = np.bincount(place[known], minlength=groups).astype(float)
+            sums[name] = np.bincount(place[known], values[known], groups), pairs
+        return sums
+
+
 @dataclass(frozen=True)
-class PairFigures:
+class PairFigures(FiguresOfPairs):
     """Figures of each pair, (P,) each.
 
     squared_error: mean over the taxels, counts^2. ssim: of phi(predicted) and phi(true), over the
@@ -92,61 +138,27 @@ class PairFigures:
     squared_error_near: np.ndarray
     squared_error_beyond: np.ndarray
 
-    def summary(self, full_scale: float, which: np.ndarray | None = None) -> Figures:
-        """Figures over the pairs `which`, (P,) bool, by default all. full_scale: counts."""
-        chosen = np.ones(self.total.size, bool) if which is None else which
-        return self._summaries(full_scale, chosen.astype(int), 2)[1]
-
-    def by_name(self, full_scale: float, names: np.ndarray) -> dict[str, Figures]:
-        """Figures over the pairs of each name. full_scale: counts. names: (P,), as of shapes."""
-        unique, place = np.unique(names, return_inverse=True)
-        figures = self._summaries(full_scale, place, unique.size)
-        return dict(zip(map(str, unique), figures, strict=True))
-
-    def _summaries(self, full_scale: float, place: np.ndarray, groups: int) -> list[Figures]:
-        """place, groups: as for `sums`."""
-        grouped = figures_of(self.sums(place, groups), full_scale)
-        summaries = []
-        for group, pairs in enumerate(np.bincount(place, minlength=groups)):
-            values = {name: float(figure[group]) for name, figure in grouped.items()}
-            known = {name: None if np.isnan(value) else value for name, value in values.items()}
-            summaries.append(Figures(pairs=int(pairs), **known))  # pyright: ignore[reportArgumentType]
-        return summaries
-
-    def sums(self, place: np.ndarray, groups: int) -> Sums:
-        """Sums by group, (K,); figures of any union of groups follow from them.
-
-        place: (P,) the group of each pair, 0 to groups - 1.
-        """
-        sums = {}
-        for name, values in vars(self).items():
-            known = ~np.isnan(values)
-            pairs = np.bincount(place[known], minlength=groups).astype(float)
-            sums[name] = np.bincount(place[known], values[known], groups), pairs
-        return sums
+    def figures_of(self, sums: Sums, full_scale: float) -> GroupedFigures:
+        """See FiguresOfPairs."""
+        means = {name: mean_of(*of_name) for name, of_name in sums.items()}
+        rmse = np.sqrt(means["squared_error"])
+        return {
+            "rmse_counts": rmse,
+            "rmse_percent": 100.0 * rmse / full_scale,
+            "ssim": means["ssim"],
+            "ssim_contact": means["ssim_contact"],
+            "contact_iou": means["contact_iou"],
+            "centroid_error_mm": means["centroid_error_mm"],
+            "total_error_percent": mean_of(100.0 * sums["total_error"][0], sums["total"][0]),
+            "rmse_under_counts": np.sqrt(means["squared_error_under"]),
+            "rmse_near_counts": np.sqrt(means["squared_error_near"]),
+            "rmse_beyond_counts": np.sqrt(means["squared_error_beyond"]),
+        }
 
 
 def mean_of(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """total / pairs; NaN without pairs."""
     return np.divide(total, pairs, out=np.full(total.shape, np.nan), where=pairs > 0)
-
-
-def figures_of(sums: Sums, full_scale: float) -> GroupedFigures:
-    """Figures from PairFigures.sums. full_scale: counts."""
-    means = {name: mean_of(*of_name) for name, of_name in sums.items()}
-    rmse = np.sqrt(means["squared_error"])
-    return {
-        "rmse_counts": rmse,
-        "rmse_percent": 100.0 * rmse / full_scale,
-        "ssim": means["ssim"],
-        "ssim_contact": means["ssim_contact"],
-        "contact_iou": means["contact_iou"],
-        "centroid_error_mm": means["centroid_error_mm"],
-        "total_error_percent": mean_of(100.0 * sums["total_error"][0], sums["total"][0]),
-        "rmse_under_counts": np.sqrt(means["squared_error_under"]),
-        "rmse_near_counts": np.sqrt(means["squared_error_near"]),
-        "rmse_beyond_counts": np.sqrt(means["squared_error_beyond"]),
-    }
 
 
 def compare(
@@ -227,7 +239,7 @@ def resample_weights(shapes: int, seed: int = SEED) -> np.ndarray:
     return np.random.default_rng(seed).multinomial(shapes, shares, size=RESAMPLES).astype(float)
 
 
-def replicates(figures: PairFigures, shapes: np.ndarray, full_scale: float) -> GroupedFigures:
+def replicates(figures: FiguresOfPairs, shapes: np.ndarray, full_scale: float) -> GroupedFigures:
     """Every figure in each resample of the shapes: (B,) each.
 
     shapes: (P,) names. Equal shapes result in equal resamples, so that differences between two
@@ -236,7 +248,7 @@ def replicates(figures: PairFigures, shapes: np.ndarray, full_scale: float) -> G
     names, place = np.unique(shapes, return_inverse=True)
     sums, weights = figures.sums(place, names.size), resample_weights(names.size)
     resampled = {name: (weights @ total, weights @ pairs) for name, (total, pairs) in sums.items()}
-    return figures_of(resampled, full_scale)
+    return figures.figures_of(resampled, full_scale)
 
 
 def rmse_by_group(
@@ -301,10 +313,10 @@ def by_force(
                 high_n=one.high_n,
                 mean_n=one.mean_n,
                 pairs=summary.pairs,
-                rmse_counts=summary.rmse_counts,
+                rmse_counts=summary.counts,
                 rmse_percent=summary.rmse_percent,
                 interval=interval(resampled),
-                of_mean_array=summary.rmse_counts / level if one.has_contact and level else None,
+                of_mean_array=summary.counts / level if one.has_contact and level else None,
                 mean_of=one.mean_of if one.has_contact else None,
                 phantom_counts=None if one.has_contact else float(totals.mean()),
             )
@@ -331,9 +343,7 @@ def by_motion(
             errors = np.abs(pairs.counts - estimate.counts.astype(float))[which]
             within = errors <= half_width(REPORTED_LEVEL) * estimate.counts_std[which]
             coverage = float(100.0 * within.mean())
-        found[name] = MotionFigures(
-            summary.pairs, summary.rmse_counts, summary.rmse_percent, coverage
-        )
+        found[name] = MotionFigures(summary.pairs, summary.counts, summary.rmse_percent, coverage)
     return found
 
 

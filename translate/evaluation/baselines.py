@@ -20,9 +20,11 @@ from scipy.spatial import KDTree
 
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.taxels.phi import barycentric
 from t2twin.sim.taxels.reading import expected_reading, read_after
-from t2twin.translate.data.pairs import DataInfo, ImageFile, Pairs
+from t2twin.translate.data.pairs import Pairs, Readings
+from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.evaluation.predictions import EvaluationInputs
 from t2twin.translate.evaluation.records import MeanOf, PaperRow, ViewSummary
 from t2twin.translate.inference.predictor import FieldPredictor
@@ -124,13 +126,13 @@ def mean_array(train: Pairs) -> np.ndarray:
 
 
 def neighbors(
-    stored: ImageFile,
-    queries: ImageFile | np.ndarray,
+    stored: Readings,
+    queries: Readings,
     k: int = 1,
     shapes: tuple[np.ndarray, np.ndarray] | None = None,
     progress: str | None = None,
 ) -> Neighbors:
-    """The k stored images nearest to each query in Euclidean distance.
+    """The k stored images, or counts, nearest to each query in Euclidean distance.
 
     shapes: (M,) and (P,) names; stored images of the query's own shape are excluded. progress:
     title of a progress bar, or None.
@@ -183,7 +185,7 @@ def view_on(
     return ViewSummary(2 * half_width, 2 * half_height, pitch, numbers), groups
 
 
-def representable(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+def representable(trained: ArraySide, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     """Projection of a layout's counts onto those that another layout's images can represent.
 
     x_mm, y_mm: (N,) taxels inside the trained layout's hull, mm. Returns (N, N): multiplied by true
@@ -194,11 +196,13 @@ def representable(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> np.n
     return weights @ np.linalg.pinv(weights)
 
 
-def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> np.ndarray | None:
+def second_reading(
+    counts: np.ndarray, info: DatasetInfo, seed: int = SEED, role: str = ROLES[1]
+) -> np.ndarray | None:
     """A second reading of each press, with the imperfections of the dataset.
 
-    counts: (P, N), the readings of the dataset. info: its info.json. Returns (P, N) float32, or
-    None for a dataset without known imperfections, such as imported pairs.
+    counts: (P, N), the readings of the dataset's sensor of a role. info: its info.json. Returns
+    (P, N) float32, or None for a dataset without known imperfections, such as imported pairs.
 
     A dataset has no noiseless counts. Two readings of each stored one are simulated, as if it were
     noiseless, and their difference is added to it. The result differs from the stored reading like
@@ -206,7 +210,7 @@ def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> n
     counts would differ by the noise once. Permanent imperfections, such as gains, cancel. Counts
     without contact are subtracted first, as the second reading adds them again.
     """
-    array = info.array
+    array = info.sensors[role]
     if array.imperfections is None:
         return None
     layout, flaws, table = array.taxels, array.imperfections, array.reading
@@ -280,13 +284,15 @@ def predict_baselines(
     if len(bins) > 1:
         rows[MEAN_ARRAY_OF_FORCE] = mean_array_of_force(bins, pairs, train)
     rows[NEAREST_NEIGHBOR] = train.counts[near.index[:, 0]]
-    repeated = second_reading(pairs.counts, inputs.dataset)
+    role = ROLES[0 if inputs.reverse else 1]
+    repeated = second_reading(pairs.counts, inputs.dataset, role=role)
     if repeated is not None:
         rows[NOISE_FLOOR] = repeated
-    x_mm, y_mm = inputs.info.x_mm, inputs.info.y_mm
+    x_mm, y_mm = inputs.info.array.x_mm, inputs.info.array.y_mm
     for run in inputs.trained.values():  # the first of another layout
-        if not isinstance(run, FieldPredictor) and not run.config.data.same_layout(x_mm, y_mm):
-            projection = representable(run.config.data, x_mm, y_mm)
+        array = run.config.data.array
+        if not isinstance(run, FieldPredictor) and not array.same_layout(x_mm, y_mm):
+            projection = representable(array, x_mm, y_mm)
             rows[LAYOUT_FLOOR] = (pairs.counts @ projection.T).astype(np.float32)
             break
     return rows

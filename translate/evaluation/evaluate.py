@@ -8,8 +8,10 @@ Shape letters: P pairs, N taxels.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -17,9 +19,11 @@ from t2twin.core.files import atomic_write, locked
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.sim.sensors.defaults import SOURCE, TARGET
+from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
+from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_pairs, usable_cache
-from t2twin.translate.evaluation import array_errors
+from t2twin.translate.data.sides import ArraySide, CameraSide
+from t2twin.translate.evaluation import array_errors, image_errors
 from t2twin.translate.evaluation.array_errors import (
     by_force,
     by_motion,
@@ -32,6 +36,7 @@ from t2twin.translate.evaluation.baselines import (
     NEIGHBORS,
     PAPER,
     ForceBin,
+    Neighbors,
     force_bins,
     neighbors,
     predict_baselines,
@@ -39,8 +44,10 @@ from t2twin.translate.evaluation.baselines import (
 )
 from t2twin.translate.evaluation.findings import findings, gap_between, paired
 from t2twin.translate.evaluation.predictions import (
+    OF_OPTICS,
     EvaluationInputs,
     Predictions,
+    frame_of_own_light,
     predict_runs,
     prepare,
     splits_with_pairs,
@@ -56,7 +63,7 @@ from t2twin.translate.evaluation.records import (
     write_findings,
 )
 from t2twin.translate.evaluation.table import datasets_markdown, results_markdown
-from t2twin.translate.inference.predictor import CountsPredictor, TrainedTranslator
+from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.runs.config import BEST
 from t2twin.translate.runs.log import read_log
 from t2twin.translate.uncertainty.estimate import Estimate
@@ -78,22 +85,24 @@ def evaluate(
 ) -> Evaluation:
     """Evaluates runs and baselines on one split; writes metrics.json and predictions.npz.
 
-    runs: folders that `train` has made. touch2touch and field runs may have another taxel layout
-    than the dataset, which is then read from their images or dense counts. split: "val" or "test"
-    (or "train"). Returns the content of metrics.json (module records). The rows are, in order:
+    runs: folders that `train` has made, all of one direction between the dataset's sensors. Images
+    are compared as pictures (module image_errors). touch2touch and field runs from images to counts
+    may have another taxel layout than the dataset, which is then read from their images or dense
+    counts. split: "val" or "test" (or "train"). Returns the content of metrics.json (module
+    records). The rows are, in order:
 
-    - mean-array and nearest-neighbour (module baselines), between them mean-array-of-force for
-      presses of several forces (module baselines);
+    - mean-array, or mean-image, and nearest-neighbour (module baselines), between them
+      mean-array-of-force for presses of several forces (module baselines);
     - noise-floor, if the noise of the dataset is known, and layout-floor, for runs of another
       layout (module baselines);
     - the runs, by their models' names, with the folder's name for runs of the same model.
 
-    predictions.npz contains the counts of each row (module predictions). background: an image of
-    the dataset's sensor without contact, for field runs. The default is the frames of the pairs, or
-    that of the default optics, if the dataset was made with either.
-    Raises T2TwinError for no runs, a folder that is not a run, and a layout that a run cannot be
-    read at. It also does for a background frame without a field run, and for a split or training
-    split without pairs.
+    predictions.npz contains the counts or images of each row (module predictions). background: an
+    image of the dataset's sensor without contact, for field runs. The default is the frames of the
+    pairs, or that of the default optics, if the dataset was made with either.
+    Raises T2TwinError for no runs, a folder that is not a run, sensors other than the dataset's,
+    and a layout that a run cannot be read at. It also does for a background frame without a field
+    run, and for a split or training split without pairs.
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     arguments.choice(split, "split", ALL_SPLITS)
@@ -172,24 +181,20 @@ def _evaluate_split(inputs: EvaluationInputs, split: str, out_dir: Path) -> Eval
 
 
 def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evaluation, Predictions]:
-    data_dir, info = inputs.data_dir, inputs.info
-    pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, False, cache) for s in (split, "train"))
-    near = neighbors(train.images, pairs.images, NEIGHBORS, progress=NEAREST_NEIGHBOR)
-    bins = force_bins(pairs, train)
-    predictions = predict_baselines(inputs, pairs, train, near, bins)
-    predicted, estimates = predict_runs(inputs, split, cache)
-    predictions |= predicted
-    view, groups = view_on(info.x_mm, info.y_mm, info.view_mm)
-    rows, differences = _score(inputs, predictions, estimates, pairs, groups, bins)
+    data_dir, info, target = inputs.data_dir, inputs.info, inputs.info.target
+    pairs, train = (
+        load_pairs(data_dir, s, FEATURE_SIZE, False, cache, reverse=inputs.reverse)
+        for s in (split, "train")
+    )
+    near = neighbors(train.source, pairs.source, NEIGHBORS, progress=NEAREST_NEIGHBOR)
+    found = _counts if isinstance(target, ArraySide) else _images
+    rows, differences, predictions, more = found(inputs, split, cache, pairs, train, near)
     evaluation = Evaluation(
         format=FORMAT,
         split=split,
         pairs=len(pairs),
-        full_scale_counts=info.full_scale_counts,
         contact_level=array_errors.CONTACT_LEVEL,
         info_sha256=info.sha256,
-        layout=info.layout,
-        view=view,
         models=rows,
         bootstrap=Bootstrap(
             over="shapes",
@@ -202,14 +207,85 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         paper=PAPER.get(split, {}) if _is_papers(inputs.dataset) else {},
         findings=findings(rows, differences),
         recipe=info.recipe,
-        background=None if inputs.background is None else inputs.background.source,
+        source=info.source.sensor,
+        target=target.sensor,
+        **more,
     )
-    return evaluation, Predictions(
-        truth=pairs.counts,
-        by_model=predictions,
-        presses={"shape": pairs.shapes, "family": pairs.families}
-        | {name: getattr(pairs, name) for name in ("x_mm", "y_mm", "yaw_rad", "force_n")},
-        std_by_model={name: each.counts_std for name, each in estimates.items()},
+    presses = {name: getattr(pairs, name) for name in ("x_mm", "y_mm", "yaw_rad", "force_n")}
+    presses |= {"shape": pairs.shapes, "family": pairs.families}
+    return evaluation, replace(predictions, presses=presses)
+
+
+Found = tuple[dict[str, ModelRow], dict[str, Difference], Predictions, dict[str, Any]]
+"""Rows, differences, predictions without presses, and further fields of an Evaluation."""
+
+
+def _counts(
+    inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, train: Pairs, near: Neighbors
+) -> Found:
+    """The rows of predicted counts."""
+    array, source = inputs.info.array, inputs.info.source
+    bins = force_bins(pairs, train)
+    predictions = predict_baselines(inputs, pairs, train, near, bins)
+    predicted, estimates = predict_runs(inputs, split, cache)
+    predictions |= predicted
+    view, groups = None, {}
+    if isinstance(source, CameraSide):
+        view, groups = view_on(array.x_mm, array.y_mm, source.view_mm)
+    rows, differences = _score(inputs, predictions, estimates, pairs, groups, bins)
+    stds = {name: each.counts_std for name, each in estimates.items()}
+    background = None if inputs.background is None else inputs.background.source
+    return (
+        rows,
+        differences,
+        Predictions(pairs.counts, predictions, {}, stds),
+        {
+            "full_scale_counts": array.full_scale_counts,
+            "layout": array.layout,
+            "view": view,
+            "background": background,
+        },
+    )
+
+
+def _images(
+    inputs: EvaluationInputs, split: str, cache: Path, _: Pairs, __: Pairs, near: Neighbors
+) -> Found:
+    """The rows of predicted images."""
+    presets = [run.config.preset for run in inputs.trained.values()]
+    size, grey = max(each.size for each in presets), any(each.grey for each in presets)
+    pairs, train = (
+        load_pairs(inputs.data_dir, s, size, grey, cache, reverse=inputs.reverse)
+        for s in (split, "train")
+    )
+    true, scale = image_errors.images_of(pairs)[:], inputs.info.target.full_scale
+    predictions = image_errors.baselines(train, near.index[:, 0])
+    for name, images in predict_runs(inputs, split, cache)[0].items():
+        predictions[name] = image_errors.resized_to(images, size, grey)
+    native = frame_of_own_light(inputs.dataset, ROLES[0 if inputs.reverse else 1])
+    frame = None if native is None else to_pixels(Image.fromarray(native), size, grey)
+    few, rows = np.unique(pairs.shapes).size <= MAX_SHAPES, {}
+    for name, predicted in predictions.items():
+        figures = image_errors.compare_images(predicted, true, frame)
+        resampled = array_errors.replicates(figures, pairs.shapes, scale)
+        rows[name] = ModelRow(
+            overall=figures.summary(scale),
+            by_shape=figures.by_name(scale, pairs.shapes) if few else {},
+            by_family=figures.by_name(scale, pairs.families),
+            interval=array_errors.intervals(resampled),
+        )
+    rows |= {name: _with_run(rows[name], run, inputs.info) for name, run in inputs.trained.items()}
+    return (
+        rows,
+        {},
+        Predictions(true, predictions, {}),
+        {
+            "full_scale_counts": None,
+            "layout": None,
+            "view": None,
+            "background": None if frame is None else OF_OPTICS,
+            "pictures": image_errors.words(size, grey),
+        },
     )
 
 
@@ -230,8 +306,8 @@ def _score(
 
     predictions: (P, N) counts by the model's name. groups: of taxels. bins: the pairs by force.
     """
-    info, full_scale = inputs.info, inputs.info.full_scale_counts
-    phi = info.phi
+    info, array = inputs.info, inputs.info.array
+    full_scale, phi = array.full_scale_counts, array.phi
     few = np.unique(pairs.shapes).size <= MAX_SHAPES
     rows, resampled = {}, {}
     for name, predicted in predictions.items():
@@ -255,7 +331,7 @@ def _score(
     return rows, differences
 
 
-def _with_run(row: ModelRow, run: CountsPredictor, info: DataInfo) -> ModelRow:
+def _with_run(row: ModelRow, run: TrainedTranslator, info: DataInfo) -> ModelRow:
     """The row with its run and training data.
 
     info: of the dataset of the evaluation, which has what configurations of older runs lack.
@@ -268,7 +344,7 @@ def _with_run(row: ModelRow, run: CountsPredictor, info: DataInfo) -> ModelRow:
         run=str(run.run_dir),
         weights_sha256=sha256_of(run.run_dir / BEST),
         same_data=same_data,
-        trained_layout=trained.layout,
+        trained_layout=trained.target.layout if isinstance(trained.target, ArraySide) else None,
         trained_data=trained.sha256,
         trained_recipe=info.recipe if same_data else trained.recipe,
         trained_pairs=pairs,

@@ -94,10 +94,10 @@ def gap(val: Mapping[str, ModelRow], test: Mapping[str, ModelRow]) -> dict[str, 
     for name, on_test in test.items():
         if on_test.run is None or name not in val:
             continue
-        figures = {"val": val[name].overall.rmse_counts, "test": on_test.overall.rmse_counts}
+        figures = {"val": val[name].overall.counts, "test": on_test.overall.counts}
         of_mean = {
-            "val": 100.0 * figures["val"] / val[MEAN_ARRAY].overall.rmse_counts,
-            "test": 100.0 * figures["test"] / test[MEAN_ARRAY].overall.rmse_counts,
+            "val": 100.0 * figures["val"] / val[MEAN_ARRAY].overall.counts,
+            "test": 100.0 * figures["test"] / test[MEAN_ARRAY].overall.counts,
         }
         resampled = _rmse_counts(on_test, SEED) - _rmse_counts(val[name], SEED + 1)
         difference = Difference(figures["test"] - figures["val"], interval(resampled))
@@ -110,7 +110,7 @@ def _rmse_counts(model: ModelRow, seed: int) -> np.ndarray:
     """RMSE in each resample of the shapes, (B,), counts, from the figures of the shapes."""
     shapes = list(model.by_shape.values())
     pairs = np.array([shape.pairs for shape in shapes], dtype=float)
-    squares = pairs * np.square([shape.rmse_counts for shape in shapes])
+    squares = pairs * np.square([shape.counts for shape in shapes])
     weights = resample_weights(len(shapes), seed)
     return np.sqrt((weights @ squares) / (weights @ pairs))
 

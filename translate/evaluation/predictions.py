@@ -1,4 +1,4 @@
-"""The inputs of an evaluation, the counts that runs predict, and the file predictions.npz.
+"""The inputs of an evaluation, the readings that runs predict, and the file predictions.npz.
 
 The inputs are runs, a dataset and background frames, which are checked before the evaluation
 starts. The file has the array "truth", one (P, N) array per model under the model's name, and the
@@ -34,8 +34,13 @@ from t2twin.translate.data.pairs import (
     load_info,
     load_pairs,
 )
-from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
+from t2twin.translate.data.sides import ArraySide
+from t2twin.translate.inference.load import AnyPredictor, load_torch
+from t2twin.translate.inference.predictor import (
+    CountsPredictor,
+    FieldPredictor,
+    TrainedTranslator,
+)
 from t2twin.translate.uncertainty.estimate import Estimate
 
 SPLITS = ("val", "test")
@@ -65,15 +70,17 @@ class EvaluationInputs:
     """What an evaluation reads.
 
     trained: runs by name, at their own layouts. applied: the same at the dataset's layout.
-    background: None if no run uses background frames or none are known.
+    background: None if no run uses background frames or none are known. reverse: whether source and
+    target of the runs exchange those of the dataset.
     """
 
     data_dir: Path
     dataset: DatasetInfo
     info: DataInfo
-    trained: dict[str, CountsPredictor]
-    applied: dict[str, CountsPredictor]
+    trained: dict[str, AnyPredictor]
+    applied: dict[str, AnyPredictor]
     background: Background | None
+    reverse: bool = False
 
 
 def prepare(
@@ -92,13 +99,13 @@ def prepare(
                 f"{data_dir} has no {split} pairs; an evaluation needs some, and train pairs for "
                 "the baselines"
             )
-    info = load_info(data_dir)
-    loaded = [load_run(run) for run in runs]
+    loaded = [load_torch(run) for run in runs]
+    reverse = _is_reverse(loaded, dataset)
+    info = load_info(data_dir, reverse)
+    for run in loaded:
+        _check_sides(run, info, data_dir)
     trained = dict(zip(run_names(loaded), loaded, strict=True))
-    applied = {
-        name: run.at_layout(info.x_mm, info.y_mm, info.layout, info.pad_diameter_mm)
-        for name, run in trained.items()
-    }
+    applied = {name: _applied(run, info) for name, run in trained.items()}
     has_dense_counts = any(isinstance(run, FieldPredictor) for run in loaded)
     if background is not None and not has_dense_counts:
         raise T2TwinError(
@@ -106,7 +113,46 @@ def prepare(
             "one"
         )
     frames = background_of(data_dir, background) if has_dense_counts else None
-    return EvaluationInputs(data_dir, dataset, info, trained, applied, frames)
+    return EvaluationInputs(data_dir, dataset, info, trained, applied, frames, reverse)
+
+
+def _is_reverse(runs: Sequence[TrainedTranslator], dataset: DatasetInfo) -> bool:
+    """Whether source and target of the runs exchange those of the dataset.
+
+    Raises T2TwinError for runs of several directions.
+    """
+    first, source, target = runs[0].config.data, dataset.source, dataset.target
+    for run in runs:
+        if run.config.direction != first.direction:
+            raise T2TwinError(
+                f"{runs[0].run_dir} is a {first.direction} run and {run.run_dir} a "
+                f"{run.config.direction} run; evaluate runs of one direction together"
+            )
+    if source.value != target.value:
+        return first.source.value != source.value
+    names = (first.source.sensor, first.target.sensor)
+    return names == (target.name, source.name) and source.name != target.name
+
+
+def _check_sides(run: TrainedTranslator, info: DataInfo, data_dir: Path) -> None:
+    """Raises T2TwinError for a dataset whose readings a run neither takes nor predicts."""
+    trained = run.config.data
+    is_other = trained.direction != info.direction
+    takes = trained.source.fits(info.source)
+    gives = isinstance(run, CountsPredictor) or trained.target.fits(info.target)
+    if is_other or not takes or not gives:
+        raise T2TwinError(
+            f"{run.run_dir} predicts {trained.target.words} from {trained.source.words}; "
+            f"{data_dir} has {info.source.words} and {info.target.words}"
+        )
+
+
+def _applied(run: AnyPredictor, info: DataInfo) -> AnyPredictor:
+    """The run at the dataset's layout."""
+    if not isinstance(run, CountsPredictor):
+        return run
+    array = info.array
+    return run.at_layout(array.x_mm, array.y_mm, array.layout, array.pad_diameter_mm)
 
 
 def background_of(data_dir: Path, file: str | Path | None = None) -> Background | None:
@@ -130,12 +176,15 @@ def background_of(data_dir: Path, file: str | Path | None = None) -> Background 
     return None if frame is None else Background(OF_OPTICS, Image.fromarray(frame))
 
 
-def frame_of_own_light(info: DatasetInfo) -> np.ndarray | None:
+def frame_of_own_light(info: DatasetInfo, role: str | None = None) -> np.ndarray | None:
     """The background frame of a bundled sensor in its own light, if all images of a dataset were
-    made with that, else None."""
+    made with that, else None.
+
+    role: of the gel camera, by default the first.
+    """
     if info.recipe is None or info.recipe.light.kind != "fixed":
         return None
-    sensor = bundled_in_own_light(info.camera)
+    sensor = bundled_in_own_light(info.camera if role is None else info.sensors[role])
     return None if sensor is None else sensor.image_renderer.background
 
 
@@ -147,7 +196,7 @@ def bundled_in_own_light(camera: SensorInfo) -> GelCamera | None:
     return sensor if sensor.optics_sha256 == camera.optics_sha256 else None
 
 
-def run_names(runs: Sequence[CountsPredictor]) -> list[str]:
+def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
     """Names of runs: their models, with the folder for runs of the same model.
 
     Raises T2TwinError for a run that occurs twice.
@@ -184,11 +233,11 @@ def splits_with_pairs(data_dir: Path) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Predictions:
-    """Predicted and true counts of P pairs.
+    """Predicted and true counts or images of P pairs.
 
-    truth: (P, N), counts. by_model: the same by the model's name. presses: (P,) arrays by the names
-    in PAIR_ARRAYS. std_by_model: (P, N), counts, the standard deviations of models that predict
-    them.
+    truth: (P, N), counts, or (P, S, S, c) uint8 images. by_model: the same by the model's name.
+    presses: (P,) arrays by the names in PAIR_ARRAYS. std_by_model: (P, N), counts, the standard
+    deviations of models that predict them.
     """
 
     truth: np.ndarray
@@ -204,15 +253,19 @@ class Predictions:
 def predict_runs(
     inputs: EvaluationInputs, split: str, cache: Path
 ) -> tuple[dict[str, np.ndarray], dict[str, Estimate]]:
-    """(P, N) counts that each run predicts, and the estimates of field runs."""
-    has_dense_counts = inputs.info.dense_x_mm is not None
+    """(P, N) counts or (P, S, S, c) images that each run predicts, and estimates of field runs."""
+    target = inputs.info.target
+    has_dense_counts = isinstance(target, ArraySide) and target.dense_x_mm is not None
     background = inputs.background
     predictions, estimates = {}, {}
     for name, run in inputs.applied.items():
         preset = run.config.preset
         # Pairs with dense counts usually have background frames too.
         with_dense_counts = isinstance(run, FieldPredictor) and has_dense_counts
-        own = load_pairs(inputs.data_dir, split, preset.size, preset.grey, cache, with_dense_counts)
+        own = load_pairs(
+            inputs.data_dir, split, preset.size, preset.grey, cache, with_dense_counts,
+            inputs.reverse,
+        )  # fmt: skip
         if isinstance(run, FieldPredictor):
             images = own.inputs
             if background is not None and background.image is not None:
@@ -222,7 +275,7 @@ def predict_runs(
             estimates[name] = as_readings(found, inputs.dataset)
             predictions[name] = estimates[name].counts
         else:
-            predictions[name] = run.predict_pixels(own.images, progress=name)
+            predictions[name] = run.predict_pixels(own.inputs, progress=name)
     return predictions, estimates
 
 

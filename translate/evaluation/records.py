@@ -34,6 +34,9 @@ FigureName = Literal[
     "rmse_under_counts",
     "rmse_near_counts",
     "rmse_beyond_counts",
+    "rmse_grey",
+    "psnr_db",
+    "psnr_contact_db",
 ]
 Answer = Literal["yes", "no", "undecided"]
 MeanOf = Literal["training", "split"]
@@ -50,16 +53,18 @@ class Interval(NamedTuple):
 class Figures:
     """Figures over a number of pairs; None if no pair has the figure.
 
-    rmse_counts: RMSE; rmse_percent: in percent of full scale. ssim: structural similarity of
-    predicted and true tactile images, over the image; ssim_contact: over the true contact.
+    rmse_percent: RMSE in percent of full scale, and ssim: structural similarity of the predicted
+    and the true picture, of any target. Of counts: rmse_counts: RMSE. ssim_contact: over contact.
     contact_iou: intersection over union of the two contacts. centroid_error_mm: distance of the
     images' centroids. total_error_percent: mean absolute error of the summed counts, relative to
     their mean. rmse_under_counts, rmse_near_counts, rmse_beyond_counts: RMSE of the taxels under
-    the image's view, within one pitch of it, and beyond.
+    the image's view, within one pitch of it, and beyond. Of images (module image_errors):
+    rmse_grey: RMSE, grey levels. psnr_db, psnr_contact_db: mean PSNR over the picture, and over its
+    contact.
     """
 
     pairs: int
-    rmse_counts: float
+    rmse_counts: float | None
     rmse_percent: float
     ssim: float
     ssim_contact: float | None
@@ -69,6 +74,15 @@ class Figures:
     rmse_under_counts: float | None
     rmse_near_counts: float | None
     rmse_beyond_counts: float | None
+    rmse_grey: float | None = None
+    psnr_db: float | None = None
+    psnr_contact_db: float | None = None
+
+    @property
+    def counts(self) -> float:
+        """RMSE of figures of counts."""
+        assert self.rmse_counts is not None
+        return self.rmse_counts
 
 
 Intervals = dict[FigureName, Interval | None]
@@ -254,18 +268,20 @@ class Evaluation:
     pairs: number of pairs. contact_level: a pixel above this fraction of its image's maximum is in
     contact. info_sha256: of the dataset's info.json. layout: name of its taxel layout. models: rows
     by name. paired: touch2touch minus ResNet18, by figure. paper, findings: by name. recipe: of the
-    dataset, None for imported pairs. background: source of the background frames of field runs,
-    None without.
+    dataset, None for imported pairs. background: source of the background frames of field runs, or
+    of those that images are compared with, None without. source, target: names of the sensors, None
+    in older files. pictures: of predicted images, which are compared; None for counts, whose full
+    scale and layout are None otherwise. view: None without a camera as source.
     """
 
     format: int
     split: str
     pairs: int
-    full_scale_counts: float
+    full_scale_counts: float | None
     contact_level: float
     info_sha256: str
-    layout: str
-    view: ViewSummary
+    layout: str | None
+    view: ViewSummary | None
     models: dict[str, ModelRow]
     bootstrap: Bootstrap
     paired: dict[str, Difference]
@@ -273,6 +289,9 @@ class Evaluation:
     findings: dict[str, Finding]
     recipe: str | None = None
     background: str | None = None
+    source: str | None = None
+    target: str | None = None
+    pictures: str | None = None
 
     @property
     def has_forces(self) -> bool:

@@ -16,6 +16,7 @@ from t2twin.translate.evaluation.baselines import (
     NOISE_FLOOR,
 )
 from t2twin.translate.evaluation.findings import DIFFERENCES, gap_between
+from t2twin.translate.evaluation.image_errors import MEAN_IMAGE
 from t2twin.translate.evaluation.records import (
     Evaluation,
     FigureName,
@@ -53,7 +54,17 @@ FURTHER = (
     Column("rmse_near_counts", "Near it", "{:,.0f}"),
     Column("rmse_beyond_counts", "Beyond", "{:,.0f}"),
 )
-FORMS: dict[FigureName, str] = {column.figure: column.form for column in (*MAIN, *FURTHER)}
+OF_IMAGES = (
+    Column("psnr_db", "PSNR, dB", "{:.2f}"),
+    Column("psnr_contact_db", "PSNR in contact, dB", "{:.2f}"),
+    Column("ssim", "SSIM", "{:.3f}"),
+    Column("rmse_grey", "RMSE, grey levels", "{:.2f}"),
+    Column("rmse_percent", "% of full scale", "{:.2f}"),
+)
+"""Columns of predicted images."""
+
+COLUMNS = (*MAIN, *FURTHER, *OF_IMAGES)
+FORMS: dict[FigureName, str] = {column.figure: column.form for column in COLUMNS}
 """Number formats by figure (records.Figures)."""
 
 SMALL_FULL_SCALE = 1000
@@ -63,14 +74,15 @@ PAPER = "Grella et al. 2023, on hardware"
 PAPER_FORMS: dict[FigureName, str] = {**FORMS, "ssim": "{:.2f}"}
 """Number formats of the paper's rows, with its decimals."""
 
-TRIVIAL = (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR)
+TRIVIAL = (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, MEAN_IMAGE, NEAREST_NEIGHBOR)
 
 
 def results_text(evaluations: Evaluations) -> str:
     """All tables of a dataset for the terminal."""
     tables = []
     for split, one in evaluations.items():
-        tables.append(figures_table({split: one}, (*MAIN, *FURTHER)))
+        columns = (*MAIN, *FURTHER) if one.pictures is None else OF_IMAGES
+        tables.append(figures_table({split: one}, columns))
         tables += force_tables({split: one})
     tables += findings_table(evaluations, gap_between(evaluations))
     return "\n\n".join(map(text, tables)) + "\n"
@@ -79,7 +91,9 @@ def results_text(evaluations: Evaluations) -> str:
 def results_markdown(evaluations: Evaluations) -> str:
     """The main figures of all splits, and the errors by force, in Markdown."""
     splits = dict(zip(evaluations, evaluations, strict=True))
-    figures = figures_table(evaluations, (*MAIN, FURTHER[1]), splits, intervals=("rmse_counts",))
+    of_counts = all(one.pictures is None for one in evaluations.values())
+    columns = (*MAIN, FURTHER[1]) if of_counts else OF_IMAGES[:3]
+    figures = figures_table(evaluations, columns, splits, intervals=(columns[0].figure,))
     return "\n".join(map(markdown, (figures, *force_tables(evaluations))))
 
 
@@ -88,9 +102,9 @@ def datasets_markdown(datasets: Mapping[str, Evaluations]) -> str:
 
     datasets: evaluations of the same runs, by name of the dataset and by split.
     """
-    notes = ["Mean arrays and nearest neighbors are from the training pairs of each dataset."]
+    notes = ["Means and nearest neighbors are from the training pairs of each dataset."]
     percent = "RMSE in percent of full scale, with its interval by bootstrap over shapes:"
-    relative = "The same relative to the mean array's RMSE (by force, if there are several forces):"
+    relative = "The same relative to the RMSE of the mean (by force, if there are several forces):"
     tables = (
         _datasets_table(datasets, lambda _, row: _cell(row, MAIN[1], FORMS), percent, ()),
         _datasets_table(datasets, _of_mean_array, relative, notes),
@@ -113,8 +127,9 @@ def figures_table(
     not the paper's.
     """
     each = list(evaluations.values())
-    form = counts_form(each[0].full_scale_counts)
-    columns = [c._replace(form=form) if c.figure.endswith("_counts") else c for c in columns]
+    if (full_scale := each[0].full_scale_counts) is not None:
+        form = counts_form(full_scale)
+        columns = [c._replace(form=form) if c.figure.endswith("_counts") else c for c in columns]
     groups: dict[str, list[list[Cell]]] = {own: [], PAPER: []}
     for row in dict.fromkeys(row for one in each for row in one.models):
         cells = (_cell(one.models.get(row), c, intervals) for one in each for c in columns)
@@ -142,7 +157,7 @@ def _cell(
     """A figure of a row, and its interval if it is one of `intervals`."""
     if row is None:
         return NONE, ""
-    interval = row.interval[column.figure] if column.figure in intervals else None
+    interval = row.interval.get(column.figure) if column.figure in intervals else None
     return _figure(row.overall, column), _interval(interval, column.form)
 
 
@@ -169,12 +184,17 @@ def _notes(evaluations: Evaluations, columns: Collection[Column]) -> Iterator[st
         f"Below or behind a figure: its {100 * one.bootstrap.confidence:.0f} % interval, by "
         f"bootstrap over the {shapes} shapes."
     )
-    if FURTHER[-1].figure in (column.figure for column in columns):
-        taxels = one.view.taxels
+    view = one.view
+    if view is not None and FURTHER[-1].figure in (column.figure for column in columns):
+        taxels = view.taxels
         yield (
             f"Of the taxels, {taxels['under']} lie under the image's view, {taxels['near']} within "
-            f"one pitch of it ({one.view.pitch_mm:.1f} mm), {taxels['beyond']} beyond."
+            f"one pitch of it ({view.pitch_mm:.1f} mm), {taxels['beyond']} beyond."
         )
+    if one.pictures is not None:
+        yield f"The images of {one.target} are compared at {one.pictures}."
+        if one.background is None:
+            yield "The contact has no figures: no background frame is known."
     for split, each in evaluations.items():
         of_split = f"{split}: " if len(evaluations) > 1 else ""
         yield from (of_split + line for line in uncertainty_text(each.models))
@@ -184,7 +204,7 @@ def _notes(evaluations: Evaluations, columns: Collection[Column]) -> Iterator[st
         known = [f"{number} {unit}" for number, unit in ((pairs, "pairs"), (steps, "steps"))
                  if number != NONE]  # fmt: skip
         yield f"{name} was trained on {', '.join((recipe, *known))}."
-    if one.background is not None:
+    if one.background is not None and one.pictures is None:
         yield f"Background frame of the field runs: {one.background}."
     if one.paper:
         yield "The paper's rows are from real sensors and not directly comparable."
@@ -359,5 +379,6 @@ def _datasets_table(
 
 def _of_mean_array(evaluation: Evaluation, row: ModelRow) -> str:
     models = evaluation.models
-    level = models.get(MEAN_ARRAY_OF_FORCE, models[MEAN_ARRAY]).overall.rmse_counts
-    return f"{row.overall.rmse_counts / level:.2f}" if level else NONE
+    mean = next(name for name in (MEAN_ARRAY_OF_FORCE, MEAN_ARRAY, MEAN_IMAGE) if name in models)
+    level = models[mean].overall.rmse_percent
+    return f"{row.overall.rmse_percent / level:.2f}" if level else NONE

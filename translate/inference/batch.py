@@ -104,7 +104,7 @@ def earlier_files(out_dir: Path) -> set[Path]:
 
 
 def _head(run: CountsPredictor) -> dict[str, Any]:
-    info = run.config.data
+    info = run.config.data.array
     return {
         "model": run.config.model,
         "preset": run.config.preset.name,
@@ -266,7 +266,7 @@ def _translate(
     frame = None
     if native is not None:
         frame = require(run, FieldPredictor, "a background frame").pixels_of(native)[0]
-    counts = np.empty((len(images), run.config.data.x_mm.size), np.float32)
+    counts = np.empty((len(images), run.config.data.array.x_mm.size), np.float32)
     classes: list[OODClass] = []
     estimates: list[Estimate] = []
     with Progress(
@@ -326,14 +326,14 @@ def _batch(
 
 def _read(path: Path, run: RunConfig, background: np.ndarray | None) -> tuple[np.ndarray, OODClass]:
     image, preset = open_image(path), run.preset
-    own = classify_frame(np.asarray(image), run.data.aspect, background)
+    own = classify_frame(np.asarray(image), run.data.camera.aspect, background)
     return to_pixels(image, preset.size, preset.grey), own
 
 
 def _save_png(
     run: CountsPredictor, folder: Path, tactile: np.ndarray, name: str, std: np.ndarray | None
 ) -> None:
-    info = run.config.data
+    info = run.config.data.array
     image = colored_tactile_image(
         tactile, info.x_mm, info.y_mm, info.full_scale_counts, std, info.tactile_image[2]
     )

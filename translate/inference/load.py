@@ -14,18 +14,25 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.dataset.columns import COUNTS, IMAGE
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.inference.onnx_export import OnnxEngine
+from t2twin.translate.inference.picture_predictor import ArrayPredictor, ImagePredictor
 from t2twin.translate.inference.predictor import (
     CountsPredictor,
     FieldPredictor,
-    ImagePredictor,
-    TrainedTranslator,
     not_predicted,
     require,
 )
+from t2twin.translate.models.presets import IMAGE_TO_COUNTS
 from t2twin.translate.runs.checkpoint import build, has_bf16, load_weights
 from t2twin.translate.runs.config import BEST, DEFAULT_RUN, RunConfig, load_config, resolve_run
+
+AnyPredictor = CountsPredictor | ArrayPredictor | ImagePredictor
+"""A run of any pair of sensors."""
+
+PREDICTORS: dict[str, type[AnyPredictor]] = {COUNTS: ArrayPredictor, IMAGE: ImagePredictor}
+"""Predictors by value of the target, unless they are from images to counts."""
 
 
 def fold_batchnorm(network: nn.Module) -> None:
@@ -56,7 +63,8 @@ def load(
     bf16: bool = False,
     engine: Literal["onnx", "torch"] | None = None,
 ) -> Any:
-    """A run with its best weights: a CountsPredictor, a FieldPredictor or an ImagePredictor.
+    """A run with its best weights: a CountsPredictor, a FieldPredictor, an ImagePredictor or an
+    ArrayPredictor.
 
     The class depends on the run, so that the annotation is Any.
 
@@ -71,7 +79,7 @@ def load(
     """
     if engine is not None and arguments.text(engine, "engine") not in ENGINES:
         raise T2TwinError(f"there is no engine {engine!r}; {' and '.join(ENGINES)} are allowed")
-    predictor = _load(run, layout, bf16)
+    predictor = load_torch(run, layout, bf16)
     if engine == "torch":
         return predictor
     obstacle = _onnx_obstacle(predictor, bf16)
@@ -85,18 +93,20 @@ def load(
 def load_run(
     run: str | Path, layout: str | Path | None = None, bf16: bool = False
 ) -> CountsPredictor:
-    """As `load`, in PyTorch; raises T2TwinError for a run that does not predict counts."""
-    return require(_load(run, layout, bf16), CountsPredictor, "a prediction of counts")
+    """As `load`, in PyTorch; raises T2TwinError for a run that is not from images to counts."""
+    return require(load_torch(run, layout, bf16), CountsPredictor, "a prediction of counts")
 
 
-def _load(run: str | Path, layout: str | Path | None, bf16: bool) -> TrainedTranslator:
+def load_torch(
+    run: str | Path, layout: str | Path | None = None, bf16: bool = False
+) -> AnyPredictor:
     """As `load`, in PyTorch."""
     run_dir, bf16 = resolve_run(run), arguments.flag(bf16, "bf16")
     config = load_config(run_dir)
     translator = build(structs.replace(config, bf16=bf16 and config.preset.bf16 and has_bf16()))
     load_weights(run_dir / BEST, translator.predictor)
     fold_batchnorm(translator.predictor)
-    predictor: TrainedTranslator = _class_of(config)(run_dir, config, translator)
+    predictor: AnyPredictor = _class_of(config)(run_dir, config, translator)
     if layout is None:
         return predictor
     counts = require(predictor, CountsPredictor, "a layout")
@@ -104,7 +114,7 @@ def _load(run: str | Path, layout: str | Path | None, bf16: bool) -> TrainedTran
     return counts.at_layout(places.x_mm, places.y_mm, places.name, places.pad_diameter_mm)
 
 
-def _onnx_obstacle(run: TrainedTranslator, bf16: bool) -> str | None:
+def _onnx_obstacle(run: AnyPredictor, bf16: bool) -> str | None:
     """Why a run cannot use ONNX Runtime, or None."""
     if not all(map(find_spec, ("onnx", "onnxruntime"))):
         return "it needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
@@ -124,6 +134,6 @@ def check_predicts_counts(run_dir: Path, config: RunConfig, purpose: str) -> Non
 
 def _class_of(config: RunConfig) -> Any:
     """The class of a run's predictor."""
-    if config.predicts_images:
-        return ImagePredictor
-    return FieldPredictor if config.model == "field" else CountsPredictor
+    if config.direction == IMAGE_TO_COUNTS:
+        return FieldPredictor if config.model == "field" else CountsPredictor
+    return PREDICTORS[config.data.target.value]

@@ -156,7 +156,7 @@ def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
 
 
 def _about(run: CountsPredictor, outputs: tuple[str, ...]) -> str:
-    preset, info = run.config.preset, run.config.data
+    preset, info = run.config.preset, run.config.data.array
     color = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
     return (
         f"{run.config.model} of t2twin: images to the counts of {info.x_mm.size} taxels. "
@@ -168,7 +168,7 @@ def _about(run: CountsPredictor, outputs: tuple[str, ...]) -> str:
 
 def _metadata(run: CountsPredictor) -> dict[str, str]:
     """All values are text; lists are JSON."""
-    preset, info = run.config.preset, run.config.data
+    preset, info = run.config.preset, run.config.data.array
     return {
         "made_by": f"t2twin {installed_version('t2twin')}",
         "model": run.config.model,
@@ -179,7 +179,7 @@ def _metadata(run: CountsPredictor) -> dict[str, str]:
         "layout_x_mm": json.dumps(info.x_mm.tolist()),
         "layout_y_mm": json.dumps(info.y_mm.tolist()),
         "full_scale_counts": f"{info.full_scale_counts:g}",
-        "info_sha256": info.sha256,
+        "info_sha256": run.config.data.sha256,
     }
 
 
@@ -252,11 +252,12 @@ def _export(run: CountsPredictor, parent: Path) -> bytes:
 
 def _key(run: CountsPredictor) -> str:
     """Hash of everything that the file depends on: weights, layout, preset and source code."""
-    taxels, preset = run.config.data.taxels, run.config.preset
+    array, preset = run.config.data.array, run.config.preset
+    taxels = array.taxels
     known = hashlib.sha256(sha256_of(run.run_dir / BEST).encode())
     for values in (taxels.x_mm, taxels.y_mm, taxels.pad_diameter_mm):
         known.update(np.asarray(values, float).tobytes())
-    known.update(repr((run.config.model, preset, run.config.data.full_scale_counts)).encode())
+    known.update(repr((run.config.model, preset, array.full_scale_counts)).encode())
     translate = Path(__file__).parents[1]
     folders = (translate / name for name in ("inference", "models", "networks", "uncertainty"))
     for source in sorted(path for folder in folders for path in folder.glob("*.py")):

@@ -1,4 +1,7 @@
-"""Trained runs as predictors: of counts, of dense counts with uncertainty, or of images.
+"""Trained runs as predictors: of counts, and of dense counts with uncertainty, from images.
+
+Module picture_predictor has the others.
+`predict` of every run takes what its source measures and returns what its target measures.
 
 `load.load` returns the class that fits the run. Attributes that only another class has raise a
 T2TwinError that names the kind of run that has them.
@@ -8,7 +11,7 @@ the run.
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -32,10 +35,11 @@ from t2twin.translate.data.images import (
     resized,
     to_input,
 )
-from t2twin.translate.data.pairs import DataInfo, ImageFile, InputImages
+from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures
+from t2twin.translate.data.sides import TactilePictures
 from t2twin.translate.models.base import CountsTranslator, Translator
 from t2twin.translate.models.field import FieldPrediction, FieldTranslator
-from t2twin.translate.models.touch2touch import CountsToImage
+from t2twin.translate.models.presets import IMAGE_TO_COUNTS
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate
 from t2twin.translate.uncertainty.ood import (
@@ -79,12 +83,19 @@ class TrainedTranslator:
     if not TYPE_CHECKING:  # type checkers report attributes that a class does not have
 
         def __getattr__(self, name: str) -> Any:
-            for kind in (CountsPredictor, ImagePredictor, FieldPredictor):
+            for kind in _kinds(TrainedTranslator):
                 if name in vars(kind) and not name.startswith("_"):
                     raise not_predicted(self.run_dir, self.config, type(self), name, kind.RUNS)
             raise AttributeError(
                 f"{type(self).__name__!r} object has no attribute {name!r}{hint(name)}"
             )
+
+
+def _kinds(kind: type[TrainedTranslator]) -> Iterator[type[TrainedTranslator]]:
+    """The classes of predictors below one."""
+    for each in kind.__subclasses__():
+        yield each
+        yield from _kinds(each)
 
 
 @dataclass(frozen=True)
@@ -119,7 +130,7 @@ class CountsPredictor(TrainedTranslator):
         return counts[0] if is_one else counts
 
     def predict_pixels(
-        self, pixels: np.ndarray | InputImages | ImageFile, progress: str | None = None
+        self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None
     ) -> np.ndarray:
         """(B, N) counts of images at the size and color of the run, as `pixels_of` returns them.
 
@@ -127,7 +138,7 @@ class CountsPredictor(TrainedTranslator):
         a progress bar, or None.
         """
         self._check_pixels(pixels)
-        counts = [np.empty((0, self.config.data.x_mm.size), np.float32)]
+        counts = [np.empty((0, self.config.data.array.x_mm.size), np.float32)]
         for part in parts_of(len(pixels), progress):
             batch = pixels[part]
             outputs = self._compute(batch)
@@ -180,7 +191,7 @@ class CountsPredictor(TrainedTranslator):
         self, frames: Sequence[np.ndarray], background: np.ndarray | None, pixels: np.ndarray
     ) -> list[OODClass]:
         """(B,) classes of checked images. pixels: as for `predict_pixels`."""
-        aspect = self.config.data.aspect
+        aspect = self.config.data.camera.aspect
         own = [classify_frame(frame, aspect, background) for frame in frames]
         return list(map(combined, own, self.classify(pixels)))
 
@@ -191,9 +202,8 @@ class CountsPredictor(TrainedTranslator):
         with their background frames, if they have them.
         """
         self._check_pixels(pixels)
-        detector, images = self.config.ood_detector, pixels[..., :3]
-        inside = OODClass.IN_DISTRIBUTION
-        classes = [inside] * len(pixels) if detector is None else detector.classify(images)
+        images, inside = pixels[..., :3], OODClass.IN_DISTRIBUTION
+        classes = like_training(self.config, images)
         if pixels.shape[-1] <= images.shape[-1]:
             return classes
         compared = compare_with_background(images, pixels[..., 3:])
@@ -222,13 +232,14 @@ class CountsPredictor(TrainedTranslator):
         layout, and if taxels lie outside the trained layout's hull or are too close for the
         generator's pixels. For field it does if taxels lie outside the cover.
         """
-        trained = self.config.data
+        data = self.config.data
+        trained = data.array
         x_mm, y_mm = arguments.vector(x_mm, "x_mm"), arguments.vector(y_mm, "y_mm")
-        data = structs.replace(
+        array = structs.replace(
             trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm
         )
         if trained.same_layout(x_mm, y_mm) and (
-            not self.translator.learns_dense_counts or trained.same_pads(data.taxels)
+            not self.translator.learns_dense_counts or trained.same_pads(array.taxels)
         ):
             return self
         if not self.translator.reads_any_layout:
@@ -237,8 +248,8 @@ class CountsPredictor(TrainedTranslator):
                 f"of {trained.layout} that it was trained on; another layout needs a touch2touch "
                 "or a field run"
             )
-        translator = self.translator.read_at(data.taxels)
-        config = structs.replace(self.config, data=data)
+        translator = self.translator.read_at(array.taxels)
+        config = structs.replace(self.config, data=structs.replace(data, target=array))
         return replace(self, config=config, translator=translator)
 
     def in_float32(self) -> Self:
@@ -258,39 +269,16 @@ class CountsPredictor(TrainedTranslator):
         kind = type(self)
         raise not_predicted(self.run_dir, self.config, kind, "a background frame", "field run")
 
-    def _check_pixels(self, pixels: np.ndarray | InputImages | ImageFile) -> None:
-        """Raises T2TwinError for arrays that `pixels_of` cannot return."""
+    def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
+        """Raises T2TwinError for pictures that `pixels_of` cannot return."""
+        if isinstance(pixels, TactilePictures):
+            raise T2TwinError(
+                f"pixels are pictures of counts; expected {self.config.data.source.words}"
+            )
         if not isinstance(pixels, InputImages | ImageFile):
             colors = (3, 6) if self.translator.learns_dense_counts else (3,)
             preset = self.config.preset
             check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
-
-
-@dataclass(frozen=True)
-class ImagePredictor(TrainedTranslator):
-    """A run that predicts images from counts."""
-
-    translator: CountsToImage
-
-    PREDICTS: ClassVar[str] = "images"
-    RUNS: ClassVar[str] = "a counts-to-image run"
-
-    def predict_image(self, counts: np.ndarray) -> np.ndarray:
-        """Images of counts.
-
-        counts: (N,) or (B, N), from zero to full scale, in the order of the run's layout.
-        Returns (S, S) or (B, S, S) uint8, grey; the sensor's own images have the shape
-        config.data.image_shape. Raises T2TwinError for invalid counts.
-        """
-        counts = _checked_counts(counts, self.config.data)
-        size = self.config.preset.size
-        images = [np.empty((0, size, size), np.uint8)]
-        rows = torch.from_numpy(np.atleast_2d(counts))
-        for part in parts_of(len(rows), None):
-            predicted = self.translator.predict_images(rows[part])
-            images.append(predicted.round().clamp(0.0, 255.0).to(torch.uint8).cpu().numpy())
-        found = np.concatenate(images)
-        return found[0] if counts.ndim == 1 else found
 
 
 Predictor = TypeVar("Predictor", bound=TrainedTranslator)
@@ -307,26 +295,17 @@ def not_predicted(
     run_dir: Path, config: RunConfig, kind: type[TrainedTranslator], purpose: str, needed: str
 ) -> NotPredicted:
     """The error for a run of a kind, used for a purpose that needs runs of another kind."""
-    name = config.direction if config.predicts_images else config.model
+    name = config.model if config.direction == IMAGE_TO_COUNTS else config.direction
     return NotPredicted(
         f"{run_dir} is a {name} run, which predicts {kind.PREDICTS}; {purpose} needs {needed}"
     )
 
 
-def _checked_counts(counts: object, data: DataInfo) -> np.ndarray:
-    """Counts of the layout as an array, (N,) or (B, N) float32; T2TwinError if they are invalid."""
-    found = arguments.array(counts, "counts").astype(np.float32)
-    if found.ndim not in (1, 2) or found.shape[-1] != data.x_mm.size:
-        raise T2TwinError(
-            f"counts have shape {found.shape}; they must be ({data.x_mm.size},) or "
-            f"(B, {data.x_mm.size}), one for each taxel of {data.layout}"
-        )
-    if not ((found >= 0) & (found <= data.full_scale_counts)).all():
-        raise T2TwinError(
-            f"a count is out of range; expected numbers from 0 to {data.full_scale_counts:,.0f}, "
-            f"the range of the taxels of {data.layout}"
-        )
-    return found
+def like_training(config: RunConfig, images: np.ndarray) -> list[OODClass]:
+    """(B,) classes of images, (B, S, S, c) uint8, by the statistics of the training images."""
+    if config.ood_detector is None:
+        return [OODClass.IN_DISTRIBUTION] * len(images)
+    return config.ood_detector.classify(images)
 
 
 def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
@@ -367,7 +346,7 @@ class FieldPredictor(CountsPredictor):
         return estimate.first() if is_one else estimate
 
     def estimate_pixels(
-        self, pixels: np.ndarray | InputImages, progress: str | None = None
+        self, pixels: np.ndarray | Pictures, progress: str | None = None
     ) -> Estimate:
         """As `estimate`, for one or more images as for `predict_pixels`."""
         parts = []
@@ -383,7 +362,7 @@ class FieldPredictor(CountsPredictor):
                 inputs = to_input(batch.astype(np.float32) / 255.0)
                 prediction = self.translator.predict_field(inputs)
                 values = [None if each is None else each.cpu().numpy() for each in prediction]
-            full_scale = self.config.data.full_scale_counts
+            full_scale = self.config.data.array.full_scale_counts
             parts.append(Estimate(*values, full_scale_counts=full_scale))  # pyright: ignore
         return concatenate(parts)
 
@@ -398,8 +377,8 @@ class FieldPredictor(CountsPredictor):
 
         images, background: as for `predict`. number: samples per image; at most MAX_FIELDS in all.
         Returns (number, F) float32, counts, for one image, (B, number, F) for several. The F places
-        are `config.data.dense_x_mm` and `dense_y_mm`. Raises T2TwinError as `predict`, and for a
-        number or a seed that is not a whole number in range.
+        are `config.data.array.dense_x_mm` and `dense_y_mm`. Raises T2TwinError as `predict`, and
+        for a number or a seed that is not a whole number in range.
         """
         arguments.whole_number(number, "number", low=1, high=MAX_FIELDS)
         check_seed(seed)

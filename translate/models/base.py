@@ -1,11 +1,13 @@
 """Base classes of the translators, what training and prediction need, and their optimizers.
 
+A translator gets pictures of the source's readings (data.sides).
+
 The weight average of a network predicts better than its last weights (Polyak and Juditsky 1992; for
 GAN generators Yazıcı et al. 2019). Its window grows with the number of steps (Karras et al. 2024,
 section 3.1).
 
-Shape letters: B batch, c channels and S side of the input images, N taxels, R rows and C columns of
-a tactile image.
+Shape letters: B batch, c channels and S side of the input pictures, N taxels, R rows and C columns
+of a tactile image.
 """
 
 from abc import ABC, abstractmethod
@@ -48,7 +50,7 @@ class Translator(ABC):
         networks: dict[str, nn.Module],
     ) -> None:
         self.info = info
-        self.full_scale = info.full_scale_counts
+        self.full_scale = info.target.full_scale
         self.device = device
         self.bf16 = bf16
         self.networks = networks
@@ -63,11 +65,16 @@ class Translator(ABC):
         """Takes one optimizer step on a batch of pairs. Returns the losses by name."""
 
     @abstractmethod
-    def errors(self, pixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    def errors(self, pixels: np.ndarray, truth: np.ndarray) -> np.ndarray:
         """Predictions minus targets, (B, n), in the unit of the target: counts or grey levels.
 
-        pixels: (B, S, S, c) uint8. counts: (B, N). The predictor is in evaluation mode afterwards.
+        pixels: (B, S, S, c), from 0 to 255. truth: (B, N) counts or (B, S, S, c) uint8. The
+        predictor is in evaluation mode afterwards.
         """
+
+    def to_input(self, pixels: np.ndarray) -> torch.Tensor:
+        """The network's input, (B, c, S, S), of pictures, (B, S, S, c) float32 in [0, 1]."""
+        return to_input(pixels)
 
     def prepare(self, pairs: Pairs) -> None:
         """Sets buffers from the training pairs before the first step; by default none."""
@@ -117,10 +124,10 @@ class Translator(ABC):
 
 
 class CountsTranslator(Translator):
-    """A translator from images to counts.
+    """A translator to counts.
 
-    Input images are as `data.images.to_input` returns them, (B, c, S, S) float32; counts are (B, N)
-    float32, within zero and full scale. reads_any_layout: whether it has a spatial output, an image
+    Input images are as `to_input` returns them, (B, c, S, S) float32; counts are (B, N) float32,
+    within zero and full scale. reads_any_layout: whether it has a spatial output, an image
     or dense counts, which `read_at` reads.
     """
 
@@ -150,8 +157,9 @@ class CountsTranslator(Translator):
         counts. Its networks are copies.
         """
 
-    def errors(self, pixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
-        return self.predict(to_input(pixels.astype(np.float32) / 255.0)).cpu().numpy() - counts
+    def errors(self, pixels: np.ndarray, truth: np.ndarray) -> np.ndarray:
+        inputs = self.to_input(pixels.astype(np.float32) / 255.0)
+        return self.predict(inputs).cpu().numpy() - truth
 
 
 def adamw(

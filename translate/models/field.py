@@ -284,13 +284,14 @@ class FieldTranslator(CountsTranslator):
     learns_dense_counts = reads_any_layout = True
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
-        if info.dense_x_mm is None or info.dense_y_mm is None:
+        array = info.array
+        if array.dense_x_mm is None or array.dense_y_mm is None:
             raise T2TwinError(
                 "the dataset has no dense counts, which the field model is trained on"
             )
-        self.layout, self.places_mm = info.taxels, (info.dense_x_mm, info.dense_y_mm)
+        self.layout, self.places_mm = array.taxels, (array.dense_x_mm, array.dense_y_mm)
         self.network = FieldNet(
-            *self.places_mm, info.view_mm, preset.size, preset.filters, bool(info.has_shear)
+            *self.places_mm, info.camera.view_mm, preset.size, preset.filters, bool(info.has_shear)
         )
         super().__init__(preset, info, device, bf16, {"field": self.network})
         own = [each for name, each in self.network.named_parameters() if not name.startswith(SHEAR)]
@@ -378,13 +379,14 @@ class FieldTranslator(CountsTranslator):
 
     def _reading(self, layout: Layout) -> np.ndarray:
         """(N, F): maps dense counts to the counts of a layout."""
-        assert self.info.dense is not None
-        return reading_matrix(self.info.dense, layout, self.info.elastomer)
+        array = self.info.array
+        assert array.dense is not None
+        return reading_matrix(array.dense, layout, array.elastomer)
 
     @cached_property
     def dense_image(self) -> DenseImage:
         """Maps dense counts to tactile images."""
-        rows, columns, px_per_mm = self.info.tactile_image
+        rows, columns, px_per_mm = self.info.array.tactile_image
         return DenseImage(*self.places_mm, (rows, columns), px_per_mm).to(self.device)
 
     def read_at(self, layout: Layout) -> Self:

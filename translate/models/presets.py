@@ -3,7 +3,8 @@
 Each model has three presets: the paper's, one for a CPU and one for tests. Values without comment
 are those of Grella et al. 2023 or pix2pix (Isola et al. 2017), or "assumed" or "measured".
 
-A run has a direction: from images to counts, as in the paper, or the reverse.
+A run has a direction, as image-to-counts of the paper's pair: from the readings of one sensor of
+the dataset to those of the other.
 """
 
 from dataclasses import dataclass, replace
@@ -20,15 +21,25 @@ MODELS: tuple[Model, ...] = ("touch2touch", "resnet18", "field")
 PAPER_MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
 """The models of Grella et al. 2023, which need no dense counts in the dataset."""
 
-Direction = Literal["image-to-counts", "counts-to-image"]
+Direction = Literal["source-to-target", "target-to-source", "image-to-counts", "counts-to-image"]
 
+SOURCE_TO_TARGET: Direction = "source-to-target"
+TARGET_TO_SOURCE: Direction = "target-to-source"
 IMAGE_TO_COUNTS: Direction = "image-to-counts"
 COUNTS_TO_IMAGE: Direction = "counts-to-image"
-DIRECTIONS = (IMAGE_TO_COUNTS, COUNTS_TO_IMAGE)
+DIRECTIONS = (SOURCE_TO_TARGET, TARGET_TO_SOURCE, IMAGE_TO_COUNTS, COUNTS_TO_IMAGE)
+"""Directions that a training takes. The first two are for any dataset, the others for one of a gel
+camera and a taxel array, whichever is its source."""
 
-REVERSIBLE = "touch2touch"
-"""The model with both directions: its inputs and targets are both images."""
+GENERATES = "touch2touch"
+"""The model of any direction: its inputs and targets are pictures."""
 
+DIRECTIONS_OF: dict[Model, tuple[str, ...]] = {
+    GENERATES: (IMAGE_TO_COUNTS, COUNTS_TO_IMAGE, "image-to-image", "counts-to-counts"),
+    "resnet18": (IMAGE_TO_COUNTS, "counts-to-counts"),
+    "field": (IMAGE_TO_COUNTS,),
+}
+"""What each model predicts from what."""
 
 MAX_BATCH, MAX_EPOCHS = 65_536, 1_000_000
 """Maxima of settings (assumed, as those of Preset: more than a machine trains in a month), so that
@@ -44,13 +55,13 @@ Decay = Annotated[float, Meta(ge=0, lt=1)]
 class Preset:
     """All settings of a training except its data and seed.
 
-    size: side of the square images, pixels. grey: whether images are converted to grey.
+    size: side of the square pictures, pixels. grey: whether images are converted to grey.
     filters: base width of the networks. batch: pairs per step, over all processes.
     learning_rate, beta1, beta2: Adam's. weight_decay: AdamW's (Loshchilov and Hutter 2019), as a
         fraction of the learning rate per step; 0 is Adam. schedule: "fixed", or "cosine" to zero
         over the epochs.
     l1_weight: weight of the L1 loss relative to the adversarial loss; touch2touch only.
-    iou_weight: the same of the soft IoU loss, 0 for none; touch2touch from images to counts only.
+    iou_weight: the same of the soft IoU loss, 0 for none; touch2touch to counts only.
     discriminator_share: learning rate of the discriminator relative to the generator's.
     epochs: maximum epochs. steps: maximum steps, rounded to whole epochs; 0 for no limit. An epoch
         is all pairs, or a part of a large dataset (training.trainer.steps_of_epoch).
@@ -195,26 +206,50 @@ PRESETS: dict[Model, dict[str, Preset]] = {
 
 def find_preset(model: str, preset: str | Preset) -> Preset:
     """The preset of a model by its name. Raises T2TwinError with the valid names."""
-    arguments.text(model, "model")
-    if model not in PRESETS:
-        raise T2TwinError(f"there is no model {model!r}; it must be one of {', '.join(MODELS)}")
+    presets = PRESETS[find_model(model)]
     if isinstance(preset, Preset):
         return preset
     arguments.text(preset, "preset")
-    if preset not in PRESETS[model]:
-        names = ", ".join(PRESETS[model])
+    if preset not in presets:
+        names = ", ".join(presets)
         raise T2TwinError(f"{model} has no preset {preset!r}; it must be one of {names}")
-    return PRESETS[model][preset]
+    return presets[preset]
 
 
-def check_direction(direction: str, model: str) -> None:
-    """Raises T2TwinError for an unknown direction, and for one that the model does not have."""
+def find_model(model: str) -> Model:
+    """The model of a name. Raises T2TwinError with the valid names."""
+    arguments.text(model, "model")
+    for known in MODELS:
+        if model == known:
+            return known
+    raise T2TwinError(f"there is no model {model!r}; it must be one of {', '.join(MODELS)}")
+
+
+def check_direction(direction: str, model: Model) -> None:
+    """Raises T2TwinError for a direction, as DataInfo.direction, that the model does not have."""
+    allowed = DIRECTIONS_OF[model]
+    if direction not in allowed:
+        raise T2TwinError(
+            f"{model} has no direction {direction}; it has {', '.join(allowed)}, and "
+            f"{GENERATES} has all"
+        )
+
+
+def is_reverse(direction: str, source: str, target: str) -> bool:
+    """Whether a direction exchanges source and target of a dataset.
+
+    source, target: values of the dataset's sensors, "image" or "counts". Raises T2TwinError for an
+    unknown direction, and for one that the dataset does not have.
+    """
     if arguments.text(direction, "direction") not in DIRECTIONS:
         raise T2TwinError(
             f"the direction is {direction!r}; it must be one of {', '.join(DIRECTIONS)}"
         )
-    if direction == COUNTS_TO_IMAGE and model != REVERSIBLE:
-        raise T2TwinError(
-            f"{model} has no direction {direction}; {REVERSIBLE} has both, the other models have "
-            f"{IMAGE_TO_COUNTS} only"
-        )
+    if direction in (SOURCE_TO_TARGET, f"{source}-to-{target}"):
+        return False
+    if direction in (TARGET_TO_SOURCE, f"{target}-to-{source}"):
+        return True
+    raise T2TwinError(
+        f"the dataset has {source} and {target}, and no direction {direction}; it has "
+        f"{SOURCE_TO_TARGET} and {TARGET_TO_SOURCE}"
+    )

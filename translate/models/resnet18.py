@@ -1,4 +1,4 @@
-"""ResNet18 from the image to the counts, trained on L3 (Grella et al. 2023).
+"""ResNet18 from the picture of a reading to the counts, trained on L3 (Grella et al. 2023).
 
 Shape letters: B batch, S image side, N taxels, R rows and C columns of a tactile image.
 """
@@ -22,7 +22,7 @@ class ResNet18Translator(CountsTranslator):
     """One network, which predicts the counts of the layout that it was trained on."""
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
-        self.network = ResNet18(info.x_mm.size, preset.filters)
+        self.network = ResNet18(info.array.x_mm.size, preset.filters)
         super().__init__(preset, info, device, bf16, {"resnet18": self.network})
         self.optimizers = {"resnet18": adamw(self.network.parameters(), preset)}
 
@@ -33,7 +33,7 @@ class ResNet18Translator(CountsTranslator):
         """
         with self.precision():
             predicted = self.network(examples.images.to(self.device))
-        targets = examples.counts.to(self.device) / self.full_scale
+        targets = examples.targets.to(self.device) / self.full_scale
         loss = functional.mse_loss(predicted.float(), targets)
         self.descend(loss, self.network, "resnet18")
         return {"l3": float(loss.detach())}
@@ -45,7 +45,7 @@ class ResNet18Translator(CountsTranslator):
     @cached_property
     def phi(self) -> Phi:
         """phi of its layout at the full size of a tactile image."""
-        return self.info.phi
+        return self.info.array.phi
 
     def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """See CountsTranslator. The tactile images are phi of the counts."""

@@ -1,11 +1,11 @@
-"""touch2touch: pix2pix from the grey image to the tactile image (Grella et al. 2023).
+"""touch2touch: pix2pix from the picture of one sensor to that of another (Grella et al. 2023).
 
-The generator predicts the tactile image, scaled so that -1 is zero and 1 is full scale, at the
-preset's square size. phi at that size is phi at 396 x 240 followed by an area resize; its inverse
-reads the counts from the predicted image. The loss does not contain the counts.
+The pair of Grella et al. is the grey image and the tactile image. Pictures are those of data.sides,
+scaled so that -1 is zero or black, and 1 is full scale or white, at the preset's square size. phi
+at that size is phi at the tactile image's size followed by an area resize; its inverse reads the
+counts from a predicted tactile image. The loss does not contain the counts.
 
-The reverse has input and target exchanged: from the tactile image to the grey image, -1 at
-black and 1 at white.
+Images of a gel camera are predicted in grey, or in color with a preset that is not grey.
 
 A preset may add a soft IoU loss. The contact IoU of an evaluation counts pixels above a tenth of
 the maximum of their image, whatever their value. L1 gives little weight to the outline of a
@@ -30,8 +30,9 @@ from torch.nn import functional
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.phi import Phi
-from t2twin.translate.data.images import WHITE_GREY
+from t2twin.translate.data.images import COLORS, WHITE_GREY, to_scaled
 from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.models.base import CountsTranslator, Translator, adamw
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.pix2pix import PatchGAN, UNet
@@ -87,14 +88,19 @@ def _membership(images: torch.Tensor) -> torch.Tensor:
 
 
 class Pix2Pix(Translator):
-    """The generator and the discriminator of one preset; the generator predicts."""
+    """The generator and the discriminator of one preset; the generator predicts.
 
-    def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
-        self.phi = info.phi.resized((preset.size, preset.size))
+    channels_out: of the predicted pictures.
+    """
+
+    def __init__(
+        self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool, channels_out: int
+    ) -> None:
+        channels_in = 1 if preset.grey else COLORS
         self.l1_weight = preset.l1_weight
         self.iou_weight = preset.iou_weight
-        self.generator = UNet(preset.size, preset.filters)
-        self.discriminator = PatchGAN(filters=preset.filters)
+        self.generator = UNet(preset.size, preset.filters, channels_in, channels_out)
+        self.discriminator = PatchGAN(channels_in + channels_out, preset.filters)
         networks = {"generator": self.generator, "discriminator": self.discriminator}
         super().__init__(preset, info, device, bf16, networks)
         self.optimizers = {
@@ -105,17 +111,17 @@ class Pix2Pix(Translator):
         }
 
     def generate(self, inputs: torch.Tensor) -> torch.Tensor:
-        """The generator's outputs in evaluation mode. (B, 1, S, S) -> (B, 1, S, S), in [-1, 1]."""
+        """The generator's outputs in evaluation mode. (B, c, S, S) -> (B, c', S, S), [-1, 1]."""
         return self.outputs(inputs).float()
 
-    def scaled_tactile_images(self, counts: torch.Tensor) -> torch.Tensor:
-        """(B, N) counts -> tactile images, (B, 1, S, S): -1 is zero, 1 is full scale."""
-        return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
+    def to_input(self, pixels: np.ndarray) -> torch.Tensor:
+        """See Translator. (B, c, S, S) in [-1, 1]."""
+        return to_scaled(pixels)
 
     def pix2pix_step(self, inputs: torch.Tensor, targets: torch.Tensor) -> dict[str, float]:
         """One step of the discriminator, then one of the generator.
 
-        inputs, targets: (B, 1, S, S), in [-1, 1]. Returns the losses by name.
+        inputs, targets: (B, c, S, S) and (B, c', S, S), in [-1, 1]. Returns the losses by name.
         """
         with self.precision():
             generated = self.generator(inputs)
@@ -151,17 +157,25 @@ def _adversarial(logits: torch.Tensor, label: float) -> torch.Tensor:
 
 
 class Touch2Touch(Pix2Pix, CountsTranslator):
-    """pix2pix with images as inputs and tactile images as targets."""
+    """pix2pix with tactile images as targets."""
 
     reads_any_layout = True
 
+    def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
+        self.phi = info.array.phi.resized((preset.size, preset.size))
+        super().__init__(preset, info, device, bf16, channels_out=1)
+
+    def scaled_tactile_images(self, counts: torch.Tensor) -> torch.Tensor:
+        """(B, N) counts -> tactile images, (B, 1, S, S): -1 is zero, 1 is full scale."""
+        return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
+
     def step(self, examples: Examples) -> dict[str, float]:
-        """See Translator. images: (B, 1, S, S) in [-1, 1]."""
-        targets = self.scaled_tactile_images(examples.counts.to(self.device))
+        """See Translator. images: (B, c, S, S) in [-1, 1]."""
+        targets = self.scaled_tactile_images(examples.targets.to(self.device))
         return self.pix2pix_step(examples.images.to(self.device), targets)
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
-        """See CountsTranslator. images: (B, 1, S, S)."""
+        """See CountsTranslator. images: (B, c, S, S)."""
         return self.counts_of(self.predict_tactile_images(images))
 
     def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -171,13 +185,14 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
         return self.counts_of(small), large[:, 0].clamp(min=0.0)
 
     def predict_tactile_images(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, 1, S, S) -> tactile images at the generator's size, counts, (B, 1, S, S)."""
+        """(B, c, S, S) -> tactile images at the generator's size, counts, (B, 1, S, S)."""
         return (self.generate(images) + 1.0) * (self.full_scale / 2.0)
 
     def read_at(self, layout: Layout) -> Self:
         """See CountsTranslator. The images keep their size; the new layout's phi^-1 reads them."""
-        phi = self.info.phi_of(layout.x_mm, layout.y_mm)
-        _check_inside(self.info, layout.x_mm, layout.y_mm, layout.name)
+        array = self.info.array
+        phi = array.phi_of(layout.x_mm, layout.y_mm)
+        _check_inside(array, layout.x_mm, layout.y_mm, layout.name)
         other = copy(self)
         other.phi = _reading_at(phi.resized(self.phi.shape), self.phi)
         return other
@@ -189,14 +204,14 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of a tactile image."""
-        return self.info.tactile_image[:2]
+        return self.info.array.tactile_image[:2]
 
     def counts_of(self, tactile_images: torch.Tensor) -> torch.Tensor:
         """phi^-1, clipped to full scale. (B, 1, S, S) -> (B, N)."""
         return self.phi.from_torch(tactile_images).clamp(0.0, self.full_scale)
 
 
-def _check_inside(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> None:
+def _check_inside(trained: ArraySide, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> None:
     """Raises T2TwinError for taxels outside the trained layout's hull, where images are undefined.
 
     x_mm, y_mm: (N,), mm. name: the new layout's.
@@ -258,20 +273,22 @@ def _resize_matrix(size: int, new: int) -> torch.Tensor:
     return functional.interpolate(unit, (new, size), mode="bilinear", antialias=True)[0, 0]
 
 
-class CountsToImage(Pix2Pix):
-    """pix2pix with tactile images as inputs and images as targets."""
+class ImageTranslator(Pix2Pix):
+    """pix2pix with images of a gel camera as targets."""
+
+    def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
+        super().__init__(preset, info, device, bf16, channels_out=1 if preset.grey else COLORS)
 
     def step(self, examples: Examples) -> dict[str, float]:
-        """See Translator. images: (B, 1, S, S) in [-1, 1], the targets."""
-        inputs = self.scaled_tactile_images(examples.counts.to(self.device))
-        return self.pix2pix_step(inputs, examples.images.to(self.device))
+        """See Translator. images, targets: (B, c, S, S) in [-1, 1]."""
+        return self.pix2pix_step(examples.images.to(self.device), examples.targets.to(self.device))
 
-    def predict_images(self, counts: torch.Tensor) -> torch.Tensor:
-        """(B, N) counts -> images, (B, S, S), grey levels, not rounded."""
-        generated = self.generate(self.scaled_tactile_images(counts.to(self.device)))
-        return (generated[:, 0] + 1.0) * (WHITE_GREY / 2.0)
+    def predict_images(self, inputs: torch.Tensor) -> torch.Tensor:
+        """(B, c, S, S) in [-1, 1] -> images, (B, S, S, c), grey levels, not rounded."""
+        return (self.generate(inputs).permute(0, 2, 3, 1) + 1.0) * (WHITE_GREY / 2.0)
 
-    def errors(self, pixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
-        """See Translator. (B, S * S), grey levels."""
-        images = self.predict_images(torch.from_numpy(counts)).cpu().numpy()
-        return (images - pixels[..., 0]).reshape(len(pixels), -1)
+    def errors(self, pixels: np.ndarray, truth: np.ndarray) -> np.ndarray:
+        """See Translator. (B, S * S * c), grey levels."""
+        inputs = self.to_input(pixels.astype(np.float32) / 255.0)
+        images = self.predict_images(inputs).cpu().numpy()
+        return (images - truth).reshape(len(pixels), -1)

@@ -17,27 +17,37 @@ from torch import nn
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import processor_flags
+from t2twin.sim.dataset.columns import COUNTS, IMAGE
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.distributed import device
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.presets import COUNTS_TO_IMAGE
 from t2twin.translate.models.resnet18 import ResNet18Translator
-from t2twin.translate.models.touch2touch import CountsToImage, Touch2Touch
+from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
 from t2twin.translate.networks.field_net import SHEAR
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import BEST, CONFIG, LOG, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, decode_history, encode_history
 
-TRANSLATORS: dict[str, type[Touch2Touch | ResNet18Translator | FieldTranslator]] = {
-    "touch2touch": Touch2Touch,
-    "resnet18": ResNet18Translator,
-    "field": FieldTranslator,
+AnyTranslator = type[Touch2Touch | ResNet18Translator | FieldTranslator | ImageTranslator]
+
+TRANSLATORS: dict[str, dict[str, AnyTranslator]] = {
+    COUNTS: {
+        "touch2touch": Touch2Touch,
+        "resnet18": ResNet18Translator,
+        "field": FieldTranslator,
+    },
+    IMAGE: {"touch2touch": ImageTranslator},
 }
-"""Translators from images to counts by model; all take preset, dataset, device and bf16."""
+"""Translators by value of the target and by model; all take preset, dataset, device and bf16."""
 
 BF16_INSTRUCTIONS = ("avx512_bf16", "amx_bf16")
 """Processors with one of these compute faster in bfloat16 than in float32 (measured on one that has
 both)."""
+
+
+def translator_class(config: RunConfig) -> AnyTranslator:
+    """The translator's class of a run."""
+    return TRANSLATORS[config.data.target.value][config.model]
 
 
 def build(config: RunConfig) -> Translator:
@@ -47,9 +57,7 @@ def build(config: RunConfig) -> Translator:
     """
     with torch.random.fork_rng(devices=[]):  # weights are initialized on the CPU
         torch.default_generator.manual_seed(config.seed)
-        reverse = config.direction == COUNTS_TO_IMAGE
-        kind = CountsToImage if reverse else TRANSLATORS[config.model]
-        return kind(config.preset, config.data, device(), config.bf16)
+        return translator_class(config)(config.preset, config.data, device(), config.bf16)
 
 
 def has_bf16() -> bool:

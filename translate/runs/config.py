@@ -26,21 +26,21 @@ from t2twin.core.files import write_json
 from t2twin.core.machine import installed_version
 from t2twin.core.records import convert, read_json
 from t2twin.sim.dataset.info import is_sha256
-from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.data.sides import CameraSide
 from t2twin.translate.models.presets import (
     COUNTS_TO_IMAGE,
-    IMAGE_TO_COUNTS,
     MAX_BATCH,
     MAX_EPOCHS,
     MODELS,
     Preset,
     check_direction,
+    find_model,
 )
 from t2twin.translate.uncertainty.ood import OODDetector
 
-FORMAT = 1
-"""Version of config.json; a file without a version has this one."""
+FORMAT = 2
+"""Version of config.json; a file without a version has version 1."""
 
 MAX_STEPS = 100_000_000
 """Maximum steps of a training (assumed: more than a machine trains in a month)."""
@@ -61,7 +61,7 @@ class RunConfig(Struct, frozen=True):
     with a limit in minutes it depends on the machine and is set once. bf16: whether the networks
     train in bfloat16. processes: number of processes that share a batch. ood_detector: statistics
     of the training images, and epoch_steps: steps per epoch; both are set when training starts.
-    init_from: SHA-256 of the initial weights, None for random ones. direction: see module presets.
+    init_from: SHA-256 of the initial weights, None for random ones.
     """
 
     model: str
@@ -77,7 +77,6 @@ class RunConfig(Struct, frozen=True):
     steps: Steps | None = None
     epoch_steps: Steps | None = None
     init_from: str | None = msgspec.field(name="init_from_sha256", default=None)
-    direction: str = IMAGE_TO_COUNTS
     format: int = FORMAT
 
     def __repr__(self) -> str:
@@ -94,14 +93,19 @@ class RunConfig(Struct, frozen=True):
         return "bf16" if self.bf16 else "fp32"
 
     @property
+    def direction(self) -> str:
+        """What the run predicts from what, as "image-to-counts"."""
+        return self.data.direction
+
+    @property
     def predicts_images(self) -> bool:
-        """Whether the run predicts images from counts, rather than counts from images."""
-        return self.direction == COUNTS_TO_IMAGE
+        """Whether the run predicts images, rather than counts."""
+        return isinstance(self.data.target, CameraSide)
 
     @property
     def full_scale(self) -> float:
         """Full scale of the predictions, counts or grey levels."""
-        return WHITE_GREY if self.predicts_images else self.data.full_scale_counts
+        return self.data.target.full_scale
 
     def check(self) -> None:
         """Raises ValueError for fields that do not fit together."""
@@ -109,7 +113,7 @@ class RunConfig(Struct, frozen=True):
             raise ValueError("init_from_sha256 must be 64 hexadecimal digits")
         if self.model not in MODELS:
             raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
-        check_direction(self.direction, self.model)
+        check_direction(self.direction, find_model(self.model))
         self.data.check()
         if self.ood_detector is not None:
             self.ood_detector.check(channels=1 if self.preset.grey else 3)
@@ -130,14 +134,12 @@ def load_config(run_dir: Path) -> RunConfig:
     path = run_dir / CONFIG
     if not path.is_file():
         raise T2TwinError(f"{run_dir} has no config.json; give a folder that `train` has made")
-    content = read_json(path, dict[str, Any], FORMAT)
+    content = _as_format_2(read_json(path, dict[str, Any], 1, FORMAT))
     preset = content.get("preset")
     known = {each.name for each in fields(Preset)}
     unknown = sorted(set(preset) - known) if isinstance(preset, dict) else ()
     if unknown:
         raise T2TwinError(f"{path}: preset.{unknown[0]} is no setting of this version")
-    if content.get("direction") in FORMER_DIRECTIONS:
-        content["direction"] = FORMER_DIRECTIONS[content["direction"]]
     config = convert(content, RunConfig, path)
     try:
         config.check()
@@ -146,8 +148,28 @@ def load_config(run_dir: Path) -> RunConfig:
     return config
 
 
-FORMER_DIRECTIONS = {"digit-to-cyskin": IMAGE_TO_COUNTS, "cyskin-to-digit": COUNTS_TO_IMAGE}
-"""Directions of runs that versions up to 0.3 trained."""
+REVERSE_1 = (COUNTS_TO_IMAGE, "cyskin-to-digit")
+"""Directions of format 1 from counts to images; versions up to 0.3 have the second."""
+
+CAMERA_1 = ("image_shape", "view_mm")
+SHARED_1 = ("info_sha256", "recipe", "train_pairs", "has_shear")
+"""Keys of "data" in format 1 that are not of the taxel array."""
+
+
+def _as_format_2(content: dict[str, Any]) -> dict[str, Any]:
+    """The content of a config.json of format 1, whose data has no sides, in format 2."""
+    data = content.get("data")
+    if content.get("format", 1) != 1 or not isinstance(data, dict):
+        return content
+    shared = {name: value for name, value in data.items() if name in SHARED_1}
+    camera = {name: value for name, value in data.items() if name in CAMERA_1}
+    array = {name: value for name, value in data.items() if name not in (*SHARED_1, *CAMERA_1)}
+    sides = [{"value": "image"} | camera, {"value": "counts"} | array]
+    if content.get("direction") in REVERSE_1:
+        sides.reverse()
+    source, target = sides
+    return content | {"data": shared | {"source": source, "target": target}, "format": FORMAT}
+
 
 HOME = Path(__file__).parents[1] / "weights"
 

@@ -23,18 +23,23 @@ from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import LOCK, is_empty, locked
-from t2twin.sim.dataset.store import sha256_of
+from t2twin.sim.dataset.columns import IMAGE
+from t2twin.sim.dataset.store import read_info, sha256_of
 from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
+from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.models import distributed
 from t2twin.translate.models.presets import (
-    IMAGE_TO_COUNTS,
-    REVERSIBLE,
+    GENERATES,
+    SOURCE_TO_TARGET,
+    Model,
     Preset,
     check_direction,
+    find_model,
     find_preset,
+    is_reverse,
 )
 from t2twin.translate.runs.card import write_card
-from t2twin.translate.runs.checkpoint import TRANSLATORS, has_bf16, load_history
+from t2twin.translate.runs.checkpoint import has_bf16, load_history, translator_class
 from t2twin.translate.runs.config import (
     BEST,
     CONFIG,
@@ -65,7 +70,7 @@ def train(
     minutes: float | None = None,
     steps: int | None = None,
     init_from: str | Path | None = None,
-    direction: str = IMAGE_TO_COUNTS,
+    direction: str = SOURCE_TO_TARGET,
     iou_weight: float | None = None,
 ) -> TrainingResult:
     """Trains a translator on a dataset, or resumes a stopped training.
@@ -75,22 +80,27 @@ def train(
     minutes; the epochs, and with them the learning rate's schedule, are planned to fit. steps:
     maximum steps in place of the preset's, rounded to whole epochs; a larger number adapts the
     preset (`for_steps`). init_from: another run, whose best weights are the initial weights,
-    at a lower learning rate. direction: "image-to-counts", or "counts-to-image" for images
-    from counts, validated by the RMSE of their pixels. iou_weight: weight of the soft IoU loss
-    (models.touch2touch), by default the preset's.
+    at a lower learning rate. direction: "source-to-target" of the dataset, or "target-to-source";
+    for a gel camera and a taxel array also "image-to-counts" and "counts-to-image". Images are
+    validated by the RMSE of their pixels; from images they are predicted in color, if the preset is
+    a name. iou_weight: weight of the soft IoU loss (models.touch2touch), by default the preset's.
     Raises T2TwinError for arguments that are invalid or do not fit together, and an init_from of
     another kind. It also does for an unreadable dataset, a folder with another run, and a loss that
     is not finite.
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     _check_limits(epochs, minutes, steps, seed)
-    settings = for_steps(find_preset(model, preset), steps)
-    check_direction(direction, model)
-    settings = _with_iou_weight(settings, iou_weight, model, direction)
-    info = load_info(data_dir)
+    name, settings = find_model(model), for_steps(find_preset(model, preset), steps)
+    values = read_info(data_dir).values
+    reverse = is_reverse(direction, values["source"], values["target"])
+    info = load_info(data_dir, reverse)
+    check_direction(info.direction, name)
+    if isinstance(preset, str) and info.source.value == info.target.value == IMAGE:
+        settings = replace(settings, grey=False)
+    settings = _with_iou_weight(settings, iou_weight, name, info)
     weights = None
     if init_from is not None:
-        weights = find_weights(init_from, model, settings, info, direction)
+        weights = find_weights(init_from, model, settings, info)
         settings = replace(settings, learning_rate=WARM_START_SHARE * settings.learning_rate)
     config = RunConfig(
         model=model,
@@ -104,15 +114,16 @@ def train(
         bf16=settings.bf16 and has_bf16(),
         processes=distributed.process_count(),
         init_from=None if weights is None else sha256_of(weights),
-        direction=direction,
     )
-    return _run(config, data_dir, out_dir, weights)
+    return _run(config, data_dir, out_dir, weights, reverse)
 
 
-def _run(config: RunConfig, data_dir: Path, out_dir: Path, weights: Path | None) -> TrainingResult:
+def _run(
+    config: RunConfig, data_dir: Path, out_dir: Path, weights: Path | None, reverse: bool
+) -> TrainingResult:
     """Trains the run of a configuration, unless out_dir contains it finished.
 
-    weights: initial ones, None for random ones.
+    weights: initial ones, None for random ones. reverse: as for `load_pairs`.
     """
     distributed.use_all_cores()
     distributed.keep_memory()
@@ -131,7 +142,7 @@ def _run(config: RunConfig, data_dir: Path, out_dir: Path, weights: Path | None)
             return result
         with locked(out_dir) if rank == 0 else nullcontext():
             _check_folder(out_dir)
-            pairs, validation = _load_in_turn(data_dir, out_dir, config, rank)
+            pairs, validation = _load_in_turn(data_dir, out_dir, config, rank, reverse)
             result = Trainer(config, out_dir, pairs, validation, rank, weights).run()
             if rank == 0:
                 write_card(out_dir, data_dir)
@@ -147,20 +158,20 @@ def _check_folder(out_dir: Path) -> None:
 
 
 def _load_in_turn(
-    data_dir: Path, out_dir: Path, config: RunConfig, rank: int
+    data_dir: Path, out_dir: Path, config: RunConfig, rank: int, reverse: bool
 ) -> tuple[Pairs, Pairs]:
     """Training and validation pairs. The first process decodes them, the others wait for it."""
     cache = usable_cache(data_dir, out_dir)
     if rank == 0:
-        _load(data_dir, config, cache)
+        _load(data_dir, config, cache, reverse)
     distributed.wait()
-    return _load(data_dir, config, cache)
+    return _load(data_dir, config, cache, reverse)
 
 
-def _load(data_dir: Path, config: RunConfig, cache: Path) -> tuple[Pairs, Pairs]:
-    preset, with_dense_counts = config.preset, TRANSLATORS[config.model].learns_dense_counts
+def _load(data_dir: Path, config: RunConfig, cache: Path, reverse: bool) -> tuple[Pairs, Pairs]:
+    preset, dense = config.preset, translator_class(config).learns_dense_counts
     pairs, validation = (
-        load_pairs(data_dir, split, preset.size, preset.grey, cache, with_dense_counts)
+        load_pairs(data_dir, split, preset.size, preset.grey, cache, dense, reverse)
         for split in ("train", "val")
     )
     if len(pairs) < MIN_PAIRS:
@@ -174,10 +185,11 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
     """The run in out_dir, if any. Raises T2TwinError if its configuration differs."""
     if not (out_dir / CONFIG).is_file():
         return None
-    earlier = load_config(out_dir)
+    earlier, source = load_config(out_dir), config.data.source.sensor
     for name, theirs, ours in (
         ("model", earlier.model, config.model),
-        ("direction", earlier.direction, config.direction),
+        ("direction", earlier.data.direction, config.data.direction),
+        ("source", earlier.data.source.sensor or source, source),
         ("IoU weight", earlier.preset.iou_weight, config.preset.iou_weight),
         ("preset", earlier.preset, config.preset),
         ("seed", earlier.seed, config.seed),
@@ -234,25 +246,23 @@ def for_steps(preset: Preset, steps: int | None) -> Preset:
     return replace(preset, discriminator_share=share)
 
 
-def _with_iou_weight(preset: Preset, weight: float | None, model: str, direction: str) -> Preset:
+def _with_iou_weight(preset: Preset, weight: float | None, model: Model, info: DataInfo) -> Preset:
     """The preset with a weight of the soft IoU loss, None for its own.
 
-    Raises T2TwinError for a negative weight, and for a model or direction without tactile images.
+    Raises T2TwinError for a negative weight, and for a model or target without tactile images.
     """
     weight = preset.iou_weight if weight is None else arguments.real(weight, "iou_weight")
     if not (weight >= 0 and math.isfinite(weight)):
         raise T2TwinError(f"iou_weight is {weight:g}; it must be 0 or more")
-    if weight and not (model == REVERSIBLE and direction == IMAGE_TO_COUNTS):
+    if weight and not (model == GENERATES and isinstance(info.target, ArraySide)):
         raise T2TwinError(
-            f"iou_weight is {weight:g}, but a {model} {direction} run predicts no tactile image; "
-            f"expected 0, or {REVERSIBLE} {IMAGE_TO_COUNTS}"
+            f"iou_weight is {weight:g}, but a {model} {info.direction} run predicts no tactile "
+            f"image; expected 0, or {GENERATES} to counts"
         )
     return replace(preset, iou_weight=weight)
 
 
-def find_weights(
-    run: str | Path, model: str, preset: Preset, data: DataInfo, direction: str = IMAGE_TO_COUNTS
-) -> Path:
+def find_weights(run: str | Path, model: str, preset: Preset, data: DataInfo) -> Path:
     """The best weights of a run, as initial ones of a training with this model, preset and dataset.
 
     run: its folder, or the name of a pretrained run. Raises T2TwinError for a folder that is not a
@@ -260,24 +270,29 @@ def find_weights(
     """
     run_dir, config = run_of_model(run, model)
     theirs, places = config.preset, config.data
+    direction, ours = places.direction, data.direction
     for difference, differs in (
-        (f"a {config.direction} run, not {direction}", config.direction != direction),
+        (f"a {direction} run, not {ours}", direction != ours),
         (
             f"a run of {theirs.size} pixels, base width {theirs.filters}, and preset {preset.name} "
             f"has {preset.size} and {preset.filters}",
             (theirs.size, theirs.grey, theirs.filters)
             != (preset.size, preset.grey, preset.filters),
         ),
-        (
-            f"a run of layout {places.layout}, and the dataset's is {data.layout}",
-            not places.same_layout(data.x_mm, data.y_mm),
+        *(
+            (
+                f"a run of layout {one.layout}, and the dataset's is {other.layout}",
+                not one.fits(other),
+            )
+            for one, other in ((places.source, data.source), (places.target, data.target))
+            if isinstance(one, ArraySide) and isinstance(other, ArraySide)
         ),
         (
             "a run of other dense counts than the dataset's",
             model == "field"
             and not (
-                _equal(places.dense_x_mm, data.dense_x_mm)
-                and _equal(places.dense_y_mm, data.dense_y_mm)
+                _equal(places.array.dense_x_mm, data.array.dense_x_mm)
+                and _equal(places.array.dense_y_mm, data.array.dense_y_mm)
             ),
         ),
     ):

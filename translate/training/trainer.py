@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,11 +12,11 @@ from msgspec.structs import replace
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
-from t2twin.translate.data.images import COLORS, augment, to_input
-from t2twin.translate.data.pairs import Examples, Pairs
+from t2twin.translate.data.images import COLORS, augment, to_input, to_scaled
+from t2twin.translate.data.pairs import Examples, ImageFile, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
-from t2twin.translate.models.presets import Preset
+from t2twin.translate.models.presets import IMAGE_TO_COUNTS, Preset
 from t2twin.translate.networks.field_net import SHEAR
 from t2twin.translate.runs.checkpoint import (
     build,
@@ -138,7 +138,9 @@ class Trainer:
                 self.config,
                 planned_epochs=planned,
                 epoch_steps=self.steps,
-                ood_detector=fit_ood_detector(self.pairs.images),
+                ood_detector=fit_ood_detector(self.pairs.images)
+                if self.pairs.pictures is None
+                else None,
             )
         self.translator = build(self.config)
         if self.weights is not None:
@@ -265,9 +267,10 @@ class Trainer:
         rng: np.random.Generator,
     ) -> dict[str, float]:
         """One step on the pairs with these indices."""
-        # Augmentation is for inputs; targets stay as they are.
-        jitter = None if self.config.predicts_images else rng
-        return translator.step(load_examples(self.pairs, batch, self.config.preset, jitter))
+        # Augmentation is for images of the source; counts and targets stay as they are.
+        jitter = rng if self.pairs.pictures is None else None
+        preset, to_input = self.config.preset, translator.to_input
+        return translator.step(load_examples(self.pairs, batch, preset, jitter, to_input))
 
     def _validate(self) -> float:
         """RMSE on the validation split, counts or grey levels; the processes share the pairs."""
@@ -281,8 +284,8 @@ class Trainer:
 
     def _errors(self, translator: Translator, index: np.ndarray) -> np.ndarray:
         """(b, n) errors of predictions in float32, of the validation pairs with these indices."""
-        inputs, counts = self.validation.inputs[index], self.validation.counts[index]
-        return translator.in_float32().errors(inputs, counts)
+        inputs, truth = self.validation.inputs[index], self.validation.target[index]
+        return translator.in_float32().errors(inputs, truth)
 
     def _measure(self) -> float:
         """Estimated seconds per epoch, from a few steps of other networks."""
@@ -307,7 +310,7 @@ class Trainer:
         config, done = self.config, len(self.history)
         left = config.planned_epochs - done
         resumes = f" resumes after epoch {done};" if done else ""
-        direction = f" {config.direction}" if config.predicts_images else ""
+        direction = "" if config.direction == IMAGE_TO_COUNTS else f" {config.direction}"
         print(
             f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
             f"{len(self.pairs)} pairs, "
@@ -332,9 +335,15 @@ def load_initial_weights(path: Path, translator: Translator) -> None:
 
 
 def load_examples(
-    pairs: Pairs, batch: np.ndarray, preset: Preset, rng: np.random.Generator | None
+    pairs: Pairs,
+    batch: np.ndarray,
+    preset: Preset,
+    rng: np.random.Generator | None,
+    to_input: Callable[[np.ndarray], torch.Tensor] = to_input,
 ) -> Examples:
-    """The pairs with these indices; with rng, augmented as the preset defines."""
+    """The pairs with these indices; with rng, augmented as the preset defines.
+
+    to_input: the translator's."""
     batch = np.sort(batch)  # the order on disk
     more = [
         None if each is None else torch.from_numpy(each[batch].astype(np.float32))
@@ -351,7 +360,10 @@ def load_examples(
         pixels = augment(
             pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
         )
-    return Examples(to_input(pixels), torch.from_numpy(pairs.counts[batch]), *more)
+    target = pairs.target[batch]
+    if isinstance(pairs.target, ImageFile):
+        return Examples(to_input(pixels), to_scaled(target.astype(np.float32) / 255.0), *more)
+    return Examples(to_input(pixels), torch.from_numpy(target), *more)
 
 
 def steps_of_epoch(batches: int, budget: int) -> int:
