@@ -20,14 +20,14 @@ from benchmarks.contact.press import SENSORS
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 
-CASES = 48
+CASES = 32
 
 TILTS_DEG = (0.0, 5.0, 10.0)
 
 BENCHMARK = Benchmark(
     module="benchmarks.contact.tilted_cases",
     measures="Accuracy of presses tilted by 5 and 10 degrees, compared with straight ones.",
-    minutes=12,
+    minutes=10,
     sources=("primitives_cad", "sim/contact", "sim/taxels"),
     figures=(
         Figure("tilts.*.*.within_percent", "%", least=95.0),
