@@ -4,6 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 
 import json
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,9 @@ from t2twin.sim.dataset.store import read_info
 
 TARGETS = {"cyskin-20": 20, "flexitac": 384}
 """Numbers of taxels of the targets."""
+
+SAMPLED = (("cyskin-20", "resnet18"), ("flexitac", "touch2touch"), ("flexitac", "field"))
+"""Pairs of target and network that `make test` tries."""
 
 RECIPE = """
 format = 1
@@ -37,7 +41,7 @@ frames = 1
 """
 
 
-@pytest.fixture(scope="module", params=TARGETS)
+@pytest.fixture(scope="module")
 def data(request, tmp_path_factory, shape_cache) -> Path:
     """A small dataset of one of the targets."""
     folder = tmp_path_factory.mktemp(request.param)
@@ -46,7 +50,14 @@ def data(request, tmp_path_factory, shape_cache) -> Path:
     return folder / "data"
 
 
-@pytest.mark.parametrize("model", ["touch2touch", "resnet18", "field"])
+@pytest.mark.parametrize(
+    "data, model",
+    [
+        pytest.param(*pair, marks=() if pair in SAMPLED else pytest.mark.exhaustive)
+        for pair in product(TARGETS, ("touch2touch", "resnet18", "field"))
+    ],
+    indirect=["data"],
+)
 def test_a_network_is_trained_evaluated_and_translates(data, model, tmp_path):
     target = read_info(data).target.name
     run = train_smoke(model, data, tmp_path / "run", epochs=1)

@@ -46,13 +46,13 @@ def test_counts_are_those_of_pytorch(run_dir: Path, kept: Path, frames: np.ndarr
 
 
 def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
-    run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
+    runs: list[Path], kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
     make = onnx_export._export
     monkeypatch.setattr(onnx_export, "_export", lambda *of: made.append(of) or make(*of))
-    first = load(run_dir).predict(frames)
-    np.testing.assert_array_equal(load(run_dir).predict(frames), first)
+    first = load(runs[1]).predict(frames)
+    np.testing.assert_array_equal(load(runs[1]).predict(frames), first)
     assert len(made) == 1
     (file,) = kept.iterdir()
     content = file.read_bytes()
@@ -62,51 +62,51 @@ def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
     write_checked(other, content[:-TRAILER_BYTES])  # whole, but of another name
     for number, damaged in enumerate((content[:-1000], b"", bytes(flipped), other.read_bytes())):
         file.write_bytes(damaged)
-        np.testing.assert_array_equal(load(run_dir).predict(frames), first)
+        np.testing.assert_array_equal(load(runs[1]).predict(frames), first)
         assert len(made) == 2 + number and file.read_bytes() == content
 
 
 def test_a_pipe_or_a_folder_in_its_place_stops_nothing(
-    run_dir: Path, kept: Path, frames: np.ndarray
+    runs: list[Path], kept: Path, frames: np.ndarray
 ) -> None:
-    expected = load(run_dir, engine="torch").predict(frames)
-    load(run_dir).predict(frames)
+    expected = load(runs[1], engine="torch").predict(frames)
+    load(runs[1]).predict(frames)
     (file,) = kept.iterdir()
     for make in (os.mkfifo, os.mkdir):
         file.unlink()
         make(file)
-        np.testing.assert_allclose(load(run_dir).predict(frames), expected, atol=1.0)
+        np.testing.assert_allclose(load(runs[1]).predict(frames), expected, atol=1.0)
 
 
 def test_where_no_file_can_be_kept_pytorch_computes(
-    run_dir: Path, kept: Path, frames: np.ndarray
+    runs: list[Path], kept: Path, frames: np.ndarray
 ) -> None:
     kept.write_text("in the way")
-    expected = load(run_dir, engine="torch").predict(frames)
-    np.testing.assert_array_equal(load(run_dir).predict(frames), expected)
+    expected = load(runs[1], engine="torch").predict(frames)
+    np.testing.assert_array_equal(load(runs[1]).predict(frames), expected)
 
 
 def test_the_oldest_files_go(
-    run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
+    runs: list[Path], kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(onnx_export, "MAX_FILES", 1)
     kept.mkdir()
     (kept / "older.onnx").write_bytes(b"")
-    load(run_dir).predict(frames)
+    load(runs[1]).predict(frames)
     assert [path.name for path in kept.iterdir()] != ["older.onnx"]
     assert len(list(kept.iterdir())) == 1
 
 
-def test_what_cannot_be_gets_a_sentence(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_gets_a_sentence(runs: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(T2TwinError, match="no engine 'jax'; onnx and torch are allowed"):
-        load(run_dir, engine="jax")  # pyright: ignore[reportArgumentType]
+        load(runs[1], engine="jax")  # pyright: ignore[reportArgumentType]
     with pytest.raises(T2TwinError, match="float32 on the CPU"):
-        load(run_dir, bf16=True, engine="onnx")
-    assert load(run_dir, bf16=True).engine is None
+        load(runs[1], bf16=True, engine="onnx")
+    assert load(runs[1], bf16=True).engine is None
     monkeypatch.setattr(load_runs, "find_spec", lambda name: None)
     with pytest.raises(T2TwinError, match=r"pip install 't2twin\[onnx\]'"):
-        load(run_dir, engine="onnx")
-    assert load(run_dir).engine is None
+        load(runs[1], engine="onnx")
+    assert load(runs[1]).engine is None
 
 
 def test_another_layout_has_its_own_file(kept: Path, frames: np.ndarray) -> None:

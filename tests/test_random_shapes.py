@@ -44,7 +44,9 @@ def test_surfaces_are_as_the_frame_has_them():
         assert rasterize.heights_mm(shape.composition, AXIS, AXIS).max() > NOTHING_MM / 2
 
 
-@pytest.mark.parametrize("seed", [3, 14, 25])
+@pytest.mark.parametrize(
+    "seed", [3, *(pytest.param(seed, marks=pytest.mark.exhaustive) for seed in (14, 25))]
+)
 def test_the_solid_presses_with_the_surface(seed):
     shape = RandomShape(seed)
     assert shape.mesh.is_watertight and shape.mesh.is_winding_consistent and shape.mesh.volume > 0
