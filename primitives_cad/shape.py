@@ -106,6 +106,9 @@ class Shape:
     notes: tuple[str, ...] = ()
     base_slope: tuple[float, float] = (0.0, 0.0)
 
+    rise_mm = 0.0
+    """Height of the highest point above the shape's origin, mm; not 0 of a tilted shape only."""
+
     def __repr__(self) -> str:
         return f"Shape({self.name!r})"
 

@@ -33,13 +33,11 @@ SIDES_NOTE = (
 class TiltedShape(Shape):
     """A shape tilted about its origin, with its highest point at 0 again.
 
-    upright: the shape before. rotation: (3, 3) that turns its points. rise_mm: height of the
-    highest point above the origin.
+    upright: the shape before. rotation: (3, 3) that turns its points.
     """
 
     upright: Shape
     rotation: np.ndarray
-    rise_mm: float
 
     def __init__(self, upright: Shape, tilt_x_rad: float, tilt_y_rad: float) -> None:
         rotation = rotation_of(tilt_x_rad, tilt_y_rad)

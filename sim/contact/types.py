@@ -15,7 +15,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import HeightMap, Shape
-from t2twin.primitives_cad.tilt import MAX_TILT_DEG, TiltedShape, quaternion_of, tilted
+from t2twin.primitives_cad.tilt import MAX_TILT_DEG, quaternion_of, tilted
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.grid import Window
 from t2twin.sim.contact.tangential.displacements import unfolded
@@ -235,8 +235,8 @@ class Contact:
     def shape_pose(self) -> tuple[np.ndarray, np.ndarray]:
         """Pose of the pressed shape in the sensor frame: quaternion w, x, y, z, (4,), and the
         position of its origin, (3,) mm."""
-        command, shape = self.command, self.command.tilted(self.shape)
-        rise_mm = shape.rise_mm if isinstance(shape, TiltedShape) else 0.0
+        command = self.command
+        rise_mm = command.tilted(self.shape).rise_mm
         quaternion = quaternion_of(command.tilt_x_rad, command.tilt_y_rad, command.yaw_rad)
         return quaternion, np.array([command.x_mm, command.y_mm, rise_mm - self.shape_depth_mm])
 
