@@ -1,4 +1,4 @@
-"""The public API: what is listed, what the README's lines give, how quickly it is there."""
+"""The public API: what is listed, and how quickly it is there."""
 
 import subprocess
 import sys
@@ -118,22 +118,3 @@ def test_a_touch_is_saved_as_the_command_writes_it(tmp_path):
     )
     assert command.keys() == saved.keys()
     assert [n for n in command if command[n] != saved[n]] in ([], ["press.json"])  # milliseconds
-
-
-def test_the_readmes_lines_run_as_they_stand(readme_lines):
-    scope: dict = {}
-    exec(readme_lines, scope)
-    touch, counts = scope["touch"], scope["counts"]
-    assert touch.counts.shape == counts.shape == (20,)
-    error = np.sqrt(np.mean((counts - touch.counts) ** 2.0))
-    assert error < np.sqrt(np.mean(touch.counts**2.0))  # better than zero counts
-
-
-@pytest.fixture
-def readme_lines(request) -> str:
-    """The README's first Python block."""
-    readme = (request.config.rootpath / "README.md").read_text()
-    lines = readme.split("```python\n", 1)[1].split("```", 1)[0]
-    assert lines.startswith("import t2twin\n")
-    assert len([line for line in lines.splitlines() if line]) == 3
-    return lines

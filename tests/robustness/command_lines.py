@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterator
 
 from cases import Case, Files, laid
+from pictures import PNG
 from readers import FRAMES, PAIRS
 
 PREFIXES = {
@@ -86,7 +87,7 @@ SIM | --scheduler foo => scheduler | --scheduler tcp://127.0.0.1:1 --workers 2 =
 train | => MODEL and --data are missing; see t2twin train --help | resnet18 => --data is missing
 train resnet18 --out out --data | nowhere => nowhere | '' => no dataset | {resnet18} => no dataset
 train alexnet --data {data} --out out | => touch2touch
-TRAIN | --direction counts-to-image => touch2touch has both | --preset huge => preset
+TRAIN | --direction counts-to-image => resnet18 has no direction | --preset huge => preset
 evaluate --data {data} --out out | nowhere => nowhere | {data} => config.json
 evaluate --data {data} --out out | {resnet18} {resnet18} => twice | => run
 evaluate {resnet18} --data | nowhere => nowhere | {data} --split 'train set' => val, test or both
@@ -111,6 +112,12 @@ studio | --run nowhere => nowhere | --run {data} => config.json | --source nowhe
 studio | --host nowhere => cannot listen on | --source x.png => no source
 studio | --background nowhere.png => there is no file | --background / => is a folder
 studio --allow-origin | evil.example => is not an origin | http://evil.example/path => not an origin
+LIVE d | --turn-deg 45 => expected 0, 90, 180 or 270 | --layout cyskin-63 => ResNet18
+LIVE d | --background d => d | --background d/x.png => needs a field run | extra => with --run
+LIVE | nowhere => no source | '' => no source | /dev/zero => no source | 1.5 => no source
+LIVE | http://127.0.0.1:9/x.mp4 => no source | concat:a.avi => no source | 99 => camera 99
+LIVE | d/x.txt => cannot be read as a video
+live | d --run d => config.json | {resnet18} d => --run
 shapes | all => unexpected argument 'all'; see t2twin shapes --help
 """
 """Start of a command line, then ends of it, each with a part of the expected sentence."""
@@ -156,6 +163,8 @@ def _case(command: str, says: str = "", fine: bool = False) -> Case:
     whole = " ".join(PREFIXES.get(word, word) for word in command.split(" "))
     kind = command.split(" ")[0]
     files: Files = PAIRS if kind == "IMPORT" else {}
+    if kind in ("LIVE", "live"):
+        files = {"d/x.png": PNG, "d/x.txt": "no video"}
     if kind in ("CALIBRATE", "BALL", "ADAPT"):
         files = FRAMES
     return Case(command[:80], whole, laid(files), says, fine)

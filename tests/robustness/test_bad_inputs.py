@@ -13,8 +13,7 @@ from cases import REFUSED, Base, Case
 from t2twin.core.errors import T2TwinError
 
 KINDS = {"command_lines.refused": 1, "command_lines.cases": 10, "pictures.cases": 3,
-         "readers.cases": 26, "solids.cases": 3, "places.cases": 4,
-         "live_sources.cases": 5}  # fmt: skip
+         "readers.cases": 20, "solids.cases": 3, "places.cases": 4}  # fmt: skip
 """Modules and functions that give cases, imported by their tests, and the number of these tests:
 about 20 cases each, so that the workers end at about the same time, but for the quickest."""
 
