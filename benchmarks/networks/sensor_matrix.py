@@ -47,8 +47,8 @@ BENCHMARK = Benchmark(
 
 SCALE, MODEL, PRESET = "small", "touch2touch", "cpu"
 
-STEPS = 2000
-"""Steps of each training (assumed: 80 epochs, ten minutes of one core)."""
+STEPS = 1200
+"""Steps of each training (assumed: 50 epochs, six minutes of one core)."""
 
 SEED = 0
 SPLITS = ("val", "test")

@@ -64,20 +64,27 @@ def translate(
     """Translate images to counts; writes counts.csv, counts.json and PNG files.
 
     A field run also writes counts_std.csv, the standard deviation of each count, and the force, if
-    it was trained on several. Its PNG files fade to white with increasing uncertainty.
+    it was trained on several. Its PNG files fade to white with increasing uncertainty. A run of
+    other sensors writes counts.csv or predicted images.
 
     Args:
-        images: PNG or JPEG files of any size, grey or color, upright, or folders of such files.
+        images: PNG or JPEG files of any size, grey or color, upright, or folders of such files. For
+            a run from counts, CSV files with columns taxel_0, taxel_1 and so on, or NPY files.
         out: Output folder.
         png: Write no PNG files of the tactile images, which is faster.
     """
     from t2twin.translate.inference.batch import find_images, translate_files
     from t2twin.translate.inference.predictor import NO_BACKGROUND
+    from t2twin.translate.inference.readings import translate_readings
     from t2twin.translate.models.distributed import use_all_cores
     from t2twin.translate.uncertainty.ood import unlike
 
     _check_no_run(images)
     use_all_cores()
+    if not _is_image_to_counts(options):
+        readings = translate_readings(options.name, images, out, png)
+        print(f"{len(readings)} readings translated, written to {out}")
+        return
     files = find_images(images)
     result = translate_files(
         options.name, files, out, options.layout, png, options.bf16, options.background
@@ -88,6 +95,26 @@ def translate(
         print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
     if warning := unlike(result.ood_classes, options.name, files):
         print(f"t2twin: {warning}", file=sys.stderr)
+
+
+def _is_image_to_counts(options: PredictionOptions) -> bool:
+    """Whether a run is from images to counts. Raises T2TwinError for options that another run does
+    not have."""
+    from t2twin.core.errors import T2TwinError
+    from t2twin.translate.models.presets import IMAGE_TO_COUNTS
+    from t2twin.translate.runs.config import load_config, resolve_run
+
+    direction = load_config(resolve_run(options.name)).direction
+    if direction == IMAGE_TO_COUNTS:
+        return True
+    given = {"--layout": options.layout, "--background": options.background, "--bf16": options.bf16}
+    for name, value in given.items():
+        if value:
+            raise T2TwinError(
+                f"{name} is given, but {options.name} has the direction {direction}; {name} is for runs "
+                "from images to counts"
+            )
+    return False
 
 
 def _print(result: "TranslationResult", files: list[Path]) -> None:
