@@ -38,7 +38,7 @@ def pytest_configure(config):
 FIRST = (
     "test_regression.py", "test_calibrate.py", "test_documents.py", "test_calibrate_uncertainty.py",
     "test_studio_page.py", "test_field.py", "test_bad_inputs.py", "test_recipe_datasets.py",
-    "test_calibrate_any_sensor.py", "test_examples.py", "test_training.py", "test_odd_meshes.py",
+    "test_calibrate_any_sensor.py", "test_examples.py", "test_training.py",
     "test_report.py",
 )  # fmt: skip
 """Test files that take longest, in this order: while a worker runs one, the others run the rest."""
@@ -87,7 +87,7 @@ def egl():
 
 @pytest.fixture(scope="session", autouse=True)
 def few_drawn_pairs():
-    """Reports draw one pair of each family of the small dataset, and no further ones."""
+    """Reports draw one pair of each family of the small dataset and no more."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("t2twin.report.pairs.PAIRS", 6)
         yield

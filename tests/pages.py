@@ -4,6 +4,10 @@ from collections import defaultdict
 from html.parser import HTMLParser
 from pathlib import Path
 
+import pytest
+
+from t2twin.report import run_report
+
 VOID = {"meta", "img", "br", "hr", "link"}
 
 
@@ -43,6 +47,12 @@ class Reader(HTMLParser):
             self.parts[self.section].append(data)
         if self.open and self.open[-1] in ("td", "th"):
             self.rows[self.section][-1][-1] += data
+
+
+def draw_only(patch: pytest.MonkeyPatch, *names: str) -> None:
+    """Reports of runs have these sections only, as others take long."""
+    sections = {name: run_report.SECTIONS[name] for name in names}
+    patch.setattr(run_report, "SECTIONS", sections)
 
 
 def read_page(page: Path) -> tuple[Reader, str]:

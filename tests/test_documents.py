@@ -44,6 +44,7 @@ NOT_RUN = {
     "t2twin evaluate runs/pretrained-3": "needs a training of hours",
     "t2twin live 0": "needs a camera",
     "t2twin live frames/ --run runs/mine": "needs a training of an hour",
+    "t2twin slide hemisphere-4 --force-n 4 --dx-mm 2 --markers": "as one of docs/how-to/sliding.md",
     "t2twin simdata --scale paper": "takes minutes",
     "t2twin simdata --scale light": "takes minutes; tests/test_protocol.py",
     "t2twin convert data/light": "needs this dataset; tests/test_lerobot.py",
@@ -67,7 +68,7 @@ EXHAUSTIVE = ("t2twin evaluate", "t2twin primitives")
 
 SHORT = {
     "t2twin train": "--preset smoke --epochs 1", "t2twin simdata": "--workers 1",
-    "t2twin slide hemisphere-4": "--steps 2",
+    "t2twin slide hemisphere-4": "--steps 1",
 }  # fmt: skip
 """Further options with which commands of that beginning are run."""
 

@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 import pytest
 import torch
+from pages import draw_only
 from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
@@ -212,14 +213,14 @@ def test_the_spread_takes_nothing_from_the_mean(data_dir: Path) -> None:
 
 
 def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> None:
-    """Four pairs seen again and again: the dense counts to 2 % of full scale, the force to 20 %."""
+    """Eight pairs seen again and again: dense counts to 2 % of full scale, the force to 20 %."""
     info, preset = load_info(data_dir), replace(PRESETS["field"]["smoke"], learning_rate=2e-3)
     pairs = load_pairs(data_dir, "train", preset.size, False, with_dense_counts=True)
     torch.manual_seed(0)
     translator = FieldTranslator(preset, info, CPU, False)
     translator.prepare(pairs)
     assert pairs.dense_counts is not None
-    part = slice(4)
+    part = slice(8)
     examples = Examples(
         to_input(pairs.inputs[part].astype(np.float32) / 255.0),
         torch.from_numpy(pairs.counts[part]),
@@ -450,7 +451,10 @@ def test_the_card_says_what_is_told_and_how_sure(run_dir: Path) -> None:
     assert "90 % intervals covered" in card
 
 
-def test_the_report_draws_how_sure_it_is(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
+def test_the_report_draws_how_sure_it_is(
+    run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draw_only(monkeypatch, "summary", "uncertainty")
     page = write_report(tmp_path / "report", data_dir, [run_dir]).read_text()
     assert '<section id="uncertainty"' in page and "its 90 % intervals cover" in page
 

@@ -351,7 +351,7 @@ def test_a_folder_of_solids_is_a_recipe_but_not_of_tools(tmp_path, shape_cache, 
 
 
 def test_pyrender_itself_makes_a_recipes_pictures(tmp_path, shape_cache, monkeypatch, capsys):
-    monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 2)
+    monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 1)
     part = structs.replace(load_recipe("open").parts[0], count=1, presses=1, background_share=0.0,
                            val_share=0.0, force_n=4.0)  # fmt: skip
     recipe = structs.replace(load_recipe("open-8n"), parts=(part,))

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from pages import read_page
+from pages import draw_only, read_page
 from spots import write_spots
 
 from t2twin.report import dataset_report
@@ -17,6 +17,7 @@ from t2twin.report.page import forces_text
 from t2twin.report.pairs import sample_in_turn
 from t2twin.report.run_report import write_report
 from t2twin.sim.dataset.store import lists, read_info, sha256_of, write_info
+from t2twin.translate.evaluation import baselines
 from t2twin.translate.evaluation.records import read_evaluation
 
 FORCES_N = (0.0, 0.5, 2.0, 8.0)
@@ -26,7 +27,7 @@ FORCES_N = (0.0, 0.5, 2.0, 8.0)
 def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Spots that are called many shapes: a shard holds several of them, in two families."""
     folder = write_spots(
-        tmp_path_factory.mktemp("many") / "data", 216, 24, 16, 0, FORCES_N, scale=None
+        tmp_path_factory.mktemp("many") / "data", 72, 24, 16, 0, FORCES_N, scale=None
     )
     info = read_info(folder)
     shards = {}
@@ -57,7 +58,7 @@ def test_a_rows_picture_is_its_own_wherever_its_shape_lies(data_dir: Path) -> No
     """Shards hold many shapes: the spot is as bright as its counts are many."""
     dataset = read_dataset(data_dir)
     counts = lists(dataset.tables["train"], "target_counts").max(axis=1)
-    some = [8 * n + 7 for n in range(0, 27, 3)]  # all of 8 N
+    some = [8 * n + 7 for n in range(9)]  # all of 8 N
     bright = [int(dataset.image("train", row).max()) for row in some]
     inside = [row for row, light in zip(some, bright, strict=True) if light < 250]
     assert np.corrcoef(counts[inside], [dataset.image("train", r).max() for r in inside])[0, 1] > 0
@@ -65,8 +66,10 @@ def test_a_rows_picture_is_its_own_wherever_its_shape_lies(data_dir: Path) -> No
 
 
 def test_the_page_of_runs_draws_the_error_by_force(
-    runs: list[Path], data_dir: Path, tmp_path: Path
+    runs: list[Path], data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    draw_only(monkeypatch, "summary", "about", "results", "finding", "by-force", "limits")
+    monkeypatch.setattr(baselines, "MIN_PRESSES", 18)
     page = write_report(tmp_path / "report", data_dir, runs)
     reader, text = read_page(page)
     sections = [attrs["id"] for tag, attrs in reader.tags if tag == "section"]
@@ -84,11 +87,11 @@ def test_the_page_of_runs_draws_the_error_by_force(
 def test_the_page_of_data_with_many_shapes_stays_short(data_dir: Path, tmp_path: Path) -> None:
     page = write_data_report(tmp_path, data_dir)
     _, text = read_page(page)
-    assert "The 256 shapes are grouped by family." in text
-    assert "256 pairs of 256 shapes, pressed with 0.5, 2 and 8 N" in text
+    assert "The 112 shapes are grouped by family." in text
+    assert "112 pairs of 112 shapes, pressed with 0.5, 2 and 8 N" in text
     dataset = read_dataset(data_dir)
     counted = dataset_report.counted_by_split(dataset, dataset.column("family"))
-    assert counted["train", "long"] == 72 and counted["val", "round"] == 16
+    assert counted["train", "long"] == 24 and counted["val", "round"] == 16
 
 
 def test_pictures_of_many_shapes_are_of_shapes_drawn_at_random(data_dir: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pages import Reader, read_page
+from pages import Reader, draw_only, read_page
 from PIL import Image
 from spots import train_smoke
 
@@ -117,9 +117,13 @@ def test_the_dataset_alone_has_its_page_too(data_dir: Path, tmp_path: Path) -> N
 
 
 def test_test_pairs_alone_are_evaluated_and_drawn(
-    runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    runs: list[Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Pairs that the runs were not trained on, without shapes or poses."""
+    draw_only(monkeypatch, "summary", "about", "samples")
     data = own_pairs(tmp_path, 8 * "t" + 3 * "s")
     given = [str(run) for run in runs]
     arguments = ["--data", str(data), "--out"]
@@ -147,8 +151,11 @@ def test_splits_that_cannot_be_evaluated_are_named(
     assert not (tmp_path / "report").exists()
 
 
-def test_one_run_is_the_network(data_dir: Path, tmp_path: Path) -> None:
+def test_one_run_is_the_network(
+    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Without both translators the paper's finding cannot be asked for."""
+    draw_only(monkeypatch, "summary", "results", "finding")
     run = train_smoke("resnet18", data_dir, tmp_path / "run", epochs=1)
     text = read_page(write_report(tmp_path / "report", data_dir, [run]))[1]
     assert "the network ResNet18 predicts" in text and "best network" not in text
