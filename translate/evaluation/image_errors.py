@@ -25,8 +25,8 @@ from t2twin.translate.evaluation.ssim import image_scores
 
 CONTACT_GREY = 8.0
 """Difference of a true picture from the background frame above which a pixel is in contact, grey
-levels, the largest of the channels (assumed: 3 % of full scale, eight times the largest effect of a
-DIGIT's noise on a picture of 64 pixels)."""
+levels, of the channel where it is largest. Assumed: 3 % of full scale, eight times the
+largest effect of a DIGIT's noise on a picture of 64 pixels."""
 
 MIN_SQUARE = 1e-3
 """Lower bound of the mean squared difference in a PSNR, grey levels^2 (assumed)."""
