@@ -22,7 +22,7 @@ RUNS = runs/$(NAME)
 WORKERS_FLAG := $(if $(WORKERS),--workers $(WORKERS))
 MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
 
-# pytest's workers: one a core, 8 at most; or as many as WORKERS says.
+# pytest's workers: one more than cores (tests/conftest.py), 8 at most; or as many as WORKERS says.
 TEST := $(BIN)/python -m pytest -n $(or $(WORKERS),logical) --maxprocesses 8
 
 SCHEMA := $(BIN)/check-jsonschema --builtin-schema

@@ -17,6 +17,7 @@ from ball_frames import BALL_MM, HELD_OUT, write_frames
 from moving import write_recipe
 from session import SESSION, Products, start
 
+from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
 
 ROOT = Path(__file__).parents[1]
@@ -42,6 +43,12 @@ FIRST = (
     "test_report.py",
 )  # fmt: skip
 """Test files that take longest, in this order: while a worker runs one, the others run the rest."""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers():
+    """One worker more than cores, as tests often wait for processes and browsers."""
+    return cores() + 1
 
 
 def pytest_collection_modifyitems(items):
