@@ -17,6 +17,13 @@ EVEN_MM = 1.0e-4
 """Distance from a plane, mm, within which neighboring cells of a row are one part (assumed: far
 below any depth)."""
 
+POINT, CELL = "UniTuple(f8, 3)", "UniTuple(i8, 2)"
+FRAME = "Tuple((f8[:, ::1], f8, f8, f8, i8, i8))"
+"""Types of a point, of a row and column of the source, and of what `_moved` needs."""
+
+MOST = 10
+"""Largest number of triangles of a part of a row: two, and two of each of its sides."""
+
 NOT_SOLID = np.float32(-2.0)
 """Marks a cell without four solid corners, in place of the vertical component of a normal."""
 
@@ -31,10 +38,13 @@ def raise_to_map(source, first_x, first_y, cell, rotation, pitch, heights):
     ups = _ups(source, cell, rotation)
     floor = _lowest(source) - SIDE_MM
     # From here on x is in columns and y in rows of the map.
-    turned = rotation.copy()
-    turned[:2] /= pitch
+    turned = np.empty((3, 3))
+    for axis in range(3):
+        for n in range(3):
+            turned[axis, n] = rotation[axis, n] if axis == 2 else rotation[axis, n] / pitch
     frame = (turned, first_x, first_y, cell, heights.shape[1] // 2, heights.shape[0] // 2)
     edge, top = EDGE_MM / pitch, NOTHING_MM
+    triangles, shifts = np.empty((MOST, 3, 3)), np.full((MOST, 3), edge)
     for i in range(ups.shape[0]):
         j = 0
         while j < ups.shape[1]:
@@ -42,46 +52,75 @@ def raise_to_map(source, first_x, first_y, cell, rotation, pitch, heights):
                 j += 1
                 continue
             end = _end_of_part(source, ups, i, j)
-            top = _raise_part(frame, source, ups, (i, j, end), floor, edge, top, heights)
+            count = _part(frame, source, ups, i, j, end, floor, edge, triangles, shifts)
+            for n in range(count):
+                a, b, c = (
+                    _corner(triangles, n, 0),
+                    _corner(triangles, n, 1),
+                    _corner(triangles, n, 2),
+                )
+                area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+                if area > 0.0:
+                    ab, bc, ca = shifts[n, 0], shifts[n, 1], shifts[n, 2]
+                    top = raise_to_triangle(a, b, c, area, ab, bc, ca, np.inf, top, heights)
             j = end
     return top
 
 
-@compiled(inline="always")
-def _raise_part(frame, source, ups, part, floor, edge, top, heights):
-    """Raise the map to the cells of a row between two columns, and to the sides next to them.
+@compiled(
+    f"i8({FRAME}, f4[:, ::1], f4[:, ::1], i8, i8, i8, f8, f8, f8[:, :, ::1], f8[:, ::1])",
+    nogil=True,
+)
+def _part(frame, source, ups, i, j, end, floor, edge, triangles, shifts):
+    """Write the triangles of the cells of row i from column j to before end, and of sides next to
+    them that face up, and the columns by which their edges are moved; their number.
 
-    The greatest height. part: row, first column, and the column after the last.
+    floor: height at which sides end. edge: see `_shift`.
     """
-    (i, j, end), turned = part, frame[0]
-    places = ((i, j), (i, end), (i + 1, end), (i + 1, j))
-    beyond = _beyond(ups, i - 1, j), _beyond(ups, i, end), _beyond(ups, i + 1, j)
-    outside = (*beyond, _beyond(ups, i, j - 1))
-    sides = (-turned[2, 1], turned[2, 0], turned[2, 1], -turned[2, 0])
+    to_right, to_upper = frame[0][2, 0], frame[0][2, 1]
+    lower, upper = _beyond(ups, i - 1, j), _beyond(ups, i + 1, j)
+    left, right = _beyond(ups, i, j - 1), _beyond(ups, i, end)
     a, b = _place(frame, source, i, j), _place(frame, source, i, end)
     c, d = _place(frame, source, i + 1, end), _place(frame, source, i + 1, j)
-    corners = (a, b, c, d)
-    ab, bc = _shift(outside[0], sides[0], edge), _shift(outside[1], sides[1], edge)
-    cd, da = _shift(outside[2], sides[2], edge), _shift(outside[3], sides[3], edge)
-    top = _raised(a, b, c, ab, bc, edge, top, heights)
-    top = _raised(a, c, d, edge, cd, da, top, heights)
-    for side in range(4):
-        if outside[side] == NOT_SOLID and sides[side] > 0.0:
-            one, other = corners[side], corners[(side + 1) % 4]
-            (m, n), (p, q) = places[side], places[(side + 1) % 4]
-            below, after = _moved(frame, m, n, floor), _moved(frame, p, q, floor)
-            top = _raised(below, after, other, edge, edge, edge, top, heights)
-            top = _raised(below, other, one, edge, edge, edge, top, heights)
-    return top
+    _write(a, b, c, triangles, 0)
+    _write(a, c, d, triangles, 1)
+    shifts[0, 0], shifts[0, 1] = _shift(lower, -to_upper, edge), _shift(right, to_right, edge)
+    shifts[1, 1], shifts[1, 2] = _shift(upper, to_upper, edge), _shift(left, -to_right, edge)
+    shifts[0, 2] = shifts[1, 0] = edge
+    count = 2
+    if lower == NOT_SOLID and to_upper < 0.0:
+        count = _side(frame, a, b, (i, j), (i, end), floor, triangles, count)
+    if right == NOT_SOLID and to_right > 0.0:
+        count = _side(frame, b, c, (i, end), (i + 1, end), floor, triangles, count)
+    if upper == NOT_SOLID and to_upper > 0.0:
+        count = _side(frame, c, d, (i + 1, end), (i + 1, j), floor, triangles, count)
+    if left == NOT_SOLID and to_right < 0.0:
+        count = _side(frame, d, a, (i + 1, j), (i, j), floor, triangles, count)
+    return count
+
+
+@compiled(f"i8({FRAME}, {POINT}, {POINT}, {CELL}, {CELL}, f8, f8[:, :, ::1], i8)", nogil=True)
+def _side(frame, one, other, at, then, floor, triangles, count):
+    """Write the two triangles of a side below two points, at two places of the source; the number
+    of all triangles so far. count: the number before."""
+    below, after = _moved(frame, at[0], at[1], floor), _moved(frame, then[0], then[1], floor)
+    _write(below, after, other, triangles, count)
+    _write(below, other, one, triangles, count + 1)
+    return count + 2
 
 
 @compiled(inline="always")
-def _raised(a, b, c, ab, bc, ca, top, heights):
-    """Raise the map to a triangle that faces up; the greatest height."""
-    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    if area <= 0.0:
-        return top
-    return raise_to_triangle(a, b, c, area, ab, bc, ca, np.inf, top, heights)
+def _write(a, b, c, triangles, n):
+    """Write the corners of the n-th triangle."""
+    for axis in range(3):
+        triangles[n, 0, axis], triangles[n, 1, axis] = a[axis], b[axis]
+        triangles[n, 2, axis] = c[axis]
+
+
+@compiled(inline="always")
+def _corner(triangles, n, k):
+    """A corner of a triangle."""
+    return triangles[n, k, 0], triangles[n, k, 1], triangles[n, k, 2]
 
 
 @compiled(inline="always")
