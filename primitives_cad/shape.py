@@ -8,11 +8,12 @@ Frames of the whole project, lengths in mm:
 - Sensor frame: x to the right of the image (columns), y down the image (rows), z out of
   the sensor towards the shape. Right-handed.
 - A press turns the shape over about x, tilts it about x and then y, rotates it by yaw about +z, and
-  moves its origin to (x, y): p_sensor = Rz(yaw) Ry(tilt_y) Rx(tilt_x) diag(1, -1, -1) p_shape
-  + (x, y, .), all rotations right-handed. At yaw 0 the image shows the shape as seen from above
-  with y up; a positive yaw rotates it clockwise in the image. A positive tilt_x lowers the shape's
-  +y side into the sensor, a positive tilt_y its +x side: at yaw 0 the upper and the right side of
-  the image. The tilt turns with the yaw.
+  moves its origin to (x, y). All rotations are right-handed:
+  p_sensor = Rz(yaw) Ry(tilt_y) Rx(tilt_x) diag(1, -1, -1) p_shape + (x, y, .).
+  At yaw 0 the image shows the shape as seen from above with y up; a positive yaw rotates it
+  clockwise in the image. A positive tilt_x lowers the shape's +y side into the sensor, a positive
+  tilt_y its +x side: at yaw 0 the upper and the right side of the image. The tilt turns with the
+  yaw.
 """
 
 from dataclasses import dataclass, field

@@ -107,9 +107,9 @@ class Twin:
         instead of a force, the depth in the source's layer from first contact; the target is
         pressed with the resulting force. x_mm, y_mm: position of the shape's origin, right and down
         in the image. yaw_deg: rotation, clockwise in the image. tilt_x_deg, tilt_y_deg: tilt about
-        the shape's origin, -30 to 30; a positive one lowers the shape's upper or right side in the
-        image at yaw 0 into the sensors, and turns with the yaw. seed: of the camera noise and the
-        imperfections; None for neither.
+        the shape's origin, -30 to 30. A positive one lowers the side that is up, or to the right,
+        in the image at yaw 0 into the sensors; the tilt turns with the yaw. seed: of the camera
+        noise and the imperfections; None for neither.
         Raises T2TwinError for an invalid shape, number or position.
         """
         rng = generator(seed)

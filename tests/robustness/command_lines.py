@@ -23,7 +23,7 @@ PREFIXES = {
 
 NUMBERS = {
     "PRESS --x-mm | PRESS --y-mm": "1e308 500", "PRESS --yaw-deg": "",
-    "PRESS --force-n": "0 -8 101",
+    "PRESS --force-n": "0 -8 101", "PRESS --tilt-x-deg | PRESS --tilt-y-deg": "-30.1 31",
     "PRESS --thickness-mm": "0 0.3 201", "PRESS --young-mpa": "0 1e-9 1e9",
     "PRESS --poisson": "-0.1 0.5", "TRAIN --minutes": "0 -1", "TRAIN --iou-weight": "-1 1",
     "CALIBRATE --ball-diameter-mm": "0 -4 1e9", "BALL --scale-px-per-mm": "0 1e9",
