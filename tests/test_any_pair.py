@@ -42,7 +42,7 @@ FULL_SCALE = 20_000
 def write(folder: Path, *values: str) -> Path:
     """A dataset of spots, which move and grow: source and target are images or counts."""
     rng, layout, shards = np.random.default_rng(0), load_layout("cyskin-20"), {}
-    roles = dict(zip(("source", "target"), values, strict=True))
+    roles: dict[str, str] = dict(zip(("source", "target"), values, strict=True))
     schema = schema_of(roles, None)
     blank = {f.name: False if pa.types.is_boolean(f.type) else 0 for f in schema}
     down, across = np.mgrid[:ROWS, :COLUMNS]

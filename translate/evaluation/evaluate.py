@@ -17,7 +17,6 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
-from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
 from t2twin.translate.data.images import to_pixels
@@ -204,7 +203,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
             confidence=array_errors.CONFIDENCE,
         ),
         paired=differences,
-        paper=PAPER.get(split, {}) if _is_papers(inputs.dataset) else {},
+        paper=PAPER.get(split, {}) if _is_papers(inputs) else {},
         findings=findings(rows, differences),
         recipe=info.recipe,
         source=info.source.sensor,
@@ -289,9 +288,10 @@ def _images(
     )
 
 
-def _is_papers(dataset: DatasetInfo) -> bool:
-    """Whether it follows the paper's protocol with the paper's sensors."""
-    return dataset.is_protocol and (dataset.source.name, dataset.target.name) == (SOURCE, TARGET)
+def _is_papers(inputs: EvaluationInputs) -> bool:
+    """Whether it follows the paper's protocol with the paper's sensors and direction."""
+    sensors = (inputs.info.source.sensor, inputs.info.target.sensor)
+    return inputs.dataset.is_protocol and sensors == (SOURCE, TARGET)
 
 
 def _score(

@@ -119,7 +119,7 @@ def _onnx_obstacle(run: AnyPredictor, bf16: bool) -> str | None:
     if not all(map(find_spec, ("onnx", "onnxruntime"))):
         return "it needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
     if not isinstance(run, CountsPredictor):
-        return f"it predicts {run.PREDICTS}, and ONNX Runtime is used for counts only"
+        return f"it predicts {run.PREDICTS}, and ONNX Runtime is used for counts from images"
     if run.translator.device.type != "cpu" or bf16:
         return "ONNX Runtime is used in float32 on the CPU only"
     return None if cache_dir() is not None else "there is no writable folder for its file"

@@ -12,6 +12,8 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked
+from t2twin.sim.dataset.columns import IMAGE
+from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.runs.card import write_card
@@ -46,7 +48,15 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
     with locked(run_dir):
         load_weights(run_dir / BEST, translator.predictor)
         sets = [
-            load_pairs(each, "val", config.preset.size, False, usable_cache(each, run_dir), True)
+            load_pairs(
+                each,
+                "val",
+                config.preset.size,
+                False,
+                usable_cache(each, run_dir),
+                True,
+                read_info(each).source.value != IMAGE,
+            )
             for each in folders
         ]
         samples = _equal_samples(sets)
