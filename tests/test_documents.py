@@ -447,7 +447,7 @@ def test_the_files_of_file_formats_are_those_that_are_written(examples, tmp_path
     with np.load("slid/contact_digit_001.npz") as contact:
         assert {*contact} <= {*others}
     header = Path("slid/slide.csv").read_text().partition("\n")[0].split(",")
-    for name in header[5:-4]:
+    for name in header[header.index("force_n") + 1 : -4]:
         assert name.partition("_")[2] in others, name
     cli.main(["translate", "image.png", "--out", "translated"])
     assert files("translated") == {n.replace("NAME", "image") for n in listed("Predictions")}
