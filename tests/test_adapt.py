@@ -42,14 +42,14 @@ BLACK = np.zeros((320, 240, 3), np.uint8)
 
 def fake_run(counts) -> Any:
     layout = load_layout("cyskin-20")
-    data = SimpleNamespace(
+    array = SimpleNamespace(
         x_mm=layout.x_mm, y_mm=layout.y_mm, full_scale_counts=FULL_SCALE,
         phi=Phi(layout.x_mm, layout.y_mm),
     )  # fmt: skip
     return cast(
         Any,
         SimpleNamespace(
-            config=SimpleNamespace(data=data),
+            config=SimpleNamespace(data=SimpleNamespace(array=array)),
             predict=lambda image, background: counts,
         ),
     )
