@@ -30,7 +30,7 @@ def renderer():
 
 @pytest.fixture(scope="module")
 def reference():
-    with ReferenceRenderer(LEDS, LIGHT.ambient, CAMERA, GEL, led_points=4) as renderer:
+    with ReferenceRenderer(LEDS, LIGHT.ambient, CAMERA, GEL, led_points=5) as renderer:
         yield renderer
 
 
