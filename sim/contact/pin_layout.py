@@ -27,6 +27,7 @@ from t2twin.sim.contact.grid import (
     refined,
     window_around,
 )
+from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.layer import WHOLE, Layer, cached_layer
 from t2twin.sim.contact.mujoco_pins import POOL_SIZES
 from t2twin.sim.contact.pins import Pins, joined, place_pins
@@ -66,6 +67,9 @@ switch between two sizes."""
 MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
 """Tolerated penetration of the shape's highest points outside the pins: in mm, or as a share of the
 depth where that is less."""
+
+BETWEEN = 8
+"""Points along a fine cell at which the first touch of a tilted shape is searched (assumed)."""
 
 MARGIN_CELLS = 1
 """Survey cells around the expected contact that get pins too."""
@@ -256,8 +260,9 @@ class _BodyPins:
             active[window],
             survey.shift,
         )
-        self._first_touch_mm = float(
-            (-fine.rest_mm[rows, columns] - self._footprint.peaks_mm).min()
+        distance_mm = -fine.rest_mm[rows, columns] - self._footprint.peaks_mm
+        self._first_touch_mm = _first_touch_mm(
+            survey, fine.x_mm[columns], fine.y_mm[rows], distance_mm
         )
         self._along = self._pins_along(depth_mm, sizes_before)
 
@@ -315,6 +320,31 @@ class _BodyPins:
             ends = np.moveaxis(free, axis, 0)
             ends[0], ends[-1] = side.start == 0, side.stop == length
         return dilated(free, 1)[1:-1, 1:-1] | (shares < 1.0)
+
+
+def _first_touch_mm(
+    survey: Survey, x_mm: np.ndarray, y_mm: np.ndarray, distance_mm: np.ndarray
+) -> float:
+    """Depth of the shape's highest point below the apex at first touch, mm.
+
+    distance_mm: (rows, columns) of the highest samples of fine cells from the surface. A tilted
+    shape touches first with a corner or an edge between the samples, which is searched around the
+    nearest ones.
+    """
+    nearest, command = float(distance_mm.min()), survey.command
+    if command.tilt_rad == (0.0, 0.0):
+        return nearest
+    cell_mm = float(x_mm[1] - x_mm[0])
+    steep = np.tan(abs(command.tilt_x_rad)) + np.tan(abs(command.tilt_y_rad))
+    rows, columns = window_around(dilated(distance_mm <= nearest + cell_mm * steep, 1))
+    step_mm, half_mm = cell_mm / BETWEEN, cell_mm / 2
+    x, y = (
+        np.arange(float(axis[side.start]) - half_mm, float(axis[side.stop - 1]) + half_mm, step_mm)
+        for axis, side in ((x_mm, columns), (y_mm, rows))
+    )
+    heights = heights_at(survey.shape.surface, command, x, y, survey.shift)
+    surface = survey.layer.elastomer.rest_surface_mm(*np.meshgrid(x, y))
+    return min(nearest, float((-surface - heights).min()))
 
 
 def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:
