@@ -53,7 +53,7 @@ def start(numba: Path, mujoco: Path) -> Path:
     return folder
 
 
-LEFT_OUT = "solver_loops.mean_deflection"
+LEFT_OUT = "pins._with_neighbors"
 """A function that every press calls; without its machine code, a press compiles it."""
 
 

@@ -242,8 +242,7 @@ def test_a_domed_gel_too_thin_for_its_dome_is_refused():
 def test_a_warning_of_mujoco_leaves_no_file_and_says_nothing(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     model = MujocoPins(1)
-    model.set_state(np.zeros(1), np.nan)
-    model.step(1.0, np.zeros(1), np.ones(1))
+    model.step(np.zeros(1), np.nan, 1.0, np.zeros(1), np.ones(1))
     assert sum(warning.number for warning in model.data.warning) == 1
     assert "".join(capfd.readouterr()) == ""
     assert not list(tmp_path.iterdir())
@@ -310,8 +309,8 @@ def test_mujoco_has_the_last_word(monkeypatch):
     assert solve_contact(shape, command, GEL, GEL_PITCH_MM).settled
     step = MujocoPins.step
 
-    def every_other(model, force, rest, stiffness):
-        depth, deflection = step(model, force, rest, stiffness)
+    def every_other(model, *springs):
+        depth, deflection = step(model, *springs)
         deflection[::2] = 0.0
         return depth, deflection
 

@@ -137,7 +137,6 @@ def solve_bodies(
         force_n=float(pressure.sum() * pitch_mm**2),
         settled=equilibrium.converged and area_mm2 > SMALLEST_CONTACT_MM2,
         bottomed=_bottomed(equilibrium),
-        pins=solution.pin_state(),
         milliseconds=1e3 * (time.perf_counter() - compile_time_s() - started - preparing_s),
         compute_surface=lambda: _read_only(_surface_mm(equilibrium).astype(np.float32)),
         equilibrium=equilibrium,
@@ -377,10 +376,16 @@ def _bottomed(equilibrium: _Equilibrium) -> bool:
     if all(survey.shape.base_mm is None for survey in surveys):
         return False
     pins = solution.pins
-    loaded = pins.spread_each((solution.pressure_mpa > 0).astype(float)) > 0
+    heights = np.stack(
+        [
+            mm if survey.shape.base_mm is None else mm - _base_limit_mm(survey, pins)
+            for survey, mm in zip(surveys, pins.heights_mm, strict=True)
+        ]
+    )
+    lowest = pins.lowest_loaded(solution.pressure_mpa, heights)
     return any(
-        survey.shape.base_mm is not None and bool((mm <= _base_limit_mm(survey, pins))[at].any())
-        for survey, mm, at in zip(surveys, pins.heights_mm, loaded, strict=True)
+        survey.shape.base_mm is not None and mm <= 0.0
+        for survey, mm in zip(surveys, lowest.tolist(), strict=True)
     )
 
 

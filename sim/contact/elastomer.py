@@ -138,9 +138,10 @@ def neo_hookean_mm(linear_mm: np.ndarray, thickness_mm: np.ndarray) -> np.ndarra
 
 @compiled(inline="always")
 def stiffened(u, h):
-    """Deflection w and slope dw / du at one place; see `neo_hookean_mm`."""
+    """Deflection w at one place, and its first and second derivative by u; see
+    `neo_hookean_mm`."""
     if u <= 0.0:
-        return u, 1.0
+        return u, 1.0, 0.0
     # Newton's method on l^3 + 3 (u / h) l^2 = 1.
     strain = u / h
     t = 3.0 * strain
@@ -148,11 +149,13 @@ def stiffened(u, h):
     for _ in range(NEWTON_STEPS):
         excess = stretch * stretch * (stretch + 3.0 * strain) - 1.0
         stretch -= excess / (3.0 * stretch * (stretch + 2.0 * strain))
-    return h * (1.0 - stretch), stretch / (stretch + 2.0 * strain)
+    slope = stretch / (stretch + 2.0 * strain)
+    curvature = -2.0 * (strain * slope + stretch) / (h * (stretch + 2.0 * strain) ** 2)
+    return h * (1.0 - stretch), slope, curvature
 
 
 @compiled("void(f8[:, ::1], f8[:, ::1], f8[:, ::1])", nogil=True)
 def _neo_hookean(linear, thickness, deflection):
     for i in range(linear.shape[0]):
         for j in range(linear.shape[1]):
-            deflection[i, j], _ = stiffened(linear[i, j], thickness[i, j])
+            deflection[i, j], _, _ = stiffened(linear[i, j], thickness[i, j])

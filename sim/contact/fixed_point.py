@@ -17,15 +17,8 @@ from t2twin.sim.contact.elastomer import neo_hookean_mm
 from t2twin.sim.contact.grid import Window, relative_window, window_shape
 from t2twin.sim.contact.layer import Layer
 from t2twin.sim.contact.mujoco_pins import POOL_SIZES, borrowed_pins
-from t2twin.sim.contact.pins import Pins, spread
-from t2twin.sim.contact.solver_loops import (
-    Anderson,
-    fit_springs,
-    mean_deflection,
-    precondition,
-    redistribute_force,
-    spring_depth,
-)
+from t2twin.sim.contact.pins import Pins
+from t2twin.sim.contact.solver_loops import iterate, penetrated, redistribute_force, spring_depth
 from t2twin.sim.contact.types import PinState
 
 SPRING_SHARE = 0.8
@@ -35,9 +28,6 @@ REACHES_MM, GAINS = (0.125, 0.25, 0.5), (2.0, 2.0, 1.0)
 """Distances, mm, over which a pin's step is compared with its neighbors', and the gains on the
 differences (`t2twin.sim.contact.solver_loops.precondition`). They nearly halve the number of steps
 of the last stage. Reaches below one fine cell are left out. Gains twice as large overshoot."""
-
-MIN_STEPS = 2
-"""Least number of steps: the first does not include pins that were added before it."""
 
 MAX_STEPS = 40
 """Limit on full steps; of a thousand contacts six need more than 25."""
@@ -51,9 +41,9 @@ MIN_SLOPE, STIFFER_MIN_SLOPE = 0.02, 0.002
 second is for presses that do not converge with the first: where the layer is pressed almost
 through, springs so much softer than the layer overshoot back and forth."""
 
-PENETRATION_MM = 1e-3
-"""Height of the shape above an inactive pin that is tolerated, mm: the change in a converged
-step."""
+CLEAR_MM = 0.02
+"""Distance of a pin from the shape above which MuJoCo does not verify that they stay apart, mm
+(assumed: ten times the change of the depth in a step of a contact that has converged)."""
 
 GUESSES = 3
 """Rounds in which the springs and their expected contact are adapted to each other."""
@@ -176,50 +166,35 @@ class FixedPoint:
         step: size of the steps, 1 for full ones, which are accelerated.
         """
         pins, active = self.pins, self.active
-        bodies, parts = pins.bodies[active], pins.parts(active)
-        blocks = tuple(of[active] for of in pins.blocks)
+        bodies, blocks = pins.bodies[active], tuple(of[active] for of in pins.blocks)
         gap, area, edge = pins.gap_mm[active], pins.covered[active], pins.edge_mm_per_mpa[active]
-        surface, slope, local, rest = np.empty((4, gap.size))
-        fine = np.empty(window_shape(pins.window), np.float32)
-        acceleration = Anderson(gap.size)
+        ends = np.searchsorted(bodies, np.arange(self.forces_n.size + 1))
         reaches = np.rint(np.array(REACHES_MM) / pins.layer.pitch_mm).astype(int)
         around = reaches[reaches > 0], np.array(GAINS)[reaches > 0]
-        sums = np.zeros((fine.shape[0] + 1, fine.shape[1] + 1, 2))
-        current = self.pressure_mpa[active]
-        steps = 0
+        current, pressure = self.pressure_mpa[active], np.empty(gap.size)
+        local, rest = np.empty((2, gap.size))
+        self.depths_mm, steps = np.empty(self.forces_n.size), 0
+        self._linear_mm = np.empty(window_shape(pins.window), np.float32)
         while True:
-            steps += 1
-            spread(current, bodies, *blocks, pins.cover, fine)
-            self._responses = pins.layer.responses(fine)
-            self._deflection(bodies, blocks, area, surface, slope)
-            each_body = zip(self.forces, self.compliance, parts, strict=True)
-            springs = gap, edge, area, surface, slope, current, local, rest
-            self.depths_mm = np.array(
-                [
-                    fit_springs(force, each, self._min_slope, *(of[part] for of in springs))
-                    for force, each, part in each_body
-                ]
-            )
-            deflection, pressure = self.depths_mm[bodies] - gap, np.empty(gap.size)
-            springs = rest, local, area, current, pressure
-            change = _redistribute(parts, deflection, *springs)
-            if steps < MIN_STEPS:
-                change = np.inf
-            last = change < tolerance or steps == max_steps
-            if last and self._verify and not self._penetrated().any():
+            change, more = iterate(
+                tolerance, step, max_steps - steps, self._min_slope, bodies, ends, *blocks, gap,
+                area, edge, pins.cover, self.forces, self.compliance, pins.thickness_mm,
+                pins.stiffens, *pins.layer.operator(pins.window), *around, current, pressure,
+                local, rest, self.depths_mm, self._linear_mm,
+            )  # fmt: skip
+            steps += more
+            deflection = self.depths_mm[bodies] - gap
+            if self._verify and not self._penetrated().any():
+                parts = pins.parts(active)
                 stiffness = area * self.compliance[bodies] / local
                 deflection = self._verify_with_mujoco(parts, gap, rest, stiffness)
-                change = _redistribute(parts, deflection, *springs)
+                change = _redistribute(parts, deflection, rest, local, area, current, pressure)
             if change < tolerance or steps == max_steps:
                 break
-            if step < 1.0:
-                current = current + step * (pressure - current)
-            else:
-                precondition(pressure, current, *blocks, *around, sums)
-                current = np.maximum(acceleration.next(current, pressure), 0.0)
+            current = pressure.copy()
         self.pressure_mpa[active] = pressure
         self._rest, self._pressed, self._local = rest, deflection, local
-        return change < tolerance, steps
+        return bool(change < tolerance), steps
 
     def is_confirmed(self, tolerance: float) -> bool:
         """Whether MuJoCo finds the pressure of the last step, within a share of the force."""
@@ -232,21 +207,6 @@ class FixedPoint:
         springs = self._rest, self._local, area
         return _redistribute(parts, found, *springs, pressure, np.empty_like(pressure)) < tolerance
 
-    def _deflection(
-        self,
-        bodies: np.ndarray,
-        blocks: tuple[np.ndarray, ...],
-        covered: np.ndarray,
-        surface: np.ndarray,
-        slope: np.ndarray,
-    ) -> None:
-        """Write the surface's mean deflection at some pins, (n,), mm, and the law's slope."""
-        pins = self.pins
-        mean_deflection(
-            self._responses, pins.weights, pins.thickness_mm, pins.stiffens,
-            bodies, *blocks, pins.cover, covered, surface, slope,
-        )  # fmt: skip
-
     def _verify_with_mujoco(
         self, parts: list[slice], gap: np.ndarray, rest: np.ndarray, stiffness: np.ndarray
     ) -> np.ndarray:
@@ -255,9 +215,11 @@ class FixedPoint:
         parts: of the bodies; each is a model of its own.
         Raises T2TwinError for more pins than the largest model has.
         """
-        deflection, depths_mm = np.empty(gap.size), self.depths_mm.copy()
+        # A pin that is clear of the shape stays where its spring carries nothing.
+        deflection, depths_mm = rest.copy(), self.depths_mm.copy()
         for body, part in enumerate(parts):
-            count = part.stop - part.start
+            near = np.flatnonzero(depths_mm[body] - gap[part] > rest[part] - CLEAR_MM) + part.start
+            count = near.size
             if count > POOL_SIZES[-1]:
                 raise T2TwinError(
                     f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
@@ -265,22 +227,20 @@ class FixedPoint:
             started = time.perf_counter()
             with borrowed_pins(count) as model:
                 self.compiling_s += time.perf_counter() - started
-                model.set_state(gap[part], depths_mm[body])
-                depths_mm[body], deflection[part] = model.step(
-                    self.forces[body], rest[part], stiffness[part]
+                depths_mm[body], deflection[near] = model.step(
+                    gap[near], depths_mm[body], self.forces[body], rest[near], stiffness[near]
                 )
         self.depths_mm = depths_mm
         return deflection
 
     def _penetrated(self) -> np.ndarray:
         """(n,) bool: the inactive pins at which the shape stands above the surface."""
-        pins, penetrated = self.pins, ~self.active
-        surface, slope = np.empty((2, int(penetrated.sum())))
-        bodies, blocks = pins.bodies[penetrated], tuple(of[penetrated] for of in pins.blocks)
-        self._deflection(bodies, blocks, pins.covered[penetrated], surface, slope)
-        inside_mm = self.depths_mm[bodies] - pins.gap_mm[penetrated]
-        penetrated[penetrated] = inside_mm > surface + PENETRATION_MM
-        return penetrated
+        pins, found = self.pins, np.empty(self.active.size, bool)
+        penetrated(
+            self._linear_mm, pins.thickness_mm, pins.stiffens, pins.bodies, *pins.blocks,
+            pins.cover, pins.covered, pins.gap_mm, self.depths_mm, self.active, found,
+        )  # fmt: skip
+        return found
 
     def pin_state(self) -> PinState:
         """The active pins after the last step."""
@@ -313,11 +273,15 @@ def _redistribute(parts: list[slice], *springs: np.ndarray) -> float:
     return max(redistribute_force(*(each[part] for each in springs)) for part in parts)
 
 
-def apply_law(layer: Layer, linear_mm: np.ndarray, window: Window) -> np.ndarray:
-    """Deflection by the elastomer's law from the linear layer's, (rows, columns), mm."""
+def apply_law(layer: Layer, linear_mm: np.ndarray, window: Window | None = None) -> np.ndarray:
+    """Deflection by the elastomer's law from the linear layer's, (rows, columns), mm.
+
+    window: of the layer's grid; None is the whole grid.
+    """
     if layer.elastomer.law == "linear":
         return linear_mm
-    return neo_hookean_mm(linear_mm, layer.thickness_mm[window])
+    thickness_mm = layer.thickness_mm if window is None else layer.thickness_mm[window]
+    return neo_hookean_mm(linear_mm, thickness_mm)
 
 
 def spring_compliance(layer: Layer, loaded: Window) -> float:

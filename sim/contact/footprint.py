@@ -7,23 +7,18 @@ import numpy as np
 
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
-from t2twin.sim.contact.grid import block_max, block_sums
 from t2twin.sim.contact.heights import (
     LOOKUP,
     SHIFT,
     column_and_row,
     heights_along,
-    interpolated,
     lookup,
     shifts_on,
 )
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
 
 SAMPLES = 5
-"""Points a side at which a cell is sampled."""
-
-CENTER_AND_CORNERS = np.array([12, 0, 4, 20, 24])
-"""Indices of a cell's center and corner samples, which are numbered row by row."""
+"""Points a side at which a cell with a wall is sampled."""
 
 STEEPEST = 1.5
 """Height difference within a cell, in cells, above which it contains a wall and not a slope."""
@@ -32,9 +27,9 @@ MIN_WALL_MM = 0.18
 """Least height difference of a wall, mm (assumed: about that within the usual smallest pin). The
 steep rim of a round needle is no wall on pins that are smaller."""
 
-CENTER_WEIGHT = 1 - 1 / (12 * 0.4**2)
+CENTER_WEIGHT = 2 / 3
 """Weight of a cell's center in its mean height, the corners sharing the rest: exact for quadratic
-heights, as the corner samples lie 0.4 cells off the center both ways."""
+heights."""
 
 MIN_COVER = 0.1
 """Cells covered by less than this share count as free."""
@@ -63,11 +58,10 @@ class Footprint:
         """The footprint on cells of per_side x per_side of these."""
         if per_side == 1:
             return self
-        peaks = block_max(self.peaks_mm, per_side)
-        covered = block_sums(self.shares, per_side)
-        heights = np.where(self.shares > 0, self.heights_mm, 0.0)
-        mean = block_sums(self.shares * heights, per_side) / np.maximum(covered, MIN_COVER)
-        return Footprint(np.where(covered > 0, mean, NOTHING_MM), covered / per_side**2, peaks)
+        sizes = [side // per_side for side in self.shares.shape]
+        mean, shares, peaks = (np.empty(sizes) for _ in range(3))
+        _coarsen(self.heights_mm, self.shares, self.peaks_mm, per_side, mean, shares, peaks)
+        return Footprint(mean, shares, peaks)
 
 
 def footprint(
@@ -147,20 +141,26 @@ def _sample_offsets(cos, sin, cell):
 
 
 @compiled(inline="always")
-def _walled_cell(heights, column, row, aside, ahead, samples, high, wall):
+def _sampled_cell(heights, column, row, aside, ahead, columns, rows, samples, wall):
     """Mean height, share and peak of the part of a cell above its walls, from all samples.
 
     Some samples are on the wall, which the map interpolates as a slope. They are left out of the
     mean: those farther below the mean of all samples than the highest one is above it.
     """
     for k in range(samples.size):
-        samples[k] = interpolated(heights, column + aside[k], row + ahead[k])
-        high = max(high, samples[k])
+        columns[k], rows[k] = column + aside[k], row + ahead[k]
+    heights_along(heights, columns, rows, samples.size, samples)
+    low, high, total = samples[0], samples[0], 0.0
+    for k in range(samples.size):
+        low, high = min(low, samples[k]), max(high, samples[k])
+        total += samples[k]
+    if high - low <= wall:
+        return total / samples.size, 1.0 if low > NOTHING_MM / 2 else 0.0, np.float64(high)
     mean, share = _mean_above(samples, max(high - wall, NOTHING_MM / 2))
     if share < MIN_COVER:
         return NOTHING_MM, 0.0, NOTHING_MM
     mean, _ = _mean_above(samples, 2 * mean - high)
-    return mean, share, high
+    return mean, share, np.float64(high)
 
 
 @compiled(inline="always")
@@ -174,16 +174,68 @@ def _mean_above(samples, lowest):
     return total / max(count, 1), count / samples.size
 
 
-@compiled(inline="always")
-def _smooth_cell(few, n, wall):
-    """Whether a cell contains no wall, its mean height, lowest and highest sample."""
-    center = few[0, n]
-    low, high, total = center, center, np.float32(0.0)
-    for k in range(1, CENTER_AND_CORNERS.size):
-        height = few[k, n]
-        low, high, total = min(low, height), max(high, height), total + height
-    mean = CENTER_WEIGHT * center + (1 - CENTER_WEIGHT) * total / 4
-    return high - low <= wall, mean, low, high
+@compiled(nogil=True)
+def _corner_heights(
+    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, i, first,
+    last, columns, rows, found, corners,
+):  # fmt: skip
+    """Write the heights at the corners between the rows i - 1 and i of cells to corners,
+    (nx + 1,), from the first to before the last one. A corner has the mean shift of its cells."""
+    half = 0.5 * (x_mm[1] - x_mm[0])
+    y = y_mm[i] - half if i < y_mm.size else y_mm[i - 1] + half
+    for j in range(first, last):
+        x = x_mm[j] - half if j < x_mm.size else x_mm[j - 1] + half
+        at_x, at_y = x, y
+        if shifted:
+            above, below = max(i - 1, 0), min(i, y_mm.size - 1)
+            left, right = max(j - 1, 0), min(j, x_mm.size - 1)
+            for k in (above, below):
+                for m in (left, right):
+                    at_x += 0.25 * shift[0, k, m]
+                    at_y += 0.25 * shift[1, k, m]
+        columns[j - first], rows[j - first] = column_and_row(
+            at_column, at_row, press_x, press_y, cos, sin, at_x, at_y
+        )
+    heights_along(heights, columns, rows, last - first, found)
+    for j in range(first, last):
+        corners[j] = found[j - first]
+
+
+@compiled(nogil=True)
+def _chosen_cells(
+    heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted, shift,
+    included, i, chosen, columns, rows, mean, share, peak,
+):  # fmt: skip
+    """Write the cells of row i that have to be sampled, and their centers; return their number.
+
+    Cells over flat parts of the map are written to mean, share and peak at once.
+    """
+    # A cell's side in cells of the map: farther outside the map no sample of a cell is on it.
+    reach = (x_mm[1] - x_mm[0]) * np.hypot(cos, sin)
+    max_column, max_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
+    # So far from its center are the corners of a cell, whichever way it is turned.
+    within_block = 0.5 * np.sqrt(2.0) * reach + 1.0 < BLOCK
+    inner_column, inner_row = heights.shape[1] - 1 - reach, heights.shape[0] - 1 - reach
+    down, across = y_mm.size // included.shape[0], x_mm.size // included.shape[1]
+    count = 0
+    for j in range(x_mm.size):
+        if not included[i // down, j // across]:
+            continue
+        x, y = x_mm[j], y_mm[i]
+        if shifted:
+            x, y = x + shift[0, i, j], y + shift[1, i, j]
+        column, row = column_and_row(at_column, at_row, press_x, press_y, cos, sin, x, y)
+        if not (-reach < column < max_column and -reach < row < max_row):
+            continue
+        if within_block and reach < column < inner_column and reach < row < inner_row:
+            height = flat[int(row) // BLOCK, int(column) // BLOCK]
+            if height != NOT_FLAT:
+                mean[i, j] = peak[i, j] = height
+                share[i, j] = 1.0 if height > NOTHING_MM / 2 else 0.0
+                continue
+        chosen[count], columns[count], rows[count] = j, column, row
+        count += 1
+    return count
 
 
 @compiled(
@@ -199,55 +251,66 @@ def _footprint(
     cell = x_mm[1] - x_mm[0]
     wall = max(STEEPEST * cell, MIN_WALL_MM)
     aside, ahead = _sample_offsets(cos, sin, cell)
-    samples = np.empty(SAMPLES * SAMPLES)
-    # The sampled cells of a row, and their heights at the center and the corners.
+    samples = np.empty(SAMPLES * SAMPLES, np.float32)
+    # The sampled cells of a row, their heights, and those at the corners above and below the row.
     chosen = np.empty(x_mm.size, np.int64)
     columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
-    along, below = np.empty(x_mm.size), np.empty(x_mm.size)
-    few = np.empty((CENTER_AND_CORNERS.size, x_mm.size), np.float32)
+    most = max(x_mm.size + 1, samples.size)
+    along, below = np.empty(most), np.empty(most)
+    found = np.empty(x_mm.size + 1, np.float32)
+    upper, lower = np.empty(x_mm.size + 1, np.float32), np.empty(x_mm.size + 1, np.float32)
+    known_from = known_to = 0  # of the corners above the row
     mean[:], share[:], peak[:] = NOTHING_MM, 0.0, NOTHING_MM
-    # A cell's side in cells of the map: farther outside the map no sample of a cell is on it.
-    reach = cell * np.hypot(cos, sin)
-    max_column, max_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
-    # A cell's samples lie within its middle four fifths, whichever way it is turned.
-    within_block = 0.4 * np.sqrt(2.0) * reach + 1.0 < BLOCK
-    inner_column, inner_row = heights.shape[1] - 1 - reach, heights.shape[0] - 1 - reach
-    down, across = y_mm.size // included.shape[0], x_mm.size // included.shape[1]
     for i in range(y_mm.size):
-        count = 0
-        for j in range(x_mm.size):
-            if not included[i // down, j // across]:
-                continue
-            x, y = x_mm[j], y_mm[i]
-            if shifted:
-                x, y = x + shift[0, i, j], y + shift[1, i, j]
-            column, row = column_and_row(at_column, at_row, press_x, press_y, cos, sin, x, y)
-            if not (-reach < column < max_column and -reach < row < max_row):
-                continue
-            if within_block and reach < column < inner_column and reach < row < inner_row:
-                height = flat[int(row) // BLOCK, int(column) // BLOCK]
-                if height != NOT_FLAT:
-                    mean[i, j] = peak[i, j] = height
-                    share[i, j] = 1.0 if height > NOTHING_MM / 2 else 0.0
-                    continue
-            chosen[count], columns[count], rows[count] = j, column, row
-            count += 1
-        for k in range(CENTER_AND_CORNERS.size):
-            for n in range(count):
-                along[n] = columns[n] + aside[CENTER_AND_CORNERS[k]]
-                below[n] = rows[n] + ahead[CENTER_AND_CORNERS[k]]
-            heights_along(heights, along, below, count, few[k])
+        count = _chosen_cells(
+            heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted,
+            shift, included, i, chosen, columns, rows, mean, share, peak,
+        )  # fmt: skip
+        if count == 0:
+            known_from = known_to = 0
+            continue
+        first, last = chosen[0], chosen[count - 1] + 2
+        known = known_from <= first < last <= known_to
+        for side in range(1 if known else 0, 2):
+            _corner_heights(
+                heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift,
+                i + side, first, last, along, below, found, lower if side else upper,
+            )  # fmt: skip
+        heights_along(heights, columns, rows, count, found)
         for n in range(count):
-            j = chosen[n]
-            smooth, height, low, high = _smooth_cell(few, n, wall)
-            if not smooth:
-                mean[i, j], share[i, j], peak[i, j] = _walled_cell(
-                    heights, columns[n], rows[n], aside, ahead, samples, np.float64(high), wall
+            j, center = chosen[n], found[n]
+            low = min(center, min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1])))
+            high = max(center, max(max(upper[j], upper[j + 1]), max(lower[j], lower[j + 1])))
+            if high - low > wall:
+                mean[i, j], share[i, j], peak[i, j] = _sampled_cell(
+                    heights, columns[n], rows[n], aside, ahead, along, below, samples, wall
                 )
                 continue
             peak[i, j] = high
             if low > NOTHING_MM / 2:
-                mean[i, j], share[i, j] = height, 1.0
+                corners = upper[j] + upper[j + 1] + lower[j] + lower[j + 1]
+                mean[i, j] = CENTER_WEIGHT * center + (1.0 - CENTER_WEIGHT) / 4.0 * corners
+                share[i, j] = 1.0
+        upper, lower = lower, upper
+        known_from, known_to = first, last
     if shifted:
         mean -= shift[2]
         peak -= shift[2]
+
+
+@compiled(
+    "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, ::1], f8[:, ::1], f8[:, ::1])", nogil=True
+)
+def _coarsen(heights, shares, peaks, per_side, mean, share, peak):
+    """Write mean, share and peak of cells of per_side x per_side cells."""
+    for i in range(mean.shape[0]):
+        for j in range(mean.shape[1]):
+            covered, total, most = 0.0, 0.0, peaks[i * per_side, j * per_side]
+            for k in range(i * per_side, (i + 1) * per_side):
+                for m in range(j * per_side, (j + 1) * per_side):
+                    most = max(most, peaks[k, m])
+                    if shares[k, m] > 0.0:
+                        covered += shares[k, m]
+                        total += shares[k, m] * heights[k, m]
+            peak[i, j], share[i, j] = most, covered / per_side**2
+            mean[i, j] = total / max(covered, MIN_COVER) if covered > 0.0 else NOTHING_MM

@@ -3,6 +3,8 @@
 import numpy as np
 from scipy import ndimage
 
+from t2twin.core.jit import compiled
+
 Window = tuple[slice, slice]
 """Rows and columns of a part of a grid."""
 
@@ -16,11 +18,8 @@ exact for cubics."""
 
 def window_around(mask: np.ndarray) -> Window:
     """The window that contains a mask, (rows, columns) bool, within its grid."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return (
-        side_around(int(rows[0]), int(rows[-1]), mask.shape[0]),
-        side_around(int(columns[0]), int(columns[-1]), mask.shape[1]),
-    )
+    top, bottom, left, right = _extent(mask)
+    return side_around(top, bottom, mask.shape[0]), side_around(left, right, mask.shape[1])
 
 
 def side_around(first: int, last: int, length: int) -> slice:
@@ -76,15 +75,9 @@ def relative_window(inner: Window, outer: Window) -> Window:
 
 def dilated(mask: np.ndarray, cells: int) -> np.ndarray:
     """A mask, (rows, columns) bool, dilated by a square of 2 cells + 1 a side."""
-    down = mask.copy()
-    for step in range(1, cells + 1):
-        down[step:] |= mask[:-step]
-        down[:-step] |= mask[step:]
-    across = down.copy()
-    for step in range(1, cells + 1):
-        across[:, step:] |= down[:, :-step]
-        across[:, :-step] |= down[:, step:]
-    return across
+    wider = np.zeros(mask.shape, bool)
+    _dilate(mask, cells, wider)
+    return wider
 
 
 def repeated(coarse: np.ndarray, per_side: int) -> np.ndarray:
@@ -95,31 +88,21 @@ def repeated(coarse: np.ndarray, per_side: int) -> np.ndarray:
 
 
 def block_max(fine: np.ndarray, per_side: int) -> np.ndarray:
-    """Maximum of each block of per_side x per_side cells."""
-    return _reduced(np.maximum, fine, per_side)
-
-
-def block_sums(fine: np.ndarray, per_side: int) -> np.ndarray:
-    """Sum of each block of per_side x per_side cells."""
-    return _reduced(np.add, fine, per_side)
+    """Maximum of each block of per_side x per_side cells. fine: float64."""
+    if per_side == 1:
+        return fine
+    found = np.empty([side // per_side for side in fine.shape])
+    _block_max(fine, per_side, found)
+    return found
 
 
 def block_means(fine: np.ndarray, per_side: int) -> np.ndarray:
-    """Mean of each block of per_side x per_side cells."""
-    return block_sums(fine, per_side) / per_side**2
-
-
-def _reduced(combine: np.ufunc, fine: np.ndarray, per_side: int) -> np.ndarray:
+    """Mean of each block of per_side x per_side cells. fine: float64."""
     if per_side == 1:
         return fine
-    # Slices are several times faster here than a reduction over the blocks' axes.
-    along = fine[::per_side].copy()
-    for part in range(1, per_side):
-        combine(along, fine[part::per_side], out=along)
-    total = along[:, ::per_side].copy()
-    for part in range(1, per_side):
-        combine(total, along[:, part::per_side], out=total)
-    return total
+    found = np.empty([side // per_side for side in fine.shape])
+    _block_means(fine, per_side, found)
+    return found
 
 
 def center_values(fine: np.ndarray, per_side: int) -> np.ndarray:
@@ -141,3 +124,72 @@ def center_values(fine: np.ndarray, per_side: int) -> np.ndarray:
             values += weights[:, k : k + 1] * fine[first + k]
         fine = values.T
     return fine
+
+
+@compiled("UniTuple(i8, 4)(b1[:, :])", nogil=True)
+def _extent(mask):
+    """First and last row, first and last column of a mask."""
+    top, bottom, left, right = mask.shape[0], -1, mask.shape[1], -1
+    for i in range(mask.shape[0]):
+        for j in range(mask.shape[1]):
+            if mask[i, j]:
+                top, bottom = min(top, i), i
+                left, right = min(left, j), max(right, j)
+    return top, bottom, left, right
+
+
+@compiled("void(b1[:, :], i8, b1[:, ::1])", nogil=True)
+def _dilate(mask, cells, wider):
+    rows, columns = mask.shape
+    for i in range(rows):
+        for j in range(columns):
+            if mask[i, j]:
+                for k in range(max(i - cells, 0), min(i + cells + 1, rows)):
+                    for m in range(max(j - cells, 0), min(j + cells + 1, columns)):
+                        wider[k, m] = True
+
+
+@compiled("void(f8[:, :], i8, f8[:, ::1])", nogil=True)
+def _block_max(fine, per_side, found):
+    for i in range(found.shape[0]):
+        for j in range(found.shape[1]):
+            most = fine[i * per_side, j * per_side]
+            for k in range(i * per_side, (i + 1) * per_side):
+                for m in range(j * per_side, (j + 1) * per_side):
+                    most = max(most, fine[k, m])
+            found[i, j] = most
+
+
+@compiled("void(f8[:, :], i8, f8[:, ::1])", nogil=True)
+def _block_means(fine, per_side, found):
+    for i in range(found.shape[0]):
+        for j in range(found.shape[1]):
+            total = 0.0
+            for k in range(i * per_side, (i + 1) * per_side):
+                for m in range(j * per_side, (j + 1) * per_side):
+                    total += fine[k, m]
+            found[i, j] = total / per_side**2
+
+
+@compiled("i8(b1[:, :])", nogil=True)
+def count_parts(mask):
+    """Number of parts of a mask whose cells are connected along rows and columns."""
+    rows, columns = mask.shape
+    seen, stack = np.zeros(mask.shape, np.bool_), np.empty(4 * mask.size + 1, np.int64)
+    parts = 0
+    for first in range(mask.size):
+        if not mask[first // columns, first % columns] or seen[first // columns, first % columns]:
+            continue
+        parts += 1
+        size, stack[0] = 1, first
+        while size > 0:
+            size -= 1
+            i, j = stack[size] // columns, stack[size] % columns
+            if seen[i, j]:
+                continue
+            seen[i, j] = True
+            for k, m in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
+                if 0 <= k < rows and 0 <= m < columns and mask[k, m] and not seen[k, m]:
+                    stack[size] = k * columns + m
+                    size += 1
+    return parts

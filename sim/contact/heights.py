@@ -125,23 +125,13 @@ def column_and_row(column, row, press_x, press_y, cos, sin, x, y):
     return column + (cos * dx + sin * dy), row + (sin * dx - cos * dy)
 
 
-@compiled("f4(f4[:, ::1], f8, f8)", nogil=True)
-def interpolated(heights, column, row):
-    """Height at a place between the points of a map, bilinear; NOTHING_MM outside."""
-    if not (0.0 <= column < heights.shape[1] - 1 and 0.0 <= row < heights.shape[0] - 1):
-        return np.float32(NOTHING_MM)
-    # Unsigned indices save the check for negative ones.
-    j, i, one = np.uintp(column), np.uintp(row), np.uintp(1)
-    across, down = np.float32(column - j), np.float32(row - i)
-    upper, lower = heights[i], heights[i + one]
-    left = upper[j] + down * (lower[j] - upper[j])
-    right = upper[j + one] + down * (lower[j + one] - upper[j + one])
-    return left + across * (right - left)
-
-
 @compiled("void(f4[:, ::1], f8[::1], f8[::1], i8, f4[::1])", nogil=True)
 def heights_along(heights, columns, rows, count, found):
-    """`interpolated` at `count` places. Twice as fast as a loop that also computes the places."""
+    """Write the heights at `count` places between a map's points, bilinear; NOTHING_MM outside.
+
+    Twice as fast as a loop that also computes the places.
+    """
+    # Unsigned indices save the check for negative ones.
     points, width, one = heights.ravel(), np.uint32(heights.shape[1]), np.uint32(1)
     last_column, last_row = heights.shape[1] - 1, heights.shape[0] - 1
     for n in range(count):

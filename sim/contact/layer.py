@@ -8,13 +8,20 @@ from collections import OrderedDict
 from collections.abc import Callable
 from functools import lru_cache
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from scipy import fft
 from scipy.fft import next_fast_len
 
 from t2twin.core.cached_files import cached_array
-from t2twin.core.jit import compiled
+from t2twin.sim.contact.convolution import (
+    PADDING,
+    Transforms,
+    convolve,
+    interpolation,
+    work_arrays,
+)
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.splines import CubicSpline
 
@@ -40,8 +47,9 @@ HANKEL_RADII = 500
 MAX_CACHE_BYTES = 100_000_000
 """Memory limit for a layer's cached transforms: the windows of a hundred presses and more."""
 
-WHOLE = (slice(None), slice(None))
-"""The window of the whole grid."""
+NODE_MM = 0.5
+"""Largest distance of the nodes on which the smooth kernels are applied, mm, unless the cells are
+larger: an eighth of the thickness over which they vary (assumed)."""
 
 
 def compliance_mm_per_mpa(
@@ -92,8 +100,7 @@ class Layer:
 
     - rows, columns; pitch_mm, side of a fine cell; x_mm (columns,), y_mm (rows,), cell centers;
     - rest_mm, thickness_mm, (rows, columns);
-    - max_compliance_mm_per_mpa, largest deflection per pressure over all wavelengths, mm/MPa;
-    - weights, (kernels, rows, columns) float32, weight of each kernel's response at each place.
+    - max_compliance_mm_per_mpa, largest deflection per pressure over all wavelengths, mm/MPa.
     """
 
     def __init__(self, elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> None:
@@ -102,6 +109,7 @@ class Layer:
         self.columns = per_side * 2 * int(elastomer.width_mm / pitch_mm / 2 + 1e-9)
         self.rows = per_side * 2 * int(elastomer.length_mm / pitch_mm / 2 + 1e-9)
         self.per_side = per_side
+        self.per_node = per_side * (2 if 2 * pitch_mm <= NODE_MM + 1e-9 else 1)
         self.pitch_mm = pitch_mm = pitch_mm / per_side
         self.x_mm = (np.arange(self.columns) - (self.columns - 1) / 2) * pitch_mm
         self.y_mm = (np.arange(self.rows) - (self.rows - 1) / 2) * pitch_mm
@@ -109,10 +117,11 @@ class Layer:
         self.rest_mm = elastomer.rest_surface_mm(x, y)
         self.thickness_mm = elastomer.thickness_at_mm(x, y)
 
-        self.weights, self._kernels, self._thickest_kernel = _response(self, elastomer)
+        self._kernel, self._smooth, self._weights, self._thickest = _kernels(self, elastomer)
+        self._interpolation = interpolation(self.per_node)
         self._bounds: dict[tuple[int, ...], float] = {}
         self._lock = Lock()  # threads share a layer
-        self._transforms: OrderedDict[tuple[int, int], np.ndarray] = OrderedDict()
+        self._transforms: OrderedDict[tuple[int, ...], Transforms] = OrderedDict()
         thickest = float(self.thickness_mm.max())
         wavenumbers = np.linspace(1e-3, 10, 2000) / thickest
         spectrum = compliance_mm_per_mpa(
@@ -127,7 +136,7 @@ class Layer:
         """
         if shape not in self._bounds:
             rows, columns = min(shape[0], self.rows) // 2 + 1, min(shape[1], self.columns) // 2 + 1
-            near = self._thickest_kernel[
+            near = self._thickest[
                 self.rows - rows : self.rows + rows - 1,
                 self.columns - columns : self.columns + columns - 1,
             ]
@@ -135,68 +144,66 @@ class Layer:
         return self._bounds[shape]
 
     def deflection_mm(
-        self, pressure_mpa: np.ndarray, window: tuple[slice, slice] = WHOLE
+        self, pressure_mpa: np.ndarray, window: tuple[slice, slice] | None = None
     ) -> np.ndarray:
         """Surface deflection of the linear layer, mm, under a pressure, MPa.
 
-        Both (rows, columns) in the window; the pressure outside it is zero. Each place of a domed
-        layer responds as a layer of its thickness.
+        Both (rows, columns) in the window, whose sides are multiples of per_node; None is the whole
+        grid. The pressure outside it is zero. Each place of a domed layer responds as a layer of
+        its thickness.
         """
-        responses = self.responses(pressure_mpa.astype(np.float32))
-        if len(responses) == 1:
-            return responses[0].astype(np.float64)
-        weights = self.weights[:, *window]
-        return np.einsum("lyx,lyx->yx", weights, responses).astype(np.float64)
+        operator = self.operator(window or (slice(0, self.rows), slice(0, self.columns)))
+        padded = np.zeros((len(pressure_mpa), operator[1]), np.float32)
+        padded[:, : pressure_mpa.shape[1]] = pressure_mpa
+        linear = np.empty(pressure_mpa.shape, np.float32)
+        convolve(padded, *operator, linear)
+        return linear.astype(np.float64)
 
-    def responses(self, pressure_mpa: np.ndarray) -> np.ndarray:
-        """Convolution of each kernel with a pressure on a window, (kernels, rows, columns), mm.
+    def operator(self, window: tuple[slice, slice]) -> tuple[Any, ...]:
+        """Arguments of `convolution.convolve` for a window, from kernel to work."""
+        rows, columns = window
+        shape = rows.stop - rows.start, columns.stop - columns.start
+        nodes = tuple(
+            slice(side.start // self.per_node, side.stop // self.per_node + 2 * PADDING)
+            for side in window
+        )
+        transforms, weights = self._transformed(*shape), self._weights[:, *nodes]
+        work = work_arrays(transforms, shape, (weights.shape[1], weights.shape[2]))
+        return *transforms, weights, *self._interpolation, work
 
-        pressure_mpa: (rows, columns) float32. The deflection is the sum over the kernels, weighted
-        by `weights`. Single precision has an error of 1e-6 and is twice as fast. Rows of zeros, and
-        rows that are cut off afterwards, are not transformed.
-        """
-        rows, columns = pressure_mpa.shape
-        down, across = _fast_length(2 * rows - 1), _fast_length(2 * columns - 1)
-        spectrum = fft.fft(fft.rfft(pressure_mpa, across), down, axis=0, overwrite_x=True)
-        kernels = self._transform(rows, columns, (down, across))
-        spectra = np.empty(kernels.shape, np.complex64)
-        _multiply(kernels, spectrum, spectra)
-        kept_rows = np.asarray(fft.ifft(spectra, axis=1, overwrite_x=True))[:, :rows]
-        return np.asarray(fft.irfft(kept_rows, across))[:, :, :columns]
-
-    def _transform(self, rows: int, columns: int, padded: tuple[int, int]) -> np.ndarray:
+    def _transformed(self, rows: int, columns: int) -> Transforms:
         """Transforms of the kernels for a window of this size; the last are cached."""
         with self._lock:
             if (rows, columns) in self._transforms:
                 self._transforms.move_to_end((rows, columns))
                 return self._transforms[rows, columns]
-        transform = self._compute_transform(rows, columns, padded)
+        kernel, padded = _transform(self._kernel[None], rows, columns)
+        smooth, node_padded = self._smooth, 0
+        if len(smooth):
+            nodes = (side // self.per_node + 2 * PADDING for side in (rows, columns))
+            smooth, node_padded = _transform(smooth, *nodes)
+        transforms = Transforms(kernel[0], padded, smooth, node_padded)
         with self._lock:
             cached = self._transforms
-            cached[rows, columns] = transform
+            cached[rows, columns] = transforms
             while (
                 len(cached) > 1 and sum(each.nbytes for each in cached.values()) > MAX_CACHE_BYTES
             ):
                 cached.popitem(last=False)
-        return transform
-
-    def _compute_transform(self, rows: int, columns: int, padded: tuple[int, int]) -> np.ndarray:
-        middle_row, middle_column = self.rows - 1, self.columns - 1
-        cut = np.zeros((len(self._kernels), *padded), np.float32)
-        offset_rows, offset_columns = np.arange(1 - rows, rows), np.arange(1 - columns, columns)
-        cut[:, *np.ix_(offset_rows % padded[0], offset_columns % padded[1])] = self._kernels[
-            :, *np.ix_(offset_rows + middle_row, offset_columns + middle_column)
-        ]
-        # The kernels are even along both axes, so their transforms are real.
-        return np.ascontiguousarray(np.real(np.asarray(fft.rfft2(cut))))
+        return transforms
 
 
-@compiled("void(f4[:, :, ::1], c8[:, ::1], c8[:, :, ::1])", nogil=True)
-def _multiply(kernels, spectrum, spectra):
-    for k in range(len(kernels)):
-        for i in range(kernels.shape[1]):
-            for j in range(kernels.shape[2]):
-                spectra[k, i, j] = kernels[k, i, j] * spectrum[i, j]
+def _transform(kernels: np.ndarray, rows: int, columns: int) -> tuple[np.ndarray, int]:
+    """Real transforms of kernels, (kernels, 2 n - 1, 2 m - 1), for windows of rows x columns, and
+    the columns of the transforms."""
+    down, across = (int(next_fast_len(2 * side - 1, real=True) or 0) for side in (rows, columns))
+    middle_row, middle_column = kernels.shape[1] // 2, kernels.shape[2] // 2
+    cut = np.zeros((len(kernels), down, across), np.float32)
+    offset_rows, offset_columns = np.arange(1 - rows, rows), np.arange(1 - columns, columns)
+    cut[:, *np.ix_(offset_rows % down, offset_columns % across)] = kernels[
+        :, *np.ix_(offset_rows + middle_row, offset_columns + middle_column)
+    ]
+    return np.ascontiguousarray(np.real(np.asarray(fft.rfft2(cut)))), across
 
 
 @lru_cache(maxsize=16)
@@ -205,18 +212,17 @@ def cached_layer(elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> La
     return Layer(elastomer, pitch_mm, per_side)
 
 
-def _fast_length(length: int) -> int:
-    """The next length with a fast transform."""
-    return int(next_fast_len(length, real=True) or length)
+def _kernels(
+    layer: Layer, elastomer: Elastomer
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Response of each place as a sum of a kernel and of further ones with weights.
 
-
-def _response(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Response of each place as a weighted sum of kernels.
-
-    Returns weights, (kernels, rows, columns), the kernels, (kernels, 2 rows - 1, 2 columns - 1),
-    both float32, and the kernel at the thickest place. A kernel is the mean deflection of each cell
-    per unit pressure on the central one, mm/MPa. With pressures constant on cells this is a
-    Galerkin method; its error at a punch's edges is half that of deflections at cell centers.
+    Returns the kernel, (2 rows - 1, 2 columns - 1) float32; the further ones on the layer's nodes,
+    (kernels, 2 M - 1, 2 N - 1) float32; their weights, (kernels, M, N) float32; and the kernel of
+    the thickest place, as the first. M and N include the nodes around the grid. A kernel is the
+    mean deflection of each cell per unit pressure on the central one, mm/MPa. With pressures
+    constant on cells this is a Galerkin method; its error at a punch's edges is half that of
+    deflections at cell centers.
 
     The half-space's kernel has a closed form. The base reduces it by a smooth part that depends on
     the thickness and is expanded into its mean and principal components over the thicknesses. The
@@ -227,14 +233,20 @@ def _response(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarra
     y = np.arange(1 - layer.rows, layer.rows) * pitch
     half_space = (1 - poisson**2) / (np.pi * young) * mean_inverse_distance(x, y, pitch)
     distance = np.hypot(x[None, :], y[:, None])
-    radii = np.linspace(0.0, float(distance.max()), HANKEL_RADII)
+    node_distance, at_nodes = _nodes(layer, elastomer)
+    radii = np.linspace(0.0, float(node_distance.max()), HANKEL_RADII)
+
+    def kernel_of(profile: np.ndarray, distance_mm: np.ndarray) -> np.ndarray:
+        return pitch**2 * CubicSpline(0.0, radii[-1], profile)(distance_mm)
 
     thickness = layer.thickness_mm
     thinnest, thickest = float(thickness.min()), float(thickness.max())
     if thickest - thinnest < 1e-6:
         profile = _base_part(np.array([thickest]), radii, elastomer, pitch)[0]
-        kernel = half_space + pitch**2 * CubicSpline(0.0, radii[-1], profile)(distance)
-        return np.ones((1, *thickness.shape), np.float32), kernel[None].astype(np.float32), kernel
+        kernel = half_space + kernel_of(profile, distance)
+        none = np.zeros((0, 1, 1), np.float32)
+        weights = np.zeros((0, *at_nodes.shape), np.float32)
+        return kernel.astype(np.float32), none, weights, kernel
 
     levels = np.linspace(thinnest, thickest, THICKNESSES)
     profiles = _base_part(levels, radii, elastomer, pitch)
@@ -246,15 +258,28 @@ def _response(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarra
     _, _, axes = np.linalg.svd(np.sqrt(shares)[:, None] * deviations, full_matrices=False)
     axes = axes[:COMPONENTS]
     scores = CubicSpline(thinnest, thickest, deviations @ axes.T)
-    weights = np.concatenate(
-        [np.ones((1, *thickness.shape)), np.moveaxis(scores(thickness), -1, 0)]
+    smooth = np.stack([kernel_of(each, node_distance) for each in axes / ring])
+    weights = np.moveaxis(scores(at_nodes.clip(thinnest, thickest)), -1, 0)
+    kernel = (half_space + kernel_of(mean, distance)).astype(np.float32)
+    weights = np.ascontiguousarray(weights, np.float32)
+    return (
+        kernel,
+        smooth.astype(np.float32),
+        weights,
+        half_space + kernel_of(profiles[-1], distance),
     )
-    smooth = (CubicSpline(0.0, radii[-1], each)(distance) for each in (mean, *(axes / ring)))
-    kernels = pitch**2 * np.stack(list(smooth))
-    kernels[0] += half_space
-    at_thickest = np.concatenate([[1.0], scores(np.array(thickest))])
-    thickest_kernel = np.tensordot(at_thickest, kernels, 1)
-    return weights.astype(np.float32), kernels.astype(np.float32), thickest_kernel
+
+
+def _nodes(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarray]:
+    """Distances of the nodes from one of them, (2 M - 1, 2 N - 1), and the thickness at each,
+    (M, N), mm."""
+    x, y = (
+        np.arange(1 - nodes, nodes) * layer.per_node * layer.pitch_mm
+        for nodes in (side // layer.per_node + 2 * PADDING for side in (layer.columns, layer.rows))
+    )
+    # The second half of an axis has the distances from the first node.
+    at_x, at_y = np.meshgrid(*(axis[axis.size // 2 :] - axis[-1] / 2 for axis in (x, y)))
+    return np.hypot(x[None, :], y[:, None]), elastomer.thickness_at_mm(at_x, at_y)
 
 
 def _base_part(

@@ -127,45 +127,50 @@ def _model(pins: int) -> mujoco.MjModel:
 
 
 class MujocoPins:
-    """A compiled model of a fixed number of pins, whose state is set for each press."""
+    """A compiled model of a fixed number of pins."""
 
     def __init__(self, pins: int) -> None:
         self.pins = pins
         self.model = _model(pins)
         self.data = mujoco.MjData(self.model)
-        self._gap_mm = np.zeros(0)
-
-    def set_state(self, gap_mm: np.ndarray, depth_mm: float) -> None:
-        """Place n <= pins pins and the shape above them.
-
-        gap_mm: (n,) distance of each pin from the shape at first touch. depth_mm: the shape's.
-        """
-        model, data, n = self.model, self.data, gap_mm.size
-        model.geom_pos[n : self.pins, 2] = PARKED_MM
-        model.geom_pos[:n, 2] = gap_mm + BALL_MM
-        mujoco.mj_resetData(model, data)
-        model.qpos_spring[:] = 0.0
-        data.qpos[0] = -depth_mm
-        model.jnt_stiffness[n + 1 :] = 1.0
-        self._gap_mm = gap_mm
+        # A place without a pin stays at rest.
+        self.model.qpos_spring[:] = 0.0
 
     def step(
-        self, force: float, spring_rest_mm: np.ndarray, stiffness: np.ndarray
+        self,
+        gap_mm: np.ndarray,
+        depth_mm: float,
+        force: float,
+        spring_rest_mm: np.ndarray,
+        stiffness: np.ndarray,
     ) -> tuple[float, np.ndarray]:
-        """One step to the equilibrium under a force, in units of a pin's spring x mm.
+        """One step to the equilibrium of n <= pins pins under a force, in units of a pin's spring x
+        mm.
 
-        spring_rest_mm: (n,) deflections at which the springs carry nothing, mm.
-        stiffness: (n,) of the springs, in units of a pin's spring.
+        gap_mm: (n,) distance of each pin from the shape at first touch. depth_mm: the shape's
+        expected depth, at which the solver starts. spring_rest_mm: (n,) deflections at which the
+        springs carry nothing, mm. stiffness: (n,) of the springs, in units of a pin's spring.
         Returns the shape's depth, mm, and the pins' deflections (n,), mm.
         """
-        n = spring_rest_mm.size
-        self.model.jnt_stiffness[1 : n + 1] = stiffness
-        self.model.qpos_spring[1 : n + 1] = -spring_rest_mm
-        self.data.qfrc_applied[0] = -force
-        self.data.qpos[1 : n + 1] = self.data.qpos[0] + self._gap_mm + TOUCH_MM
-        self.data.qvel[:] = 0.0
-        mujoco.mj_step(self.model, self.data)
-        return -float(self.data.qpos[0]), -self.data.qpos[1 : n + 1].copy()
+        model, data, n = self.model, self.data, gap_mm.size
+        model.geom_pos[:n, 2] = gap_mm + BALL_MM
+        model.geom_pos[n : self.pins, 2] = PARKED_MM
+        model.jnt_stiffness[1 : n + 1] = stiffness
+        model.jnt_stiffness[n + 1 :] = 1.0
+        model.qpos_spring[1 : n + 1] = -spring_rest_mm
+        model.qpos_spring[n + 1 :] = 0.0
+        data.qfrc_applied[0] = -force
+        data.qpos[0] = -depth_mm
+        data.qpos[1 : n + 1] = gap_mm - (depth_mm - TOUCH_MM)
+        data.qpos[n + 1 :] = 0.0
+        data.qvel[:] = 0.0
+        # By these the pins move if the depth is the expected one.
+        data.qacc_warmstart[:] = 0.0
+        data.qacc_warmstart[1 : n + 1] = (
+            -np.maximum(spring_rest_mm, depth_mm - gap_mm) - data.qpos[1 : n + 1]
+        )
+        mujoco.mj_step(model, data)
+        return -float(data.qpos[0]), -data.qpos[1 : n + 1].copy()
 
 
 _log = mujoco.MjLogConfig.get()

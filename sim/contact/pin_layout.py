@@ -8,7 +8,6 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import ndimage
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
@@ -23,12 +22,13 @@ from t2twin.sim.contact.grid import (
     Window,
     block_means,
     center_values,
+    count_parts,
     dilated,
     refined,
     window_around,
 )
 from t2twin.sim.contact.heights import heights_at
-from t2twin.sim.contact.layer import WHOLE, Layer, cached_layer
+from t2twin.sim.contact.layer import Layer, cached_layer
 from t2twin.sim.contact.mujoco_pins import POOL_SIZES
 from t2twin.sim.contact.pins import Pins, joined, place_pins
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
@@ -122,7 +122,7 @@ class Survey:
     def surface_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
         """The surface's deflection under a pressure, both on the contact's grid, (ny, nx), mm."""
         layer = self.layer
-        return center_values(apply_law(layer, layer.deflection_mm(pressure_mpa), WHOLE), 1)
+        return center_values(apply_law(layer, layer.deflection_mm(pressure_mpa)), 1)
 
     def missed(self, active: np.ndarray, depth_mm: float, pressure_mpa: np.ndarray) -> np.ndarray:
         """(rows, columns) bool: the cells without pins where the shape penetrates the surface.
@@ -352,9 +352,7 @@ def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:
     (rows, columns) bool, are small."""
     window = window_around(expected)
     shares = survey.footprint.shares[window] * expected[window]
-    parts = np.empty(shares.shape, np.int32)
-    ndimage.label(shares, output=parts)
-    if shares.sum() * FINER[-1] ** 2 < PART_PINS * parts.max():
+    if shares.sum() * FINER[-1] ** 2 < PART_PINS * count_parts(shares > 0.0):
         return *FINER, 2 * FINER[-1]
     return FINER
 

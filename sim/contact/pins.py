@@ -57,11 +57,6 @@ class Pins:
     first_touch_mm: np.ndarray
 
     @property
-    def weights(self) -> np.ndarray:
-        """The layer's weights in the window, (kernels, rows, columns)."""
-        return self.layer.weights[:, *self.window]
-
-    @property
     def thickness_mm(self) -> np.ndarray:
         """The layer's thickness in the window, (rows, columns), mm."""
         return self.layer.thickness_mm[self.window]
@@ -108,6 +103,15 @@ class Pins:
         """(n,) mean of values on fine cells, (rows, columns), over the covered part of each pin."""
         return self._sums(fine * self.cover) / self.covered
 
+    def lowest_loaded(self, pressure: np.ndarray, fine: np.ndarray) -> np.ndarray:
+        """(bodies,) lowest value of each body on a fine cell under pressure; inf without one.
+
+        pressure: on the pins, (n,). fine: (bodies, rows, columns).
+        """
+        lowest = np.full(len(self.cover), np.inf)
+        _lowest_loaded(pressure, self.bodies, *self.blocks, self.cover, fine, lowest)
+        return lowest
+
     def _sums(self, fine: np.ndarray) -> np.ndarray:
         sums = np.empty(self.rows.size)
         _sum_up(fine, self.bodies, *self.blocks, sums)
@@ -121,12 +125,9 @@ class Pins:
 
     def window_of(self, chosen: np.ndarray) -> Window:
         """The window of fine cells that contains the chosen pins, of one of few sizes."""
-        rows, columns, sides = (of[chosen] for of in self.blocks)
         down, across = self.cover.shape[1:]
-        return (
-            side_around(int(rows.min()), int((rows + sides).max()) - 1, down),
-            side_around(int(columns.min()), int((columns + sides).max()) - 1, across),
-        )
+        top, bottom, left, right = _extent(*self.blocks, chosen)
+        return side_around(top, bottom, down), side_around(left, right, across)
 
     def around(self, body: int, chosen: np.ndarray) -> np.ndarray:
         """(n,) bool: the chosen pins of a body, and those of others in a window that reaches by the
@@ -176,15 +177,16 @@ def place_pins(
     # In a block that a wall crosses only the part above the wall is pressed.
     _cover(shape.heights_mm, shape.shares, STEEPEST * layer.pitch_mm, rows, columns, sides, cover)
     gap, edge, covered = np.empty((3, rows.size))
-    _gather(
+    count = _gather(
         shape.heights_mm, cover, layer.rest_mm[window], _edge_compliance(layer, cover),
         first_touch_mm, rows, columns, sides, gap, edge, covered,
     )  # fmt: skip
-    kept = covered > 0
+    rows, columns, sides, gap, covered, edge = (
+        each[:count] for each in (rows, columns, sides, gap, covered, edge)
+    )
     return Pins(
-        layer, window, np.zeros(int(kept.sum()), int), rows[kept], columns[kept], sides[kept],
-        gap[kept], covered[kept], edge[kept], cover[None], shape.heights_mm[None],
-        np.array([first_touch_mm]),
+        layer, window, np.zeros(count, int), rows, columns, sides, gap, covered, edge, cover[None],
+        shape.heights_mm[None], np.array([first_touch_mm]),
     )  # fmt: skip
 
 
@@ -227,8 +229,10 @@ def _blocks(along, per_cell):
     "void(f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:, :, ::1], f4[:, ::1])", nogil=True
 )
 def spread(pressure, bodies, rows, columns, sides, cover, fine):
-    """Write the sum of the pins' pressures, times their cover, to fine."""
-    fine[:] = 0.0
+    """Write the sum of the pins' pressures, times their cover, to fine, (rows, >= columns)."""
+    for i in range(fine.shape[0]):
+        for j in range(fine.shape[1]):
+            fine[i, j] = 0.0
     for n in range(pressure.size):
         if pressure[n] == 0.0:
             continue
@@ -245,6 +249,20 @@ def _sum_up(fine, bodies, rows, columns, sides, sums):
             for j in range(columns[n], columns[n] + sides[n]):
                 total += fine[bodies[n], i, j]
         sums[n] = total
+
+
+@compiled(
+    "void(f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:, :, ::1], f8[:, :, ::1], f8[::1])",
+    nogil=True,
+)
+def _lowest_loaded(pressure, bodies, rows, columns, sides, cover, fine, lowest):
+    for n in range(pressure.size):
+        if pressure[n] > 0.0:
+            body = bodies[n]
+            for i in range(rows[n], rows[n] + sides[n]):
+                for j in range(columns[n], columns[n] + sides[n]):
+                    if cover[body, i, j] > 0.0:
+                        lowest[body] = min(lowest[body], fine[body, i, j])
 
 
 @compiled("void(i8[::1], i8[::1], i8[::1], b1[::1], b1[:, ::1], b1[::1])", nogil=True)
@@ -292,12 +310,16 @@ def _cover(heights, shares, wall, rows, columns, sides, cover):
 
 
 @compiled(
-    "void(f8[:, ::1], f8[:, ::1], f8[:, :], f8[:, ::1], f8, i8[::1], i8[::1], i8[::1],"
+    "i8(f8[:, ::1], f8[:, ::1], f8[:, :], f8[:, ::1], f8, i8[::1], i8[::1], i8[::1],"
     " f8[::1], f8[::1], f8[::1])",
     nogil=True,
 )
 def _gather(heights, cover, surface, edges, first_touch, rows, columns, sides, gap, edge, covered):
-    """Write each pin's mean gap, additional edge compliance and covered cells."""
+    """Write each covered pin's mean gap, additional edge compliance and covered cells.
+
+    Keeps the first cells and sides of these pins only, in order. Returns their number.
+    """
+    kept = 0
     for n in range(rows.size):
         total, distance, giving = 0.0, 0.0, 0.0
         for i in range(rows[n], rows[n] + sides[n]):
@@ -307,9 +329,24 @@ def _gather(heights, cover, surface, edges, first_touch, rows, columns, sides, g
                     total += part
                     distance += part * (-surface[i, j] - heights[i, j] - first_touch)
                     giving += part**2 * edges[i, j]
-        gap[n] = distance / total if total > 0.0 else np.inf
-        edge[n] = giving / max(total, MIN_COVER)
-        covered[n] = total
+        if total > 0.0:
+            rows[kept], columns[kept], sides[kept] = rows[n], columns[n], sides[n]
+            gap[kept], covered[kept] = distance / total, total
+            edge[kept] = giving / max(total, MIN_COVER)
+            kept += 1
+    return kept
+
+
+@compiled("UniTuple(i8, 4)(i8[::1], i8[::1], i8[::1], b1[::1])", nogil=True)
+def _extent(rows, columns, sides, chosen):
+    """First and last row, first and last column of the chosen pins' cells."""
+    top = left = np.iinfo(np.int64).max
+    bottom = right = -1
+    for n in range(rows.size):
+        if chosen[n]:
+            top, bottom = min(top, rows[n]), max(bottom, rows[n] + sides[n] - 1)
+            left, right = min(left, columns[n]), max(right, columns[n] + sides[n] - 1)
+    return top, bottom, left, right
 
 
 def _edge_compliance(layer: Layer, cover: np.ndarray) -> np.ndarray:

@@ -8,7 +8,16 @@ identical on every run.
 import numpy as np
 
 from t2twin.core.jit import compiled
+from t2twin.sim.contact.convolution import OPERATOR, convolve
 from t2twin.sim.contact.elastomer import stiffened
+from t2twin.sim.contact.pins import spread
+
+MIN_STEPS = 2
+"""Least number of steps: the first does not include pins that were added before it."""
+
+PENETRATION_MM = 1e-3
+"""Height of the shape above an inactive pin that is tolerated, mm: the change in a converged
+step."""
 
 MAX_NEWTON_STEPS = 200
 """Limit on Newton steps on a convex, piecewise linear function. Each step drops springs that later
@@ -24,37 +33,26 @@ RESTART_GROWTH = 2.0
 """Growth of the residual in one step above which the stored steps are discarded."""
 
 
-@compiled(
-    "void(f4[:, :, :], f4[:, :, :], f8[:, :], b1, i8[::1], i8[::1], i8[::1], i8[::1],"
-    " f8[:, :, ::1], f8[::1], f8[::1], f8[::1])",
-    nogil=True,
-)
-def mean_deflection(
-    responses, weights, thickness, stiffens, bodies, rows, columns, sides, cover, covered,
-    deflection, slope,
-):  # fmt: skip
-    """Mean deflection and mean slope of the elastomer's law over the covered part of each pin.
+@compiled(nogil=True)
+def mean_deflection(linear, thickness, stiffens, cover, row, column, side, covered):
+    """Mean deflection by the elastomer's law over the covered part of a pin, and the law's slope.
 
-    responses, weights: (kernels, rows, columns) of the layer. Writes deflection and slope, (n,).
+    linear: (R, C) deflection of the linear layer, mm. thickness, cover: (R, C). covered: sum of the
+    cover over the pin's block. The mean is that of the law's expansion about the mean linear
+    deflection to the second order.
     """
-    for n in range(rows.size):
-        total, total_slope = 0.0, 0.0
-        for i in range(rows[n], rows[n] + sides[n]):
-            for j in range(columns[n], columns[n] + sides[n]):
-                part = cover[bodies[n], i, j]
-                if part == 0.0:
-                    continue
-                linear = responses[0, i, j] * weights[0, i, j]
-                for k in range(1, responses.shape[0]):
-                    linear += responses[k, i, j] * weights[k, i, j]
-                if stiffens:
-                    sunk, steep = stiffened(np.float64(linear), thickness[i, j])
-                else:
-                    sunk, steep = np.float64(linear), 1.0
-                total += sunk * part
-                total_slope += steep * part
-        deflection[n] = total / covered[n]
-        slope[n] = total_slope / covered[n]
+    total, squares, deep = 0.0, 0.0, 0.0
+    for i in range(row, row + side):
+        for j in range(column, column + side):
+            part, mm = cover[i, j], np.float64(linear[i, j])
+            total += part * mm
+            squares += part * mm * mm
+            deep += part * thickness[i, j]
+    mean = total / covered
+    if not stiffens:
+        return mean, 1.0
+    sunk, slope, curvature = stiffened(mean, deep / covered)
+    return sunk + 0.5 * curvature * max(squares / covered - mean * mean, 0.0), slope
 
 
 @compiled("f8(f8, f8[::1], f8[::1])", nogil=True)
@@ -133,7 +131,9 @@ def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
     first row and column zero.
     """
     down, across = sums.shape[0] - 1, sums.shape[1] - 1
-    sums[1:, 1:] = 0.0
+    for i in range(1, down + 1):
+        for j in range(1, across + 1):
+            sums[i, j, 0] = sums[i, j, 1] = 0.0
     for n in range(rows.size):
         change = pressure[n] - current[n]
         if pressure[n] > 0.0 or current[n] > 0.0:
@@ -161,40 +161,6 @@ def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
             pressure[n] += gains[k] * (change - around / loaded)
 
 
-class Anderson:
-    """Anderson acceleration of a fixed-point iteration x <- g(x).
-
-    Of all mixtures of the last steps with weights that add up to 1 it takes the one with the
-    smallest linearized residual g(x) - x (Walker and Ni, SIAM J. Numer. Anal. 49, 2011).
-    size: number of unknowns, n.
-    """
-
-    def __init__(self, size: int) -> None:
-        self._images = np.empty((MEMORY, size))
-        self._changes = np.empty((MEMORY, size))
-        self._normal = np.empty((MEMORY, MEMORY))
-        self._last: tuple[np.ndarray, np.ndarray] | None = None
-        self._stored = self._next = 0
-
-    def next(self, point: np.ndarray, image: np.ndarray) -> np.ndarray:
-        """The next point at which to evaluate g, (n,), after g(point) = image, both (n,)."""
-        residual = image - point
-        last, self._last = self._last, (image, residual)
-        if last is None:
-            return image
-        if np.abs(residual).sum() > RESTART_GROWTH * np.abs(last[1]).sum():
-            self._stored = self._next = 0
-            return image
-        row, self._stored = self._next, min(self._stored + 1, MEMORY)
-        self._next = (row + 1) % MEMORY
-        mixed = np.empty_like(image)
-        stored = self._images, self._changes, self._normal
-        if _mix(*stored, row, self._stored, *last, image, residual, mixed):
-            return mixed
-        self._stored = self._next = 0  # the step is zero or repeats an earlier one
-        return image
-
-
 @compiled("b1(f8[:, ::1])", nogil=True)
 def _eliminate(system):
     """Solve (k, k + 1) equations into their last column; False where they are singular."""
@@ -218,32 +184,168 @@ def _eliminate(system):
     return True
 
 
-@compiled(
-    "b1(f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, i8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])",
-    nogil=True,
-)
-def _mix(images, changes, normal, row, stored, last_image, last_residual, image, residual, mixed):
-    """Store a step in `row` and mix the stored steps; False where they are linearly dependent."""
+@compiled("void(f8[:, ::1], f8[:, ::1], i8[::1], f8[::1], f8[::1], f8[::1])", nogil=True)
+def accelerate(memory, normal, counts, point, image, mixed):
+    """Write the next point of Anderson acceleration; see Anderson.
+
+    memory: (2 MEMORY + 2, n), changes of the images, changes of the residuals, and the last image
+    and residual. normal: (MEMORY, MEMORY). counts: steps stored, the row of the next one, and
+    whether there is a last step.
+    """
     size = image.size
+    images, changes, last = memory[:MEMORY], memory[MEMORY : 2 * MEMORY], memory[2 * MEMORY :]
+    row, moved, moved_before = counts[1], 0.0, 0.0
     for n in range(size):
-        images[row, n] = image[n] - last_image[n]
-        changes[row, n] = residual[n] - last_residual[n]
+        residual = image[n] - point[n]
+        moved += abs(residual)
+        moved_before += abs(last[1, n])
+        images[row, n], changes[row, n] = image[n] - last[0, n], residual - last[1, n]
+        last[0, n], last[1, n] = image[n], residual
+        mixed[n] = image[n]
+    if counts[2] == 0 or moved > RESTART_GROWTH * moved_before:
+        counts[0] = counts[1] = 0
+        counts[2] = 1
+        return
+    counts[0], counts[1] = min(counts[0] + 1, MEMORY), (row + 1) % MEMORY
+    stored = counts[0]
     system = np.empty((stored, stored + 1))
     for k in range(stored):
         product, side = 0.0, 0.0
         for n in range(size):
             product += changes[k, n] * changes[row, n]
-            side += changes[k, n] * residual[n]
+            side += changes[k, n] * last[1, n]
         normal[row, k] = normal[k, row] = product
         system[k, stored] = side
     for k in range(stored):
         for m in range(stored):
             system[k, m] = normal[k, m] * (1 + RIDGE if k == m else 1.0)
-    if not _eliminate(system):
-        return False
-    for n in range(size):  # element by element: assigning an array compiles its error messages too
-        mixed[n] = image[n]
+    if not _eliminate(system):  # the step is zero or repeats an earlier one
+        counts[0] = counts[1] = 0
+        return
     for k in range(stored):
         for n in range(size):
             mixed[n] -= system[k, stored] * images[k, n]
-    return True
+
+
+class Anderson:
+    """Anderson acceleration of a fixed-point iteration x <- g(x).
+
+    Of all mixtures of the last steps with weights that add up to 1 it takes the one with the
+    smallest linearized residual g(x) - x (Walker and Ni, SIAM J. Numer. Anal. 49, 2011).
+    size: number of unknowns, n.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._memory = np.zeros((2 * MEMORY + 2, size))
+        self._normal = np.zeros((MEMORY, MEMORY))
+        self._counts = np.zeros(3, np.int64)
+
+    def next(self, point: np.ndarray, image: np.ndarray) -> np.ndarray:
+        """The next point at which to evaluate g, (n,), after g(point) = image, both (n,)."""
+        mixed = np.empty(image.size)
+        accelerate(self._memory, self._normal, self._counts, point, image, mixed)
+        return mixed
+
+
+@compiled(nogil=True)
+def _spring_step(
+    min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure, local,
+    rest, depths,
+):  # fmt: skip
+    """Fit the springs of each body and write the pressures on them; returns the largest change."""
+    change = 0.0
+    for body in range(forces.size):
+        low, high = ends[body], ends[body + 1]
+        depths[body] = fit_springs(
+            forces[body], compliance[body], min_slope, gap[low:high], edge[low:high],
+            area[low:high], surface[low:high], slope[low:high], current[low:high],
+            local[low:high], rest[low:high],
+        )  # fmt: skip
+        deflection = np.empty(high - low)
+        for n in range(low, high):
+            deflection[n - low] = depths[body] - gap[n]
+        own = redistribute_force(
+            deflection, rest[low:high], local[low:high], area[low:high], current[low:high],
+            pressure[low:high],
+        )  # fmt: skip
+        change = max(change, own)
+    return change
+
+
+@compiled(
+    "Tuple((f8, i8))(f8, f8, i8, f8, i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[::1],"
+    f" f8[::1], f8[:, :, ::1], f8[::1], f8[::1], f8[:, :], b1, {OPERATOR}, i8[::1], f8[::1],"
+    " f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f4[:, ::1])",
+    nogil=True,
+)
+def iterate(
+    tolerance, step, max_steps, min_slope, bodies, ends, rows, columns, sides, gap, area, edge,
+    cover, forces, compliance, thickness, stiffens, kernel, across, smooth, node_across, weights,
+    first, taps, work, reaches, gains, current, pressure, local, rest, depths, linear,
+):  # fmt: skip
+    """Steps on n pins until the pressure changes by less than a tolerance, a share of the force.
+
+    step: size of the steps, 1 for full ones, which are preconditioned and accelerated. min_slope:
+    see `fit_springs`. bodies to edge: the pins, body by body. ends: (bodies + 1,) the parts of the
+    bodies. cover: (bodies, R, C). forces: (bodies,) in units of a fine cell's spring x mm.
+    compliance: (bodies,) of the springs, mm/MPa. thickness: (R, C), mm. kernel to work: see
+    `convolution.convolve`. reaches, gains: see `precondition`.
+    current: (n,) the initial pressure, MPa; afterwards that at which the last step started.
+    Writes pressure, local, rest, (n,), depths, (bodies,), and linear, (R, C), the deflection of the
+    linear layer, of the last step. Returns the last change and the number of steps.
+    """
+    size, change = gap.size, np.inf
+    fine = np.zeros((linear.shape[0], across), np.float32)
+    surface, slope, mixed = np.empty(size), np.empty(size), np.empty(size)
+    sums = np.zeros((linear.shape[0] + 1, linear.shape[1] + 1, 2))
+    memory, normal = np.zeros((2 * MEMORY + 2, size)), np.zeros((MEMORY, MEMORY))
+    counts = np.zeros(3, np.int64)
+    for steps in range(1, max_steps + 1):
+        spread(current, bodies, rows, columns, sides, cover, fine)
+        convolve(fine, kernel, across, smooth, node_across, weights, first, taps, work, linear)
+        for n in range(size):
+            surface[n], slope[n] = mean_deflection(
+                linear, thickness, stiffens, cover[bodies[n]], rows[n], columns[n], sides[n],
+                area[n],
+            )  # fmt: skip
+        change = _spring_step(
+            min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure,
+            local, rest, depths,
+        )  # fmt: skip
+        if steps >= MIN_STEPS and change < tolerance:
+            return change, steps
+        if steps == max_steps:
+            break
+        if step < 1.0:
+            for n in range(size):
+                current[n] += step * (pressure[n] - current[n])
+        else:
+            precondition(pressure, current, rows, columns, sides, reaches, gains, sums)
+            accelerate(memory, normal, counts, current, pressure, mixed)
+            for n in range(size):
+                current[n] = max(mixed[n], 0.0)
+    return (change if max_steps >= MIN_STEPS else np.inf), max_steps
+
+
+@compiled(
+    "void(f4[:, ::1], f8[:, :], b1, i8[::1], i8[::1], i8[::1], i8[::1], f8[:, :, ::1], f8[::1],"
+    " f8[::1], f8[::1], b1[::1], b1[::1])",
+    nogil=True,
+)
+def penetrated(
+    linear, thickness, stiffens, bodies, rows, columns, sides, cover, covered, gap, depths, active,
+    found,
+):  # fmt: skip
+    """Write to found, (n,), which inactive pins have the shape above the surface.
+
+    linear: (R, C) deflection of the linear layer, mm. depths: (bodies,).
+    """
+    for n in range(gap.size):
+        inside = depths[bodies[n]] - gap[n] - PENETRATION_MM
+        found[n] = False
+        if not active[n]:
+            sunk, _ = mean_deflection(
+                linear, thickness, stiffens, cover[bodies[n]], rows[n], columns[n], sides[n],
+                covered[n],
+            )  # fmt: skip
+            found[n] = inside > sunk

@@ -183,7 +183,6 @@ class Contact:
     settled: whether the solver converged and resolves the contact (`smaller_than_grid`), in a slide
         also in all steps since the press.
     bottomed: whether the shape's base plate is in contact.
-    pins: the pins that carry the force.
     milliseconds: computing time without surface_mm.
     compute_surface: returns surface_mm. Called at its first use, as taxels need only the
         pressure.
@@ -205,7 +204,6 @@ class Contact:
     force_n: float
     settled: bool
     bottomed: bool
-    pins: PinState
     milliseconds: float
     compute_surface: Callable[[], np.ndarray] = field(repr=False, compare=False)
     equilibrium: Any = field(repr=False, compare=False)
@@ -250,6 +248,11 @@ class Contact:
         """(ny, nx) float32 deflection of the surface into the sensor, mm; negative where it bulges
         out."""
         return self.compute_surface()
+
+    @cached_property
+    def pins(self) -> PinState:
+        """The pins that carry the force."""
+        return self.equilibrium.solution.pin_state()
 
     @property
     def moments_kpa_mm(self) -> np.ndarray:

@@ -116,11 +116,10 @@ def _contact() -> str:
 
     from t2twin.sim.contact.mujoco_pins import borrowed_pins
 
-    depth_mm = 0.0
+    depth_mm, none = 0.0, np.zeros(1)
     with borrowed_pins(1) as model:
-        model.set_state(np.zeros(1), 1.0)
         for _ in range(STEPS):
-            depth_mm = model.step(1.0, np.zeros(1), np.ones(1))[0]
+            depth_mm, _ = model.step(none, depth_mm, 1.0, none, np.ones(1))
     if abs(depth_mm - 1.0) > SPRING_ERROR_MM:
         raise RuntimeError(f"a unit spring gave {depth_mm:g} mm under a unit force instead of 1 mm")
     return "a MuJoCo spring under a unit force gives a unit of depth"

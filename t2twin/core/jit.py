@@ -2,7 +2,8 @@
 
 A function is compiled at its first call, or loaded if it was compiled before. Numba's cache detects
 changes only in a function's own file, although code of other files is compiled into it. Here its
-folder is named after a digest of all sources of the function's package and of this module.
+folder is named after a digest of all sources of the function's package, of this module and of the
+version of rocket-fft.
 """
 
 import logging
@@ -11,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from threading import RLock
 from typing import Any
@@ -159,7 +161,9 @@ def _code_folder(numba_folder: str, sources: Path) -> Path | None:
         root /= "numba"
     place = root / f"{sources.name}-{short_digest(str(sources).encode())}"
     used = sorted({*sources.rglob("*.py"), Path(__file__)})
-    folder = place / short_digest(b"".join(path.read_bytes() for path in used))
+    # FFTs are calls of a library, whose form depends on its version.
+    content = [path.read_bytes() for path in used] + [version("rocket-fft").encode()]
+    folder = place / short_digest(b"".join(content))
     if not folder.is_dir():
         for older in set(place.glob("*")) - {folder}:
             shutil.rmtree(older, ignore_errors=True)
