@@ -3,10 +3,12 @@
 import json
 import runpy
 import sys
+from functools import partial
 from pathlib import Path
 
 import matplotlib as mpl
 import pytest
+from pages import draw_only
 
 import t2twin
 
@@ -35,13 +37,15 @@ def run(example: str, *arguments: str) -> None:
 
 
 @pytest.mark.parametrize("example", RUNS)
-def test_an_example_runs(example: str) -> None:
+def test_an_example_runs(example: str, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments, result = RUNS[example]
+    monkeypatch.setattr(t2twin, "make_dataset", partial(t2twin.make_dataset, workers=1))
     run(example, *arguments)
     assert Path(result).is_file()
 
 
-def test_train_and_evaluate(small_dataset: Path) -> None:
+def test_train_and_evaluate(small_dataset: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    draw_only(monkeypatch, "summary", "results")
     arguments = ("--data", small_dataset, "--preset", "smoke", "--minutes", "0.02", "--out", "runs")
     run("train_and_evaluate.py", *map(str, arguments))
     assert Path("runs/report/index.html").is_file()
