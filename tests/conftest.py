@@ -253,14 +253,6 @@ def moving_dataset(products, tmp_path_factory):
     return products.make("moving", lambda to: make_dataset(to, recipe=recipe, workers=1))
 
 
-@pytest.fixture(scope="session")
-def regression_data(products):
-    """Six primitives and a place of each tool at scale small; not to be written to."""
-    from benchmarks.networks.regression import make_data
-
-    return products.make("regression", make_data)
-
-
 @pytest.fixture(scope="module")
 def phi():
     """phi of the layout that ships."""

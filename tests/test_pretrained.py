@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
+from session import Products
 
 from maintenance.publish_pretrained import publish_pretrained
 from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, uncertainty_metrics
@@ -102,14 +105,17 @@ def test_all_that_ships_is_small() -> None:
     assert sum(path.stat().st_size for path in HOME.rglob("*")) < MAX_BYTES
 
 
-def test_the_card_says_what_is_measured(regression_data: Path) -> None:
+def test_the_card_says_what_is_measured(products: Products) -> None:
     """Presses of hand tools, made anew, come to the card's figure for all of the protocol's."""
     card = (HOME / "field" / "README.md").read_text()
     told = re.search(r"\| paper, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", card)
     assert told is not None
     run = require(load_run(HOME / "field"), FieldPredictor, "the test")
-    pairs = load_pairs(regression_data, "test", run.config.preset.size, grey=False)
-    said = as_readings(run.estimate_pixels(pairs.inputs), read_info(regression_data))
+    tools = products.make(
+        "tools", lambda to: make_dataset(to, "small", workers=1, shapes=catalogue.OBJECTS)
+    )
+    pairs = load_pairs(tools, "test", run.config.preset.size, grey=False)
+    said = as_readings(run.estimate_pixels(pairs.inputs), read_info(tools))
     off = said.counts - pairs.counts
     percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.array.full_scale_counts
     assert percent == pytest.approx(float(told[1]), rel=0.1)

@@ -6,7 +6,13 @@ import pytest
 
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.run import missed
-from benchmarks.networks.regression import BENCHMARK, EPOCHS, against, train_and_evaluate
+from benchmarks.networks.regression import (
+    BENCHMARK,
+    EPOCHS,
+    against,
+    make_data,
+    train_and_evaluate,
+)
 
 BASELINE = read_results(BENCHMARK.results).content
 
@@ -15,9 +21,16 @@ def failures(measured):
     return missed(BENCHMARK, {"against": against(measured, BASELINE)})
 
 
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("regression") / "data"
+    make_data(folder)
+    return folder
+
+
 @pytest.mark.parametrize("model", EPOCHS)
-def test_a_translator_stays_within_the_band(model, tmp_path, regression_data):
-    measured = train_and_evaluate(regression_data, tmp_path, [model])
+def test_a_translator_stays_within_the_band(model, tmp_path, data):
+    measured = train_and_evaluate(data, tmp_path, [model])
     print(json.dumps(measured, indent=1))
     assert not failures(measured)
 
