@@ -52,8 +52,8 @@ MODELS = {"counts": "resnet18", "image": "touch2touch"}
 """Models by value of the target."""
 
 STEPS = {"counts": 2400, "image": 800}
-"""Steps of each training by value of the target (assumed: 100 and 33 epochs, 20 and 6 minutes of one
-core)."""
+"""Steps of each training by value of the target (assumed: 100 and 33 epochs, 20 and 6 minutes of
+one core)."""
 
 SEED = 0
 SPLITS = ("val", "test")
