@@ -91,7 +91,7 @@ TRAIN | --direction counts-to-image => resnet18 has no direction | --preset huge
 evaluate --data {data} --out out | nowhere => nowhere | {data} => config.json
 evaluate --data {data} --out out | {resnet18} {resnet18} => twice | => run
 evaluate {resnet18} --data | nowhere => nowhere | {data} --split 'train set' => val, test or both
-translate --out out x.png | {touch2touch} => is a run, not an image | --run ./field => no run ./field
+translate --out out x.png | {touch2touch} => is a run, not an image | --run ./field => no run
 translate --out out --run {resnet18} | => image | '' => image | no.png => no.png | LONG => too long
 export | field => give a run with --run RUN; see t2twin export --help | --run => --run has no value
 export --out x.onnx --run | nowhere => nowhere | {data} => config.json | fild => no run fild
