@@ -42,8 +42,8 @@ second is for presses that do not converge with the first: where the layer is pr
 through, springs so much softer than the layer overshoot back and forth."""
 
 CLEAR_MM = 0.02
-"""Distance of a pin from the shape above which MuJoCo does not verify that they stay apart, mm
-(assumed: ten times the change of the depth in a step of a contact that has converged)."""
+"""Distance from the shape, mm, above which MuJoCo does not verify that a pin stays clear of it
+(assumed: far more than a converged step changes the depth)."""
 
 GUESSES = 3
 """Rounds in which the springs and their expected contact are adapted to each other."""
