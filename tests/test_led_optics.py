@@ -14,7 +14,10 @@ def psnr(one, other):
     return 10 * np.log10(255**2 / np.mean((one.astype(float) - other) ** 2))
 
 
-@pytest.mark.parametrize("name, least_db", [("digit", 36), ("gelsight-mini", 32)])
+@pytest.mark.parametrize(
+    "name, least_db",
+    [("digit", 36), pytest.param("gelsight-mini", 32, marks=pytest.mark.exhaustive)],
+)
 def test_an_image_in_the_light_of_leds_is_the_reference(name, least_db):
     sensor = gel_camera(name)
     light, camera, gel = sensor.spec.light, sensor.camera, sensor.own_gel

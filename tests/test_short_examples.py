@@ -26,6 +26,9 @@ RUNS = {
 }
 """Arguments of each example, and a file that it writes."""
 
+SLOW = "own_shape_dataset.py"
+"""The example that takes longest; tests/test_recipe_datasets.py has a recipe like its own."""
+
 MAX_LINES = 60
 
 
@@ -36,7 +39,10 @@ def run(example: str, *arguments: str) -> None:
             runpy.run_path(str(EXAMPLES / example), run_name="__main__")
 
 
-@pytest.mark.parametrize("example", RUNS)
+@pytest.mark.parametrize(
+    "example",
+    [pytest.param(name, marks=pytest.mark.exhaustive if name == SLOW else ()) for name in RUNS],
+)
 def test_an_example_runs(example: str, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments, result = RUNS[example]
     monkeypatch.setattr(t2twin, "make_dataset", partial(t2twin.make_dataset, workers=1))

@@ -127,6 +127,7 @@ def test_images(folder):
         assert (pixels == wanted).all(axis=1).sum() > 100
 
 
+@pytest.mark.exhaustive
 def test_same_seed_same_bytes(tmp_path):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         arguments = ("--dx-mm", 0.2, "--steps", 2, "--seed", seed)

@@ -41,6 +41,7 @@ def without_times(run_dir: Path) -> list[dict]:
     return [{k: v for k, v in record.items() if k != "seconds"} for record in records(run_dir)]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", PAPER_MODELS)
 def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
     """Eight pairs seen again and again are known by heart, to 2 % of full scale."""

@@ -243,6 +243,7 @@ def test_pyrender_and_the_baked_model_agree_for_the_light_that_ships(monkeypatch
     assert (noisy - digit.image_renderer.background).std() == pytest.approx(3.0, rel=0.03)
 
 
+@pytest.mark.exhaustive
 def test_pyrender_renders_a_drawn_unit_in_its_own_light(units, monkeypatch):
     monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 2)
     digit = DIGIT.with_options({"renderer": "pyrender"}).with_unit(units[0])
