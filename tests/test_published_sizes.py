@@ -16,9 +16,7 @@ from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import Trainer
 
 
-@pytest.mark.parametrize(
-    "model", [pytest.param("touch2touch", marks=pytest.mark.exhaustive), "resnet18"]
-)
+@pytest.mark.parametrize("model", ["touch2touch", "resnet18"])
 def test_published_size_resumes_to_the_last_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: Model
 ) -> None:
