@@ -111,8 +111,8 @@ def _is_image_to_counts(options: PredictionOptions) -> bool:
     for name, value in given.items():
         if value:
             raise T2TwinError(
-                f"{name} is given, but {options.name} has the direction {direction}; {name} is for runs "
-                "from images to counts"
+                f"{name} is given, but {options.name} has the direction {direction}; {name} is for "
+                "runs from images to counts"
             )
     return False
 
