@@ -140,7 +140,7 @@ def test_one_force_has_one_entry_that_is_the_whole(
         (only,) = row.by_force
         assert (only.low_n, only.high_n, only.mean_n) == (8.0, 8.0, 8.0)
         assert only.pairs == row.overall.pairs
-        assert only.rmse_counts == row.overall.rmse_counts
+        assert only.rmse_counts == row.overall.counts
         assert only.rmse_percent == row.overall.rmse_percent
 
 
@@ -154,14 +154,14 @@ def test_several_forces_have_an_entry_each_and_a_row_of_their_mean_arrays(
         assert [one.low_n for one in row.by_force] == [0.0, 0.5, 1.0, 2.0, 8.0]
         assert sum(one.pairs for one in row.by_force) == evaluation.pairs == 40
         squares = [one.pairs * one.rmse_counts**2 for one in row.by_force]
-        assert np.sqrt(sum(squares) / 40) == pytest.approx(row.overall.rmse_counts)
+        assert np.sqrt(sum(squares) / 40) == pytest.approx(row.overall.counts)
         for one in row.by_force[1:]:
             assert one.mean_of == "training" and one.phantom_counts is None
             if name == MEAN_ARRAY_OF_FORCE:
                 assert one.of_mean_array == pytest.approx(1.0, rel=1e-6)
         assert row.by_force[0].phantom_counts is not None
     known, blind = (evaluation.models[name] for name in (MEAN_ARRAY_OF_FORCE, "mean-array"))
-    assert known.overall.rmse_counts < blind.overall.rmse_counts
+    assert known.overall.counts < blind.overall.counts
     run = evaluation.models["resnet18"]
     assert (run.same_data, run.trained_recipe, run.trained_pairs) == (False, "smoke", 32)
     assert run.trained_steps == 3 * 4  # epochs of 32 pairs in batches of 8

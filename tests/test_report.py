@@ -128,7 +128,7 @@ def test_counts_of_a_small_full_scale_have_a_decimal(evaluations: dict[str, Eval
     small = replace(evaluations["val"], full_scale_counts=255.0)
     for one, form in ((evaluations["val"], "{:,.0f}"), (small, "{:,.1f}")):
         rows = {row[0]: row[1] for row in figures_table({"val": one}, MAIN).lines[""]}
-        expected = form.format(one.models["resnet18"].overall.rmse_counts)
+        expected = form.format(one.models["resnet18"].overall.counts)
         assert rows["resnet18"] == expected
 
 
@@ -197,11 +197,11 @@ def test_summary_says_what_the_evaluation_found(read: Reader, report_data: Repor
         rows = evaluation.models
         for name in ("touch2touch", "resnet18"):
             assert f"{rows[name].overall.rmse_percent:.2f} % for {name_of(name)}" in said
-        rules = [rows[name].overall.rmse_counts for name in ("mean-array", "nearest-neighbour")]
-        best = min(row.overall.rmse_counts for row in evaluation.runs.values())
+        rules = [rows[name].overall.counts for name in ("mean-array", "nearest-neighbour")]
+        best = min(row.overall.counts for row in evaluation.runs.values())
         assert f"{best / min(rules):.2f}" in said
         assert run_report.best_run(evaluation) == min(
-            evaluation.runs, key=lambda name: rows[name].overall.rmse_counts
+            evaluation.runs, key=lambda name: rows[name].overall.counts
         )
     assert "A simulated gel camera, digit (" in said and "All data are simulated" in said
 

@@ -234,7 +234,7 @@ def test_evaluation_separates_moving_touches(
     row = result.models["field"]
     assert row.by_motion is not None and row.shear is not None
     still, moving = (row.by_motion[name] for name in ("still", "moving"))
-    whole = row.overall.rmse_counts**2 * result.pairs
+    whole = row.overall.counts**2 * result.pairs
     assert still.pairs + moving.pairs == result.pairs
     parts = sum(each.pairs * each.rmse_counts**2 for each in (still, moving))
     assert parts == pytest.approx(whole)
