@@ -13,6 +13,7 @@ from benchmarks.evidence import compare, record, run
 from benchmarks.evidence.record import Argument, Benchmark, Figure, find_benchmarks
 from benchmarks.evidence.results import processor, read_results, versions
 from benchmarks.evidence.values import value, values
+from benchmarks.timing import speed_parts
 from t2twin.core.errors import T2TwinError
 
 BENCHMARKS = find_benchmarks()
@@ -27,6 +28,10 @@ def results(tmp_path, monkeypatch):
 
 
 # Declarations and results files
+
+
+def test_the_parts_of_a_press_exist():
+    assert all(callable(getattr(place, name)) for place, name in speed_parts.PARTS.values())
 
 
 @pytest.mark.parametrize("path", sorted(record.RESULTS.glob("*.json")), ids=lambda path: path.stem)

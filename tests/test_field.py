@@ -233,12 +233,12 @@ def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> N
             translator.optimizers["field"].param_groups[0]["lr"] = 1e-4
         last = translator.step(examples)
     assert last["field"] < first["field"] / 20 and last["spread"] < first["spread"] - 1
-    told = translator.predict_field(examples.images)
+    estimated = translator.predict_field(examples.images)
     assert examples.dense_counts is not None
-    rmse = (told.dense_counts - examples.dense_counts).square().mean().sqrt().item()
+    rmse = (estimated.dense_counts - examples.dense_counts).square().mean().sqrt().item()
     assert rmse < 0.02 * info.array.full_scale_counts
-    assert told.force_n is not None and examples.force_n is not None
-    assert (told.force_n - examples.force_n).abs().max() < 0.2 * examples.force_n.max()
+    assert estimated.force_n is not None and examples.force_n is not None
+    assert (estimated.force_n - examples.force_n).abs().max() < 0.2 * examples.force_n.max()
 
 
 def errors_of(true: torch.Tensor, spread: torch.Tensor, seed: int) -> Errors:
@@ -379,13 +379,13 @@ def test_estimates(run: FieldPredictor, frame: np.ndarray) -> None:
 
 
 def test_drawn_fields_spread_as_is_said(run: FieldPredictor, frame: np.ndarray) -> None:
-    told, drawn = run.estimate(frame), run.sample_dense_counts(frame, 3000, seed=1)
+    estimated, drawn = run.estimate(frame), run.sample_dense_counts(frame, 3000, seed=1)
     assert drawn.shape == (3000, 216)
-    clear = (told.dense_counts > 4 * told.dense_counts_std) & (
-        told.dense_counts < 40_000 - 4 * told.dense_counts_std
+    clear = (estimated.dense_counts > 4 * estimated.dense_counts_std) & (
+        estimated.dense_counts < 40_000 - 4 * estimated.dense_counts_std
     )
     if clear.any():
-        ratio = drawn[:, clear].std(axis=0) / told.dense_counts_std[clear]
+        ratio = drawn[:, clear].std(axis=0) / estimated.dense_counts_std[clear]
         assert np.abs(ratio - 1).max() < 0.1
     assert (drawn >= 0).all() and not np.array_equal(
         drawn, run.sample_dense_counts(frame, 3000, seed=2)
@@ -420,9 +420,9 @@ def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: FieldPred
 def test_another_layout_and_other_pads(run: FieldPredictor, frame: np.ndarray) -> None:
     dense = load_layout("cyskin-63")
     at_63 = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm)
-    told = at_63.estimate(frame)
-    assert told.counts.shape == (63,) and at_63.config.data.array.layout == "cyskin-63"
-    np.testing.assert_array_equal(told.dense_counts, run.estimate(frame).dense_counts)
+    estimated = at_63.estimate(frame)
+    assert estimated.counts.shape == (63,) and at_63.config.data.array.layout == "cyskin-63"
+    np.testing.assert_array_equal(estimated.dense_counts, run.estimate(frame).dense_counts)
     own = run.config.data.array
     assert run.at_layout(own.x_mm, own.y_mm, "again") is run
     wide = run.at_layout(own.x_mm, own.y_mm, "wide pads", np.full(20, 8.0))
@@ -605,16 +605,16 @@ def test_the_onnx_file_says_the_same(run: FieldPredictor, frame, tmp_path) -> No
         "counts", "tactile_images", "counts_std", "dense_counts", "dense_counts_std",
         "force_n", "force_std_n"
     ]  # fmt: skip
-    for given, told in (
+    for given, estimated in (
         ({}, run.estimate([frame, frame[::-1]])),
         ({"background": images[1:]}, run.estimate([frame, frame[::-1]], frame[::-1])),
     ):
         said = dict(zip(names, session.run(None, {"images": images, **given}), strict=True))
         for name in ("counts", "counts_std", "dense_counts", "dense_counts_std"):
-            np.testing.assert_allclose(said[name], getattr(told, name), rtol=1e-3, atol=1.0)
-        assert told.force_n is not None
-        np.testing.assert_allclose(said["force_n"], told.force_n, rtol=1e-3)
-        np.testing.assert_allclose(said["tactile_images"], run.dense_images(told)[0], atol=1.0)
+            np.testing.assert_allclose(said[name], getattr(estimated, name), rtol=1e-3, atol=1.0)
+        assert estimated.force_n is not None
+        np.testing.assert_allclose(said["force_n"], estimated.force_n, rtol=1e-3)
+        np.testing.assert_allclose(said["tactile_images"], run.dense_images(estimated)[0], atol=1.0)
 
 
 def test_an_evaluation_says_how_right_it_is_in_that(

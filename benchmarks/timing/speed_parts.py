@@ -1,7 +1,6 @@
 """Processor time of the parts of a press, printed as JSON; speed.py runs it on one core.
 
-The times are milliseconds for each sensor's press. Transforms and MuJoCo's steps are a lower bound
-for any implementation of the rest.
+The times are milliseconds for each sensor's press.
 """
 
 import json
@@ -12,22 +11,17 @@ from typing import Any
 import numpy as np
 
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.contact import pin_layout
-from t2twin.sim.contact.fixed_point import FixedPoint
-from t2twin.sim.contact.layer import Layer
+from t2twin.sim.contact import fixed_point, pin_layout
 from t2twin.sim.dataset.shard import Stopwatch
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors.pair import SensorPair
 
 PARTS: dict[str, tuple[Any, str]] = {
-    "transforms": (Layer, "responses"),
-    "mujoco": (FixedPoint, "_verify_with_mujoco"),
+    "steps": (fixed_point, "iterate"),
+    "mujoco": (fixed_point.FixedPoint, "_verify_with_mujoco"),
     "footprints": (pin_layout, "footprint"),
-    "means_over_pins": (FixedPoint, "_deflection"),
 }
 """What is timed, and where it is called from."""
-
-FLOOR = ("transforms", "mujoco")
 
 SCALE = "smoke"
 ROUNDS = 5
@@ -69,7 +63,6 @@ def main() -> None:
         whole, *parts = np.median(rows[1:], axis=0).mean(axis=0)  # the first round prepares
         content[name] = {"press": whole} | dict(zip(PARTS, parts, strict=True))
         content[name]["rest"] = whole - sum(parts)
-        content[name]["floor"] = sum(content[name][part] for part in FLOOR)
     print(json.dumps(content))
 
 
