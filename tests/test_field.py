@@ -534,8 +534,8 @@ def test_a_training_that_was_stopped_ends_as_one_that_was_not(
 
     saved = trainer.save_state
 
-    def stop_after_one(path, translator, history) -> None:
-        saved(path, translator, history)
+    def stop_after_one(path, translator, history, *part) -> None:
+        saved(path, translator, history, *part)
         if len(history) == 1:
             raise KeyboardInterrupt
 

@@ -27,6 +27,7 @@ from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.checkpoint import build, has_bf16, load_state, load_weights
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.training import train as training
+from t2twin.translate.training import trainer
 from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import Trainer
 
@@ -69,9 +70,10 @@ def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
 
 @pytest.mark.parametrize("model", PAPER_MODELS)
 def test_stopped_and_resumed_is_as_undisturbed(
-    data_dir: Path, tmp_path: Path, model: Model
+    data_dir: Path, tmp_path: Path, model: Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Killed in its second epoch's validation, it ends with the same weights and the same log."""
+    """Killed in its second epoch's validation, it goes on from the last state within this epoch and
+    ends with the same weights and the same log."""
     preset = replace(
         PRESETS[model]["smoke"],
         noise=0.05,
@@ -82,9 +84,13 @@ def test_stopped_and_resumed_is_as_undisturbed(
     )
     train(model, data_dir, preset, tmp_path / "whole", epochs=3)
 
-    with stopped_after_an_epoch():
+    with monkeypatch.context() as patch, stopped_after_an_epoch():
+        patch.setattr(trainer, "SAVE_SECONDS", 0.0)
         train(model, data_dir, preset, tmp_path / "killed", epochs=3)
     assert len(records(tmp_path / "killed")) == 1
+    state = tmp_path / "killed" / "last.safetensors"
+    _, part = load_state(state, build(load_config(tmp_path / "killed")))
+    assert part.steps > 0
     outcome = train(model, data_dir, preset, tmp_path / "killed", epochs=3)
 
     assert outcome.epochs == 3

@@ -1,12 +1,13 @@
 """The networks of a run: built from its configuration, saved, restored, and averaged.
 
 Weights of a network, and the state of a training (networks, optimizers and log), are safetensors
-files. The state contains no random numbers: each epoch has its own generators, seeded by (seed,
-epoch).
+files. The state contains no random numbers: each step has its own generators, seeded by (seed,
+epoch, step).
 """
 
 import json
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 import torch
@@ -17,6 +18,7 @@ from torch import nn
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import processor_flags
+from t2twin.core.records import decode_json
 from t2twin.sim.dataset.columns import COUNTS, IMAGE
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.distributed import device
@@ -26,7 +28,7 @@ from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
 from t2twin.translate.networks.field_net import SHEAR
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import BEST, CONFIG, LOG, RunConfig, load_config
-from t2twin.translate.runs.log import EpochRecord, decode_history, encode_history
+from t2twin.translate.runs.log import EpochPart, EpochRecord, decode_history, encode_history
 
 AnyTranslator = type[Touch2Touch | ResNet18Translator | FieldTranslator | ImageTranslator]
 
@@ -69,7 +71,8 @@ def has_bf16() -> bool:
     return any(found.get(name) for name in BF16_INSTRUCTIONS)
 
 
-HISTORY = "history"
+HISTORY, PART = "history", "part"
+"""Keys of a state's metadata."""
 
 AVERAGE = "mean"
 """Name of the weight average in the state."""
@@ -98,8 +101,16 @@ def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ())
         raise T2TwinError(f"{path} does not fit the networks of its config.json") from None
 
 
-def save_state(path: Path, translator: Translator, history: list[EpochRecord]) -> None:
-    """Writes the state after an epoch. history: one record per epoch."""
+def save_state(
+    path: Path,
+    translator: Translator,
+    history: list[EpochRecord],
+    part: EpochPart,
+) -> None:
+    """Writes the state of a training.
+
+    history: one record per complete epoch. part: what has been done of the next epoch.
+    """
     tensors: dict[str, torch.Tensor] = {}
     for name, network in _networks(translator).items():
         for key, tensor in network.state_dict().items():
@@ -108,15 +119,19 @@ def save_state(path: Path, translator: Translator, history: list[EpochRecord]) -
         for number, state in optimizer.state_dict()["state"].items():
             for key, tensor in state.items():
                 tensors[f"optimizer/{name}/{number}/{key}"] = tensor
-    _save(path, tensors, {HISTORY: encode_history(history)})
+    of_part = json.dumps(asdict(part))
+    _save(path, tensors, {HISTORY: encode_history(history), PART: of_part})
 
 
-def load_state(path: Path, translator: Translator) -> list[EpochRecord]:
-    """Restores a saved state. Returns its history.
+def load_state(path: Path, translator: Translator) -> tuple[list[EpochRecord], EpochPart]:
+    """Restores a saved state. Returns its history and the part of the next epoch that is done.
 
     Raises T2TwinError for a damaged file, a state of other networks and non-finite numbers.
     """
-    history = load_history(path)
+    history, part = (
+        load_history(path),
+        decode_json(_metadata(path).get(PART, "{}"), EpochPart, path),
+    )
     try:
         state = load_file(path)
     except SafetensorError:
@@ -126,7 +141,7 @@ def load_state(path: Path, translator: Translator) -> list[EpochRecord]:
         _restore(state, translator)
     except (RuntimeError, KeyError, ValueError):
         raise _other_state(path) from None
-    return history
+    return history, part
 
 
 def _other_state(path: Path) -> T2TwinError:
@@ -174,14 +189,20 @@ def _networks(translator: Translator) -> dict[str, nn.Module]:
 
 def load_history(path: Path) -> list[EpochRecord]:
     """The history of a saved state. Raises T2TwinError for a damaged file."""
+    return decode_history(_metadata(path)[HISTORY], str(path))
+
+
+def _metadata(path: Path) -> dict[str, str]:
     try:
         with safe_open(path, "pt") as file:
-            text = file.metadata()[HISTORY]
-    except (SafetensorError, KeyError, TypeError):
+            metadata = file.metadata()
+    except SafetensorError:
+        metadata = None
+    if metadata is None or HISTORY not in metadata:
         raise T2TwinError(
             f"{path} is not a saved state of a training; remove its folder to train again"
-        ) from None
-    return decode_history(text, str(path))
+        )
+    return metadata
 
 
 def _save(

@@ -6,7 +6,7 @@ last.safetensors contains the same records as one JSON list, from which a traini
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,6 +53,18 @@ class EpochRecord:
     def __post_init__(self) -> None:
         if (self.val_rmse_counts is None) == (self.val_rmse_grey is None):
             raise ValueError("there must be one of val_rmse_counts and val_rmse_grey")
+
+
+@dataclass(frozen=True)
+class EpochPart:
+    """The steps that were done of an epoch, in a state saved before its end.
+
+    steps: their number. losses: the model's, summed over them. seconds: duration.
+    """
+
+    steps: Annotated[int, Meta(ge=0)] = 0
+    losses: dict[str, float] = field(default_factory=dict)
+    seconds: Annotated[float, Meta(ge=0)] = 0.0
 
 
 def best_epoch(history: Sequence[EpochRecord]) -> EpochRecord:

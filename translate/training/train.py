@@ -4,10 +4,10 @@
     torchrun --nproc-per-node 2 -m t2twin.translate.training.train resnet18 data/small cpu
     runs/resnet18
 
-A stopped training resumes after its last complete epoch, with the result of an uninterrupted one:
-order, dropout and augmentation of each epoch depend on (seed, epoch). The number of threads changes
-the order of sums and thereby the last digits. The processes of torchrun share each batch, each on
-its own GPU if the machine has GPUs.
+A stopped training resumes from its last saved state, with the result of an uninterrupted one:
+order, dropout and augmentation of each step depend on (seed, epoch, step). The number of threads
+changes the order of sums and thereby the last digits. The processes of torchrun share each batch,
+each on its own GPU if the machine has GPUs.
 """
 
 import math

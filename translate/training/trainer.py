@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ from t2twin.translate.runs.checkpoint import (
     save_weights,
 )
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
-from t2twin.translate.runs.log import EpochRecord, best_epoch, to_json, write_log
+from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, to_json, write_log
 from t2twin.translate.uncertainty.ood import fit_ood_detector
 
 
@@ -97,6 +98,10 @@ rate's schedule and the choice of the best weights depend on epochs."""
 MIN_STEPS = 100
 """Minimum number of steps of a shortened epoch (assumed: with fewer, validation takes longer)."""
 
+SAVE_SECONDS = 600.0
+"""Time between two saved states within an epoch, seconds (assumed: a state of the largest network
+takes a few seconds to write)."""
+
 TIMED_STEPS = 3
 """Steps of the time estimate, after one that is not counted."""
 
@@ -124,6 +129,7 @@ class Trainer:
         self.batches = len(pairs) // self.batch  # no smaller last batch: bad for batch norm
         self.steps = steps_of_epoch(self.batches, config.budget)
         self.history: list[EpochRecord] = []
+        self.part = EpochPart()
 
     def run(self) -> TrainingResult:
         """Trains until the run is finished; starts from the saved state if there is one."""
@@ -146,7 +152,7 @@ class Trainer:
         if self.weights is not None:
             load_initial_weights(self.weights, self.translator)
         if resumed:
-            self.history = load_state(self.out_dir / LAST, self.translator)
+            self.history, self.part = load_state(self.out_dir / LAST, self.translator)
         else:
             self.translator.prepare(self.pairs)
             if self.rank == 0:
@@ -172,16 +178,17 @@ class Trainer:
         return max(1, planned)
 
     def _train(self) -> None:
-        done = len(self.history)
+        done = len(self.history) * self.steps + self.part.steps
         total = self.config.planned_epochs * self.steps
         log = _Log(self.out_dir, self.history) if self.rank == 0 else None
         with Progress(
-            total=total, initial=done * self.steps, desc=self.config.model, unit="step",
+            total=total, initial=done, desc=self.config.model, unit="step",
             disable=self.rank > 0, mininterval=0.5,
         ) as bar:  # fmt: skip
             while stop_reason(self.config, self.history) is None:
                 record = self._epoch(len(self.history), bar)
                 self.history.append(record)
+                self.part = EpochPart()
                 best = best_epoch(self.history) is record
                 bar.print_line(self._progress())
                 bar.set_postfix_str(f"val {record.val_rmse_percent:.2f} %")
@@ -190,7 +197,7 @@ class Trainer:
                     if best:
                         self.translator.in_float32().calibrate(self.validation)
                         save_weights(self.out_dir / BEST, self.translator.predictor)
-                    save_state(self.out_dir / LAST, self.translator, self.history)
+                    save_state(self.out_dir / LAST, self.translator, self.history, self.part)
                     log.write(self.history)
                 distributed.wait()
         if log is not None:
@@ -209,24 +216,33 @@ class Trainer:
         )
 
     def _epoch(self, epoch: int, bar: Progress) -> EpochRecord:
-        """Trains for one epoch and validates. Returns the record of the epoch."""
-        started = time.perf_counter()
+        """Trains for the rest of an epoch and validates. Returns the record of the epoch.
+
+        With one process, the state is saved in between; with several, batch norm's statistics
+        differ between them until the end of the epoch.
+        """
+        started = time.perf_counter() - self.part.seconds
         config, translator = self.config, self.translator
         share = _learning_rate_share(config, epoch)
         for optimizer in translator.optimizers.values():
             for group in optimizer.param_groups:
                 group["lr"] = share * optimizer.defaults["lr"]
-        batches = self._batches(epoch)
-        rng = np.random.default_rng([config.seed, epoch, 1 + self.rank])
-        torch.manual_seed(int(rng.integers(2**63)))  # dropout
         for network in translator.networks.values():
             network.train()
-        sums: dict[str, float] = {}
-        for batch in batches:
+        sums, saved = dict(self.part.losses), time.perf_counter()
+        first = self.part.steps
+        for step, batch in enumerate(islice(self._batches(epoch), first, None), first):
+            rng = np.random.default_rng([config.seed, epoch, step, 1 + self.rank])
+            torch.manual_seed(int(rng.integers(2**63)))  # dropout
             losses = self._step(translator, batch[self.rank :: config.processes], rng)
             for name, loss in losses.items():
-                sums[name] = sums.get(name, 0.0) + loss / self.steps
+                sums[name] = sums.get(name, 0.0) + loss
             bar.update()
+            now = time.perf_counter()
+            if config.processes == 1 and now - saved >= SAVE_SECONDS and step + 1 < self.steps:
+                part = EpochPart(step + 1, sums, now - started)
+                save_state(self.out_dir / LAST, translator, self.history, part)
+                saved = now
         if not all(math.isfinite(loss) for loss in sums.values()):
             raise T2TwinError(
                 f"the loss is not finite in epoch {epoch + 1}; train again with a preset of a "
@@ -238,7 +254,7 @@ class Trainer:
         return EpochRecord(
             epoch=epoch + 1,
             learning_rate=share * config.preset.learning_rate,
-            train=sums,
+            train={name: total / self.steps for name, total in sums.items()},
             val_rmse_counts=None if config.predicts_images else rmse,
             val_rmse_percent=100.0 * rmse / config.full_scale,
             seconds=distributed.largest(time.perf_counter() - started),
@@ -309,7 +325,9 @@ class Trainer:
             return
         config, done = self.config, len(self.history)
         left = config.planned_epochs - done
-        resumes = f" resumes after epoch {done};" if done else ""
+        resumes = ""
+        if done or self.part.steps:
+            resumes = f" resumes after step {self.part.steps:,} of epoch {done + 1:,};"
         direction = "" if config.direction == IMAGE_TO_COUNTS else f" {config.direction}"
         print(
             f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
