@@ -26,6 +26,7 @@ name = "few"
 seed = 2
 source = "{}"
 target = "{}"
+contact_maps = true
 [[parts]]
 shapes = "random"
 count = 1
@@ -45,7 +46,7 @@ steps = [1, 1]
 """
 
 OF_VALUE = {
-    "image": ["image", "unit", "background", "markers"],
+    "image": ["image", "unit", "background", "markers", "depth_map_um", "pressure_map_hpa"],
     "counts": ["counts", "dense_counts", "pressure_kpa", "shear_x_kpa", "shear_y_kpa"],
 }
 """Columns of a sensor after its role, by its value."""
@@ -91,6 +92,16 @@ def test_columns_have_the_roles_of_the_sensors(made) -> None:
             images = [decode_png(png) for png in iter_images(folder, path, f"{role}_image")]
             assert {image.shape for image in images} == {(320, 240, 3)} and len(images) == 4
             assert sensor.view_mm == pytest.approx(own.camera.seen_half_extent_mm())
+            # A reader needs info.json alone: the pressures add up to the force in the view.
+            assert sensor.contact_grid is not None and sensor.view_mm is not None
+            cell_mm2 = 4 * np.prod(sensor.view_mm) / np.prod(sensor.contact_grid)
+            pressure_kpa = 0.1 * lists(table, f"{role}_pressure_map_hpa")
+            np.testing.assert_allclose(
+                1e-3 * cell_mm2 * pressure_kpa.sum(axis=1), table[f"{role}_force_n"], atol=0.01
+            )
+            depth_mm = 1e-3 * lists(table, f"{role}_depth_map_um")
+            assert depth_mm.shape == (4, np.prod(sensor.contact_grid))
+            np.testing.assert_allclose(depth_mm.max(axis=1), table[f"{role}_depth_mm"], rtol=0.3)
         else:
             counts = lists(table, f"{role}_counts")
             assert counts.shape == (4, own.layout.size) and counts[force > 0].max() > 100

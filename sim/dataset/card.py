@@ -65,9 +65,11 @@ CONTEXT = {
 CROISSANT_TYPES = {
     "string": "sc:Text",
     "bool": "sc:Boolean",
+    "int16": "cr:Int16",
     "int32": "cr:Int32",
     "int64": "cr:Int64",
     "uint16": "cr:UInt16",
+    "uint32": "cr:UInt32",
     "float32": "cr:Float32",
     "float64": "cr:Float64",
 }

@@ -55,6 +55,10 @@ UNIT, BACKGROUND, MARKERS = "unit", "background", "markers"
 """Further columns of gel cameras in most recipes: the number of the unit in its part, its
 background frame, and with motion whether it has markers."""
 
+CONTACT_MAPS = {"depth_map_um": pa.int16(), "pressure_map_hpa": pa.uint32()}
+"""Further columns of gel cameras in recipes with contact maps (t2twin.sim.optical.contact_maps),
+micrometers and hectopascals, row by row of the cells."""
+
 DENSE_COUNTS = "dense_counts"
 """Further column of taxel arrays in most recipes: the dense counts."""
 
@@ -90,6 +94,8 @@ def schema_of(values: Values, recipe: Recipe | None) -> pa.Schema:
                 own[UNIT] = pa.int64()
                 own |= {BACKGROUND: IMAGE_TYPE} if recipe.background_frames else {}
                 own |= {MARKERS: pa.bool_()} if recipe.motion else {}
+                if recipe.contact_maps:
+                    own |= {name: pa.list_(kind) for name, kind in CONTACT_MAPS.items()}
             elif recipe.dense_counts:
                 own[DENSE_COUNTS] = pa.list_(pa.uint16())
                 own |= dict.fromkeys(TRACTIONS if recipe.motion else (), pa.list_(pa.float32()))
@@ -151,6 +157,15 @@ def dense_row(touch: "Touch", roles: Mapping[str, str], with_tractions: bool) ->
     columns = {}
     for name, role in roles.items():
         own = touch.readings[name].dense_row(with_tractions)
+        columns |= {column(role, key): value for key, value in own.items()}
+    return columns
+
+
+def contact_row(touch: "Touch", roles: Mapping[str, str]) -> dict[str, Any]:
+    """The columns of the contact maps of one touch."""
+    columns = {}
+    for name, role in roles.items():
+        own = touch.readings[name].contact_row()
         columns |= {column(role, key): value for key, value in own.items()}
     return columns
 

@@ -142,8 +142,8 @@ def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -
         format=FORMAT,
         complete=False,
         pairs={s: sum(b.pairs for b in batches if b.split == s) for s in SPLITS},
-        source=sensor_info(sensors.source, recipe.dense_counts),
-        target=sensor_info(sensors.target, recipe.dense_counts),
+        source=sensor_info(sensors.source, recipe),
+        target=sensor_info(sensors.target, recipe),
         versions=versions(),
         shards={},
         scale=scale,
@@ -155,7 +155,7 @@ def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -
     )
 
 
-def sensor_info(sensor: Sensor, with_dense_counts: bool) -> SensorInfo:
+def sensor_info(sensor: Sensor, recipe: Recipe) -> SensorInfo:
     """The record of a sensor in info.json."""
     return SensorInfo(
         name=sensor.name,
@@ -163,7 +163,7 @@ def sensor_info(sensor: Sensor, with_dense_counts: bool) -> SensorInfo:
         spec=json.loads(encode(sensor.spec)),
         elastomer=elastomer_json(sensor.elastomer),
         pitch_mm=sensor.pitch_mm,
-        **sensor.info(with_dense_counts),
+        **sensor.info(recipe.dense_counts, bool(recipe.contact_maps)),
     )
 
 

@@ -58,8 +58,8 @@ class SensorInfo:
     infinity. pitch_mm: of the contact's grid.
 
     Of a gel camera: image_shape, rows, columns and channels; view_mm, half of what an image shows
-    along x and y. noise_grey: standard deviation of an image's noise. optics_sha256: of the optics
-    file.
+    along x and y. contact_grid: rows and columns of the contact maps. noise_grey: standard
+    deviation of an image's noise. optics_sha256: of the optics file.
     Of a taxel array: layout, its name; x_mm, y_mm, pad_diameter_mm of the taxels;
     full_scale_counts; imperfections.
     tactile_image: rows, columns and px_per_mm. readings: averaged into the counts, at rate_hz.
@@ -76,6 +76,7 @@ class SensorInfo:
     pitch_mm: Positive | None = None
     image_shape: tuple[Size, Size, Size] | None = None
     view_mm: tuple[Positive, Positive] | None = None
+    contact_grid: tuple[Size, Size] | None = None
     noise_grey: Annotated[float, Meta(ge=0)] | None = None
     optics_sha256: str | None = None
     layout: str | None = None

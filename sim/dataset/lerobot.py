@@ -15,6 +15,7 @@ The features, without those of columns that lack a value in some row; ROLE is so
 
     observation.images.ROLE             the image of a gel camera
     observation.images.ROLE_background  the background frame of its unit
+    observation.ROLE_depth_map_um, ...  the contact maps of a gel camera
     observation.ROLE_counts             the counts of a taxel array
     observation.ROLE_dense_counts       the dense counts
     observation.ROLE_pressure_kpa, ...  pressure and shear on the cover at their places
@@ -46,6 +47,7 @@ from t2twin.core.templates import render
 from t2twin.sim.dataset.card import CARD
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
+    CONTACT_MAPS,
     COUNTS,
     DENSE_COUNTS,
     IMAGE,
@@ -376,9 +378,14 @@ def _values(role: str, sensor: SensorInfo) -> list[Feature]:
     if shape is not None:
         axes, frame = ("height", "width", "channels"), column(role, BACKGROUND)
         features = {role: column(role, IMAGE), frame: frame}
+        rows, columns = sensor.contact_grid or (0, 0)
+        maps = [column(role, name) for name in CONTACT_MAPS]
         return [
-            Feature(f"observation.images.{feature}", IMAGE, shape, axes, (name,))
-            for feature, name in features.items()
+            *(
+                Feature(f"observation.images.{feature}", IMAGE, shape, axes, (name,))
+                for feature, name in features.items()
+            ),
+            *(Feature(f"observation.{n}", "float32", (rows * columns,), None, (n,)) for n in maps),
         ]
     taxels = tuple(f"taxel_{number}" for number in range(len(sensor.x_mm)))
     places, counts = (len(sensor.dense_x_mm or ()),), column(role, COUNTS)

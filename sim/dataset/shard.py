@@ -30,6 +30,7 @@ from t2twin.sim.dataset.columns import (
     UNIT,
     Values,
     column,
+    contact_row,
     dense_row,
     motion_row,
     row,
@@ -60,13 +61,14 @@ STAGES = (
     "read target",
     "motion",
     "dense counts",
+    "contact maps",
     "light",
     "encoding",
     "writing",
     "shape",
 )
-"""Stages of a shard. "shape" is done once for all presses of a shape; "dense counts", "light" and
-"motion" only where the recipe has dense counts, samples the light or has motion."""
+"""Stages of a shard. "shape" is done once for all presses of a shape; "dense counts", "contact
+maps", "light" and "motion" only where the recipe has them or samples the light."""
 
 STATUS = Path("/proc/self/status")
 """File with the memory of this process on Linux."""
@@ -207,6 +209,9 @@ def _rows(
                 if recipe.dense_counts:
                     with watch.running("dense counts"):
                         columns = columns | dense_row(touch, roles, bool(recipe.motion))
+                if recipe.contact_maps:
+                    with watch.running("contact maps"):
+                        columns = columns | contact_row(touch, roles)
                 if recipe.motion:
                     with watch.running("motion"):
                         columns = columns | motion_row(touch, roles, path.index, friction)

@@ -33,6 +33,7 @@ from t2twin.core.files import atomic_write, read_file
 from t2twin.core.records import convert, decode_json
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
+    CONTACT_MAPS,
     COUNTS,
     DENSE_COUNTS,
     IMAGE_TYPE,
@@ -254,7 +255,7 @@ def check_table(
 
 
 def list_limits(info: DatasetInfo) -> dict[str, tuple[int, float]]:
-    """The size of each list in the columns of taxel arrays, and its largest value."""
+    """The size of each list in the sensors' columns, and its largest value."""
     limits: dict[str, tuple[int, float]] = {}
     for role, sensor in info.sensors.items():
         if sensor.full_scale_counts is not None:
@@ -262,6 +263,9 @@ def list_limits(info: DatasetInfo) -> dict[str, tuple[int, float]]:
             limits[column(role, COUNTS)] = len(sensor.x_mm), most
             limits[column(role, DENSE_COUNTS)] = places, most
             limits |= {column(role, name): (places, np.inf) for name in TRACTIONS}
+        elif sensor.contact_grid is not None:
+            rows, columns = sensor.contact_grid
+            limits |= {column(role, name): (rows * columns, np.inf) for name in CONTACT_MAPS}
     return limits
 
 

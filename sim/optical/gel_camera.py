@@ -18,6 +18,7 @@ from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.spec import MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
+from t2twin.sim.optical.contact_maps import ContactGrid, grid_over
 from t2twin.sim.optical.image_renderer import ImageRenderer, Renderer, optics_of_leds
 from t2twin.sim.optical.markers import Markers, surface_shift
 from t2twin.sim.optical.optics import Optics
@@ -81,6 +82,11 @@ class GelCamera:
     def pitch_mm(self) -> float:
         """Pitch of the contact's grid, mm."""
         return self.spec.gel.grid_mm
+
+    @cached_property
+    def contact_grid(self) -> ContactGrid:
+        """The grid of the contact maps."""
+        return grid_over(self.camera)
 
     @property
     def friction(self) -> float:
@@ -212,10 +218,11 @@ class GelCamera:
         """The same sensor with the errors that datasets have by default: its own noise."""
         return self
 
-    def info(self, with_dense_counts: bool) -> dict[str, Any]:
+    def info(self, with_dense_counts: bool, with_contact_maps: bool) -> dict[str, Any]:
         """What a dataset records of it: fields of t2twin.sim.dataset.info.SensorInfo."""
-        camera = self.camera
-        return {
+        camera, grid = self.camera, self.contact_grid
+        maps = {"contact_grid": (grid.rows, grid.columns)} if with_contact_maps else {}
+        return maps | {
             "image_shape": (camera.rows, camera.columns, 3),
             "view_mm": camera.seen_half_extent_mm(),
             "noise_grey": self.noise_grey,
@@ -301,9 +308,33 @@ class ImageReading:
         assert self.image is not None
         return {"image": {"bytes": encode_png(self.image), "path": path}}
 
+    @cached_property
+    def depth_map_mm(self) -> np.ndarray:
+        """(rows, columns) mm: depth of the gel on `sensor.contact_grid`."""
+        grid = self.sensor.contact_grid
+        if self.contact is None:
+            return np.zeros((grid.rows, grid.columns))
+        return grid.depth_mm(self.contact, self.sensor.optics.camera)
+
+    @cached_property
+    def pressure_map_kpa(self) -> np.ndarray:
+        """(rows, columns) kPa: normal pressure on `sensor.contact_grid`."""
+        grid = self.sensor.contact_grid
+        if self.contact is None:
+            return np.zeros((grid.rows, grid.columns))
+        return grid.pressure_kpa(self.contact, self.sensor.optics.camera)
+
     def dense_row(self, with_tractions: bool) -> dict[str, Any]:
         """No columns: an image is dense."""
         return {}
+
+    def contact_row(self) -> dict[str, Any]:
+        """The columns of the contact maps, in whole micrometers and hectopascals."""
+        depth_um, pressure_hpa = 1e3 * self.depth_map_mm, 10.0 * self.pressure_map_kpa
+        return {
+            "depth_map_um": np.rint(depth_um.ravel()).astype(np.int16),
+            "pressure_map_hpa": np.rint(pressure_hpa.ravel()).astype(np.uint32),
+        }
 
     def save(self, folder: Path, name: str) -> None:
         """Write NAME.png."""

@@ -265,7 +265,8 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     its imperfections "recorded", if it has them. dense_counts: whether pairs contain the dense
     counts of taxel arrays (t2twin.sim.taxels.dense). background_frames: whether they contain the
     background frames of gel cameras' units. motion: of the sampled presses; without it all stay
-    still, and info.json does not contain it.
+    still. contact_maps: whether pairs contain the contact maps of gel cameras
+    (t2twin.sim.optical.contact_maps). Both are left out of info.json if they are not given.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=60)]
@@ -280,6 +281,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     dense_counts: bool = True
     background_frames: bool = True
     motion: Motion | UnsetType = UNSET
+    contact_maps: bool | UnsetType = UNSET
 
     def __post_init__(self) -> None:
         for number, part in enumerate(arguments.instance(self.parts, "parts", tuple)):
@@ -306,7 +308,12 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def has_more(self) -> bool:
         """Whether its pairs have more columns than the protocol's."""
-        return self.dense_counts or self.background_frames or bool(self.motion)
+        return (
+            self.dense_counts
+            or self.background_frames
+            or bool(self.motion)
+            or bool(self.contact_maps)
+        )
 
 
 def bundled_recipes() -> tuple[str, ...]:

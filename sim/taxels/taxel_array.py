@@ -168,7 +168,7 @@ class TaxelArray:
         known = default in self.spec.imperfections
         return replace(self, imperfections=default if known else reading.NONE)
 
-    def info(self, with_dense_counts: bool) -> dict[str, Any]:
+    def info(self, with_dense_counts: bool, with_contact_maps: bool) -> dict[str, Any]:
         """What a dataset records of it: fields of t2twin.sim.dataset.info.SensorInfo."""
         layout = self.layout
         content: dict[str, Any] = {
@@ -290,6 +290,10 @@ class CountsReading:
             return {"dense_counts": self.dense_counts}
         names = ("pressure_kpa", "shear_x_kpa", "shear_y_kpa")
         return {"dense_counts": self.dense_counts, **dict(zip(names, self.tractions, strict=True))}
+
+    def contact_row(self) -> dict[str, Any]:
+        """No columns: contact maps are of gel cameras."""
+        return {}
 
     def save(self, folder: Path, name: str) -> None:
         """Write NAME.json, tactile_image.png and tactile_picture.png; of a second array
