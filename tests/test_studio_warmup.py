@@ -53,19 +53,18 @@ def test_the_second_process_ends_with_the_first():
 
 def test_it_compiles_only_where_nothing_is_kept(tmp_path, monkeypatch):
     started = []
-    monkeypatch.setattr("t2twin.core.jit.wait_before_compiling", lambda *given: None)
     monkeypatch.setattr(
         compile_ahead.subprocess, "Popen", lambda *given, **_: started.append(given)
     )
     monkeypatch.setattr(compile_ahead, "cores", lambda: 2)
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    assert compile_ahead.compile_optics_ahead() is True
+    assert compile_ahead.compile_ahead() is True
     folder = tmp_path / "numba/optical-0/0/sim_optical"
     folder.mkdir(parents=True)
-    assert compile_ahead.compile_optics_ahead() is True  # an empty folder holds no loop
+    assert compile_ahead.compile_ahead() is True  # an empty folder holds no loop
     (folder / "optics.nbi").touch()
-    assert compile_ahead.compile_optics_ahead() is False
+    assert compile_ahead.compile_ahead() is False
     assert len(started) == 2
 
 

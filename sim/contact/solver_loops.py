@@ -247,8 +247,12 @@ class Anderson:
         return mixed
 
 
-@compiled(nogil=True)
-def _spring_step(
+@compiled(
+    "f8(f8, i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    " f8[::1], f8[::1], f8[::1], f8[::1])",
+    nogil=True,
+)
+def spring_step(
     min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure, local,
     rest, depths,
 ):  # fmt: skip
@@ -308,7 +312,7 @@ def iterate(
                 linear, thickness, stiffens, cover[bodies[n]], rows[n], columns[n], sides[n],
                 area[n],
             )  # fmt: skip
-        change = _spring_step(
+        change = spring_step(
             min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure,
             local, rest, depths,
         )  # fmt: skip

@@ -300,7 +300,7 @@ class SlideOptions(TouchOptions):
 
 def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     """Press one shape into one sensor or both, and write the image, counts and contacts."""
-    from t2twin.sim.sensors.compile_ahead import compile_optics_ahead
+    from t2twin.sim.sensors.compile_ahead import compile_ahead
     from t2twin.sim.touch import scene_path
     from t2twin.twin import generator
 
@@ -314,7 +314,7 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
         print(f"t2twin: pyrender takes {takes}", file=sys.stderr)
     command = options.command(shape, sensors, options.depth_mm)
     if _have_optics(options.pressed(sensors)):
-        compile_optics_ahead()
+        compile_ahead()
     touch = sensors.press(shape, command, rng, only=options.only(sensors))
     folder = options.folder("press", shape)
     touch.save(folder)
@@ -335,7 +335,7 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     """Press a shape and slide or turn it with friction; write images, counts and shear."""
     from t2twin.core.progress import Progress
     from t2twin.rerun_log import RerunLog, recorded
-    from t2twin.sim.sensors.compile_ahead import compile_optics_ahead
+    from t2twin.sim.sensors.compile_ahead import compile_ahead
     from t2twin.sim.slide import check_friction, touches_along
     from t2twin.slide_files import FRAME_MS, write_slide
     from t2twin.twin import generator
@@ -345,7 +345,7 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     sensors = options.sensors()
     commands = options.commands(shape, sensors)
     if _have_optics(options.pressed(sensors)):
-        compile_optics_ahead()
+        compile_ahead()
     only = options.only(sensors)
     touches = touches_along(sensors, shape, commands, friction, rng, only)
     folder = options.folder("slide", shape)

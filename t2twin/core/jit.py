@@ -6,6 +6,7 @@ folder is named after a digest of all sources of the function's package, of this
 version of rocket-fft.
 """
 
+import gc
 import logging
 import shutil
 import time
@@ -18,6 +19,7 @@ from threading import RLock
 from typing import Any
 
 import numba
+from filelock import FileLock, Timeout
 from numba.core import config
 from numba.core.caching import FunctionCache, NullCache
 
@@ -32,19 +34,14 @@ _config: Any = config
 _njit: Any = numba.njit
 """Of numba, whose types pyright cannot resolve."""
 
+COMPILE_TIMEOUT_S = 60.0
+"""Longest wait for another process that compiles a function, seconds (assumed: several times what
+the largest takes)."""
+
 _log = logging.getLogger("t2twin")
-_helpers: dict[str, Callable[[], object]] = {}
 _has_compiled = False
 _compile_time_s = 0.0
 _depth = 0
-
-
-def wait_before_compiling(package: str, wait: Callable[[], object]) -> None:
-    """Call wait once, before this process compiles a function of a package that is not cached.
-
-    It waits for another process that compiles these functions; then the cache is read again.
-    """
-    _helpers[package] = wait
 
 
 def compile_time_s() -> float:
@@ -65,19 +62,33 @@ def _timed() -> Iterator[None]:
             _compile_time_s += time.perf_counter() - started
 
 
+@contextmanager
+def _without_collections() -> Iterator[None]:
+    """Collect no garbage within the block: compiling takes a tenth less time."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+
+
 def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
     """A decorator with the arguments of numba.njit, except `cache`.
 
-    A function with a signature accepts only these types. Without a cache directory it is compiled
+    A function with a signature accepts only these types, and its method `prepare` compiles it
+    without a call. Without a cache directory it is compiled
     in every process. NUMBA_CACHE_DIR replaces the cache directory.
     """
 
     def declare(function: Callable) -> Any:
-        dispatcher = _njit(**options)(function)
+        # A wrapper for C callers would take a tenth of the time to compile.
+        dispatcher = _njit(no_cfunc_wrapper=True, **options)(function)
         dispatcher._cache = _machine_code(function)
 
         def compile_declared() -> None:
-            with _lock, _timed():
+            with _lock, _timed(), _without_collections():
                 if not dispatcher._can_compile:  # another thread has compiled it
                     return
                 for each in signature:
@@ -97,22 +108,33 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
         if signature:  # numba calls these for types that are not compiled yet
             dispatcher._compile_for_args = compile_for_args
             dispatcher.get_call_template = get_call_template
+            dispatcher.prepare = compile_declared
         return dispatcher
 
     return declare
 
 
 class _MachineCode(FunctionCache):
-    """Numba's cache of a function. A damaged file and a full disk are as if there was no cache."""
+    """Numba's cache of a function. A damaged file and a full disk are as if there was no cache.
+
+    One process at a time compiles a function; others wait for it and load the result.
+    """
+
+    def __init__(self, function: Callable) -> None:
+        super().__init__(function)
+        place = Path(self._cache_path, f"{self._impl.filename_base}.lock")
+        self._lock = FileLock(place, timeout=COMPILE_TIMEOUT_S, thread_local=False)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function for a signature, or None."""
         global _has_compiled
         found = self._loaded(sig, target_context)
-        for package in [each for each in _helpers if self._py_func.__module__.startswith(each)]:
-            if found is None:
-                _helpers.pop(package)()
-                found = self._loaded(sig, target_context)
+        if found is None:
+            with suppress(OSError, Timeout):
+                self._lock.acquire()
+            found = self._loaded(sig, target_context)
+            if found is not None:
+                self._release()
         if found is None and not _has_compiled:
             _has_compiled = True
             _log.info("compiling numerical loops for their first use on this machine (up to 20 s)")
@@ -130,6 +152,13 @@ class _MachineCode(FunctionCache):
         """Store a compiled function, if possible."""
         with suppress(Exception):
             super().save_overload(sig, data)
+        self._release()
+
+    def _release(self) -> None:
+        if self._lock.is_locked:
+            with suppress(OSError):  # a process that waits for the file still gets it
+                Path(self._lock.lock_file).unlink(missing_ok=True)
+        self._lock.release(force=True)
 
 
 def _machine_code(function: Callable) -> FunctionCache | NullCache:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.sensors.compile_ahead import compile_optics_ahead
+from t2twin.sim.sensors.compile_ahead import compile_ahead
 from t2twin.studio.translators import Translators
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def warm_up(
 
     search: whether to search for runs in the folder `runs`. when_done: called at the end.
     """
-    compile_optics_ahead()
+    compile_ahead()
     try:
         _press(state)
     finally:
