@@ -1,0 +1,130 @@
+"""Models that are learned on true counts, and fed with counts predicted from images.
+
+    python -m benchmarks.networks.transfer FOLDER
+    python -m benchmarks.networks.transfer FOLDER --pairs finished
+
+Small models are trained on the true counts of the training split: family of the primitive, place
+of the contact, force, and slip. Without further training, they are fed with true counts and with
+counts that a translator predicts from images. The share kept is the ratio of the two scores (module
+small_models). Beside them are models of the same kind that are trained on the last map of the
+translator's encoder, so on images, and on the predicted counts of the training split.
+
+FOLDER contains the datasets, runs and readings; the command makes what is missing. Per pair,
+`data/PAIR/presses` is the protocol at scale paper, and `data/PAIR/touches` the recipe touches.toml.
+A finished dataset in their place is used as it is. The second form uses the pairs with readings.
+
+The family is learned on the presses, the other tasks on the touches. Place is the center of
+pressure on the array. A touch slips if at least half of its contact on the array does. The models
+of slip get two readings, that of the press from which the path started and that of the touch.
+Tools have no family. The translator of the first pair is the pretrained network. That of the second
+pair is trained on the touches, and starts from the pretrained network.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.run import main
+
+if TYPE_CHECKING:
+    from benchmarks.networks.transfer_data import Task
+
+BENCHMARK = Benchmark(
+    module="benchmarks.networks.transfer",
+    measures="Scores of models that are learned on true counts and fed with predicted counts.",
+    minutes=90,
+    sources=("primitives_cad", "sim", "translate"),
+    figures=(
+        Figure("least_kept_percent.val", "%", least=95.0),
+        Figure("least_kept_percent.test", "%", least=90.0),
+        Figure("pairs.*.*.*.kept.percent", "%"),
+        Figure("pairs.*.*.*.true.score"),
+        Figure("pairs.*.*.*.predicted.score"),
+        Figure("pairs.*.*.*.images.score"),
+        Figure("pairs.*.*.*.adapted.score"),
+    ),
+    arguments=(
+        Argument("folder", "folder of the datasets, runs and readings", Path),
+        Argument("--pairs", "all, or those with readings", default="all",
+                 choices=("all", "finished")),
+    ),
+)  # fmt: skip
+
+PAIRS = (
+    {"source": "digit", "target": "cyskin-20", "run": "field", "scale": "paper",
+     "random_shapes": 210},
+    {"source": "gelsight-mini", "target": "cyskin-20", "run": None, "scale": "small",
+     "random_shapes": 60},
+)  # fmt: skip
+"""The pairs (transfer_data.Pair)."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    from benchmarks.networks import transfer_data as data
+
+    found: dict[str, dict[str, Any]] = {}
+    for pair in (data.Pair(**each) for each in PAIRS):
+        datasets, readings = (options.folder / part / pair.name for part in ("data", "readings"))
+        if options.pairs == "all":
+            data.make_data(pair, datasets)
+            run = pair.run or options.folder / "runs" / pair.name
+            if pair.run is None:
+                data.make_translator(datasets, Path(run))
+            data.make_readings(run, datasets, readings)
+        if data.has_readings(readings):
+            tasks = data.tasks_of(datasets, readings)
+            found[pair.name] = {task: rows_of(each) for task, each in tasks.items()}
+    kept = {
+        split: [
+            rows[split]["kept"]["percent"]
+            for tasks in found.values()
+            for rows in tasks.values()
+            if split in rows
+        ]
+        for split in data.SPLITS[1:]
+    }
+    return {
+        "pairs": found,
+        "least_kept_percent": {
+            split: None if not each or None in each else min(each) for split, each in kept.items()
+        },
+        "made_of": PAIRS,
+        "steps": data.STEPS,
+    }
+
+
+def rows_of(task: Task) -> dict[str, Any]:
+    """The scores of a task by split."""
+    from benchmarks.networks.small_models import errors_of, share_kept, train
+    from benchmarks.networks.transfer_data import IMAGES, PREDICTED, SPLITS, TRUE
+
+    training = task[SPLITS[0]]
+    models = {name: train(each, training.labels) for name, each in training.inputs.items()}
+    fed = {
+        TRUE: (TRUE, TRUE),
+        PREDICTED: (TRUE, PREDICTED),
+        IMAGES: (IMAGES, IMAGES),
+        "adapted": (PREDICTED, PREDICTED),
+    }
+    rows = {}
+    for split in SPLITS[1:]:
+        if split not in task:
+            continue
+        one = task[split]
+        errors = {}
+        for name, (learned, given) in fed.items():
+            answers = [model.predict(one.inputs[given]) for model in models[learned]]
+            errors[name] = errors_of(answers, one.labels, training.labels)
+        rows[split] = {
+            "examples": len(one.labels),
+            "kept": asdict(share_kept(errors[PREDICTED], errors[TRUE], one.shapes)),
+        } | {name: asdict(each.score(one.shapes)) for name, each in errors.items()}
+    return rows
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)

@@ -1,0 +1,112 @@
+"""The benchmark of models that are learned on true counts: their scores and examples."""
+
+import numpy as np
+import pytest
+
+from benchmarks.networks.small_models import Errors, Labels, errors_of, share_kept, train
+from benchmarks.networks.transfer import rows_of
+from benchmarks.networks.transfer_data import (
+    IMAGES,
+    PREDICTED,
+    PRESSURE,
+    SLIP_SHARE,
+    TRUE,
+    Examples,
+    place_examples,
+    slip_examples,
+)
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.dataset.columns import PATH
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+SHAPES = np.repeat(["a", "b", "c", "d"], 100)
+
+
+def spread(seed: int) -> np.ndarray:
+    """Inputs, (400, 3)."""
+    return np.random.default_rng(seed).standard_normal((SHAPES.size, 3)).astype(np.float32)
+
+
+def test_scores_follow_from_the_errors() -> None:
+    true = Labels(np.array([[1.0, 0.0], [-1.0, 0.0], [3.0, 4.0], [-3.0, -4.0]]))
+    names = np.array(["a", "a", "b", "b"])
+    for factor, score in ((1.0, 1.0), (0.5, 0.5), (0.0, 0.0), (-1.0, -1.0)):
+        found = errors_of([factor * true.values], true, true).score(names)
+        assert found.score == pytest.approx(score)
+        assert found.error == pytest.approx(abs(1.0 - factor) * np.sqrt(13.0))
+
+
+def test_classes_have_equal_weight_and_a_guess_scores_zero() -> None:
+    true = Labels(np.array([0] * 90 + [1] * 10), classes=2)
+    names = np.array(["a", "b"] * 50)
+    for answers, score in (
+        (true.values, 1.0),
+        (np.zeros(100, int), 0.0),
+        (1 - true.values, -1.0),
+        (np.array([0] * 90 + [0, 1] * 5), 0.5),
+    ):
+        found = errors_of([answers], true, true).score(names)
+        assert found.score == pytest.approx(score)
+        assert found.error == pytest.approx(50.0 * (1.0 - score))
+    only = Labels(np.zeros(100, int), classes=2)
+    with pytest.raises(T2TwinError, match="1 of 2 classes occur"):
+        errors_of([only.values], only, true)
+
+
+def test_the_share_kept_is_paired_over_shapes() -> None:
+    whole = np.repeat([0.1, 0.2, 0.3, 0.4], 100)
+    full, kept, useless = (
+        Errors(own, np.ones(400), np.ones(400), is_squared=False)
+        for own in (whole, 0.5 + whole / 2, np.full(400, 0.99))
+    )
+    found = share_kept(kept, full, SHAPES)
+    assert found.percent == pytest.approx(50.0)
+    assert found.interval is None or np.ptp(found.interval) < 1e-9
+    assert share_kept(full, useless, SHAPES).percent is None
+
+
+def test_a_task_is_learned_on_true_counts_and_fed_with_predicted_ones() -> None:
+    """A linear task: predicted inputs of half the size keep half of the score."""
+    task = {}
+    for seed, split in enumerate(("train", "val")):
+        true = spread(seed)
+        inputs = {TRUE: true, PREDICTED: 0.5 * true, IMAGES: np.zeros_like(true)}
+        task[split] = Examples(inputs, Labels(true[:, :2] - true[:, 1:]), SHAPES)
+    rows = rows_of(task)
+    assert list(rows) == ["val"]
+    row = rows["val"]
+    assert row["true"]["score"] > 0.9
+    assert row["predicted"]["score"] == pytest.approx(0.5, abs=0.05)
+    assert row["kept"]["percent"] == pytest.approx(
+        100.0 * row["predicted"]["score"] / row["true"]["score"]
+    )
+    assert row["images"]["score"] == pytest.approx(0.0, abs=0.05)
+    assert row["adapted"]["score"] > 0.9
+
+
+def test_models_learn_classes_and_repeat_with_their_seed() -> None:
+    inputs, others = spread(0), spread(1)
+    one, two = (Labels((each[:, 0] > each[:, 1]).astype(int), 2) for each in (inputs, others))
+    models, again = train(inputs, one), train(inputs, one)
+    answers = [model.predict(others) for model in models]
+    assert errors_of(answers, two, one).score(SHAPES).score > 0.85
+    assert np.array_equal(models[0].predict(others), again[0].predict(others))
+
+
+def test_examples_of_slip_have_the_press_and_the_touch() -> None:
+    table = {
+        "shape": np.array(["a", "a", "a", "b", "b"]),
+        "index": np.array([0, 1, 2, 0, 1]),
+        PATH: np.array([0, 0, 2, 0, 0]),
+        SLIP_SHARE: np.array([0.0, 0.5, 0.9, 0.0, 0.4]),
+    }
+    found = slip_examples(table, {TRUE: np.arange(5.0)[:, None]})
+    np.testing.assert_array_equal(found.inputs[TRUE], [[0.0, 1.0], [3.0, 4.0]])
+    assert found.labels.values.tolist() == [1, 0] and found.shapes.tolist() == ["a", "b"]
+
+
+def test_the_place_is_the_center_of_pressure() -> None:
+    table = {"shape": np.array(["a", "b"]), PRESSURE: np.array([[0.0, 2.0, 0.0], [1.0, 0.0, 3.0]])}
+    found = place_examples((0.0, 1.0, 4.0), (0.0, -1.0, 8.0), table, {})
+    np.testing.assert_allclose(found.labels.values, [[1.0, -1.0], [3.0, 6.0]])
