@@ -21,7 +21,7 @@ from t2twin.sim.dataset.columns import COUNTS, PATH, TRACTIONS, column
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import INFO, lists, read_info, read_split, sha256_of
 from t2twin.sim.sampling.recipe import load_recipe
-from t2twin.sim.sensors.defaults import TARGET as TARGET_ROLE
+from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.evaluation.predictions import predict_runs, prepare
 from t2twin.translate.inference.predictor import FieldPredictor, require
@@ -45,7 +45,9 @@ SPLITS = ("train", "val", "test")
 TRUE, PREDICTED, IMAGES = "true", "predicted", "images"
 """What a model is fed with: true counts, predicted counts, maps of images."""
 
-SLIP_SHARE, PRESSURE = column(TARGET_ROLE, "slip_share"), column(TARGET_ROLE, TRACTIONS[0])
+_, TARGET = ROLES
+
+SLIP_SHARE, PRESSURE = column(TARGET, "slip_share"), column(TARGET, TRACTIONS[0])
 """Columns of the contact on the array."""
 
 SLIPS = 0.5
@@ -179,7 +181,7 @@ Columns = Mapping[str, np.ndarray]
 
 def _inputs(data: Path, readings: Path, split: str) -> dict[str, np.ndarray]:
     """The readings of all touches of a split, (P, n) float32, counts as fractions of full scale."""
-    name = column(TARGET_ROLE, COUNTS)
+    name = column(TARGET, COUNTS)
     true = lists(read_split(data, split, [name]), name)
     with np.load(readings / f"{split}.npz") as found:
         predicted, images = found["predicted"], found["images"]
