@@ -66,18 +66,15 @@ PAIRS = (
 def measure(options: Namespace) -> dict[str, Any]:
     from benchmarks.networks import transfer_data as data
 
-    found: dict[str, dict[str, Any]] = {}
-    for pair in (data.Pair(**each) for each in PAIRS):
-        datasets, readings = (options.folder / part / pair.name for part in ("data", "readings"))
-        if options.pairs == "all":
-            data.make_data(pair, datasets)
-            run = pair.run or options.folder / "runs" / pair.name
-            if pair.run is None:
-                data.make_translator(datasets, Path(run))
-            data.make_readings(run, datasets, readings)
-        if data.has_readings(readings):
-            tasks = data.tasks_of(datasets, readings)
-            found[pair.name] = {task: rows_of(each) for task, each in tasks.items()}
+    pairs = [data.Pair(**each) for each in PAIRS]
+    if options.pairs == "all":
+        for pair in pairs:
+            data.make_readings(pair, options.folder)
+    found = {}
+    for pair in pairs:
+        if data.has_readings(pair, options.folder):
+            tasks = data.tasks_of(pair, options.folder)
+            found[pair.name] = {name: rows_of(task) for name, task in tasks.items()}
     kept = {
         split: [
             rows[split]["kept"]["percent"]

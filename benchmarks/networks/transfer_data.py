@@ -8,6 +8,7 @@ Shape letters: P touches, N taxels, F numbers of a map, E examples of a task.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ STEPS = 1200
 """Steps of the training of a translator (assumed: from the pretrained network, a tenth of the steps
 of a new one)."""
 
-PRESSES, TOUCHES = "presses", "touches"
+SETS = PRESSES, TOUCHES = "presses", "touches"
 """Folders of the datasets of a pair."""
 
 SPLITS = ("train", "val", "test")
@@ -88,50 +89,55 @@ class Pair:
     def name(self) -> str:
         return f"{self.source}-{self.target}"
 
+    def data(self, folder: Path, name: str) -> Path:
+        """The folder of a dataset."""
+        return folder / "data" / self.name / name
 
-def make_data(pair: Pair, folder: Path) -> None:
-    """Makes both datasets of a pair in a folder, if they are not finished."""
-    if not _is_finished(folder / PRESSES):
+    def readings(self, folder: Path, name: str, split: str) -> Path:
+        """The file of the readings of a split of a dataset."""
+        return folder / "readings" / self.name / name / f"{split}.npz"
+
+
+def make_readings(pair: Pair, folder: Path) -> None:
+    """Makes the datasets of a pair, its translator, and the readings of all images.
+
+    Whatever of it exists in the folder is not made again.
+    """
+    _make_data(pair, *(pair.data(folder, name) for name in SETS))
+    run = pair.run or folder / "runs" / pair.name
+    if pair.run is None:
+        touches = pair.data(folder, TOUCHES)
+        train("field", touches, "cpu", run, SEED, steps=STEPS, init_from=DEFAULT_RUN)
+    for name, split in product(SETS, SPLITS):
+        data, path = pair.data(folder, name), pair.readings(folder, name, split)
+        made_of = f"{sha256_of(data / INFO)} {sha256_of(resolve_run(run) / BEST)}"
+        if not _was_made_of(path, made_of):
+            counts, maps = _predicted(run, data, split, path.parent / "cache")
+            with atomic_write(path) as temporary, temporary.open("wb") as file:
+                np.savez(file, made_of=np.array(made_of), predicted=counts, images=maps)
+
+
+def has_readings(pair: Pair, folder: Path) -> bool:
+    """Whether a folder has all readings of a pair."""
+    return all(pair.readings(folder, *each).is_file() for each in product(SETS, SPLITS))
+
+
+def _make_data(pair: Pair, presses: Path, touches: Path) -> None:
+    """Makes both datasets of a pair in their folders, if they are not finished."""
+    if not _is_finished(presses):
         sensors = SensorPair.of(pair.source, pair.target)
         sensors = sensors.with_imperfections(None)  # as t2twin simdata
-        make_dataset(folder / PRESSES, pair.scale, SEED, sensors=sensors)
-    if not _is_finished(folder / TOUCHES):
+        make_dataset(presses, pair.scale, SEED, sensors=sensors)
+    if not _is_finished(touches):
         recipe = load_recipe(RECIPE)
         random, *others = recipe.parts
         parts = structs.replace(random, count=pair.random_shapes), *others
         recipe = structs.replace(recipe, source=pair.source, target=pair.target, parts=parts)
-        make_dataset(folder / TOUCHES, recipe=recipe)
+        make_dataset(touches, recipe=recipe)
 
 
 def _is_finished(data: Path) -> bool:
     return (data / INFO).is_file() and read_info(data).complete
-
-
-def make_translator(data: Path, run: Path) -> None:
-    """Trains a translator on the touches of a pair from the pretrained one, or continues that."""
-    train("field", data / TOUCHES, "cpu", run, SEED, steps=STEPS, init_from=DEFAULT_RUN)
-
-
-def make_readings(run: str | Path, data: Path, folder: Path) -> None:
-    """Writes the predicted counts and maps of all images of both datasets of a pair.
-
-    What a run has predicted for a dataset is not predicted again.
-    """
-    for name in (PRESSES, TOUCHES):
-        made_of = f"{sha256_of(data / name / INFO)} {sha256_of(resolve_run(run) / BEST)}"
-        for split in SPLITS:
-            path = folder / name / f"{split}.npz"
-            if not _was_made_of(path, made_of):
-                counts, maps = _predicted(run, data / name, split, folder / name / "cache")
-                with atomic_write(path) as temporary, temporary.open("wb") as file:
-                    np.savez(file, made_of=np.array(made_of), predicted=counts, images=maps)
-
-
-def has_readings(folder: Path) -> bool:
-    """Whether a folder has the readings of both datasets of a pair."""
-    return all(
-        (folder / name / f"{s}.npz").is_file() for name in (PRESSES, TOUCHES) for s in SPLITS
-    )
 
 
 def _was_made_of(path: Path, made_of: str) -> bool:
@@ -159,34 +165,36 @@ def _predicted(
     return counts, np.concatenate(maps)
 
 
-def tasks_of(data: Path, readings: Path) -> dict[str, Task]:
-    """The tasks of a pair by name. data, readings: folders of `make_data` and `make_readings`."""
-    tasks: dict[str, Task] = {"family": _families(data / PRESSES, readings / PRESSES)}
-    array = read_info(data / TOUCHES).array
+def tasks_of(pair: Pair, folder: Path) -> dict[str, Task]:
+    """The tasks of a pair by name. folder: as for `make_readings`."""
+    presses, touches = (pair.data(folder, name) for name in SETS)
+    array = read_info(touches).array
     assert array.dense_x_mm is not None and array.dense_y_mm is not None
+    tasks: dict[str, Task] = {"family": {}, "place": {}, "force": {}, "slip": {}}
+    for split, labels in family_labels(presses).items():
+        inputs = _inputs(presses, split, pair.readings(folder, PRESSES, split))
+        tasks["family"][split] = Examples(inputs, *labels)
     for split in SPLITS:
-        inputs = _inputs(data / TOUCHES, readings / TOUCHES, split)
-        table = _table(data / TOUCHES, split)
-        for name, examples in {
-            "place": place_examples(array.dense_x_mm, array.dense_y_mm, table, inputs),
-            "force": force_examples(table, inputs),
-            "slip": slip_examples(table, inputs),
-        }.items():
-            tasks.setdefault(name, {})[split] = examples
+        inputs = _inputs(touches, split, pair.readings(folder, TOUCHES, split))
+        table = _table(touches, split)
+        places = array.dense_x_mm, array.dense_y_mm
+        tasks["place"][split] = place_examples(*places, table, inputs)
+        tasks["force"][split] = force_examples(table, inputs)
+        tasks["slip"][split] = slip_examples(table, inputs)
     return tasks
 
 
 Columns = Mapping[str, np.ndarray]
 
 
-def _inputs(data: Path, readings: Path, split: str) -> dict[str, np.ndarray]:
+def _inputs(data: Path, split: str, readings: Path) -> dict[str, np.ndarray]:
     """The readings of all touches of a split, (P, n) float32, counts as fractions of full scale."""
     name = column(TARGET, COUNTS)
     true = lists(read_split(data, split, [name]), name)
-    with np.load(readings / f"{split}.npz") as found:
+    with np.load(readings) as found:
         predicted, images = found["predicted"], found["images"]
     if len(predicted) != len(true):
-        raise T2TwinError(f"{readings} has not the readings of {data}; delete it and repeat")
+        raise T2TwinError(f"{readings} is not of {data}; delete it and repeat")
     full_scale = read_info(data).array.full_scale_counts
     assert full_scale is not None
     return {
@@ -203,18 +211,17 @@ def _table(data: Path, split: str) -> Columns:
     return {n: lists(table, n) if n == PRESSURE else table[n].to_numpy() for n in names}
 
 
-def _families(data: Path, readings: Path) -> Task:
-    """The family of the primitive, of the training and the validation split."""
+def family_labels(data: Path) -> dict[str, tuple[Labels, np.ndarray]]:
+    """The family of the primitives of training and validation, and their shapes, by split."""
     tables = {s: read_split(data, s, ["shape", "family"]) for s in SPLITS if s != "test"}
-    names, examples = np.unique(tables["train"]["family"].to_numpy()), {}
-    for split, table in tables.items():
-        families = table["family"].to_numpy()
-        if not np.isin(families, names).all():
+    families = {s: table["family"].to_numpy() for s, table in tables.items()}
+    names, labels = np.unique(families["train"]), {}
+    for split, each in families.items():
+        if not np.isin(each, names).all():
             raise T2TwinError(f"{data} has families in {split} that train lacks; expected the same")
-        labels = Labels(np.searchsorted(names, families), names.size)
-        shapes = table["shape"].to_numpy()
-        examples[split] = Examples(_inputs(data, readings, split), labels, shapes)
-    return examples
+        own = Labels(np.searchsorted(names, each), names.size)
+        labels[split] = own, tables[split]["shape"].to_numpy()
+    return labels
 
 
 def place_examples(
