@@ -16,7 +16,7 @@ from t2twin.core.cached_files import cached_array
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.sim.splines import CubicSpline
-from t2twin.sim.taxels.tactile_image import _colors
+from t2twin.sim.taxels.tactile_image import in_colors
 
 SLOW = (
     "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "scipy.interpolate",
@@ -131,11 +131,11 @@ def test_the_cubic_spline_is_scipy_s(count):
     np.testing.assert_allclose(CubicSpline(0.3, 2.7, values)(at), expected, atol=1e-11)
 
 
-def test_the_colors_are_matplotlib_s_viridis():
+def test_thein_colors_are_matplotlib_s_viridis():
     values = np.random.default_rng(0).uniform(-0.2, 1.2, (40, 50))
     values[0, :2] = 0.0, 1.0
     expected = colormaps["viridis"](values.clip(0.0, 1.0), bytes=True)[..., :3]
-    np.testing.assert_array_equal(_colors(values), expected)
+    np.testing.assert_array_equal(in_colors(values), expected)
 
 
 def test_an_array_is_computed_once_for_each_key(tmp_path, monkeypatch):

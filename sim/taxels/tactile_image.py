@@ -45,7 +45,7 @@ def colored_tactile_image(
     rows, columns = image.shape[0] * SCALE, image.shape[1] * SCALE
     width = columns + 3 * MARGIN + BAR_WIDTH + LABELS_WIDTH
     rendered = Image.new("RGB", (width, rows + 2 * MARGIN), "white")
-    colors = _colors(image / full_scale)
+    colors = in_colors(image / full_scale)
     if std is not None:
         colors = _faded(colors, std / full_scale)
     large = Image.fromarray(colors).resize((columns, rows), Image.Resampling.BILINEAR)
@@ -56,7 +56,7 @@ def colored_tactile_image(
                   MARGIN + rows / 2 + y * px_per_mm * SCALE)  # fmt: skip
         pen.circle(center, TAXEL_RADIUS, outline="white")
     left = columns + 2 * MARGIN
-    bar = _colors(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))
+    bar = in_colors(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))
     rendered.paste(Image.fromarray(bar), (left, MARGIN))
     pen.text((left, MARGIN - 4), "counts", "black", anchor="ls", font_size=UNIT_SIZE)
     # The first and the last label lie within the bar's height, clear of the unit above it.
@@ -74,7 +74,7 @@ def _faded(colors: np.ndarray, std: np.ndarray) -> np.ndarray:
     return np.rint(kept * colors + (1.0 - kept) * 255.0).astype(np.uint8)
 
 
-def _colors(values: np.ndarray) -> np.ndarray:
+def in_colors(values: np.ndarray) -> np.ndarray:
     """Colors (R, C, 3) uint8 of values (R, C) in [0, 1], by matplotlib's viridis."""
     colors = _viridis()
     return colors[np.minimum(values.clip(0.0, 1.0) * len(colors), len(colors) - 1).astype(int)]

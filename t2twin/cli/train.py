@@ -18,11 +18,12 @@ def train(
     epochs: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
-    init_from: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
+    init_from: Annotated[str | None, tyro.conf.arg(metavar="RUN")] = None,
     direction: Literal[
         "source-to-target", "target-to-source", "image-to-counts", "counts-to-image"
     ] = "source-to-target",
     iou_weight: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
+    contact_alone: bool = False,
 ) -> None:
     """Train a translator, or resume a stopped training.
 
@@ -41,6 +42,8 @@ def train(
             camera and a taxel array, whichever is the source.
         iou_weight: Weight of the soft IoU loss of the tactile image; that of L1 is 100. touch2touch
             only. Default: the preset's, 0.
+        contact_alone: Train only the layers that predict the contact, on those of the field run of
+            --init-from, whose other predictions stay as they are.
     """
     from t2twin.translate.training.train import train as run
 
@@ -49,6 +52,7 @@ def train(
     run(
         model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps,
         init_from=init_from, direction=direction, iou_weight=iou_weight,
+        contact_alone=contact_alone,
     )  # fmt: skip
 
 

@@ -60,6 +60,7 @@ def translate(
     options: Annotated[PredictionOptions, tyro.conf.arg(name="")],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/translate"),
     png: Annotated[bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")] = True,
+    target: Literal["counts", "contact"] = "counts",
 ) -> None:
     """Translate images to counts; writes counts.csv, counts.json and PNG files.
 
@@ -72,6 +73,8 @@ def translate(
             a run from counts, CSV files with columns taxel_0, taxel_1 and so on, or NPY files.
         out: Output folder.
         png: Write no PNG files of the tactile images, which is faster.
+        target: What a field run predicts. contact writes contacts.csv, and for each image NAME.npz,
+            NAME.json, NAME_depth.png (16 bits, micrometers) and NAME_relief.png.
     """
     from t2twin.translate.inference.batch import find_images, translate_files
     from t2twin.translate.inference.predictor import NO_BACKGROUND
@@ -81,6 +84,9 @@ def translate(
 
     _check_no_run(images)
     use_all_cores()
+    if target == "contact":
+        _translate_contacts(images, options, out, png)
+        return
     if not _is_image_to_counts(options):
         readings = translate_readings(options.name, images, out, png)
         print(f"{len(readings)} readings translated, written to {out}")
@@ -95,6 +101,30 @@ def translate(
         print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
     if warning := unlike(result.ood_classes, options.name, files):
         print(f"t2twin: {warning}", file=sys.stderr)
+
+
+def _translate_contacts(
+    images: tuple[Path, ...], options: PredictionOptions, out: Path, png: bool
+) -> None:
+    from t2twin.core.errors import T2TwinError
+    from t2twin.translate.inference.batch import find_images
+    from t2twin.translate.inference.contact_files import translate_contacts
+    from t2twin.translate.inference.predictor import NO_BACKGROUND
+
+    if options.layout is not None or options.bf16:
+        raise T2TwinError("--layout and --bf16 are for counts; give them without --target contact")
+    files = find_images(images)
+    contacts = translate_contacts(options.name, files, out, options.background, png)
+    for path, contact in list(zip(files, contacts, strict=True))[:MAX_PRINTED]:
+        print(f"{path}: {contact}")
+    if len(files) > MAX_PRINTED:
+        print(f"and {len(files) - MAX_PRINTED:,} more")
+    print(f"written to {out}")
+    if options.background is None:
+        print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
+    for note in dict.fromkeys(note for each in contacts for note in each.notes):
+        count = sum(note in each.notes for each in contacts)
+        print(f"t2twin: {count} of {len(contacts)} images: {note}", file=sys.stderr)
 
 
 def _is_image_to_counts(options: PredictionOptions) -> bool:

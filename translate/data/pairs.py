@@ -8,7 +8,7 @@ recipe with a fixed light has one frame. File names contain the first digits of 
 info.json, so that another dataset in the same folder has other files.
 
 Shape letters: P pairs, B batch, U background frames, S image side, c channels, N taxels, F places
-of the dense counts.
+of the dense counts, H side of the contact maps.
 """
 
 import os
@@ -26,6 +26,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec import field as renamed
 from numpy.lib import format as npy
 from PIL import Image
+from torch.nn import functional
 
 from t2twin.core.cached_files import cached_file
 from t2twin.core.errors import T2TwinError
@@ -33,6 +34,7 @@ from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
+    CONTACT_MAPS,
     DENSE_COUNTS,
     IMAGE,
     PATH,
@@ -43,6 +45,7 @@ from t2twin.sim.dataset.info import DatasetInfo, is_sha256
 from t2twin.sim.dataset.store import (
     INFO,
     iter_images,
+    iter_shards,
     lists,
     read_info,
     read_split,
@@ -56,6 +59,9 @@ from t2twin.translate.data.sides import ArraySide, CameraSide, Side, TactilePict
 CACHE = "cache"
 SHEAR = ("shear_x_n", "shear_y_n")
 """Columns of the shear force on the gel camera after its role, of recipes with motion."""
+
+UNITS = np.array([1e-3, 0.1], np.float32)
+"""mm and kPa of the units of CONTACT_MAPS."""
 
 BATCH_SIZE = 256
 """Images decoded together; bounds memory to 60 MB."""
@@ -126,7 +132,8 @@ class Pairs:
     shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
     dense_counts: (P, F) uint16, counts of the target, and backgrounds, of the source, if they were
     loaded. shear_n: (P, 2), N, along x and y on the gel camera, and is_moving: (P,) bool, of
-    recipes with motion. pictures: of the counts of a source that is a taxel array.
+    recipes with motion. contact: (P, 2, H, H) float16, depth, mm, and pressure, kPa, on the view of
+    the source, if they were loaded. pictures: of the counts of a source that is a taxel array.
     """
 
     source: Readings
@@ -141,6 +148,7 @@ class Pairs:
     backgrounds: ImageFile | None = None
     shear_n: np.ndarray | None = None
     is_moving: np.ndarray | None = None
+    contact: ImageFile | None = None
     pictures: TactilePictures | None = None
 
     def __len__(self) -> int:
@@ -182,7 +190,8 @@ class DataInfo(Struct, frozen=True):
     """What a run has of its dataset: its two sides, and the SHA-256 of info.json.
 
     recipe: name of the recipe, None for imported pairs. train_pairs: number of training pairs.
-    has_shear: whether the pairs contain the shear force; only present if true.
+    has_shear, has_contact: whether the pairs contain the shear force and the contact maps of the
+    source; only present if true.
     The part "data" of a run's config.json, in which some fields have other names.
     """
 
@@ -192,6 +201,7 @@ class DataInfo(Struct, frozen=True):
     recipe: str | None = None
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
     has_shear: bool | UnsetType = UNSET
+    has_contact: bool | UnsetType = UNSET
 
     def check(self) -> None:
         """Raises ValueError for an invalid side or SHA-256."""
@@ -241,6 +251,7 @@ def load_info(data_dir: Path, reverse: bool = False) -> DataInfo:
         recipe=info.recipe_name,
         train_pairs=info.pairs["train"],
         has_shear=True if moves else UNSET,
+        has_contact=UNSET if info.sensors[_roles(reverse)[0]].contact_grid is None else True,
     )
 
 
@@ -257,22 +268,21 @@ def load_pairs(
     cache_dir: Path | None = None,
     with_dense_counts: bool = False,
     reverse: bool = False,
+    contact_side: int | None = None,
 ) -> Pairs:
     """Loads one split with pictures at size x size, grey or RGB.
 
     cache_dir: folder of the decoded images, by default `cache` of the dataset. with_dense_counts:
     also load the dense counts of the target, and the background frames of the source if the pairs
-    contain them. reverse: exchange source and target.
+    contain them. reverse: exchange source and target. contact_side: H of the contact maps of
+    the source, which are then also loaded, if the pairs contain them.
     Raises T2TwinError for an unknown, missing or unfinished split, and with with_dense_counts for
     pairs without dense counts.
     """
     info, stored, roles = load_info(data_dir, reverse), read_info(data_dir), _roles(reverse)
     target, moves = info.target, bool(info.has_shear)
-    if with_dense_counts and not (isinstance(target, ArraySide) and target.dense_x_mm is not None):
-        raise T2TwinError(
-            f"the pairs in {data_dir} have no dense counts; make a dataset with them, such as "
-            "`t2twin simdata --recipe union`"
-        )
+    if with_dense_counts:
+        _check_dense_counts(target, data_dir)
     counts = [column(role, stored.values[role]) for role in ROLES if stored.values[role] != IMAGE]
     dense, shear = column(roles[1], DENSE_COUNTS), [column(roles[0], name) for name in SHEAR]
     optional = [dense] if with_dense_counts else []
@@ -306,9 +316,18 @@ def load_pairs(
         backgrounds=backgrounds,
         shear_n=np.column_stack([table[name].to_numpy() for name in shear]) if moves else None,
         is_moving=table["index"].to_numpy() > table[PATH].to_numpy() if moves else None,
+        contact=load_contact(data_dir, split, roles[0], contact_side, folder),
         pictures=pictures,
         **{name: table[name].to_numpy() for name in POSE},
     )
+
+
+def _check_dense_counts(target: Side, data_dir: Path) -> None:
+    if not isinstance(target, ArraySide) or target.dense_x_mm is None:
+        raise T2TwinError(
+            f"the pairs in {data_dir} have no dense counts; make a dataset with them, such as "
+            "`t2twin simdata --recipe union`"
+        )
 
 
 def _stored_images(data_dir: Path, info: DatasetInfo, split: str, role: str) -> Iterator[bytes]:
@@ -339,6 +358,36 @@ def load_backgrounds(data_dir: Path, split: str, size: int, cache: Path, name: s
     frame_of_pair = np.load(index)
     cached_file(frames, (frame_of_pair.max() + 1, size, size, 3), write_frames)
     return ImageFile(frames, frame_of_pair)
+
+
+def load_contact(
+    data_dir: Path, split: str, role: str, side: int | None, cache: Path
+) -> ImageFile | None:
+    """The contact maps of a split's pairs, (P, 2, side, side) float16: depth, mm, pressure, kPa.
+
+    None without a side, and for pairs without contact maps. cache: folder of the resampled maps.
+    Raises T2TwinError if a shard cannot be read.
+    """
+    info, names = read_info(data_dir), [column(role, name) for name in CONTACT_MAPS]
+    grid, pairs = info.sensors[role].contact_grid, info.pairs[split]
+    if grid is None or side is None:
+        return None
+
+    def write(file: BinaryIO) -> None:
+        npy.write_array_header_1_0(
+            file, {"descr": "<f2", "fortran_order": False, "shape": (pairs, 2, side, side)}
+        )
+        for table in iter_shards(data_dir, split, names):
+            maps = np.stack([lists(table, name).astype(np.float32) for name in names], axis=1)
+            maps = maps.reshape(-1, 2, *grid) * UNITS[:, None, None]
+            resampled = functional.interpolate(
+                torch.from_numpy(maps), (side, side), mode="bilinear", antialias=True
+            )
+            file.write(resampled.numpy().astype(np.float16).tobytes())
+
+    path = cache / f"{split}-contact-{role}-{side}-{sha256_of(data_dir / INFO)[:12]}.npy"
+    cached_file(path, (pairs, 2, side, side), write)
+    return ImageFile(path)
 
 
 def has_backgrounds(info: DatasetInfo) -> bool:
@@ -411,7 +460,7 @@ class Examples:
     images: pictures of the source's readings, as `Translator.to_input` returns them, (B, c, S, S).
     targets: (B, N) float32 counts, or images, (B, c, S, S) in [-1, 1]. dense_counts: (B, F)
     float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
-    shear_n: (B, 2) float32, of recipes with motion.
+    shear_n: (B, 2) float32, of recipes with motion. contact: (B, 2, H, H) float32, contact maps.
     """
 
     images: torch.Tensor
@@ -419,3 +468,4 @@ class Examples:
     dense_counts: torch.Tensor | None = None
     force_n: torch.Tensor | None = None
     shear_n: torch.Tensor | None = None
+    contact: torch.Tensor | None = None

@@ -226,12 +226,13 @@ def _counts(
     array, source = inputs.info.array, inputs.info.source
     bins = force_bins(pairs, train)
     predictions = predict_baselines(inputs, pairs, train, near, bins)
-    predicted, estimates = predict_runs(inputs, split, cache)
+    predicted, estimates, contacts = predict_runs(inputs, split, cache)
     predictions |= predicted
     view, groups = None, {}
     if isinstance(source, CameraSide):
         view, groups = view_on(array.x_mm, array.y_mm, source.view_mm)
     rows, differences = _score(inputs, predictions, estimates, pairs, groups, bins)
+    rows |= {name: replace(rows[name], contact=found) for name, found in contacts.items()}
     stds = {name: each.counts_std for name, each in estimates.items()}
     background = None if inputs.background is None else inputs.background.source
     return (

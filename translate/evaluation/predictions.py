@@ -35,12 +35,15 @@ from t2twin.translate.data.pairs import (
     load_pairs,
 )
 from t2twin.translate.data.sides import ArraySide
+from t2twin.translate.evaluation.contact_errors import contact_metrics
+from t2twin.translate.evaluation.records import ContactMetrics
 from t2twin.translate.inference.load import AnyPredictor, load_torch
 from t2twin.translate.inference.predictor import (
     CountsPredictor,
     FieldPredictor,
     TrainedTranslator,
 )
+from t2twin.translate.networks.contact_head import side_of_maps
 from t2twin.translate.uncertainty.estimate import Estimate
 
 SPLITS = ("val", "test")
@@ -252,19 +255,21 @@ class Predictions:
 
 def predict_runs(
     inputs: EvaluationInputs, split: str, cache: Path
-) -> tuple[dict[str, np.ndarray], dict[str, Estimate]]:
-    """(P, N) counts or (P, S, S, c) images that each run predicts, and estimates of field runs."""
+) -> tuple[dict[str, np.ndarray], dict[str, Estimate], dict[str, ContactMetrics]]:
+    """(P, N) counts or (P, S, S, c) images that each run predicts, estimates of field runs, and the
+    errors of those that predict the contact, if the pairs have contact maps."""
     target = inputs.info.target
     has_dense_counts = isinstance(target, ArraySide) and target.dense_x_mm is not None
     background = inputs.background
-    predictions, estimates = {}, {}
+    predictions, estimates, contacts = {}, {}, {}
     for name, run in inputs.applied.items():
         preset = run.config.preset
+        has_contact = isinstance(run, FieldPredictor) and run.predicts_contact
         # Pairs with dense counts usually have background frames too.
         with_dense_counts = isinstance(run, FieldPredictor) and has_dense_counts
         own = load_pairs(
             inputs.data_dir, split, preset.size, preset.grey, cache, with_dense_counts,
-            inputs.reverse,
+            inputs.reverse, side_of_maps(preset.size) if has_contact else None,
         )  # fmt: skip
         if isinstance(run, FieldPredictor):
             images = own.inputs
@@ -274,9 +279,12 @@ def predict_runs(
             found = run.estimate_pixels(images, progress=name)
             estimates[name] = as_readings(found, inputs.dataset)
             predictions[name] = estimates[name].counts
+            if own.contact is not None:
+                title = f"contact of {name}"
+                contacts[name] = contact_metrics(run, images, own.contact, title)
         else:
             predictions[name] = run.predict_pixels(own.inputs, progress=name)
-    return predictions, estimates
+    return predictions, estimates, contacts
 
 
 def as_readings(estimate: Estimate, info: DatasetInfo) -> Estimate:

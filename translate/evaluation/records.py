@@ -172,6 +172,35 @@ class ShearMetrics:
 
 
 @dataclass(frozen=True)
+class ContactMetrics:
+    """Errors of the predicted contact in the camera's view; see module contact_errors.
+
+    pairs: number of pairs with a contact in the view; each has the same weight. depth_rmse_mm,
+    depth_mean_rmse_mm: median and mean of the RMSE of the depth in the true contact.
+    deepest_error_percent, deepest_worst_percent: median and largest error of the largest depth,
+    relative to it. iou: mean intersection over union of the masks. force_in_view_error_percent:
+    median error of the integral of the pressure, relative to it. center_error_mm: median distance
+    of the center of pressure, None if no contact was found. depth_coverage_percent,
+    center_coverage_percent: of the 90 % intervals, in the true contact. missed_percent: share of
+    the pairs in which no contact was found. false_percent: share of those without contact in which
+    one was found; None without such pairs.
+    """
+
+    pairs: int
+    depth_rmse_mm: float
+    depth_mean_rmse_mm: float
+    deepest_error_percent: float
+    deepest_worst_percent: float
+    iou: float
+    force_in_view_error_percent: float
+    center_error_mm: float | None
+    depth_coverage_percent: float
+    center_coverage_percent: float
+    missed_percent: float
+    false_percent: float | None
+
+
+@dataclass(frozen=True)
 class ModelRow:
     """One row of the results: a trained run, a trivial predictor, or a floor.
 
@@ -183,7 +212,7 @@ class ModelRow:
     the layout of its training dataset, SHA-256 of info.json, recipe and number of pairs, and the
     number of steps; None if unknown. uncertainty: of runs that predict it. by_motion: figures of
     "still" and "moving" pairs, and shear: of runs that predict it; None for a dataset without
-    motion.
+    motion. contact: of runs that predict it; None for a dataset without contact maps.
     """
 
     overall: Figures
@@ -202,6 +231,7 @@ class ModelRow:
     uncertainty: UncertaintyMetrics | None = None
     by_motion: dict[str, MotionFigures] | None = None
     shear: ShearMetrics | None = None
+    contact: ContactMetrics | None = None
 
 
 @dataclass(frozen=True)

@@ -199,6 +199,7 @@ def _notes(evaluations: Evaluations, columns: Collection[Column]) -> Iterator[st
         of_split = f"{split}: " if len(evaluations) > 1 else ""
         yield from (of_split + line for line in uncertainty_text(each.models))
         yield from (of_split + line for line in motion_text(each.models))
+        yield from (of_split + line for line in contact_text(each.models))
     for name, row in one.runs.items():
         recipe, pairs, steps = training_data(row)
         known = [f"{number} {unit}" for number, unit in ((pairs, "pairs"), (steps, "steps"))
@@ -253,6 +254,28 @@ def motion_text(models: Mapping[str, ModelRow]) -> list[str]:
                 f"{shear.magnitude_error_percent:.1f} %; the intervals cover "
                 f"{shear.coverage_percent:.1f} % of the components of all moving pairs."
             )
+    return lines
+
+
+def contact_text(models: Mapping[str, ModelRow]) -> list[str]:
+    """Lines on the contact, for the runs that predict it."""
+    lines = []
+    for name, row in models.items():
+        if (found := row.contact) is None:
+            continue
+        line = (
+            f"{name}: contact in the view, {found.pairs} pairs: RMSE of the depth "
+            f"{found.depth_rmse_mm:.3f} mm (median; mean {found.depth_mean_rmse_mm:.3f}); largest "
+            f"depth {found.deepest_error_percent:.1f} % off (median; at most "
+            f"{found.deepest_worst_percent:.0f} %); IoU {found.iou:.2f}; force "
+            f"{found.force_in_view_error_percent:.1f} % off; the {100 * REPORTED_LEVEL:.0f} % "
+            f"intervals cover {found.depth_coverage_percent:.1f} % of the depths."
+        )
+        if found.missed_percent or found.false_percent:
+            line += f" It misses {found.missed_percent:.1f} % of the contacts"
+            false = found.false_percent
+            line += "." if false is None else f", and finds one in {false:.1f} % of the others."
+        lines.append(line)
     return lines
 
 

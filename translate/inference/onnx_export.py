@@ -49,7 +49,7 @@ from t2twin.translate.inference.predictor import (
     TrainedTranslator,
     require,
 )
-from t2twin.translate.models.field import FieldPrediction, FromPixels
+from t2twin.translate.models.field_readout import FieldPrediction, FromPixels
 from t2twin.translate.runs.config import BEST
 
 INPUT, BACKGROUND = "images", "background"

@@ -37,8 +37,10 @@ from t2twin.translate.data.images import (
 )
 from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures
 from t2twin.translate.data.sides import TactilePictures
+from t2twin.translate.inference.contact import ContactEstimate, estimates_of
 from t2twin.translate.models.base import CountsTranslator, Translator
-from t2twin.translate.models.field import FieldPrediction, FieldTranslator
+from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.field_readout import FieldPrediction
 from t2twin.translate.models.presets import IMAGE_TO_COUNTS
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate
@@ -344,6 +346,36 @@ class FieldPredictor(CountsPredictor):
         classes = np.array(self._classes(frames, background, pixels), dtype=object)
         estimate = replace(estimate, ood_class=classes)
         return estimate.first() if is_one else estimate
+
+    def contact(
+        self, images: Images, background: np.ndarray | None = None
+    ) -> ContactEstimate | list[ContactEstimate]:
+        """The contact itself: depth, pressure, force, center of pressure and shear force.
+
+        Arguments and errors: as for `predict`. Returns a ContactEstimate on the camera's view, in
+        the size of the image, or a list of them for several images. Its `notes` name what limits
+        it. Raises T2TwinError for a run that does not predict the contact.
+        """
+        if not self.predicts_contact:
+            raise NotPredicted(
+                f"{self.run_dir} does not predict the contact; train its layers with `t2twin train "
+                f"field --init-from {self.run_dir} --contact-alone` on a dataset with contact maps"
+            )
+        frames, is_one = image_list(images)
+        pixels = self._pixels(frames, background)
+        classes = self._classes(frames, background, pixels)
+        found: list[ContactEstimate] = []
+        for part in parts_of(len(pixels), None):
+            inputs = to_input(pixels[part].astype(np.float32) / 255.0)
+            sizes = [frame.shape[:2] for frame in frames[part]]
+            predicted = self.translator.predict_with_contact(inputs)
+            found += estimates_of(*predicted, sizes, self.config.data.camera.view_mm, classes[part])
+        return found[0] if is_one else found
+
+    @property
+    def predicts_contact(self) -> bool:
+        """Whether the run predicts the contact."""
+        return bool(self.config.data.has_contact)
 
     def estimate_pixels(
         self, pixels: np.ndarray | Pictures, progress: str | None = None

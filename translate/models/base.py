@@ -91,6 +91,11 @@ class Translator(ABC):
         """
         return None
 
+    def contact_error(self, pairs: Pairs) -> float | None:
+        """Mean over the presses of the RMSE of the depth in the contact, mm; None if it is not
+        predicted or no press has contact maps."""
+        return None
+
     def in_float32(self) -> Self:
         """The same networks, computing in float32."""
         other = copy(self)

@@ -12,16 +12,16 @@ The force is predicted as a logarithm, if the training presses have several forc
 on the gel camera is predicted if the training presses have motion. It has layers and an optimizer
 of its own, so that it does not change the other predictions. Its mean is trained on the likelihood
 at the predicted spread: without markers it cannot be predicted, and squared errors of such touches
-would dominate (median magnitude 0.67 of the true one, measured).
+would dominate (median magnitude 0.67 of the true one, measured). The contact in the view is
+predicted in the same way (module contact), if the training presses have contact maps.
 
-Shape letters: B batch, S image side, N taxels, F places of the dense counts, R rows and C columns
-of a tactile image.
+Shape letters: B batch, S image side, N taxels, F places of the dense counts.
 """
 
 from collections.abc import Iterator
-from copy import copy, deepcopy
+from copy import copy
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 import torch
@@ -31,18 +31,31 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
 from t2twin.sim.taxels.dense import reading_matrix
 from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.phi import barycentric
-from t2twin.translate.data.images import RGB_MEAN, RGB_STD, to_input
+from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.base import CountsTranslator, adamw
-from t2twin.translate.models.presets import Preset
-from t2twin.translate.networks.field_net import KNOTS, SHEAR, FieldNet, FieldOutputs
-from t2twin.translate.uncertainty.calibration import (
-    Errors,
-    fit_calibration,
-    interpolate_scale,
-    standard_deviation,
+from t2twin.translate.models.contact import (
+    ContactPrediction,
+    ContactReadout,
+    contact_loss,
+    contact_scale,
+    depth_errors_mm,
+    fit_contact_knots,
 )
+from t2twin.translate.models.field_readout import (
+    DenseImage,
+    FieldPrediction,
+    FieldReadout,
+    FromPixels,
+    force_target,
+    log_force,
+    predicts_force,
+)
+from t2twin.translate.models.presets import Preset
+from t2twin.translate.networks.contact_head import ContactOutputs
+from t2twin.translate.networks.field_net import CONTACT, SHEAR, FieldNet, FieldOutputs
+from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
+from t2twin.translate.uncertainty.likelihood import negative_log_likelihood
 
 ABSOLUTE_WEIGHT = 0.1
 """Weight of the absolute error of the dense counts relative to the squared one, both divided by
@@ -57,22 +70,9 @@ FORCE_WEIGHT = 0.3
 """Weight of the force's squared error relative to that of the dense counts, both divided by their
 variance (assumed)."""
 
-FORCE_OFFSET_N = 0.1
-"""Added to a force before its logarithm is taken, N (assumed: the force is zero without contact,
-and at least half a newton otherwise)."""
-
-MIN_FORCE_SCALE = 1e-3
-"""Standard deviation of the training forces' logarithms above which the network predicts the force
-(assumed)."""
-
 MIN_RELATIVE_SHEAR_N = 0.3
 """Shear force below which its error is no longer relative to it, N (assumed: as for the figures of
 an evaluation)."""
-
-DEGREES_OF_FREEDOM = 4.0
-"""Of the t distribution of the likelihood. After 2,000 steps on fixed features, validation without
-the least certain fifth has a 13 % lower RMSE, with a Gaussian 4 %; 3 and 8 are equally good
-(measured)."""
 
 
 def training_loss(
@@ -89,12 +89,12 @@ def training_loss(
     losses = {
         "field": relative.square().mean(),
         "field_absolute": (relative.square() + ROUNDING**2).sqrt().mean(),
-        "spread": _negative_log_likelihood(error.detach(), outputs.log_spread).mean(),
+        "spread": negative_log_likelihood(error.detach(), outputs.log_spread).mean(),
     }
     loss = losses["field"] + ABSOLUTE_WEIGHT * losses["field_absolute"] + losses["spread"]
     if predicts_force(network):
         error = outputs.force - force_target(network, targets.force_n.to(device))
-        likelihood = _negative_log_likelihood(error.detach(), outputs.force_log_spread)
+        likelihood = negative_log_likelihood(error.detach(), outputs.force_log_spread)
         losses |= {"force": error.square().mean(), "force_spread": likelihood.mean()}
         loss = loss + FORCE_WEIGHT * losses["force"] + losses["force_spread"]
     if outputs.shear is not None and outputs.shear_log_spread is not None:
@@ -102,19 +102,17 @@ def training_loss(
         shear_n = targets.shear_n.to(device)
         error = outputs.shear - shear_n / network.shear_scale
         log_spread = outputs.shear_log_spread
-        losses["shear"] = _negative_log_likelihood(error, log_spread.detach()).mean()
-        likelihood = _negative_log_likelihood(error.detach(), log_spread).mean(dim=1)
+        losses["shear"] = negative_log_likelihood(error, log_spread.detach()).mean()
+        likelihood = negative_log_likelihood(error.detach(), log_spread).mean(dim=1)
         # Without markers, presses that stay still have no error.
         moving = shear_n.any(dim=1).float()
         losses["shear_spread"] = likelihood @ moving / moving.sum().clamp(min=1.0)
         loss = loss + losses["shear"] + losses["shear_spread"]
+    if outputs.contact is not None:
+        assert targets.contact is not None
+        of_contact, parts = contact_loss(network, outputs.contact, targets.contact.to(device))
+        loss, losses = loss + of_contact, losses | parts
     return loss, losses
-
-
-def force_target(network: FieldNet, force_n: torch.Tensor) -> torch.Tensor:
-    """The standardized logarithm of forces. Any shape."""
-    mean, std = network.force_scale
-    return (log_force(force_n) - mean) / std.clamp(min=MIN_FORCE_SCALE)
 
 
 def relative_squares(error_n: torch.Tensor, shear_n: torch.Tensor) -> torch.Tensor:
@@ -123,141 +121,9 @@ def relative_squares(error_n: torch.Tensor, shear_n: torch.Tensor) -> torch.Tens
     return error_n.square().sum(dim=1) / size
 
 
-def _negative_log_likelihood(error: torch.Tensor, log_spread: torch.Tensor) -> torch.Tensor:
-    """Negative logarithms of Student's density, up to a constant. All of one shape."""
-    square = error.square() * torch.exp(-2.0 * log_spread)
-    tail = torch.log1p(square / DEGREES_OF_FREEDOM)
-    return log_spread + 0.5 * (DEGREES_OF_FREEDOM + 1.0) * tail
-
-
-class FieldPrediction(NamedTuple):
-    """Predictions for B images.
-
-    counts, counts_std: (B, N), counts. dense_counts, dense_counts_std: (B, F), counts. force_n,
-    force_std_n: (B,), N, or None if the run was trained on presses of one force. shear_n,
-    shear_std_n: (B, 2), N, or None if it was trained without.
-    """
-
-    counts: torch.Tensor
-    counts_std: torch.Tensor
-    dense_counts: torch.Tensor
-    dense_counts_std: torch.Tensor
-    force_n: torch.Tensor | None
-    force_std_n: torch.Tensor | None
-    shear_n: torch.Tensor | None = None
-    shear_std_n: torch.Tensor | None = None
-
-
-class FieldReadout(nn.Module):
-    """Reads the counts of a layout from the outputs of a calibrated network.
-
-    reading: (N, F), maps the dense counts to the counts. full_scale: counts.
-    """
-
-    reading: torch.Tensor
-    factor: torch.Tensor
-    place_knots: torch.Tensor
-    press_knots: torch.Tensor
-    force_knots: torch.Tensor
-    force_scale: torch.Tensor
-    shear_knots: torch.Tensor
-    shear_scale: torch.Tensor
-
-    def __init__(self, network: FieldNet, reading: np.ndarray, full_scale: float) -> None:
-        super().__init__()
-        self.full_scale = full_scale
-        self.predicts_force = predicts_force(network)
-        factor = torch.linalg.cholesky(network.correlation.cpu().double()).float()
-        self.register_buffer("reading", torch.from_numpy(reading).float())
-        self.register_buffer("factor", factor)
-        shear = ("shear_knots", "shear_scale") if network.predicts_shear else ()
-        for name in (*KNOTS, "force_scale", *shear):
-            self.register_buffer(name, getattr(network, name).detach().clone())
-        self.to(network.correlation.device)
-
-    def forward(self, outputs: FieldOutputs) -> FieldPrediction:
-        """All counts are clipped to zero and full scale."""
-        dense_counts = (outputs.mean * self.full_scale).clamp(0.0, self.full_scale)
-        std = standard_deviation(outputs.log_spread, self.place_knots, self.press_knots)
-        dense_counts_std = self.full_scale * std
-        counts = (dense_counts @ self.reading.T).clamp(0.0, self.full_scale)
-        # A taxel averages several places, whose errors are correlated.
-        parts = (dense_counts_std[:, None, :] * self.reading) @ self.factor
-        counts_std = parts.square().sum(dim=2).sqrt()
-        found = FieldPrediction(counts, counts_std, dense_counts, dense_counts_std, None, None)
-        if outputs.shear is not None and outputs.shear_log_spread is not None:
-            factor = interpolate_scale(outputs.shear_log_spread, self.shear_knots)
-            spread = outputs.shear_log_spread.exp() * factor
-            found = found._replace(
-                shear_n=self.shear_scale * outputs.shear, shear_std_n=self.shear_scale * spread
-            )
-        if not self.predicts_force:
-            return found
-        shifted = torch.exp(outputs.force * self.force_scale[1] + self.force_scale[0])
-        spread = outputs.force_log_spread.exp() * interpolate_scale(
-            outputs.force_log_spread, self.force_knots
-        )
-        spread = spread * self.force_scale[1]
-        force = (shifted - FORCE_OFFSET_N).clamp(min=0.0)
-        return found._replace(force_n=force, force_std_n=shifted * spread)
-
-    def sample(self, prediction: FieldPrediction, number: int, seed: int) -> torch.Tensor:
-        """(B, number, F) fields sampled from the predicted distributions, counts."""
-        generator = torch.Generator().manual_seed(seed)
-        shape = (prediction.dense_counts.shape[0], number, prediction.dense_counts.shape[1])
-        normal = torch.randn(shape, generator=generator).to(prediction.dense_counts.device)
-        deviation = prediction.dense_counts_std[:, None] * (normal @ self.factor.T)
-        return (prediction.dense_counts[:, None] + deviation).clamp(0.0, self.full_scale)
-
-
-def log_force(force_n: torch.Tensor) -> torch.Tensor:
-    """The shifted logarithm of forces, the target of training. Any shape, N."""
-    return torch.log(force_n + FORCE_OFFSET_N)
-
-
-def predicts_force(network: FieldNet) -> bool:
-    """Whether the network was trained on presses of several forces."""
-    return float(network.force_scale[1]) > MIN_FORCE_SCALE
-
-
-class DenseImage(nn.Module):
-    """Maps (B, F) to (B, R, C), zero outside the places' convex hull.
-
-    x_mm, y_mm: (F,), mm. shape: R and C. px_per_mm: scale of the image.
-    """
-
-    corners: torch.Tensor
-    weights: torch.Tensor
-
-    def __init__(
-        self, x_mm: np.ndarray, y_mm: np.ndarray, shape: tuple[int, int], px_per_mm: float
-    ) -> None:
-        super().__init__()
-        self.shape = shape
-        columns_mm, rows_mm = (
-            (np.arange(size) + 0.5) / px_per_mm - size / px_per_mm / 2 for size in reversed(shape)
-        )
-        centers = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
-        matrix = barycentric(np.column_stack([x_mm, y_mm]), centers)
-        inside = np.diff(matrix.indptr) == 3
-        corners = np.zeros((centers.shape[0], 3), np.int64)
-        weights = np.zeros((centers.shape[0], 3), np.float32)
-        corners[inside] = matrix.indices.reshape(-1, 3)
-        weights[inside] = matrix.data.reshape(-1, 3).clip(0.0, 1.0)
-        self.register_buffer("corners", torch.from_numpy(np.ascontiguousarray(corners.T)))
-        self.register_buffer("weights", torch.from_numpy(np.ascontiguousarray(weights.T)))
-
-    def forward(self, field: torch.Tensor) -> torch.Tensor:
-        # Indexed by number: the tracer does not support iteration over a tensor.
-        first, second, third = (
-            field.index_select(1, self.corners[n]) * self.weights[n] for n in range(3)
-        )
-        return (first + second + third).unflatten(1, self.shape)
-
-
-SHEAR_RATE_SHARE = 5.0
-"""Learning rate of the shear force's layers, divided by the preset's (assumed: they are new after a
-warm start, whose learning rate is lower)."""
+NEW_RATE_SHARE = 5.0
+"""Learning rate of the layers of shear force and contact, divided by the preset's (assumed: they
+are new after a warm start, whose learning rate is lower)."""
 
 MEAN_FRAME_SHARE = 0.35
 """Share of the training pairs whose background frame is replaced by the dataset's mean frame
@@ -291,17 +157,36 @@ class FieldTranslator(CountsTranslator):
             )
         self.layout, self.places_mm = array.taxels, (array.dense_x_mm, array.dense_y_mm)
         self.network = FieldNet(
-            *self.places_mm, info.camera.view_mm, preset.size, preset.filters, bool(info.has_shear)
-        )
+            *self.places_mm, info.camera.view_mm, preset.size, preset.filters,
+            bool(info.has_shear), bool(info.has_contact),
+        )  # fmt: skip
         super().__init__(preset, info, device, bf16, {"field": self.network})
-        own = [each for name, each in self.network.named_parameters() if not name.startswith(SHEAR)]
+        weights = [*self.network.named_parameters()]
+        own = [each for name, each in weights if not name.startswith((SHEAR, CONTACT))]
         self.optimizers = {"field": adamw(own, preset)}
         if self.network.predicts_shear:
-            weights = self.network.shear.parameters()
-            self.optimizers[SHEAR] = adamw(weights, preset, SHEAR_RATE_SHARE)
+            self.optimizers[SHEAR] = adamw(self.network.shear.parameters(), preset, NEW_RATE_SHARE)
+        if self.network.predicts_contact:
+            weights = self.network.contact.parameters()
+            self.optimizers[CONTACT] = adamw(weights, preset, NEW_RATE_SHARE)
+
+    def train_contact_alone(self) -> None:
+        """Leaves the weights and the calibration of everything but the contact as they are."""
+        self.optimizers = {CONTACT: self.optimizers[CONTACT]}
+
+    @property
+    def is_contact_alone(self) -> bool:
+        """Whether the contact's layers alone are trained."""
+        return list(self.optimizers) == [CONTACT]
 
     def prepare(self, pairs: Pairs) -> None:
         """Sets the mean frame, and the scales of the outputs if loaded weights lack them."""
+        if self.network.predicts_contact and not self.network.contact_scale.any():
+            assert pairs.contact is not None
+            for network in (self.network, self.predictor):
+                network.contact_scale.copy_(contact_scale(pairs.contact))
+        if self.is_contact_alone:
+            return
         assert pairs.dense_counts is not None
         field = pairs.dense_counts / np.float32(self.full_scale)
         forces = log_force(torch.tensor(pairs.force_n))
@@ -327,9 +212,18 @@ class FieldTranslator(CountsTranslator):
 
         Returns the losses by name: errors divided by the standard deviation, likelihoods in nats.
         """
-        with self.precision():
-            outputs = self.network(self._training_input(examples.images).to(self.device))
-        loss, losses = training_loss(self.network, outputs, examples, self.full_scale)
+        network, images = self.network, self._training_input(examples.images).to(self.device)
+        if self.is_contact_alone:
+            assert examples.contact is not None
+            network.eval()
+            network.contact.train()
+            with self.precision():
+                contact = network.contact_outputs(images)
+            loss, losses = contact_loss(network, contact, examples.contact.to(self.device))
+        else:
+            with self.precision():
+                outputs = network(images, network.predicts_contact)
+            loss, losses = training_loss(network, outputs, examples, self.full_scale)
         self.descend(loss, self.network, *self.optimizers)
         return {name: float(each.detach()) for name, each in losses.items()}
 
@@ -342,6 +236,27 @@ class FieldTranslator(CountsTranslator):
         with torch.inference_mode():
             return self.readout(self.outputs(images))
 
+    def predict_with_contact(
+        self, images: torch.Tensor
+    ) -> tuple[FieldPrediction, ContactPrediction]:
+        """All predictions of a run that predicts the contact. images: as for `predict`."""
+        self.predictor.eval()
+        with torch.inference_mode():
+            with self.precision():
+                outputs = self.predictor(self._with_frame(images), True)
+            return self.readout(outputs), self.contact_readout(outputs.contact)
+
+    def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
+        """The outputs of the contact's layers. images: as for `predict`."""
+        self.predictor.eval()
+        with torch.inference_mode(), self.precision():
+            return self.predictor.contact_outputs(self._with_frame(images))
+
+    @cached_property
+    def contact_readout(self) -> ContactReadout:
+        """Reads the contact from the network's outputs."""
+        return ContactReadout(self.predictor, self.info.camera.view_mm)
+
     def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """See CountsTranslator. The tactile images are those of the dense counts."""
         prediction = self.predict_field(images)
@@ -349,6 +264,12 @@ class FieldTranslator(CountsTranslator):
 
     def calibrate(self, *sets: Pairs) -> None:
         """See Translator: sets the knots and the correlation of the predictor."""
+        if self.predictor.predicts_contact:
+            vars(self).pop("contact_readout", None)
+            parts = [each for pairs in sets for each in self._contacts_on(_like_new_shapes(pairs))]
+            fit_contact_knots(self.predictor, self.info.camera.view_mm, parts)
+        if self.is_contact_alone:
+            return
         found = fit_calibration([self._errors_on(_like_new_shapes(pairs)) for pairs in sets])
         network = self.predictor
         network.place_knots.copy_(found.place)
@@ -371,6 +292,24 @@ class FieldTranslator(CountsTranslator):
             error = outputs.shear * self.predictor.shear_scale - shear_n
             logs.append(relative_squares(error, shear_n)[shear_n.any(dim=1)].log())
         return float(torch.cat(logs).mean().div(2.0).exp())
+
+    def contact_error(self, pairs: Pairs) -> float | None:
+        """See Translator."""
+        if not self.predictor.predicts_contact or pairs.contact is None:
+            return None
+        scale = self.predictor.contact_scale
+        errors = [depth_errors_mm(scale, *each) for each in self._contacts_on(pairs)]
+        return float(torch.cat(errors).mean())
+
+    def _contacts_on(self, pairs: Pairs) -> Iterator[tuple[ContactOutputs, torch.Tensor]]:
+        """The outputs for pairs, and their contact maps, batch by batch; none without maps."""
+        if pairs.contact is None:
+            return
+        for start in range(0, len(pairs), BATCH_SIZE):
+            part = slice(start, start + BATCH_SIZE)
+            inputs = to_input(pairs.inputs[part].astype(np.float32) / 255.0)
+            maps = torch.from_numpy(pairs.contact[part].astype(np.float32))
+            yield self.contact_outputs(inputs), maps.to(self.device)
 
     @cached_property
     def readout(self) -> FieldReadout:
@@ -429,10 +368,14 @@ class FieldTranslator(CountsTranslator):
 
     def outputs(self, inputs: torch.Tensor) -> FieldOutputs:
         """See Translator. inputs: as for `predict`."""
+        return super().outputs(self._with_frame(inputs))
+
+    def _with_frame(self, inputs: torch.Tensor) -> torch.Tensor:
+        """(B, 6, S, S): images, each with a background frame, by default the mean frame."""
         images = inputs.to(self.device)
         if images.shape[1] == 3:
             images = torch.cat([images, self.predictor.mean_frame.expand_as(images)], dim=1)
-        return super().outputs(images)
+        return images
 
     def _training_input(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 6, S, S): images with background frames, a share of them the mean frame."""
@@ -455,41 +398,3 @@ def _like_new_shapes(pairs: Pairs) -> Pairs:
     """
     random = np.flatnonzero(pairs.families == RANDOM_FAMILY)
     return pairs.subset(random) if len(random) >= MIN_RANDOM_PRESSES else pairs
-
-
-class FromPixels(nn.Module):
-    """The whole prediction in float32 on the CPU.
-
-    Inputs: RGB pixels in [0, 1], (B, 3, S, S), and a background frame, (1, 3, S, S). Outputs:
-    counts, tactile images, counts_std, dense_counts, dense_counts_std, and, if predicted, force_n,
-    force_std_n, shear_n, shear_std_n.
-    """
-
-    mean: torch.Tensor
-    std: torch.Tensor
-
-    def __init__(self, network: FieldNet, readout: FieldReadout, dense_image: DenseImage) -> None:
-        super().__init__()
-        self.network = deepcopy(network).cpu()
-        self.readout = deepcopy(readout).cpu()
-        self.dense_image = deepcopy(dense_image).cpu()
-        self.register_buffer("mean", torch.from_numpy(RGB_MEAN).view(3, 1, 1))
-        self.register_buffer("std", torch.from_numpy(RGB_STD).view(3, 1, 1))
-
-    @property
-    def mean_frame(self) -> torch.Tensor:
-        """(1, 3, S, S) in [0, 1]: the dataset's mean background frame."""
-        return (self.network.mean_frame * self.std + self.mean)[None]
-
-    def forward(self, pixels: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        both = [(each - self.mean) / self.std for each in (pixels, background.expand_as(pixels))]
-        found = self.readout(self.network(torch.cat(both, dim=1)))
-        predicted = [each for each in found[1:] if each is not None]
-        return found.counts, self.dense_image(found.dense_counts), *predicted
-
-    @property
-    def missing(self) -> set[str]:
-        """Names of the predictions that the network does not have."""
-        force = () if self.readout.predicts_force else ("force_n", "force_std_n")
-        shear = () if self.network.predicts_shear else ("shear_n", "shear_std_n")
-        return {*force, *shear}

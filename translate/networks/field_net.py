@@ -25,6 +25,7 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
+from t2twin.translate.networks.contact_head import ContactHead, ContactOutputs
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
 from t2twin.translate.uncertainty.calibration import (
     FORCE_SHARES,
@@ -171,12 +172,12 @@ class ShearHead(nn.Module):
         return moved, roots
 
 
+MAX_POOLED = 4
+"""Maximum cells along each side of the last map that the vector is made from (assumed)."""
+
 DIFFERENCE_SCALE = 2.0
 """Factor of the difference from the background frame (assumed: a press changes an image by some
 tenths of the standard deviation of its colors)."""
-
-MAX_POOLED = 4
-"""Maximum cells along each side of the last map that the vector is made from (assumed)."""
 
 CANVAS = 32
 """Channels of the canvas that the vector predicts (assumed)."""
@@ -192,8 +193,15 @@ MIN_FORCE_SPREAD = 0.01
 MIN_SHEAR_SPREAD = 0.01
 """Minimum spread of the shear force, in root mean squares of the training presses (assumed)."""
 
-SHEAR = "shear"
-"""First letters of the names of the weights and buffers of the shear force."""
+SHEAR, CONTACT = "shear", "contact"
+"""First letters of the names of the weights and buffers of the shear force, and of the contact."""
+
+CONTACT_KNOTS = {
+    "contact_depth_knots": PLACE_SHARES,
+    "contact_pressure_knots": PLACE_SHARES,
+    "contact_center_knots": PRESS_SHARES,
+}
+"""As KNOTS, of the contact: of depth and pressure in a cell, and of the center of pressure."""
 
 KNOTS = {"place_knots": PLACE_SHARES, "press_knots": PRESS_SHARES, "force_knots": FORCE_SHARES}
 """Buffers with the knots of the calibration, and the shares of the errors in their bins."""
@@ -205,7 +213,7 @@ class FieldOutputs(NamedTuple):
     mean, log_spread: (B, F), field as a fraction of full scale, and logarithm of its raw spread.
     force, force_log_spread: (B,), standardized logarithm of the force, and the same of its spread.
     shear, shear_log_spread: (B, 2), standardized shear force along x and y, and logarithm of its
-    raw spread; None if it is not predicted.
+    raw spread; None if it is not predicted. contact: None unless it is wanted.
     """
 
     mean: torch.Tensor
@@ -214,6 +222,7 @@ class FieldOutputs(NamedTuple):
     force_log_spread: torch.Tensor
     shear: torch.Tensor | None = None
     shear_log_spread: torch.Tensor | None = None
+    contact: ContactOutputs | None = None
 
 
 class FieldNet(nn.Module):
@@ -221,7 +230,8 @@ class FieldNet(nn.Module):
 
     x_mm, y_mm: (F,) the places of the dense counts, column by column, mm. view_mm: half the width
     and half the height of the view, mm. size: S. filters: base width of the ResNet18.
-    predicts_shear: whether it predicts the shear force on the gel camera.
+    predicts_shear: whether it predicts the shear force on the gel camera. predicts_contact: whether
+    it has a decoder of the contact.
 
     Buffers:
 
@@ -231,7 +241,9 @@ class FieldNet(nn.Module):
     - force_scale, (2,), mean and standard deviation of the forces' logarithms;
     - place_knots, press_knots, force_knots, (2, K), and correlation, (F, F), the calibration;
     - shear_scale, (), root mean square of the training presses' shear force, N, and shear_knots,
-      if it is predicted.
+      if it is predicted;
+    - contact_scale, (2,), root mean squares of depth, mm, and pressure, kPa, in the training
+      presses' contacts, and those of CONTACT_KNOTS, if the contact is predicted.
 
     Raises T2TwinError for places that form no such columns, and for too few filters.
     """
@@ -248,6 +260,10 @@ class FieldNet(nn.Module):
     correlation: torch.Tensor
     shear_scale: torch.Tensor
     shear_knots: torch.Tensor
+    contact_scale: torch.Tensor
+    contact_depth_knots: torch.Tensor
+    contact_pressure_knots: torch.Tensor
+    contact_center_knots: torch.Tensor
 
     def __init__(
         self,
@@ -257,6 +273,7 @@ class FieldNet(nn.Module):
         size: int,
         filters: int,
         predicts_shear: bool = False,
+        predicts_contact: bool = False,
     ) -> None:
         super().__init__()
         self.grid = grid_of(x_mm)
@@ -297,12 +314,26 @@ class FieldNet(nn.Module):
             self.shear = ShearHead(size, vector)
             self.register_buffer("shear_scale", torch.zeros(()))
             self.register_buffer("shear_knots", identity_knots(len(SHEAR_SHARES)))
+        self.predicts_contact = predicts_contact
+        if predicts_contact:
+            self.contact = ContactHead(filters)
+            self.register_buffer("contact_scale", torch.zeros(2))
+            for name, shares in CONTACT_KNOTS.items():
+                self.register_buffer(name, identity_knots(len(shares)))
 
-    def forward(self, images: torch.Tensor) -> FieldOutputs:
-        """images: (B, 6, S, S), normalized, each with its background frame."""
-        image, frame = images.split(3, dim=1)
-        inputs = torch.cat([image, DIFFERENCE_SCALE * (image - frame)], dim=1)
-        fine, coarse, last = self.encoder.maps(inputs)
+    def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
+        """The contact alone. images: as for `forward`."""
+        with torch.no_grad():
+            inputs = _encoder_input(images)
+            maps = self.encoder.maps(inputs)
+        return self.contact(inputs, maps)
+
+    def forward(self, images: torch.Tensor, with_contact: bool = False) -> FieldOutputs:
+        """images: (B, 6, S, S), normalized, each with its background frame. with_contact: whether
+        the outputs contain the contact."""
+        inputs = _encoder_input(images)
+        maps = self.encoder.maps(inputs)
+        fine, coarse, last = maps[-3:]
         vector = self.gather(self.pool(last).flatten(1)).relu()
         canvas = self.canvas(vector).unflatten(1, (CANVAS, *self.grid))
         fine = self._resample(fine, self.fine_places)
@@ -318,16 +349,23 @@ class FieldNet(nn.Module):
             _log_add(MIN_SPREAD, scale.log() + spread),
             self.force(vector).float()[:, 0],
             _log_add(MIN_FORCE_SPREAD, self.force_spread(detached).float()[:, 0]),
+            contact=self.contact(inputs, maps) if with_contact else None,
         )
         if not self.predicts_shear:
             return outputs
-        shear, spread = self.shear(image, frame, detached)
+        shear, spread = self.shear(*images.split(3, dim=1), detached)
         return outputs._replace(shear=shear, shear_log_spread=_log_add(MIN_SHEAR_SPREAD, spread))
 
     def _resample(self, view_map: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
         """A map of the view at the places of the dense counts, (B, C, D, E), zero outside the
         view."""
         return (view_map.flatten(2) @ places.to(view_map.dtype)).unflatten(2, self.grid)
+
+
+def _encoder_input(images: torch.Tensor) -> torch.Tensor:
+    """(B, 6, S, S): images and their differences from the background frames."""
+    image, frame = images.split(3, dim=1)
+    return torch.cat([image, DIFFERENCE_SCALE * (image - frame)], dim=1)
 
 
 def _log_add(least: float, log_spread: torch.Tensor) -> torch.Tensor:

@@ -66,12 +66,13 @@ class ResNet18(nn.Module):
         """(B, channels, S, S) -> (B, outputs)."""
         return self.fc(self.avgpool(self.maps(images)[-1]).flatten(1))
 
-    def maps(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Outputs of the last three stages, with sides S / 8, S / 16 and S / 32."""
-        x = self.maxpool(self.bn1(self.conv1(images)).relu_())
-        fine = self.layer2(self.layer1(x))
-        coarse = self.layer3(fine)
-        return fine, coarse, self.layer4(coarse)
+    def maps(self, images: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """Outputs of the first layer and of the four stages, with sides S / 2 to S / 32."""
+        found = [self.bn1(self.conv1(images)).relu_()]
+        found.append(self.layer1(self.maxpool(found[-1])))
+        for stage in (self.layer2, self.layer3, self.layer4):
+            found.append(stage(found[-1]))
+        return tuple(found)
 
 
 def _stage(channels: int, width: int, stride: int) -> nn.Sequential:

@@ -29,7 +29,7 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
     and a run without a finished epoch.
     """
     config, history = load_config(run_dir), read_log(run_dir)
-    if load_info(data_dir).sha256 != config.data.sha256:
+    if load_info(data_dir).sha256 != (config.contact_data or config.data.sha256):
         raise T2TwinError(f"{data_dir} is not the dataset that {run_dir} was trained on")
     info, best = read_info(data_dir), best_epoch(history)
     config = _with_names(config, info)
@@ -48,6 +48,7 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
             ("RMSE, counts", best.val_rmse_counts, ".1f"),
             ("RMSE, grey levels", best.val_rmse_grey, ".1f"),
             ("RMSE, % of full scale", best.val_rmse_percent, ".3f"),
+            ("RMSE of the depth in the contact, mm", best.val_contact_error_mm, ".4f"),
         ],
         settings=asdict(config.preset)
         | {"direction": config.direction}

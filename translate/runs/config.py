@@ -61,7 +61,9 @@ class RunConfig(Struct, frozen=True):
     with a limit in minutes it depends on the machine and is set once. bf16: whether the networks
     train in bfloat16. processes: number of processes that share a batch. ood_detector: statistics
     of the training images, and epoch_steps: steps per epoch; both are set when training starts.
-    init_from: SHA-256 of the initial weights, None for random ones.
+    init_from: SHA-256 of the initial weights, None for random ones. contact_data: SHA-256 of the
+    info.json that the contact's layers alone were trained on, on a run whose data, ood_detector and
+    other weights are kept; None if all layers were trained together.
     """
 
     model: str
@@ -77,6 +79,7 @@ class RunConfig(Struct, frozen=True):
     steps: Steps | None = None
     epoch_steps: Steps | None = None
     init_from: str | None = msgspec.field(name="init_from_sha256", default=None)
+    contact_data: str | None = msgspec.field(name="contact_info_sha256", default=None)
     format: int = FORMAT
 
     def __repr__(self) -> str:
@@ -111,6 +114,10 @@ class RunConfig(Struct, frozen=True):
         """Raises ValueError for fields that do not fit together."""
         if self.init_from is not None and not is_sha256(self.init_from):
             raise ValueError("init_from_sha256 must be 64 hexadecimal digits")
+        if self.contact_data is not None and not (
+            is_sha256(self.contact_data) and self.data.has_contact
+        ):
+            raise ValueError("contact_info_sha256 must be 64 digits, of a run with has_contact")
         if self.model not in MODELS:
             raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
         check_direction(self.direction, find_model(self.model))

@@ -33,7 +33,8 @@ class EpochRecord:
     val_rmse_counts, val_rmse_percent: RMSE on the validation split, counts and percent of full
     scale. seconds: duration. val_rmse_grey: for a run that predicts images, the RMSE of their
     pixels, grey levels; val_rmse_counts is None then. val_shear_error: for a run that predicts the
-    shear force, Translator.shear_error on the validation split.
+    shear force, Translator.shear_error on the validation split; val_contact_error_mm: the same of
+    Translator.contact_error.
     """
 
     epoch: Annotated[int, Meta(ge=1)]
@@ -44,11 +45,13 @@ class EpochRecord:
     seconds: Annotated[float, Meta(ge=0)]
     val_rmse_grey: Annotated[float, Meta(ge=0)] | None = None
     val_shear_error: Annotated[float, Meta(ge=0)] | None = None
+    val_contact_error_mm: Annotated[float, Meta(ge=0)] | None = None
 
     @property
     def error(self) -> float:
-        """What the best epoch has the least of: val_rmse_percent, times the shear's error."""
-        return self.val_rmse_percent * (self.val_shear_error or 1.0)
+        """What the best epoch has the least of: the product of the errors there are."""
+        others = (self.val_shear_error or 1.0) * (self.val_contact_error_mm or 1.0)
+        return self.val_rmse_percent * others
 
     def __post_init__(self) -> None:
         if (self.val_rmse_counts is None) == (self.val_rmse_grey is None):
@@ -130,6 +133,7 @@ def to_json(record: EpochRecord) -> dict[str, float]:
         "val_rmse_percent": record.val_rmse_percent,
         GREY: record.val_rmse_grey,
         "val_shear_error": record.val_shear_error,
+        "val_contact_error_mm": record.val_contact_error_mm,
         "seconds": record.seconds,
     }
     known = {name: value for name, value in content.items() if value is not None}

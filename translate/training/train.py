@@ -16,8 +16,10 @@ from contextlib import nullcontext
 from dataclasses import replace
 from os.path import lexists
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
@@ -38,6 +40,7 @@ from t2twin.translate.models.presets import (
     find_preset,
     is_reverse,
 )
+from t2twin.translate.networks.contact_head import side_of_maps
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import has_bf16, load_history, translator_class
 from t2twin.translate.runs.config import (
@@ -72,6 +75,7 @@ def train(
     init_from: str | Path | None = None,
     direction: str = SOURCE_TO_TARGET,
     iou_weight: float | None = None,
+    contact_alone: bool = False,
 ) -> TrainingResult:
     """Trains a translator on a dataset, or resumes a stopped training.
 
@@ -84,6 +88,8 @@ def train(
     for a gel camera and a taxel array also "image-to-counts" and "counts-to-image". Images are
     validated by the RMSE of their pixels; from images they are predicted in color, if the preset is
     a name. iou_weight: weight of the soft IoU loss (models.touch2touch), by default the preset's.
+    contact_alone: train only the contact's layers of a field run, on those of init_from, whose
+    other predictions stay.
     Raises T2TwinError for arguments that are invalid or do not fit together, and an init_from of
     another kind. It also does for an unreadable dataset, a folder with another run, and a loss that
     is not finite.
@@ -102,6 +108,7 @@ def train(
     if init_from is not None:
         weights = find_weights(init_from, model, settings, info)
         settings = replace(settings, learning_rate=WARM_START_SHARE * settings.learning_rate)
+    kept = _kept(contact_alone, model, init_from, info)
     config = RunConfig(
         model=model,
         preset=settings,
@@ -115,7 +122,36 @@ def train(
         processes=distributed.process_count(),
         init_from=None if weights is None else sha256_of(weights),
     )
-    return _run(config, data_dir, out_dir, weights, reverse)
+    return _run(structs.replace(config, **kept), data_dir, out_dir, weights, reverse)
+
+
+def _kept(
+    contact_alone: bool, model: str, run: str | Path | None, info: DataInfo
+) -> dict[str, Any]:
+    """The fields of the configuration of a training of the contact alone, on another run's layers.
+
+    Raises T2TwinError for another model than field, without a run, and for a dataset without
+    contact maps.
+    """
+    if not arguments.flag(contact_alone, "contact_alone"):
+        return {}
+    if model != "field" or run is None:
+        given = "no run to start from" if run is None else f"the model {model}"
+        raise T2TwinError(
+            f"the contact alone is trained on the layers of a field run; got {given}, expected "
+            "field with --init-from"
+        )
+    if not info.has_contact:
+        raise T2TwinError(
+            "the pairs have no contact maps; make a dataset whose recipe has contact_maps = true, "
+            "such as `t2twin simdata --recipe contact`"
+        )
+    theirs = load_config(resolve_run(run))
+    return {
+        "data": structs.replace(theirs.data, has_contact=True),
+        "ood_detector": theirs.ood_detector,
+        "contact_data": info.sha256,
+    }
 
 
 def _run(
@@ -170,8 +206,9 @@ def _load_in_turn(
 
 def _load(data_dir: Path, config: RunConfig, cache: Path, reverse: bool) -> tuple[Pairs, Pairs]:
     preset, dense = config.preset, translator_class(config).learns_dense_counts
+    side = side_of_maps(preset.size) if dense and config.data.has_contact else None
     pairs, validation = (
-        load_pairs(data_dir, split, preset.size, preset.grey, cache, dense, reverse)
+        load_pairs(data_dir, split, preset.size, preset.grey, cache, dense, reverse, side)
         for split in ("train", "val")
     )
     if len(pairs) < MIN_PAIRS:
@@ -194,6 +231,7 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
         ("preset", earlier.preset, config.preset),
         ("seed", earlier.seed, config.seed),
         ("dataset", earlier.data.sha256, config.data.sha256),
+        ("dataset", earlier.contact_data, config.contact_data),
         ("number of epochs", earlier.epochs, config.epochs),
         ("number of steps", earlier.steps, config.steps),
         ("limit in minutes", earlier.minutes, config.minutes),

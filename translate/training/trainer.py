@@ -18,7 +18,7 @@ from t2twin.translate.data.pairs import Examples, ImageFile, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.presets import IMAGE_TO_COUNTS, Preset
-from t2twin.translate.networks.field_net import SHEAR
+from t2twin.translate.networks.field_net import CONTACT, SHEAR
 from t2twin.translate.runs.checkpoint import (
     build,
     load_state,
@@ -28,7 +28,7 @@ from t2twin.translate.runs.checkpoint import (
 )
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, to_json, write_log
-from t2twin.translate.uncertainty.ood import fit_ood_detector
+from t2twin.translate.uncertainty.ood import OODDetector, fit_ood_detector
 
 
 @dataclass(frozen=True)
@@ -144,9 +144,7 @@ class Trainer:
                 self.config,
                 planned_epochs=planned,
                 epoch_steps=self.steps,
-                ood_detector=fit_ood_detector(self.pairs.images)
-                if self.pairs.pictures is None
-                else None,
+                ood_detector=self._ood_detector(),
             )
         self.translator = build(self.config)
         if self.weights is not None:
@@ -165,6 +163,12 @@ class Trainer:
         if self.rank == 0:
             print(f"{self.out_dir}: {result.summary}.")
         return result
+
+    def _ood_detector(self) -> OODDetector | None:
+        """Statistics of the training images; of layers on another run's, that run's."""
+        if self.config.contact_data is not None or self.pairs.pictures is not None:
+            return self.config.ood_detector
+        return fit_ood_detector(self.pairs.images)
 
     def _planned_epochs(self, epoch_seconds: float) -> int:
         """The user's number of epochs or the preset's; with a limit in minutes, those that fit."""
@@ -208,11 +212,13 @@ class Trainer:
         last, best = self.history[-1], best_epoch(self.history)
         total = self.config.planned_epochs
         minutes = sum(record.seconds for record in self.history) / 60
+        error_mm, best_mm = last.val_contact_error_mm, best.val_contact_error_mm
+        contact = "" if error_mm is None else f", depth {error_mm:.4f} mm, then {best_mm:.4f} mm"
         return (
             f"epoch {last.epoch:,} of {total:,}, step {last.epoch * self.steps:,} of "
             f"{total * self.steps:,}, {minutes:.1f} minutes, validation RMSE "
             f"{last.val_rmse_percent:.2f} %, best {best.val_rmse_percent:.2f} % in epoch "
-            f"{best.epoch:,}"
+            f"{best.epoch:,}{contact}"
         )
 
     def _epoch(self, epoch: int, bar: Progress) -> EpochRecord:
@@ -250,7 +256,11 @@ class Trainer:
             )
         for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
             distributed.average_statistics(network)
-        rmse, shear = self._validate(), translator.in_float32().shear_error(self.validation)
+        rmse, exact = self._validate(), translator.in_float32()
+        shear, contact = (
+            None if error is None else distributed.largest(error)
+            for error in (exact.shear_error(self.validation), exact.contact_error(self.validation))
+        )
         return EpochRecord(
             epoch=epoch + 1,
             learning_rate=share * config.preset.learning_rate,
@@ -259,7 +269,8 @@ class Trainer:
             val_rmse_percent=100.0 * rmse / config.full_scale,
             seconds=distributed.largest(time.perf_counter() - started),
             val_rmse_grey=rmse if config.predicts_images else None,
-            val_shear_error=None if shear is None else distributed.largest(shear),
+            val_shear_error=shear,
+            val_contact_error_mm=contact,
         )
 
     def _batches(self, epoch: int) -> Iterator[np.ndarray]:
@@ -342,11 +353,11 @@ class Trainer:
 
 
 def load_initial_weights(path: Path, translator: Translator) -> None:
-    """Loads the weights of another run; those of the shear only if both networks predict it.
+    """Loads the weights of another run; those of shear and contact only if both networks have them.
 
     Raises T2TwinError for a file with the weights of another network.
     """
-    load_weights(path, translator.predictor, optional=(SHEAR,))
+    load_weights(path, translator.predictor, optional=(SHEAR, CONTACT))
     trained = next(iter(translator.networks.values()))
     if trained is not translator.predictor:  # the predictor is its weight average
         trained.load_state_dict(translator.predictor.state_dict())
@@ -365,7 +376,7 @@ def load_examples(
     batch = np.sort(batch)  # the order on disk
     more = [
         None if each is None else torch.from_numpy(each[batch].astype(np.float32))
-        for each in (pairs.dense_counts, pairs.force_n, pairs.shear_n)
+        for each in (pairs.dense_counts, pairs.force_n, pairs.shear_n, pairs.contact)
     ]
     pixels = pairs.inputs[batch].astype(np.float32) / 255.0
     if rng is not None and preset.background_share and pairs.backgrounds is not None:

@@ -98,18 +98,18 @@ def fit_calibration(datasets: Sequence[Errors]) -> UncertaintyCalibration:
     place = press = identity_knots(len(PLACE_SHARES)).double()
     press_factor = torch.ones(len(dense), 1, dtype=torch.float64)
     for _ in range(ROUNDS):
-        place = _fit_knots(spread, dense / press_factor, PLACE_SHARES, MIN_ERRORS)
+        place = fit_knots(spread, dense / press_factor, PLACE_SHARES, MIN_ERRORS)
         std = spread * interpolate_scale(spread.log(), place)
         level = std.mean(dim=1, keepdim=True)
         least = MIN_ERRORS * dense.shape[1]
-        press = _fit_knots(level.expand_as(std), level * dense / std, PRESS_SHARES, least)
+        press = fit_knots(level.expand_as(std), level * dense / std, PRESS_SHARES, least)
         press_factor = interpolate_scale(level.log(), press)
     standardized = dense / standard_deviation(spread.log(), place, press)
     moment = standardized.T @ standardized / len(standardized)
     inverse_std = moment.diagonal().clamp(min=1e-12).rsqrt()
     correlation = (1.0 - SHRINKAGE) * inverse_std[:, None] * moment * inverse_std
     correlation.fill_diagonal_(1.0)
-    force_knots = _fit_knots(force_spread, force, FORCE_SHARES, MIN_ERRORS)
+    force_knots = fit_knots(force_spread, force, FORCE_SHARES, MIN_ERRORS)
     found = UncertaintyCalibration(
         place.float(), press.float(), force_knots.float(), correlation.float()
     )
@@ -119,7 +119,7 @@ def fit_calibration(datasets: Sequence[Errors]) -> UncertaintyCalibration:
     ]
     if not sum(map(len, shear)):
         return found
-    knots = _fit_knots(torch.cat(spread), torch.cat(shear), SHEAR_SHARES, MIN_ERRORS)
+    knots = fit_knots(torch.cat(spread), torch.cat(shear), SHEAR_SHARES, MIN_ERRORS)
     return replace(found, shear=knots.float())
 
 
@@ -151,7 +151,7 @@ def identity_knots(number: int) -> torch.Tensor:
     return torch.stack([torch.arange(float(number)), torch.zeros(number)])
 
 
-def _fit_knots(
+def fit_knots(
     spread: torch.Tensor, errors: torch.Tensor, shares: Sequence[float], least: int
 ) -> torch.Tensor:
     """(2, K) knots of errors and their raw spreads, two tensors of one shape.

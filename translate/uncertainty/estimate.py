@@ -46,7 +46,7 @@ class Estimate(NewAttributes):
         ):
             if value is not None and std is not None:
                 is_single = self.counts.ndim == 1
-                parts.append(f"{name} {_with_std(value, std) if is_single else value.shape} N")
+                parts.append(f"{name} {with_std(value, std) if is_single else value.shape} N")
         classes = [] if self.ood_class is None else np.atleast_1d(self.ood_class)
         found = dict.fromkeys(map(str, classes))  # each once
         parts += [name for name in found if name != OODClass.IN_DISTRIBUTION]
@@ -67,7 +67,8 @@ class Estimate(NewAttributes):
         return replace(self, **{name: getattr(self, name)[0] for name in _arrays(self)})
 
 
-def _with_std(value: np.ndarray, std: np.ndarray) -> str:
+def with_std(value: np.ndarray, std: np.ndarray) -> str:
+    """Values and their standard deviations in words."""
     pairs = zip(np.atleast_1d(value), np.atleast_1d(std), strict=True)
     return ", ".join(f"{each:.3g} ± {spread:.2g}" for each, spread in pairs)
 

@@ -1,0 +1,271 @@
+"""The contact that field runs predict: training, estimates, files, calibration, evaluation."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from safetensors.torch import load_file
+
+from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.dataset.generate import make_dataset
+from t2twin.sim.dataset.store import lists, read_split
+from t2twin.translate.data.pairs import load_pairs
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.evaluation.table import contact_text
+from t2twin.translate.inference.contact import EDGE_NOTE, EMPTY_NOTE, PNG_MM, PNG_ZERO, estimates_of
+from t2twin.translate.inference.load import load
+from t2twin.translate.models.contact import (
+    ContactPrediction,
+    ContactReadout,
+    center_of_pressure,
+    contact_scale,
+    depth_errors_mm,
+    fit_contact_knots,
+)
+from t2twin.translate.models.field_readout import FieldPrediction
+from t2twin.translate.networks.contact_head import ContactOutputs
+from t2twin.translate.networks.field_net import CONTACT, FieldNet
+from t2twin.translate.runs.config import BEST, HOME, load_config
+from t2twin.translate.training.train import train
+from t2twin.translate.uncertainty.ood import OODClass
+
+RECIPE = """
+format = 1
+name = "few-maps"
+seed = 3
+contact_maps = true
+[[parts]]
+shapes = "random"
+count = 4
+presses = 4
+place = { normal_mm = 1.0 }
+force_n = { low = 2.0, high = 6.0 }
+val_share = 0.25
+[light]
+kind = "drawn"
+"""
+
+VIEW_MM = (6.25, 8.333)
+
+
+def write_few(folder: Path) -> None:
+    path = folder.parent / f"{folder.name}.toml"
+    path.write_text(RECIPE)
+    make_dataset(folder, recipe=path, workers=1)
+
+
+@pytest.fixture(scope="module")
+def few(products) -> Path:
+    """A dataset of 12 training and 4 validation pairs with contact maps."""
+    return products.make("few-maps", write_few)
+
+
+def write_alone(folder: Path, few: Path) -> None:
+    train("field", few, "cpu", folder, epochs=1, init_from="field", contact_alone=True)
+
+
+@pytest.fixture(scope="module")
+def alone(few, products) -> Path:
+    """The pretrained run with layers of the contact, after one step."""
+    return products.make("contact-alone", lambda folder: write_alone(folder, few))
+
+
+@pytest.fixture(scope="module")
+def images(few) -> tuple[list[np.ndarray], np.ndarray]:
+    """Two images of one unit, and its background frame."""
+    rows = read_split(few, "val", ["source_image", "source_background"]).to_pylist()[:2]
+    found = [_decoded(row["source_image"]["bytes"]) for row in rows]
+    return found, _decoded(rows[0]["source_background"]["bytes"])
+
+
+def _decoded(png: bytes) -> np.ndarray:
+    from t2twin.core.images import decode_png
+
+    return decode_png(png)
+
+
+def test_the_contact_alone_leaves_all_other_predictions_as_they_are(alone, images) -> None:
+    before, after = load_file(HOME / "field" / BEST), load_file(alone / BEST)
+    assert all(name.startswith(CONTACT) for name in after.keys() - before.keys())
+    for name, tensor in before.items():
+        assert torch.equal(tensor.float(), after[name].float()), name
+    theirs, ours = load_config(HOME / "field"), load_config(alone)
+    assert ours.data.has_contact and ours.data.sha256 == theirs.data.sha256
+    assert ours.contact_data not in (None, theirs.data.sha256)
+    of_field, of_alone = load("field", engine="torch"), load(alone, engine="torch")
+    frames, background = images
+    expected, found = (run.estimate(frames, background) for run in (of_field, of_alone))
+    for name in ("counts", "counts_std", "dense_counts", "force_n", "force_std_n", "shear_n"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert found.ood_class.tolist() == expected.ood_class.tolist()
+
+
+def test_the_estimate_has_the_size_of_the_image_and_the_force_of_the_run(alone, images) -> None:
+    run, (frames, background) = load(alone), images
+    contacts = run.contact([frames[0], frames[1][::2, ::2]], background)
+    assert [each.depth_mm.shape for each in contacts] == [(320, 240), (160, 120)]
+    contact, force = run.contact(frames[0], background), run.estimate(frames[0], background)
+    assert contact.force_n == pytest.approx(force.force_n, rel=1e-3)
+    assert contact.shear_n == pytest.approx(force.shear_n, abs=1e-3)
+    assert contact.view_mm == pytest.approx(run.config.data.camera.view_mm)
+    for name in ("depth_std_mm", "pressure_std_kpa"):
+        assert (getattr(contact, name) > 0).all()
+    assert contact.area_mm2 == pytest.approx(contact.mask.mean() * 4 * np.prod(contact.view_mm))
+
+
+def test_runs_without_it_name_the_training(images) -> None:
+    with pytest.raises(T2TwinError, match=r"does not predict the contact; train its layers with"):
+        load("field").contact(images[0][0])
+
+
+def test_the_training_alone_refuses_what_it_cannot_start_from(few, data_dir, tmp_path) -> None:
+    for model, run in (("field", None), ("resnet18", "field")):
+        with pytest.raises(T2TwinError):
+            train(model, few, "smoke", tmp_path / "run", init_from=run, contact_alone=True)
+    with pytest.raises(T2TwinError, match="no contact maps"):
+        main_train = {"init_from": "field", "contact_alone": True}
+        train("field", without_maps(few, tmp_path), "cpu", tmp_path / "run", **main_train)
+    assert not (tmp_path / "run").exists()
+
+
+def without_maps(few: Path, folder: Path) -> Path:
+    """The dataset with an info.json that has no grid of contact maps."""
+    content = json.loads((few / "info.json").read_text())
+    del content["source"]["contact_grid"], content["recipe"]["contact_maps"]
+    (folder / "bare").mkdir()
+    (folder / "bare" / "info.json").write_text(json.dumps(content))
+    return folder / "bare"
+
+
+def test_the_command_writes_depth_and_contact_of_each_image(
+    alone, images, tmp_path, capsys
+) -> None:
+    frames, background = images
+    for name, each in (("a", frames[0]), ("b", frames[1]), ("background", background)):
+        Image.fromarray(each).save(tmp_path / f"{name}.png")
+    line = "translate a.png b.png --target contact --background background.png --out out --run"
+    main([*line.split(), str(alone)])
+    assert "a.png: ContactEstimate(depth" in capsys.readouterr().out
+    contact = load(alone).contact(frames[0], background)
+    levels = np.asarray(Image.open("out/a_depth.png")).astype(float)
+    np.testing.assert_allclose((levels - PNG_ZERO) * PNG_MM, contact.depth_mm, atol=0.51 * PNG_MM)
+    content = json.loads(Path("out/a.json").read_text())
+    assert (content["depth_png_mm_per_level"], content["depth_png_level_of_zero"]) == (
+        PNG_MM, PNG_ZERO,
+    )  # fmt: skip
+    with np.load("out/b.npz") as arrays:
+        assert arrays["mask"].dtype == bool and arrays["pressure_kpa"].shape == (320, 240)
+    rows = list(csv.DictReader(Path("out/contacts.csv").read_text().splitlines()))
+    assert [row["image"] for row in rows] == ["a.png", "b.png"]
+    assert float(rows[0]["force_n"]) == pytest.approx(float(contact.force_n), abs=1e-3)
+
+
+def prediction(pressure: torch.Tensor) -> ContactPrediction:
+    """A sure prediction of a pressure, (1, H, H)."""
+    probability, zero = (pressure > 0).float(), torch.zeros_like(pressure)
+    centers = center_of_pressure(pressure, zero, VIEW_MM)
+    return ContactPrediction(zero, zero, pressure, zero, probability, *centers)
+
+
+def estimate_of(pressure: torch.Tensor):
+    field = FieldPrediction(*[torch.zeros(1, 1)] * 4, torch.ones(1), torch.ones(1))
+    known = [OODClass.IN_DISTRIBUTION]
+    return estimates_of(field, prediction(pressure), [(96, 96)], VIEW_MM, known)[0]
+
+
+def test_empty_contacts_and_contacts_at_the_edge_are_named() -> None:
+    pressure = torch.zeros(1, 48, 48)
+    empty = estimate_of(pressure)
+    assert empty.notes == (EMPTY_NOTE,) and np.isnan(empty.center_mm).all()
+    assert empty.summary()["area_mm2"] == 0.0 and "center_mm" not in empty.summary()
+    pressure[0, 20:28, 20:28] = 50.0
+    inside = estimate_of(pressure)
+    assert inside.notes == () and inside.center_mm == pytest.approx([0.0, 0.0], abs=1e-5)
+    force_n = 1e-3 * 50.0 * 64 / 48**2 * 4 * np.prod(VIEW_MM)
+    assert inside.force_in_view_n == pytest.approx(force_n, rel=1e-3)
+    pressure[0, 0, 20:28] = 50.0
+    assert estimate_of(pressure).notes == (EDGE_NOTE,)
+
+
+def test_the_center_of_pressure_is_the_mean_place() -> None:
+    pressure = torch.zeros(1, 4, 4)
+    pressure[0, 0, 3], pressure[0, 2, 3] = 30.0, 10.0  # rows are y, columns x
+    std = torch.zeros(1, 4, 4)
+    std[0, 0, 0] = 4.0  # 3 mm to the left of the center
+    center, spread = center_of_pressure(pressure, std, (2.0, 2.0))
+    assert center[0].tolist() == pytest.approx([1.5, 0.75 * -1.5 + 0.25 * 0.5])
+    assert spread[0].tolist() == pytest.approx([4.0 * 3.0 / 40.0, 4.0 * 0.5 / 40.0])
+
+
+def test_training_reads_the_stored_maps(few) -> None:
+    pairs = load_pairs(few, "train", 96, False, contact_side=48)
+    assert pairs.contact is not None
+    maps, table = pairs.contact[:].astype(float), read_split(few, "train")
+    assert maps.shape == (12, 2, 48, 48)
+    depth_mm = 1e-3 * lists(table, "source_depth_map_um").reshape(12, -1)
+    pressure_kpa = 0.1 * lists(table, "source_pressure_map_hpa").reshape(12, -1)
+    np.testing.assert_allclose(maps[:, 0].max(axis=(1, 2)), depth_mm.max(axis=1), rtol=0.1)
+    np.testing.assert_allclose(maps[:, 1].mean(axis=(1, 2)), pressure_kpa.mean(axis=1), rtol=0.01)
+    assert contact_scale(pairs.contact)[0] == pytest.approx(
+        np.sqrt(np.square(maps[:, 0][maps[:, 1] > 5.0]).mean()), rel=1e-2
+    )
+    subset = pairs.subset(np.array([3, 5]))
+    np.testing.assert_array_equal(subset.contact[:], pairs.contact[:][[3, 5]])
+
+
+def small_network() -> FieldNet:
+    torch.manual_seed(0)
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(3.0), np.arange(4.0), indexing="ij"))
+    return FieldNet(x, y, VIEW_MM, 64, 16, predicts_contact=True)
+
+
+def test_the_decoder_changes_no_other_weights_and_learns_from_any_image() -> None:
+    network = small_network()
+    outputs = network(torch.randn(2, 6, 64, 64), True)
+    assert {each.shape for each in outputs.contact} == {(2, 32, 32)}
+    sum(each.sum() for each in outputs.contact).backward()
+    for name, weight in network.named_parameters():
+        assert (weight.grad is not None) == name.startswith(CONTACT), name
+    plain = network(torch.randn(2, 6, 64, 64))
+    assert plain.contact is None
+
+
+def test_calibrated_intervals_cover_what_they_promise() -> None:
+    """Spreads are half the errors' standard deviations."""
+    network, rng = small_network(), torch.Generator().manual_seed(1)
+    network.contact_scale.copy_(torch.tensor([0.5, 100.0]))
+    log_spread = torch.randn(40, 32, 32, generator=rng) * 0.5 - 2.0
+    error = [2.0 * log_spread.exp() * torch.randn(40, 32, 32, generator=rng) for _ in range(2)]
+    true = torch.rand(40, 2, 32, 32, generator=rng)
+    scaled = true / network.contact_scale[:, None, None]
+    depth, pressure = (scaled[:, n] + error[n] for n in range(2))
+    outputs = ContactOutputs(depth, log_spread, pressure, log_spread, torch.full_like(depth, 9.0))
+    fit_contact_knots(network, VIEW_MM, [(outputs, true)])
+    found = ContactReadout(network, VIEW_MM)(outputs)
+    covered = (found.depth_mm - true[:, 0]).abs() <= 1.645 * found.depth_std_mm
+    assert covered.float().mean() == pytest.approx(0.9, abs=0.01)
+
+
+def test_depth_errors_are_those_in_the_contact() -> None:
+    maps = torch.zeros(2, 2, 4, 4)
+    maps[0, 0, :2], maps[0, 1, :2] = 0.5, 40.0  # the second press has no contact
+    zero = torch.zeros(2, 4, 4)
+    depth = torch.full((2, 4, 4), 3.0)  # times the scale 0.2: 0.6 mm
+    outputs = ContactOutputs(depth, zero, zero, zero, zero)
+    errors = depth_errors_mm(torch.tensor([0.2, 1.0]), outputs, maps)
+    assert errors.tolist() == pytest.approx([0.1])
+
+
+def test_the_evaluation_has_the_errors_of_the_contact(alone, few, tmp_path) -> None:
+    evaluate([alone], few, "val", tmp_path)
+    row = read_evaluation(tmp_path).models["field"]
+    assert row.contact is not None and row.contact.pairs == 4
+    assert 0.0 < row.contact.depth_rmse_mm < 3.0 and 0.0 <= row.contact.iou <= 1.0
+    (line,) = contact_text({"field": row})
+    assert line.startswith("field: contact in the view, 4 pairs: RMSE of the depth")

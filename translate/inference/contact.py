@@ -1,0 +1,224 @@
+"""The contact that a field run predicts from an image, and its files.
+
+Shape letters: R rows and C columns of the image.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image, ImageDraw
+from torch.nn import functional
+
+from t2twin.core import arguments
+from t2twin.core.files import locked, move_into, temporary_folder
+from t2twin.sim.taxels.tactile_image import in_colors
+from t2twin.translate.models.contact import EVEN, ContactPrediction
+from t2twin.translate.models.field_readout import FieldPrediction
+from t2twin.translate.uncertainty.estimate import with_std
+from t2twin.translate.uncertainty.ood import OODClass
+
+PNG_MM, PNG_ZERO = 1e-3, 1000
+"""Depth of one level of the PNG file with 16 bits, mm, and the level of depth 0: the gel is raised
+around a contact."""
+
+EDGE_CELLS = 1
+"""Width of the edge of the view, cells of the network."""
+
+RELIEF_LIGHT, RELIEF_SHARE = (-0.6, -0.8), 0.6
+"""Direction that the light of the relief comes from, along x and y, and the change of brightness by
+a slope of 1 (assumed)."""
+
+DARKEST, BRIGHTEST = 0.25, 1.6
+"""Limits of that brightness (assumed)."""
+
+MIN_SCALE_MM = 0.1
+"""Least depth at the end of the relief's color scale, mm (assumed), so that noise stays dark."""
+
+CAPTION_PX, FONT_SIZE = 34, 12
+"""Height of the relief's caption, and its font."""
+
+EDGE_NOTE = "the contact reaches the edge of the view; force and depth may be of a part of it"
+EMPTY_NOTE = "no contact was found; there is no center of pressure"
+
+ARRAYS = ("depth_mm", "depth_std_mm", "pressure_kpa", "pressure_std_kpa", "probability", "mask")
+FORCE, SHEAR = ("force_n", "force_std_n"), ("shear_n", "shear_std_n")
+VALUES = (*FORCE, "center_mm", "center_std_mm", *SHEAR)
+
+
+@dataclass(frozen=True)
+class ContactEstimate:
+    """The contact predicted from one image, on the camera's view. It has the image's size.
+
+    depth_mm, depth_std_mm: (R, C) float32 depth of the gel's surface, negative where it is raised,
+    and its standard deviation. pressure_kpa, pressure_std_kpa: (R, C) float32, normal pressure; 0
+    outside the mask. probability: (R, C) float32 of contact. mask: (R, C) bool, whether it is at
+    least one half. force_n, force_std_n: force of the whole press, N; None if the run was trained
+    on presses of one force. center_mm, center_std_mm: (2,) center of pressure along x and y from
+    the middle of the view; not a number without contact. shear_n, shear_std_n: (2,) shear force
+    along x and y, N; None if the run was trained without. view_mm: half the width and half the
+    height of the view. at_edge: whether the mask reaches the edge of the view. ood_class: the
+    OODClass of the image.
+
+    Lengths, pressures and places are those of a unit with the view of the sensor's file.
+    """
+
+    depth_mm: np.ndarray
+    depth_std_mm: np.ndarray
+    pressure_kpa: np.ndarray
+    pressure_std_kpa: np.ndarray
+    probability: np.ndarray
+    mask: np.ndarray
+    center_mm: np.ndarray
+    center_std_mm: np.ndarray
+    view_mm: tuple[float, float]
+    at_edge: bool
+    ood_class: OODClass
+    force_n: np.ndarray | None = None
+    force_std_n: np.ndarray | None = None
+    shear_n: np.ndarray | None = None
+    shear_std_n: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        parts = [f"depth {self.largest_depth_mm:.3g} mm, area {self.area_mm2:.3g} mm2"]
+        for name, value, std in (
+            ("force", self.force_n, self.force_std_n), ("shear", self.shear_n, self.shear_std_n),
+        ):  # fmt: skip
+            if value is not None and std is not None:
+                parts.append(f"{name} {with_std(value, std)} N")
+        return f"ContactEstimate({'; '.join([*parts, *self.notes])})"
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no contact was found."""
+        return not self.mask.any()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What limits the estimate, in words; empty for none."""
+        found = [] if self.ood_class == OODClass.IN_DISTRIBUTION else [f"image {self.ood_class}"]
+        found += [EMPTY_NOTE] if self.is_empty else []
+        return (*found, *([EDGE_NOTE] if self.at_edge else []))
+
+    @property
+    def largest_depth_mm(self) -> float:
+        """Largest depth in the contact, mm; 0 without contact."""
+        return float(self.depth_mm[self.mask].max(initial=0.0))
+
+    @property
+    def area_mm2(self) -> float:
+        """Area of the contact in the view, mm^2."""
+        return float(self.mask.mean() * 4.0 * self.view_mm[0] * self.view_mm[1])
+
+    @property
+    def force_in_view_n(self) -> float:
+        """Integral of the pressure over the view, N; `force_n` is that of the whole press."""
+        return float(1e-3 * self.pressure_kpa.mean() * 4.0 * self.view_mm[0] * self.view_mm[1])
+
+    def summary(self) -> dict[str, Any]:
+        """The values that are not arrays of pixels, for JSON; None where there is none."""
+        given = {name: getattr(self, name) for name in VALUES}
+        values = {
+            name: None if each is None else np.round(each.astype(float), 4).tolist()
+            for name, each in given.items()
+            if each is None or np.isfinite(each).all()
+        }
+        return values | {
+            "largest_depth_mm": round(self.largest_depth_mm, 4),
+            "area_mm2": round(self.area_mm2, 3),
+            "force_in_view_n": round(self.force_in_view_n, 4),
+            "at_edge": self.at_edge,
+            "in_distribution": self.ood_class == OODClass.IN_DISTRIBUTION,
+            "notes": list(self.notes),
+        }
+
+    def save(self, folder: str | Path, name: str = "contact") -> list[Path]:
+        """Write NAME.npz, NAME.json, NAME_depth.png with 16 bits, and NAME_relief.png.
+
+        Returns the paths. Raises T2TwinError where the folder cannot be written.
+        """
+        folder = arguments.path(folder, "folder")
+        with locked(folder), temporary_folder(folder, "contact") as temporary:
+            written = self.write(temporary, name)
+            move_into(folder, written)
+        return [folder / path.name for path in written]
+
+    def write(self, folder: Path, name: str) -> list[Path]:
+        """Write the files of `save` into an existing folder."""
+        arrays = {each: getattr(self, each) for each in ARRAYS}
+        arrays |= {each: value for each in VALUES if (value := getattr(self, each)) is not None}
+        paths = [folder / f"{name}{end}" for end in (".npz", ".json", "_depth.png", "_relief.png")]
+        np.savez_compressed(paths[0], **arrays, view_mm=np.array(self.view_mm))
+        scale = {"depth_png_mm_per_level": PNG_MM, "depth_png_level_of_zero": PNG_ZERO}
+        content = json.dumps(self.summary() | scale, indent=1, allow_nan=False)
+        paths[1].write_text(f"{content}\n", encoding="utf-8")
+        levels = np.rint(self.depth_mm / PNG_MM) + PNG_ZERO
+        Image.fromarray(levels.clip(0, 65_535).astype(np.uint16)).save(paths[2])
+        self.relief().save(paths[3])
+        return paths
+
+    def relief(self) -> Image.Image:
+        """The depth as a relief, see `relief`, with the largest depth and the force in words."""
+        picture = relief(self.depth_mm, self.mask, self.view_mm)
+        words = "no contact" if self.is_empty else f"{self.largest_depth_mm:.2f} mm deep"
+        if self.force_n is not None and self.force_std_n is not None:
+            words += f", {with_std(self.force_n, self.force_std_n)} N"
+        framed = Image.new("RGB", (picture.width, picture.height + CAPTION_PX), "white")
+        framed.paste(picture)
+        at = (picture.width / 2, picture.height + CAPTION_PX / 2)
+        ImageDraw.Draw(framed).text(at, words, "black", anchor="mm", font_size=FONT_SIZE)
+        return framed
+
+
+def relief(depth_mm: np.ndarray, mask: np.ndarray, view_mm: tuple[float, float]) -> Image.Image:
+    """A picture of a depth, (R, C): colors from depth 0 to the largest, shaded as if lit from the
+    upper left, with the outline of a mask."""
+    rows, columns = depth_mm.shape
+    down, across = np.gradient(-depth_mm, 2 * view_mm[1] / rows, 2 * view_mm[0] / columns)
+    slope = -(RELIEF_LIGHT[0] * across + RELIEF_LIGHT[1] * down)
+    shade = (1.0 - RELIEF_SHARE * slope).clip(DARKEST, BRIGHTEST)
+    colors = in_colors(depth_mm / max(MIN_SCALE_MM, float(depth_mm.max()))).astype(float)
+    inner = mask.copy()
+    for axis in (0, 1):
+        for step in (-1, 1):
+            inner &= np.roll(mask, step, axis)
+    colors = colors * shade[..., None]
+    colors[mask & ~inner] = 255.0
+    return Image.fromarray(colors.clip(0, 255).astype(np.uint8))
+
+
+def estimates_of(
+    field: FieldPrediction,
+    found: ContactPrediction,
+    sizes: Sequence[tuple[int, int]],
+    view_mm: tuple[float, float],
+    classes: Sequence[OODClass],
+) -> list[ContactEstimate]:
+    """The estimates of B images. field: has force and shear. sizes: rows and columns of images."""
+    others = {name: getattr(field, name) for name in (*FORCE, *SHEAR)}
+    others = {name: each.cpu().numpy() for name, each in others.items() if each is not None}
+    estimates = []
+    maps = torch.stack(found[:5], dim=1).cpu()
+    outermost = maps[:, 4].clone()
+    outermost[:, EDGE_CELLS:-EDGE_CELLS, EDGE_CELLS:-EDGE_CELLS] = 0.0
+    at_edge = (outermost.amax(dim=(1, 2)) > EVEN).tolist()
+    centers = [each.cpu().numpy() for each in (found.center_mm, found.center_std_mm)]
+    for number, size in enumerate(sizes):
+        large = functional.interpolate(maps[number : number + 1], size, mode="bilinear")[0].numpy()
+        estimates.append(
+            ContactEstimate(
+                *large,
+                mask=large[4] > EVEN,
+                center_mm=centers[0][number],
+                center_std_mm=centers[1][number],
+                view_mm=view_mm,
+                at_edge=at_edge[number],
+                ood_class=classes[number],
+                **{name: each[number] for name, each in others.items()},
+            )
+        )
+    return estimates

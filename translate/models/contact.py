@@ -1,0 +1,198 @@
+"""The contact in the camera's view: the loss of its layers, their calibration, and its readout.
+
+Depth and pressure are trained on absolute and squared errors, with a larger weight in the contact,
+and contact itself on the likelihood of each cell. The spreads are trained as those of the dense
+counts, and calibrated by factors that depend on them.
+
+Shape letters: B batch, H side of the maps.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from t2twin.translate.data.pairs import ImageFile
+from t2twin.translate.networks.contact_head import ContactOutputs
+from t2twin.translate.networks.field_net import CONTACT_KNOTS, FieldNet
+from t2twin.translate.uncertainty.calibration import (
+    MIN_ERRORS,
+    fit_knots,
+    identity_knots,
+    interpolate_scale,
+)
+from t2twin.translate.uncertainty.likelihood import negative_log_likelihood
+
+CONTACT_KPA = 5.0
+"""Pressure from which a cell is in contact, kPa (assumed: a hundredth of a gel's modulus)."""
+
+IN_CONTACT_WEIGHT = 4.0
+"""Weight of errors in the contact relative to others (assumed: it is about a tenth of the view)."""
+
+SQUARED_WEIGHT, MASK_WEIGHT = 0.3, 0.3
+"""Weights of squared errors and of the likelihood of contact relative to absolute errors (assumed).
+"""
+
+ROUNDING = 0.03
+"""Error, as a fraction of the scale, below which an absolute error is rounded off (assumed)."""
+
+MIN_SCALES = (0.01, 1.0)
+"""Least scales of depth, mm, and of pressure, kPa (assumed), for presses without contact."""
+
+SCALE_PRESSES = 2000
+"""Presses that the scales are measured on."""
+
+EVEN = 0.5
+"""Probability from which a cell is in contact."""
+
+
+def contact_scale(maps: ImageFile) -> torch.Tensor:
+    """(2,) root mean squares of depth, mm, and pressure, kPa, in the contacts of training pairs."""
+    depth, pressure = torch.from_numpy(maps[:SCALE_PRESSES]).float().unbind(dim=1)
+    inside = pressure > CONTACT_KPA
+    values = [each[inside].square().mean().sqrt().nan_to_num() for each in (depth, pressure)]
+    return torch.stack(values).maximum(torch.tensor(MIN_SCALES))
+
+
+def contact_loss(
+    network: FieldNet, outputs: ContactOutputs, maps: torch.Tensor
+) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
+    """The loss of a batch, and its parts by name. maps: (B, 2, H, H) depth, mm, and pressure, kPa.
+
+    Errors are divided by their scales, likelihoods are in nats.
+    """
+    inside = (maps[:, 1] > CONTACT_KPA).float()
+    weight = 1.0 + (IN_CONTACT_WEIGHT - 1.0) * inside
+    weight = weight / weight.mean()
+    scale = network.contact_scale.clamp(min=1e-3)
+    losses, loss = {}, torch.zeros((), device=maps.device)
+    for number, name in enumerate(("depth", "pressure")):
+        predicted = getattr(outputs, name)
+        error = predicted - maps[:, number] / scale[number]
+        rounded = (error.square() + ROUNDING**2).sqrt() - ROUNDING
+        found = (weight * (rounded + SQUARED_WEIGHT * error.square())).mean()
+        spread = getattr(outputs, f"{name}_log_spread")
+        likelihood = negative_log_likelihood(error.detach(), spread).mean()
+        losses |= {f"contact_{name}": found, f"contact_{name}_spread": likelihood}
+        loss = loss + found + likelihood
+    losses["contact_mask"] = functional.binary_cross_entropy_with_logits(outputs.logit, inside)
+    return loss + MASK_WEIGHT * losses["contact_mask"], losses
+
+
+def depth_errors_mm(
+    scale: torch.Tensor, outputs: ContactOutputs, maps: torch.Tensor
+) -> torch.Tensor:
+    """(b,) RMSE of the depth in the contact of each press that has one, mm. maps: as for
+    `contact_loss`."""
+    inside = maps[:, 1] > CONTACT_KPA
+    squares = (outputs.depth * scale[0] - maps[:, 0]).square() * inside
+    cells = inside.sum(dim=(1, 2))
+    return (squares.sum(dim=(1, 2))[cells > 0] / cells[cells > 0]).sqrt()
+
+
+class ContactPrediction(NamedTuple):
+    """The contact in the view of B images.
+
+    depth_mm, depth_std_mm, pressure_kpa, pressure_std_kpa, probability: (B, H, H), the last one of
+    contact. The pressure is 0 where the probability is below one half. center_mm, center_std_mm:
+    (B, 2) center of pressure along x and y from the middle of the view; not a number without
+    contact.
+    """
+
+    depth_mm: torch.Tensor
+    depth_std_mm: torch.Tensor
+    pressure_kpa: torch.Tensor
+    pressure_std_kpa: torch.Tensor
+    probability: torch.Tensor
+    center_mm: torch.Tensor
+    center_std_mm: torch.Tensor
+
+
+class ContactReadout(nn.Module):
+    """Reads the contact from the outputs of a calibrated network.
+
+    view_mm: half the width and half the height of the view.
+    """
+
+    contact_scale: torch.Tensor
+    contact_depth_knots: torch.Tensor
+    contact_pressure_knots: torch.Tensor
+    contact_center_knots: torch.Tensor
+
+    def __init__(self, network: FieldNet, view_mm: tuple[float, float]) -> None:
+        super().__init__()
+        self.view_mm = view_mm
+        for name in (*CONTACT_KNOTS, "contact_scale"):
+            self.register_buffer(name, getattr(network, name).detach().clone())
+        self.to(network.contact_scale.device)
+
+    def forward(self, outputs: ContactOutputs) -> ContactPrediction:
+        """The calibrated predictions."""
+        of_depth, of_pressure = outputs.depth_log_spread, outputs.pressure_log_spread
+        depth_std = of_depth.exp() * interpolate_scale(of_depth, self.contact_depth_knots)
+        std = of_pressure.exp() * interpolate_scale(of_pressure, self.contact_pressure_knots)
+        probability = torch.sigmoid(outputs.logit)
+        pressure = torch.where(probability > EVEN, outputs.pressure.clamp(min=0.0), 0.0)
+        center, spread = center_of_pressure(pressure, std, self.view_mm)
+        factor = interpolate_scale(spread.log(), self.contact_center_knots)
+        mm, kpa = self.contact_scale
+        return ContactPrediction(
+            mm * outputs.depth, mm * depth_std, kpa * pressure, kpa * std,
+            probability, center, spread * factor,
+        )  # fmt: skip
+
+
+def center_of_pressure(
+    pressure: torch.Tensor, std: torch.Tensor, view_mm: tuple[float, float]
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(B, 2) center of pressure, mm, and its standard deviation if errors are independent.
+
+    pressure, std: (B, H, H). Both are not a number without pressure.
+    """
+    side = pressure.shape[-1]
+    middles = (torch.arange(side, device=pressure.device) + 0.5) * 2.0 / side - 1.0
+    total = pressure.sum(dim=(1, 2))
+    total = torch.where(total > 0.0, total, torch.nan)
+    centers, stds = [], []
+    for half, axis in zip(view_mm, (1, 2), strict=True):  # summed over rows, then over columns
+        at = half * middles
+        center = (pressure.sum(dim=axis) @ at) / total
+        squares = std.square().sum(dim=axis) * (at - center[:, None]).square()
+        centers.append(center)
+        stds.append(squares.sum(dim=1).sqrt() / total)
+    return torch.stack(centers, dim=1), torch.stack(stds, dim=1)
+
+
+def fit_contact_knots(
+    network: FieldNet,
+    view_mm: tuple[float, float],
+    parts: Iterable[tuple[ContactOutputs, torch.Tensor]],
+) -> None:
+    """Sets the knots of the contact's uncertainty.
+
+    parts: outputs and maps, as for `contact_loss`, of held-out presses; nothing changes without.
+    """
+    parts = list(parts)
+    if not parts:
+        return
+    columns = zip(*(each for each, _ in parts), strict=True)
+    outputs = ContactOutputs(*map(torch.cat, columns))
+    maps = torch.cat([each for _, each in parts])
+    for number, name in enumerate(("depth", "pressure")):
+        error = getattr(outputs, name) - maps[:, number] / network.contact_scale[number]
+        _set_knots(network, name, getattr(outputs, f"{name}_log_spread").exp(), error)
+    network.contact_center_knots.copy_(identity_knots(len(CONTACT_KNOTS["contact_center_knots"])))
+    found = ContactReadout(network, view_mm)(outputs)
+    true, _ = center_of_pressure(maps[:, 1], torch.zeros_like(maps[:, 1]), view_mm)
+    error = found.center_mm - true
+    known = error.isfinite().all(dim=1)
+    if int(known.sum()) >= MIN_ERRORS:
+        _set_knots(network, "center", found.center_std_mm[known], error[known])
+
+
+def _set_knots(network: FieldNet, name: str, spread: torch.Tensor, error: torch.Tensor) -> None:
+    key = f"contact_{name}_knots"
+    knots = fit_knots(spread.double().cpu(), error.double().cpu(), CONTACT_KNOTS[key], MIN_ERRORS)
+    getattr(network, key).copy_(knots)
