@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from benchmarks.networks.small_models import Errors, Labels, errors_of, share_kept, train
+from benchmarks.networks import small_models
+from benchmarks.networks.small_models import Errors, Labels, SmallModels, errors_of, share_kept
 from benchmarks.networks.transfer import rows_of
 from benchmarks.networks.transfer_data import (
     IMAGES,
@@ -12,6 +13,7 @@ from benchmarks.networks.transfer_data import (
     SLIP_SHARE,
     TRUE,
     Examples,
+    Task,
     place_examples,
     slip_examples,
 )
@@ -23,6 +25,12 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 SHAPES = np.repeat(["a", "b", "c", "d"], 100)
 
 
+@pytest.fixture(autouse=True)
+def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trainings that are long enough for simple tasks."""
+    monkeypatch.setattr(small_models, "STEPS", 200)
+
+
 def spread(seed: int) -> np.ndarray:
     """Inputs, (400, 3)."""
     return np.random.default_rng(seed).standard_normal((SHAPES.size, 3)).astype(np.float32)
@@ -32,7 +40,7 @@ def test_scores_follow_from_the_errors() -> None:
     true = Labels(np.array([[1.0, 0.0], [-1.0, 0.0], [3.0, 4.0], [-3.0, -4.0]]))
     names = np.array(["a", "a", "b", "b"])
     for factor, score in ((1.0, 1.0), (0.5, 0.5), (0.0, 0.0), (-1.0, -1.0)):
-        found = errors_of([factor * true.values], true, true).score(names)
+        found = errors_of(factor * true.values[None], true, true).score(names)
         assert found.score == pytest.approx(score)
         assert found.error == pytest.approx(abs(1.0 - factor) * np.sqrt(13.0))
 
@@ -46,12 +54,12 @@ def test_classes_have_equal_weight_and_a_guess_scores_zero() -> None:
         (1 - true.values, -1.0),
         (np.array([0] * 90 + [0, 1] * 5), 0.5),
     ):
-        found = errors_of([answers], true, true).score(names)
+        found = errors_of(answers[None], true, true).score(names)
         assert found.score == pytest.approx(score)
         assert found.error == pytest.approx(50.0 * (1.0 - score))
     only = Labels(np.zeros(100, int), classes=2)
     with pytest.raises(T2TwinError, match="1 of 2 classes occur"):
-        errors_of([only.values], only, true)
+        errors_of(only.values[None], only, true)
 
 
 def test_the_share_kept_is_paired_over_shapes() -> None:
@@ -68,14 +76,13 @@ def test_the_share_kept_is_paired_over_shapes() -> None:
 
 def test_a_task_is_learned_on_true_counts_and_fed_with_predicted_ones() -> None:
     """A linear task: predicted inputs of half the size keep half of the score."""
-    task = {}
-    for seed, split in enumerate(("train", "val")):
+    examples = []
+    for seed in (0, 1):
         true = spread(seed)
         inputs = {TRUE: true, PREDICTED: 0.5 * true, IMAGES: np.zeros_like(true)}
-        task[split] = Examples(inputs, Labels(true[:, :2] - true[:, 1:]), SHAPES)
-    rows = rows_of(task)
-    assert list(rows) == ["val"]
-    row = rows["val"]
+        examples.append(Examples(inputs, Labels(true[:, :2] - true[:, 1:]), SHAPES))
+    row = rows_of(Task(examples[0], {"place": {"val": examples[1]}}))["place"]["val"]
+    assert row["examples"] == SHAPES.size
     assert row["true"]["score"] > 0.9
     assert row["predicted"]["score"] == pytest.approx(0.5, abs=0.05)
     assert row["kept"]["percent"] == pytest.approx(
@@ -85,13 +92,12 @@ def test_a_task_is_learned_on_true_counts_and_fed_with_predicted_ones() -> None:
     assert row["adapted"]["score"] > 0.9
 
 
-def test_models_learn_classes_and_repeat_with_their_seed() -> None:
+def test_models_learn_classes_and_repeat() -> None:
     inputs, others = spread(0), spread(1)
     one, two = (Labels((each[:, 0] > each[:, 1]).astype(int), 2) for each in (inputs, others))
-    models, again = train(inputs, one), train(inputs, one)
-    answers = [model.predict(others) for model in models]
-    assert errors_of(answers, two, one).score(SHAPES).score > 0.85
-    assert np.array_equal(models[0].predict(others), again[0].predict(others))
+    first, second = (SmallModels(inputs, one).predict(others) for _ in range(2))
+    assert errors_of(first, two, one).score(SHAPES).score > 0.85
+    assert np.array_equal(first, second)
 
 
 def test_examples_of_slip_have_the_press_and_the_touch() -> None:
@@ -108,5 +114,5 @@ def test_examples_of_slip_have_the_press_and_the_touch() -> None:
 
 def test_the_place_is_the_center_of_pressure() -> None:
     table = {"shape": np.array(["a", "b"]), PRESSURE: np.array([[0.0, 2.0, 0.0], [1.0, 0.0, 3.0]])}
-    found = place_examples((0.0, 1.0, 4.0), (0.0, -1.0, 8.0), table, {})
+    found = place_examples(np.array([0.0, 1.0, 4.0]), np.array([0.0, -1.0, 8.0]), table, {})
     np.testing.assert_allclose(found.labels.values, [[1.0, -1.0], [3.0, 6.0]])

@@ -6,7 +6,7 @@ its image, or the last map of the translator's encoder for the image.
 Shape letters: P touches, N taxels, F numbers of a map, E examples of a task.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -51,6 +51,9 @@ _, TARGET = ROLES
 SLIP_SHARE, PRESSURE = column(TARGET, "slip_share"), column(TARGET, TRACTIONS[0])
 """Columns of the contact on the array."""
 
+IN_VIEW = 0.95
+"""Share of the force within the camera's view, from which on a contact is in view (assumed)."""
+
 SLIPS = 0.5
 """Share of the contact that slips, from which on a touch slips (assumed)."""
 
@@ -66,9 +69,19 @@ class Examples:
     labels: Labels
     shapes: np.ndarray
 
+    def subset(self, which: np.ndarray) -> "Examples":
+        """The examples `which`, (E,) bool."""
+        inputs = {name: each[which] for name, each in self.inputs.items()}
+        labels = Labels(self.labels.values[which], self.labels.classes)
+        return Examples(inputs, labels, self.shapes[which])
 
-Task = dict[str, Examples]
-"""The examples of a task by split."""
+
+@dataclass(frozen=True)
+class Task:
+    """A task: examples to learn from, and those of its tests, by the test's name and the split."""
+
+    train: Examples
+    tests: dict[str, dict[str, Examples]]
 
 
 @dataclass(frozen=True)
@@ -165,23 +178,35 @@ def _predicted(
     return counts, np.concatenate(maps)
 
 
-def tasks_of(pair: Pair, folder: Path) -> dict[str, Task]:
-    """The tasks of a pair by name. folder: as for `make_readings`."""
+def tasks_of(pair: Pair, folder: Path) -> list[Task]:
+    """The tasks of a pair. folder: as for `make_readings`."""
     presses, touches = (pair.data(folder, name) for name in SETS)
-    array = read_info(touches).array
-    assert array.dense_x_mm is not None and array.dense_y_mm is not None
-    tasks: dict[str, Task] = {"family": {}, "place": {}, "force": {}, "slip": {}}
+    found: dict[str, dict[str, Examples]] = {}
     for split, labels in family_labels(presses).items():
         inputs = _inputs(presses, split, pair.readings(folder, PRESSES, split))
-        tasks["family"][split] = Examples(inputs, *labels)
+        found.setdefault("family", {})[split] = Examples(inputs, *labels)
+    info = read_info(touches)
+    x_mm, y_mm = np.array(info.array.dense_x_mm), np.array(info.array.dense_y_mm)
+    view_mm = info.camera.view_mm
+    assert view_mm is not None
+    in_view = (np.abs(x_mm) <= view_mm[0]) & (np.abs(y_mm) <= view_mm[1])
     for split in SPLITS:
         inputs = _inputs(touches, split, pair.readings(folder, TOUCHES, split))
         table = _table(touches, split)
-        places = array.dense_x_mm, array.dense_y_mm
-        tasks["place"][split] = place_examples(*places, table, inputs)
-        tasks["force"][split] = force_examples(table, inputs)
-        tasks["slip"][split] = slip_examples(table, inputs)
-    return tasks
+        place = place_examples(x_mm, y_mm, table, inputs)
+        share = table[PRESSURE] @ in_view / table[PRESSURE].sum(axis=1)
+        for name, examples in {
+            "place": place,
+            "place_in_view": place.subset(share >= IN_VIEW),
+            "force": force_examples(table, inputs),
+            "slip": slip_examples(table, inputs),
+        }.items():
+            found.setdefault(name, {})[split] = examples
+    tests = {name: {s: splits[s] for s in splits if s != "train"} for name, splits in found.items()}
+    return [
+        Task(found[first]["train"], {name: tests[name] for name in (first, *others)})
+        for first, *others in (("family",), ("place", "place_in_view"), ("force",), ("slip",))
+    ]
 
 
 Columns = Mapping[str, np.ndarray]
@@ -225,7 +250,7 @@ def family_labels(data: Path) -> dict[str, tuple[Labels, np.ndarray]]:
 
 
 def place_examples(
-    x_mm: Sequence[float], y_mm: Sequence[float], table: Columns, inputs: dict[str, np.ndarray]
+    x_mm: np.ndarray, y_mm: np.ndarray, table: Columns, inputs: dict[str, np.ndarray]
 ) -> Examples:
     """The center of pressure on the array, mm.
 
