@@ -161,6 +161,9 @@ def test_the_command_writes_depth_and_contact_of_each_image(
     )  # fmt: skip
     with np.load("out/b.npz") as arrays:
         assert arrays["mask"].dtype == bool and arrays["pressure_kpa"].shape == (320, 240)
+    ends = (".npz", ".json", "_depth.png", "_relief.png")
+    written = {path.name for path in Path("out").iterdir() if not path.name.startswith(".")}
+    assert written == {f"{name}{end}" for name in "ab" for end in ends} | {"contacts.csv"}
     rows = list(csv.DictReader(Path("out/contacts.csv").read_text().splitlines()))
     assert [row["image"] for row in rows] == ["a.png", "b.png"]
     assert float(rows[0]["force_n"]) == pytest.approx(float(contact.force_n), abs=1e-3)

@@ -256,8 +256,10 @@ class Predictions:
 def predict_runs(
     inputs: EvaluationInputs, split: str, cache: Path
 ) -> tuple[dict[str, np.ndarray], dict[str, Estimate], dict[str, ContactMetrics]]:
-    """(P, N) counts or (P, S, S, c) images that each run predicts, estimates of field runs, and the
-    errors of those that predict the contact, if the pairs have contact maps."""
+    """(P, N) counts or (P, S, S, c) images that each run predicts, and estimates of field runs.
+
+    Also the errors of runs that predict the contact, if the pairs have contact maps.
+    """
     target = inputs.info.target
     has_dense_counts = isinstance(target, ArraySide) and target.dense_x_mm is not None
     background = inputs.background

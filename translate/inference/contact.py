@@ -29,9 +29,12 @@ around a contact."""
 EDGE_CELLS = 1
 """Width of the edge of the view, cells of the network."""
 
-RELIEF_LIGHT, RELIEF_SHARE = (-0.6, -0.8), 0.6
+RELIEF_LIGHT, RELIEF_SHARE = (-0.6, -0.8), 0.8
 """Direction that the light of the relief comes from, along x and y, and the change of brightness by
 a slope of 1 (assumed)."""
+
+GREY_SHARE = 0.3
+"""Share of white in the colors, so that slopes of small depths are visible (assumed)."""
 
 DARKEST, BRIGHTEST = 0.25, 1.6
 """Limits of that brightness (assumed)."""
@@ -186,7 +189,7 @@ def relief(depth_mm: np.ndarray, mask: np.ndarray, view_mm: tuple[float, float])
     for axis in (0, 1):
         for step in (-1, 1):
             inner &= np.roll(mask, step, axis)
-    colors = colors * shade[..., None]
+    colors = (GREY_SHARE * 255.0 + (1.0 - GREY_SHARE) * colors) * shade[..., None]
     colors[mask & ~inner] = 255.0
     return Image.fromarray(colors.clip(0, 255).astype(np.uint8))
 
@@ -208,11 +211,13 @@ def estimates_of(
     at_edge = (outermost.amax(dim=(1, 2)) > EVEN).tolist()
     centers = [each.cpu().numpy() for each in (found.center_mm, found.center_std_mm)]
     for number, size in enumerate(sizes):
-        large = functional.interpolate(maps[number : number + 1], size, mode="bilinear")[0].numpy()
+        one = maps[number : number + 1]
+        large = functional.interpolate(one, size, mode="bilinear")[0]
+        large[0] = functional.interpolate(one[:, :1], size, mode="bicubic")[0, 0]  # a smooth slope
         estimates.append(
             ContactEstimate(
-                *large,
-                mask=large[4] > EVEN,
+                *large.numpy(),
+                mask=large[4].numpy() > EVEN,
                 center_mm=centers[0][number],
                 center_std_mm=centers[1][number],
                 view_mm=view_mm,
