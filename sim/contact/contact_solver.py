@@ -26,12 +26,7 @@ from t2twin.sim.contact.grid import (
     block_means,
     center_values,
     expanded,
-    intersection,
-    moved_by,
     refined,
-    relative_window,
-    repeated,
-    window_shape,
 )
 from t2twin.sim.contact.heights import heights_at, is_cut, place_of_top
 from t2twin.sim.contact.layer import cached_layer
@@ -301,7 +296,7 @@ def _solve_stage(
     """Solves the rough stage, or the last one starting from an earlier result."""
     survey, window, last = layout.surveys[0], layout.window, earlier is not None
     pins, tolerance = layout.stage(last)
-    start = None if earlier is None else _transferred(earlier, window, pins.cover.shape, slips_mm)
+    start = None if earlier is None else _transferred(earlier, pins, window, slips_mm)
     forces_n = np.array([each.command.force_n for each in layout.surveys])
     solution = FixedPoint(pins, forces_n, start, verify)
     converged = solution.solve(tolerance)
@@ -313,29 +308,23 @@ def _solve_stage(
 
 
 def _transferred(
-    earlier: _Equilibrium, window: Window, shape: tuple[int, ...], slips_mm: np.ndarray | None
+    earlier: _Equilibrium, pins: Pins, window: Window, slips_mm: np.ndarray | None
 ) -> InitialGuess:
-    """An earlier result as start in another window with fine cells of a shape (bodies, rows,
-    columns), each body moved by the nearest number of cells."""
+    """An earlier result as start on other pins in another window of the survey, each body moved by
+    the nearest number of cells."""
     pressures, old_window = earlier.solution.body_pressures_mpa(), earlier.layout.window
-    before = pressures.shape[1] // window_shape(old_window)[0]
-    now = shape[1] // window_shape(window)[0]
-    survey = earlier.layout.surveys[0]
-    cell_mm = survey.layer.pitch_mm * survey.per_side / now
-    slips = np.zeros((len(pressures), 2)) if slips_mm is None else slips_mm
-    guess, new = np.zeros(shape), refined(window, now)
-    for pressure, (along_x, along_y), found in zip(
-        pressures, np.rint(slips / cell_mm).astype(int).tolist(), guess, strict=True
-    ):
-        if now < before:
-            same = block_means(pressure, before // now)
-        else:
-            same = repeated(pressure, now // before)
-        rows, columns = refined(old_window, now)
-        old = moved_by(rows, along_y), moved_by(columns, along_x)
-        both = intersection(old, new)
-        found[relative_window(both, new)] = same[relative_window(both, old)]
-    return InitialGuess(guess, earlier.solution.depths_mm)
+    before, now = (
+        each.shape[1] // (rows.stop - rows.start)
+        for each, (rows, _) in ((pressures, old_window), (pins.cover, window))
+    )
+    if now < before:
+        pressures = np.stack([block_means(each, before // now) for each in pressures])
+    first = np.array([old.start - new.start for old, new in zip(old_window, window, strict=True)])
+    moves = np.zeros((len(pressures), 2), int)
+    if slips_mm is not None:
+        moves = np.rint(slips_mm[:, ::-1] / pins.layer.pitch_mm).astype(int)
+    found = pins.gather(pressures, max(now // before, 1), now * first + moves)
+    return InitialGuess(found, earlier.solution.depths_mm)
 
 
 def _surface_mm(equilibrium: _Equilibrium) -> np.ndarray:
@@ -375,27 +364,25 @@ def _bottomed(equilibrium: _Equilibrium) -> bool:
     solution, surveys = equilibrium.solution, equilibrium.layout.surveys
     if all(survey.shape.base_mm is None for survey in surveys):
         return False
-    pins = solution.pins
-    heights = np.stack(
-        [
-            mm if survey.shape.base_mm is None else mm - _base_limit_mm(survey, pins)
-            for survey, mm in zip(surveys, pins.heights_mm, strict=True)
-        ]
-    )
-    lowest = pins.lowest_loaded(solution.pressure_mpa, heights)
-    return any(
-        survey.shape.base_mm is not None and mm <= 0.0
-        for survey, mm in zip(surveys, lowest.tolist(), strict=True)
-    )
+    # A height above a level one is compared after its lowest loaded place is found.
+    limits = [_base_limit_mm(survey, solution.pins) for survey in surveys]
+    heights = solution.pins.heights_mm
+    if any(np.ndim(limit) for limit in limits):
+        heights = np.stack([mm - limit for mm, limit in zip(heights, limits, strict=True)])
+        limits = [0.0] * len(surveys)
+    lowest = solution.pins.lowest_loaded(solution.pressure_mpa, heights)
+    return bool((lowest <= limits).any())
 
 
 def _base_limit_mm(survey: Survey, pins: Pins) -> np.ndarray | float:
     """Largest height of a base plate, mm, on the pins' fine cells.
 
     A tilted one is a plane, whose height may differ by its slope within a partly covered cell.
+    -inf for a shape without one.
     """
     base_mm, (along_x, along_y) = survey.shape.base_mm, survey.shape.base_slope
-    assert base_mm is not None
+    if base_mm is None:
+        return -np.inf
     limit = base_mm + BASE_TOLERANCE_MM
     if along_x == 0.0 == along_y:
         return limit

@@ -9,6 +9,7 @@ problem; where its result differs, the iteration goes on from there.
 
 import time
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -51,8 +52,7 @@ GUESSES = 3
 
 @dataclass(frozen=True)
 class InitialGuess:
-    """Start of an iteration. pressure_mpa: (bodies, rows, columns) of the window's fine cells.
-    depths_mm: (bodies,)."""
+    """Start of an iteration. pressure_mpa: (n,) on the pins. depths_mm: (bodies,)."""
 
     pressure_mpa: np.ndarray
     depths_mm: np.ndarray
@@ -81,33 +81,37 @@ class FixedPoint:
         self.compiling_s = 0.0
         self._verify = verify
         self._min_slope = MIN_SLOPE
-        parts = pins.parts(np.ones(pins.gap_mm.size, bool))
+        self._spread: tuple[np.ndarray, np.ndarray] | None = None
+        self._local, self._rest = np.empty((2, pins.gap_mm.size))
+        self._linear_mm = np.empty(window_shape(pins.window), np.float32)
         if start is not None:
-            self.pressure_mpa = pins.gather(start.pressure_mpa)
+            self.pressure_mpa = start.pressure_mpa
             self.depths_mm = start.depths_mm
             self.active = pins.with_neighbors(self.pressure_mpa > 0)
             # else the finer pins of a body do not cover the cells that were loaded
-            if all(self.active[part].any() for part in parts):
-                self._set_compliance()
+            if all(self.active[part].any() for part in pins.parts):
+                self.compliance = self._springs()
                 return
         self.active = np.ones(pins.gap_mm.size, bool)
+        self.compliance, before = self._springs(), None
         for _ in range(GUESSES):
-            self._set_compliance()
+            if before is not None and (self.compliance == before).all():
+                break  # with the same springs, the contact would be the same
             self.depths_mm = np.array(
                 [
                     spring_depth(force, pins.gap_mm[part], pins.covered[part])
-                    for force, part in zip(self.forces, parts, strict=True)
+                    for force, part in zip(self.forces, pins.parts, strict=True)
                 ]
             )
             pressed = np.maximum(self.depths_mm[pins.bodies] - pins.gap_mm, 0.0)
             self.active = pins.with_neighbors(pressed > 0)
-        self.pressure_mpa = np.where(self.active, pressed, 0.0) / self.compliance[pins.bodies]
-        self._set_compliance()
+            self.pressure_mpa = np.where(self.active, pressed, 0.0) / self.compliance[pins.bodies]
+            before, self.compliance = self.compliance, self._springs()
 
-    def _set_compliance(self) -> None:
-        """Set the springs' compliance D of each body, (bodies,), mm/MPa, for the active pins."""
+    def _springs(self) -> np.ndarray:
+        """The springs' compliance D of each body, (bodies,), mm/MPa, for the active pins."""
         pins, active = self.pins, self.active
-        self.compliance = np.array(
+        return np.array(
             [
                 spring_compliance(pins.layer, pins.window_of(pins.around(body, active)))
                 * pins.most_overlapping(body, active)
@@ -127,11 +131,15 @@ class FixedPoint:
 
     def fine_pressure_mpa(self) -> np.ndarray:
         """Mean pressure on each fine cell of the window, (rows, columns)."""
+        if self.forces_n.size == 1:
+            return self.body_pressures_mpa()[0]
         return self.pins.spread(self.pressure_mpa)
 
     def body_pressures_mpa(self) -> np.ndarray:
         """The same by each body, (bodies, rows, columns)."""
-        return self.pins.spread_each(self.pressure_mpa)
+        if self._spread is None or self._spread[0] is not self.pressure_mpa:
+            self._spread = self.pressure_mpa, self.pins.spread_each(self.pressure_mpa)
+        return self._spread[1]
 
     def solve(self, tolerance: float) -> bool:
         """Iterate until the pressure changes by less than a tolerance, a share of the force.
@@ -149,115 +157,102 @@ class FixedPoint:
     def _solve(self, tolerance: float, step: float, steps_left: int) -> bool:
         """Iterate, adding inactive pins that the shape penetrates, until there are none."""
         while True:
-            converged, steps = self._iterate(steps_left, tolerance, step)
+            converged, steps, outside = self._iterate(steps_left, tolerance, step)
             steps_left -= steps
-            penetrated = self._penetrated()
-            if not penetrated.any():
+            if outside is None:
                 return converged
             if steps_left <= 0:
                 return False
-            self.active |= self.pins.with_neighbors(penetrated)
-            self.pressure_mpa[~self.active] = 0.0
-            self._set_compliance()
+            self.active |= self.pins.with_neighbors(outside)
+            self.pressure_mpa = np.where(self.active, self.pressure_mpa, 0.0)
+            self.compliance = self._springs()
 
-    def _iterate(self, max_steps: int, tolerance: float, step: float) -> tuple[bool, int]:
-        """Iterate on the active pins; returns whether it converged, and the number of steps.
+    def _iterate(
+        self, max_steps: int, tolerance: float, step: float
+    ) -> tuple[bool, int, np.ndarray | None]:
+        """Iterate on the active pins.
 
-        step: size of the steps, 1 for full ones, which are accelerated.
+        step: size of the steps, 1 for full ones, which are accelerated. Returns whether it
+        converged; the number of steps; and the pins outside, (n,) bool, that the shape penetrates,
+        or None if there are none.
         """
-        pins, active = self.pins, self.active
-        bodies, blocks = pins.bodies[active], tuple(of[active] for of in pins.blocks)
-        gap, area, edge = pins.gap_mm[active], pins.covered[active], pins.edge_mm_per_mpa[active]
-        ends = np.searchsorted(bodies, np.arange(self.forces_n.size + 1))
-        reaches = np.rint(np.array(REACHES_MM) / pins.layer.pitch_mm).astype(int)
-        around = reaches[reaches > 0], np.array(GAINS)[reaches > 0]
-        current, pressure = self.pressure_mpa[active], np.empty(gap.size)
-        local, rest = np.empty((2, gap.size))
-        self.depths_mm, steps = np.empty(self.forces_n.size), 0
-        self._linear_mm = np.empty(window_shape(pins.window), np.float32)
+        pins, steps = self.pins, 0
+        around, operator = _around(pins.layer.pitch_mm), pins.layer.operator(pins.window)
+        current, pressure = self.pressure_mpa, np.empty(pins.gap_mm.size)
         while True:
+            current, self.depths_mm = current.copy(), self.depths_mm.copy()
             change, more = iterate(
-                tolerance, step, max_steps - steps, self._min_slope, bodies, ends, *blocks, gap,
-                area, edge, pins.cover, self.forces, self.compliance, pins.thickness_mm,
-                pins.stiffens, *pins.layer.operator(pins.window), *around, current, pressure,
-                local, rest, self.depths_mm, self._linear_mm,
+                tolerance, step, max_steps - steps, self._min_slope, pins.arrays, pins.cover,
+                self.active, self.forces, self.compliance, pins.stiffens, operator, *around,
+                current, pressure, self._local, self._rest, self.depths_mm, self._linear_mm,
             )  # fmt: skip
             steps += more
-            deflection = self.depths_mm[bodies] - gap
-            if self._verify and not self._penetrated().any():
-                parts = pins.parts(active)
-                stiffness = area * self.compliance[bodies] / local
-                deflection = self._verify_with_mujoco(parts, gap, rest, stiffness)
-                change = _redistribute(parts, deflection, rest, local, area, current, pressure)
+            self.pressure_mpa, outside = pressure, self._penetrated()
+            if self._verify and outside is None:
+                change = self._verify_with_mujoco(current, pressure)
             if change < tolerance or steps == max_steps:
-                break
-            current = pressure.copy()
-        self.pressure_mpa[active] = pressure
-        self._rest, self._pressed, self._local = rest, deflection, local
-        return bool(change < tolerance), steps
+                return bool(change < tolerance), steps, outside
+            current = pressure
 
     def is_confirmed(self, tolerance: float) -> bool:
         """Whether MuJoCo finds the pressure of the last step, within a share of the force."""
-        pins, active = self.pins, self.active
-        area, pressure, depths_mm = pins.covered[active], self.pressure_mpa[active], self.depths_mm
-        stiffness = area * self.compliance[pins.bodies[active]] / self._local
-        parts = pins.parts(active)
-        found = self._verify_with_mujoco(parts, pins.gap_mm[active], self._rest, stiffness)
+        depths_mm = self.depths_mm
+        change = self._verify_with_mujoco(self.pressure_mpa, np.empty_like(self.pressure_mpa))
         self.depths_mm = depths_mm
-        springs = self._rest, self._local, area
-        return _redistribute(parts, found, *springs, pressure, np.empty_like(pressure)) < tolerance
+        return change < tolerance
 
-    def _verify_with_mujoco(
-        self, parts: list[slice], gap: np.ndarray, rest: np.ndarray, stiffness: np.ndarray
-    ) -> np.ndarray:
-        """The pins' deflections by MuJoCo's contact solver, (n,), mm; sets depths_mm.
+    def _verify_with_mujoco(self, current: np.ndarray, pressure: np.ndarray) -> float:
+        """Write the pins' pressure by MuJoCo's contact solver, (n,), MPa; set depths_mm.
 
-        parts: of the bodies; each is a model of its own.
-        Raises T2TwinError for more pins than the largest model has.
+        Each body is a model of its own. Returns the largest share of a body's force that differs
+        from the current pressure, (n,). Raises T2TwinError for more pins than the largest model
+        has.
         """
+        pins, rest, change = self.pins, self._rest, 0.0
         # A pin that is clear of the shape stays where its spring carries nothing.
-        deflection, depths_mm = rest.copy(), self.depths_mm.copy()
-        for body, part in enumerate(parts):
-            near = np.flatnonzero(depths_mm[body] - gap[part] > rest[part] - CLEAR_MM) + part.start
-            count = near.size
-            if count > POOL_SIZES[-1]:
+        deflection, depths_mm, forces = rest.copy(), self.depths_mm.copy(), self.forces
+        for body, part in enumerate(pins.parts):
+            gap, area, local = pins.gap_mm[part], pins.covered[part], self._local[part]
+            near = np.flatnonzero(depths_mm[body] - gap > rest[part] - CLEAR_MM)
+            if near.size > POOL_SIZES[-1]:
                 raise T2TwinError(
                     f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
                 )
+            stiffness = area[near] * self.compliance[body] / local[near]
             started = time.perf_counter()
-            with borrowed_pins(count) as model:
+            with borrowed_pins(near.size) as model:
                 self.compiling_s += time.perf_counter() - started
-                depths_mm[body], deflection[near] = model.step(
-                    gap[near], depths_mm[body], self.forces[body], rest[near], stiffness[near]
+                depths_mm[body], deflection[part][near] = model.step(
+                    gap[near], depths_mm[body], forces[body], rest[part][near], stiffness
                 )
+            own = redistribute_force(
+                deflection[part], rest[part], local, area, current[part], pressure[part]
+            )
+            change = max(change, own)
         self.depths_mm = depths_mm
-        return deflection
+        return change
 
-    def _penetrated(self) -> np.ndarray:
-        """(n,) bool: the inactive pins at which the shape stands above the surface."""
+    def _penetrated(self) -> np.ndarray | None:
+        """(n,) bool: the inactive pins at which the shape stands above the surface, if any."""
         pins, found = self.pins, np.empty(self.active.size, bool)
-        penetrated(
-            self._linear_mm, pins.thickness_mm, pins.stiffens, pins.bodies, *pins.blocks,
-            pins.cover, pins.covered, pins.gap_mm, self.depths_mm, self.active, found,
+        some = penetrated(
+            self._linear_mm, pins.stiffens, pins.arrays, pins.cover, self.depths_mm, self.active,
+            found,
         )  # fmt: skip
-        return found
+        return found if some else None
 
     def pin_state(self) -> PinState:
         """The active pins after the last step."""
         pins, active = self.pins, self.active
         x, y = pins.centers_mm()
         height = pins.mean_over_cover(pins.layer.rest_mm[pins.window])
-        stiffness = pins.covered[active] * pins.cell_mm2 / self._local
+        stiffness = pins.covered * pins.cell_mm2 / self._local
         behind_mm = (self.depth_mm - self.depths_mm)[pins.bodies]
+        # A pin that carries nothing stays where its spring rests.
+        deflection = self._rest + self._local * self.pressure_mpa
+        of_pins = (x, y, height, pins.gap_mm + behind_mm, deflection, self._rest, stiffness)
         return PinState(
-            x[active],
-            y[active],
-            height[active],
-            (pins.gap_mm + behind_mm)[active],
-            self._pressed,
-            self._rest,
-            stiffness,
-            pins.sides[active] * pins.layer.pitch_mm,
+            *(values[active] for values in of_pins), pins.sides[active] * pins.layer.pitch_mm
         )
 
     def fine_surface_mm(self, window: Window) -> np.ndarray:
@@ -268,9 +263,11 @@ class FixedPoint:
         return apply_law(layer, layer.deflection_mm(pressure, window), window)
 
 
-def _redistribute(parts: list[slice], *springs: np.ndarray) -> float:
-    """The largest share of a body; see `redistribute_force`. parts: of the bodies."""
-    return max(redistribute_force(*(each[part] for each in springs)) for part in parts)
+@cache
+def _around(pitch_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """REACHES_MM in cells, and GAINS; without the reaches below one cell."""
+    reaches = np.rint(np.array(REACHES_MM) / pitch_mm).astype(int)
+    return reaches[reaches > 0], np.array(GAINS)[reaches > 0]
 
 
 def apply_law(layer: Layer, linear_mm: np.ndarray, window: Window | None = None) -> np.ndarray:

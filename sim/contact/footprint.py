@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from t2twin.core.jit import compiled
+from t2twin.core.jit import INNER, compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.sim.contact.heights import (
     LOOKUP,
@@ -128,53 +128,78 @@ def _find_flat_blocks(heights, blocks):
 
 
 @compiled(inline="always")
-def _sample_offsets(cos, sin, cell):
-    """Columns and rows of a cell's samples relative to its center, on the height map."""
+def _sample(heights, cos, sin, cell, count, at, samples):
+    """Write the heights of the samples of `count` cells, (SAMPLES^2, >= count).
+
+    at: (2, >= count) columns and rows of the cells' centers on the height map.
+    """
     apart, first = cell / SAMPLES, -(SAMPLES - 1) / 2
-    columns, rows = np.empty(SAMPLES * SAMPLES), np.empty(SAMPLES * SAMPLES)
+    columns, rows = np.empty(count), np.empty(count)
     for a in range(SAMPLES):
         for b in range(SAMPLES):
             x, y = (first + b) * apart, (first + a) * apart
-            columns[SAMPLES * a + b] = cos * x + sin * y
-            rows[SAMPLES * a + b] = sin * x - cos * y
-    return columns, rows
+            aside, ahead = cos * x + sin * y, sin * x - cos * y
+            for n in range(count):
+                columns[n], rows[n] = at[0, n] + aside, at[1, n] + ahead
+            heights_along(heights, columns, rows, count, samples[SAMPLES * a + b])
+
+
+@compiled(nogil=True, **INNER)
+def _mean_above(samples, count, lowest, mean, number):
+    """Write the mean of the samples of each cell that are not below the lowest, and their number.
+
+    samples: (SAMPLES^2, >= count). The others are (count,).
+    """
+    for n in range(count):
+        mean[n], number[n] = 0.0, 0.0
+    for k in range(samples.shape[0]):
+        for n in range(count):
+            above = samples[k, n] >= lowest[n]
+            mean[n] += samples[k, n] if above else 0.0
+            number[n] += 1.0 if above else 0.0
+    for n in range(count):
+        mean[n] /= max(number[n], 1.0)
 
 
 @compiled(inline="always")
-def _sampled_cell(heights, column, row, aside, ahead, columns, rows, samples, wall):
-    """Mean height, share and peak of the part of a cell above its walls, from all samples.
+def _sampled_cells(heights, cos, sin, cell, wall, count, places, at, mean, share, peak):
+    """Write mean, share and peak of the part of cells above their walls, from all samples.
 
+    count: of the cells. places: (2, >= count) their rows and columns. at: see `_sample`.
     Some samples are on the wall, which the map interpolates as a slope. They are left out of the
     mean: those farther below the mean of all samples than the highest one is above it.
     """
-    for k in range(samples.size):
-        columns[k], rows[k] = column + aside[k], row + ahead[k]
-    heights_along(heights, columns, rows, samples.size, samples)
-    low, high, total = samples[0], samples[0], 0.0
-    for k in range(samples.size):
-        low, high = min(low, samples[k]), max(high, samples[k])
-        total += samples[k]
-    if high - low <= wall:
-        return total / samples.size, 1.0 if low > NOTHING_MM / 2 else 0.0, np.float64(high)
-    mean, share = _mean_above(samples, max(high - wall, NOTHING_MM / 2))
-    if share < MIN_COVER:
-        return NOTHING_MM, 0.0, NOTHING_MM
-    mean, _ = _mean_above(samples, 2 * mean - high)
-    return mean, share, np.float64(high)
+    samples = np.empty((SAMPLES * SAMPLES, count), np.float32)
+    _sample(heights, cos, sin, cell, count, at, samples)
+    low, high = np.empty(count, np.float32), np.empty(count, np.float32)
+    bound, total, number = np.empty(count), np.empty(count), np.empty(count)
+    for n in range(count):
+        low[n] = high[n] = samples[0, n]
+        bound[n] = NOTHING_MM
+    for k in range(1, SAMPLES * SAMPLES):
+        for n in range(count):
+            low[n], high[n] = min(low[n], samples[k, n]), max(high[n], samples[k, n])
+    for n in range(count):
+        if high[n] - low[n] > wall:
+            bound[n] = max(high[n] - wall, NOTHING_MM / 2)
+    _mean_above(samples, count, bound, total, number)
+    for n in range(count):
+        i, j = places[0, n], places[1, n]
+        mean[i, j], peak[i, j], share[i, j] = total[n], high[n], number[n] / samples.shape[0]
+        if not high[n] - low[n] > wall:
+            share[i, j] = 1.0 if low[n] > NOTHING_MM / 2 else 0.0
+        else:
+            bound[n] = 2 * total[n] - high[n]
+    _mean_above(samples, count, bound, total, number)
+    for n in range(count):
+        i, j = places[0, n], places[1, n]
+        if high[n] - low[n] > wall:
+            mean[i, j] = total[n]
+            if share[i, j] < MIN_COVER:
+                mean[i, j], share[i, j], peak[i, j] = NOTHING_MM, 0.0, NOTHING_MM
 
 
-@compiled(inline="always")
-def _mean_above(samples, lowest):
-    """Mean of the samples that are not below the lowest one, and their share."""
-    count, total = 0, 0.0
-    for k in range(samples.size):
-        if samples[k] >= lowest:
-            count += 1
-            total += samples[k]
-    return total / max(count, 1), count / samples.size
-
-
-@compiled(nogil=True)
+@compiled(nogil=True, **INNER)
 def _corner_heights(
     heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, i, first,
     last, columns, rows, found, corners,
@@ -201,7 +226,7 @@ def _corner_heights(
         corners[j] = found[j - first]
 
 
-@compiled(nogil=True)
+@compiled(nogil=True, **INNER)
 def _chosen_cells(
     heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted, shift,
     included, i, chosen, columns, rows, mean, share, peak,
@@ -250,17 +275,18 @@ def _footprint(
     """Writes mean, share and peak, all (ny, nx), of a Footprint."""
     cell = x_mm[1] - x_mm[0]
     wall = max(STEEPEST * cell, MIN_WALL_MM)
-    aside, ahead = _sample_offsets(cos, sin, cell)
-    samples = np.empty(SAMPLES * SAMPLES, np.float32)
     # The sampled cells of a row, their heights, and those at the corners above and below the row.
     chosen = np.empty(x_mm.size, np.int64)
     columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
-    most = max(x_mm.size + 1, samples.size)
-    along, below = np.empty(most), np.empty(most)
+    along, below = np.empty(x_mm.size + 1), np.empty(x_mm.size + 1)
     found = np.empty(x_mm.size + 1, np.float32)
     upper, lower = np.empty(x_mm.size + 1, np.float32), np.empty(x_mm.size + 1, np.float32)
     known_from = known_to = 0  # of the corners above the row
-    mean[:], share[:], peak[:] = NOTHING_MM, 0.0, NOTHING_MM
+    # The cells with a wall, and their centers on the map.
+    walls, places, at = 0, np.empty((2, mean.size), np.int64), np.empty((2, mean.size))
+    for i in range(y_mm.size):
+        for j in range(x_mm.size):
+            mean[i, j], share[i, j], peak[i, j] = NOTHING_MM, 0.0, NOTHING_MM
     for i in range(y_mm.size):
         count = _chosen_cells(
             heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted,
@@ -282,9 +308,9 @@ def _footprint(
             low = min(center, min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1])))
             high = max(center, max(max(upper[j], upper[j + 1]), max(lower[j], lower[j + 1])))
             if high - low > wall:
-                mean[i, j], share[i, j], peak[i, j] = _sampled_cell(
-                    heights, columns[n], rows[n], aside, ahead, along, below, samples, wall
-                )
+                places[0, walls], places[1, walls] = i, j
+                at[0, walls], at[1, walls] = columns[n], rows[n]
+                walls += 1
                 continue
             peak[i, j] = high
             if low > NOTHING_MM / 2:
@@ -293,9 +319,12 @@ def _footprint(
                 share[i, j] = 1.0
         upper, lower = lower, upper
         known_from, known_to = first, last
+    _sampled_cells(heights, cos, sin, cell, wall, walls, places, at, mean, share, peak)
     if shifted:
-        mean -= shift[2]
-        peak -= shift[2]
+        for i in range(y_mm.size):
+            for j in range(x_mm.size):
+                mean[i, j] -= shift[2, i, j]
+                peak[i, j] -= shift[2, i, j]
 
 
 @compiled(

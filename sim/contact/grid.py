@@ -50,20 +50,6 @@ def expanded(window: Window, cells: int, shape: tuple[int, ...]) -> Window:
     return rows, columns
 
 
-def moved_by(side: slice, cells: int) -> slice:
-    """A window's side, moved by a number of cells."""
-    return slice(side.start + cells, side.stop + cells)
-
-
-def intersection(one: Window, other: Window) -> Window:
-    """The common part of two windows; empty where they do not overlap."""
-    rows, columns = (
-        slice(max(a.start, b.start), max(a.start, b.start, min(a.stop, b.stop)))
-        for a, b in zip(one, other, strict=True)
-    )
-    return rows, columns
-
-
 def relative_window(inner: Window, outer: Window) -> Window:
     """The inner window, in rows and columns of the outer one."""
     rows, columns = (
@@ -78,13 +64,6 @@ def dilated(mask: np.ndarray, cells: int) -> np.ndarray:
     wider = np.zeros(mask.shape, bool)
     _dilate(mask, cells, wider)
     return wider
-
-
-def repeated(coarse: np.ndarray, per_side: int) -> np.ndarray:
-    """Each cell's value on its per_side x per_side parts."""
-    if per_side == 1:
-        return coarse
-    return np.repeat(np.repeat(coarse, per_side, axis=0), per_side, axis=1)
 
 
 def block_max(fine: np.ndarray, per_side: int) -> np.ndarray:

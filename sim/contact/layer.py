@@ -23,6 +23,7 @@ from t2twin.sim.contact.convolution import (
     work_arrays,
 )
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.grid import block_means
 from t2twin.sim.splines import CubicSpline
 
 THICKNESSES = 17
@@ -120,6 +121,7 @@ class Layer:
         self._kernel, self._smooth, self._weights, self._thickest = _kernels(self, elastomer)
         self._interpolation = interpolation(self.per_node)
         self._bounds: dict[tuple[int, ...], float] = {}
+        self._coarse: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._lock = Lock()  # threads share a layer
         self._transforms: OrderedDict[tuple[int, ...], Transforms] = OrderedDict()
         thickest = float(self.thickness_mm.max())
@@ -142,6 +144,14 @@ class Layer:
             ]
             self._bounds[shape] = min(self.max_compliance_mm_per_mpa, float(np.abs(near).sum()))
         return self._bounds[shape]
+
+    def coarse(self, per_side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x, y, and the mean height at rest, (y, x), of cells of per_side x per_side fine ones,
+        mm."""
+        if per_side not in self._coarse:
+            x, y = (axis.reshape(-1, per_side).mean(axis=1) for axis in (self.x_mm, self.y_mm))
+            self._coarse[per_side] = x, y, block_means(self.rest_mm, per_side)
+        return self._coarse[per_side]
 
     def deflection_mm(
         self, pressure_mpa: np.ndarray, window: tuple[slice, slice] | None = None

@@ -24,6 +24,8 @@ import numpy as np
 from t2twin.core.cache_dir import cache_dir
 from t2twin.core.cached_files import read_checked, short_digest, write_checked
 from t2twin.core.errors import T2TwinError
+from t2twin.core.jit import compiled
+from t2twin.sim.contact.solver_loops import spring_depth
 
 BALL_MM = 1.0
 """Radius of the balls, mm: more than the penetration in any step. Neighboring balls may overlap, as
@@ -32,6 +34,12 @@ each touches only its partner."""
 TOUCH_MM = 1e-3
 """Overlap of every pin with its partner at the start of a step, mm, so that no contact is missed.
 The equilibrium does not depend on where the pins start."""
+
+IMPEDANCE, CONTACT_S = 0.9999, 1e-3
+"""MuJoCo's solimp and solref of the contacts: nearly rigid, and closed within a step of 1 s."""
+
+CLOSING_MM = TOUCH_MM / (1 + IMPEDANCE * CONTACT_S) ** 2
+"""Part of the overlap that the `discrete` integrator closes in a step of 1 s, mm."""
 
 PIN_MASS = 1e-5
 """Mass of a pin over its stiffness x step^2: small, so that it is at rest after one step."""
@@ -63,7 +71,7 @@ HEAD = f"""<mujoco model="press">
   </option>
   <default>
     <geom type="sphere" size="{BALL_MM:g}" mass="{PIN_MASS:g}" contype="0" conaffinity="0"/>
-    <pair condim="1" solref="0.001 1" solimp="0.9999 0.9999 0.001 0.5 2"/>
+    <pair condim="1" solref="{CONTACT_S:g} 1" solimp="{IMPEDANCE} {IMPEDANCE} 0.001 0.5 2"/>
     <default class="pin"><joint type="slide" axis="0 0 1" stiffness="1"/></default>
   </default>
 """
@@ -126,6 +134,38 @@ def _model(pins: int) -> mujoco.MjModel:
     return model
 
 
+@compiled(
+    "void(f8[::1], f8, f8, f8[::1], f8[::1], f8[:], f8[::1], f8[::1], f8[::1], f8[::1])",
+    nogil=True,
+)
+def _set_up(gap, depth, force, rest, stiffness, heights, springs, rests, places, motion):
+    """Write the state before a step of n pins, and the expected motion in it; see `step`.
+
+    heights: (pins,) of the balls over the pins. springs, rests, places, motion: (1 + pins,) of the
+    joints of the shape and the pins: stiffness, rest, position and motion upwards in the step.
+    MuJoCo's contact is a spring too, which is by IMPEDANCE stiffer than the bodies it is between,
+    and in a step of 1 s a mass acts as a spring.
+    """
+    size = gap.size
+    meets, stiff = np.empty(size + 1), np.empty(size + 1)
+    for n in range(size):
+        heights[n], springs[n + 1], rests[n + 1] = gap[n] + BALL_MM, stiffness[n], -rest[n]
+        places[n + 1] = gap[n] - (depth - TOUCH_MM)
+        own = 1.0 / (stiffness[n] + PIN_MASS)
+        motion[n + 1] = (-rest[n] - places[n + 1]) * stiffness[n] * own  # without contact
+        meets[n] = -CLOSING_MM - motion[n + 1]
+        stiff[n] = 1.0 / (own + (1.0 / IMPEDANCE - 1.0) * (own + 1.0 / SHAPE_MASS))
+    for n in range(size, heights.size):
+        heights[n], springs[n + 1], rests[n + 1] = PARKED_MM, 1.0, 0.0
+        places[n + 1] = motion[n + 1] = 0.0
+    meets[size], stiff[size] = 0.0, SHAPE_MASS
+    sinks = spring_depth(force, meets, stiff)
+    places[0], motion[0] = -depth, -sinks
+    for n in range(size):
+        carried = max(sinks - meets[n], 0.0) * stiff[n]
+        motion[n + 1] -= carried / (stiffness[n] + PIN_MASS)
+
+
 class MujocoPins:
     """A compiled model of a fixed number of pins."""
 
@@ -133,8 +173,14 @@ class MujocoPins:
         self.pins = pins
         self.model = _model(pins)
         self.data = mujoco.MjData(self.model)
-        # A place without a pin stays at rest.
-        self.model.qpos_spring[:] = 0.0
+        self.model.qpos_spring[0] = 0.0
+        self._state = (
+            self.model.geom_pos[:pins, 2],
+            self.model.jnt_stiffness,
+            self.model.qpos_spring,
+            self.data.qpos,
+            self.data.qacc_warmstart,
+        )
 
     def step(
         self,
@@ -152,25 +198,12 @@ class MujocoPins:
         springs carry nothing, mm. stiffness: (n,) of the springs, in units of a pin's spring.
         Returns the shape's depth, mm, and the pins' deflections (n,), mm.
         """
-        model, data, n = self.model, self.data, gap_mm.size
-        model.geom_pos[:n, 2] = gap_mm + BALL_MM
-        model.geom_pos[n : self.pins, 2] = PARKED_MM
-        model.jnt_stiffness[1 : n + 1] = stiffness
-        model.jnt_stiffness[n + 1 :] = 1.0
-        model.qpos_spring[1 : n + 1] = -spring_rest_mm
-        model.qpos_spring[n + 1 :] = 0.0
+        data, n = self.data, gap_mm.size
+        _set_up(gap_mm, depth_mm, force, spring_rest_mm, stiffness, *self._state)
         data.qfrc_applied[0] = -force
-        data.qpos[0] = -depth_mm
-        data.qpos[1 : n + 1] = gap_mm - (depth_mm - TOUCH_MM)
-        data.qpos[n + 1 :] = 0.0
         data.qvel[:] = 0.0
-        # By these the pins move if the depth is the expected one.
-        data.qacc_warmstart[:] = 0.0
-        data.qacc_warmstart[1 : n + 1] = (
-            -np.maximum(spring_rest_mm, depth_mm - gap_mm) - data.qpos[1 : n + 1]
-        )
-        mujoco.mj_step(model, data)
-        return -float(data.qpos[0]), -data.qpos[1 : n + 1].copy()
+        mujoco.mj_step(self.model, data)
+        return -float(data.qpos[0]), -data.qpos[1 : n + 1]
 
 
 _log = mujoco.MjLogConfig.get()

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.jit import INNER, compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
 from t2twin.sim.contact.fixed_point import (
     GUESSES,
@@ -64,6 +65,9 @@ REFINED_SHARE = 0.5
 (assumed). In the rounds of a step, a contact with nearly as many pins as the largest model would
 switch between two sizes."""
 
+MOST_PINS = POOL_SIZES[-1]
+"""Largest number of pins."""
+
 MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
 """Tolerated penetration of the shape's highest points outside the pins: in mm, or as a share of the
 depth where that is less."""
@@ -100,12 +104,10 @@ class Survey:
         shape = command.tilted(shape)
         self.shape, self.command, self.layer, self.shift = shape, command, layer, shift
         self.per_side = 2 if 2 * layer.pitch_mm <= SURVEY_MM + 1e-9 else 1
-        x = layer.x_mm.reshape(-1, self.per_side).mean(axis=1)
-        y = layer.y_mm.reshape(-1, self.per_side).mean(axis=1)
+        x, y, rest = layer.coarse(self.per_side)
         self.footprint = footprint(shape.surface, command, x, y, shift=shift)
-        surface = -block_means(layer.rest_mm, self.per_side)
-        distance = surface - self.footprint.heights_mm
-        nearest = float(distance.min())
+        self.gap_mm, self.peak_gap_mm = np.empty((2, *rest.shape))
+        nearest = _gaps(rest, self.footprint.heights_mm, self.gap_mm)
         if nearest > -NOTHING_MM / 2:
             half_x, half_y = layer.elastomer.width_mm / 2, layer.elastomer.length_mm / 2
             raise OffPadError(
@@ -114,9 +116,7 @@ class Survey:
                 "mm in y from its center",
                 shape.name,
             )
-        self.gap_mm = distance - nearest
-        peak_distance = surface - self.footprint.peaks_mm
-        self.peak_gap_mm = peak_distance - peak_distance.min()
+        _gaps(rest, self.footprint.peaks_mm, self.peak_gap_mm)
         self.preparing_s = 0.0
 
     def surface_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
@@ -129,12 +129,11 @@ class Survey:
 
         active: (rows, columns) bool, the cells that have pins. pressure_mpa: (ny, nx).
         """
-        penetration_mm = depth_mm - self.peak_gap_mm
-        penetration_mm -= min(MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE * depth_mm)
-        missed = penetration_mm > 0
-        missed[active] = False
+        depth_mm -= min(MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE * depth_mm)
+        missed = (self.peak_gap_mm < depth_mm) & ~active
         if missed.any():
-            missed &= penetration_mm > block_means(self.surface_mm(pressure_mpa), self.per_side)
+            surface_mm = block_means(self.surface_mm(pressure_mpa), self.per_side)
+            missed &= self.peak_gap_mm < depth_mm - surface_mm
         return missed
 
     def fine_layer(self, per_side: int) -> Layer:
@@ -147,10 +146,13 @@ class Survey:
     def expected_contact(self, force_n: float) -> tuple[np.ndarray, float]:
         """Contact area, (rows, columns) bool, and depth, mm, of independent springs that are as
         compliant as the layer."""
-        depth, touching = 0.0, np.ones(self.gap_mm.shape, bool)
+        depth, touching, before = 0.0, np.ones(self.gap_mm.shape, bool), 0.0
         for _ in range(GUESSES):
             loaded = refined(window_around(touching), self.per_side)
             compliance = spring_compliance(self.layer, loaded)
+            if compliance == before:
+                break  # with the same springs, the contact would be the same
+            before = compliance
             force = force_n * compliance / (self.per_side * self.layer.pitch_mm) ** 2
             depth = winkler_depth_mm(self.gap_mm, force)
             touching = self.gap_mm < depth
@@ -179,7 +181,8 @@ class PinLayout:
         self.active = [dilated(touching, MARGIN_CELLS) for touching, _ in expected]
         if at_least is not None:
             self.active = [own | more for own, more in zip(self.active, at_least, strict=True)]
-        self.window = window_around(np.logical_or.reduce(self.active))
+        taken = self.active[0] if len(surveys) == 1 else np.logical_or.reduce(self.active)
+        self.window = window_around(taken)
         if before is None:
             finer = [
                 _allowed_pins(survey, touching)
@@ -260,15 +263,17 @@ class _BodyPins:
             active[window],
             survey.shift,
         )
-        distance_mm = -fine.rest_mm[rows, columns] - self._footprint.peaks_mm
-        self._first_touch_mm = _first_touch_mm(
-            survey, fine.x_mm[columns], fine.y_mm[rows], distance_mm
-        )
-        self._along = self._pins_along(depth_mm, sizes_before)
+        gap_mm, rest_mm = np.empty(self._footprint.peaks_mm.shape), fine.rest_mm[rows, columns]
+        self._first_touch_mm = _gaps(rest_mm, self._footprint.peaks_mm, gap_mm)
+        if survey.command.tilt_rad != (0.0, 0.0):
+            self._first_touch_mm = _first_touch_mm(
+                survey, fine.x_mm[columns], fine.y_mm[rows], gap_mm, self._first_touch_mm
+            )
+        self._along, self._largest, self._counts = self._pins_along(depth_mm, sizes_before)
 
     def per_side(self, last: bool) -> int:
         """Fine cells along one of the contact's in the rough or the last stage."""
-        return self._per_side(int(self._along_of(last).max()), STAGES[last][0])
+        return self._per_side(self._largest[last], STAGES[last][0])
 
     def pins(self, last: bool, per_side: int) -> Pins:
         """The pins of the rough or the last stage on fine cells; see `per_side`."""
@@ -277,66 +282,137 @@ class _BodyPins:
             self.survey.fine_layer(per_side),
             refined(self.window, per_cell),
             per_cell,
-            self._along_of(last),
+            self._along[int(last)],
+            self._counts[last],
             self._footprint.coarsened(self._finest // per_side),
             self._first_touch_mm,
         )
-
-    def _along_of(self, last: bool) -> np.ndarray:
-        """(rows, columns) number of pins along the survey's cells, half of them when rough."""
-        along = self._along
-        return along if last else np.where(along > 0, np.maximum(along // 2, 1), 0)
 
     def _per_side(self, pins: int, layer_mm: float) -> int:
         """Fine cells along one of the contact's: no fewer than pins along a survey cell."""
         survey = self.survey
         return max(1, round(pins / survey.per_side), round(survey.layer.pitch_mm / layer_mm))
 
-    def _pins_along(self, depth_mm: float, sizes_before: int) -> np.ndarray:
-        """(rows, columns) number of pins along each of the window's survey cells, 0 for none."""
-        cells = self._footprint.coarsened(self.survey.per_side * self._finest)
-        covered = self.active[self.window] & (cells.shares > 0)
-        uneven = cells.peaks_mm - cells.heights_mm > UNEVEN * depth_mm
-        wanted = np.where(self._at_edges(cells.shares), EDGE_FACTOR * self._even, self._even)
-        wanted[uneven] = self.finer[-1]
-        while True:
-            choices = np.searchsorted(self.finer[: self.sizes - 1], wanted)
-            along = np.take(self.finer[: self.sizes], choices) * covered
-            most = POOL_SIZES[-1] * (REFINED_SHARE if self.sizes > sizes_before else 1.0)
-            if (along**2).sum() <= most or self.sizes == 1:
-                return along
-            self.sizes -= 1  # too many pins: a rim was expected, and a face behind it touches too
+    def _pins_along(
+        self, depth_mm: float, sizes_before: int
+    ) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]]:
+        """(2, rows, columns) number of pins along each of the window's survey cells, 0 for none, in
+        the rough and the last stage; the largest of each stage; and the pins of each stage."""
+        survey, window = self.survey, self.window
+        cells = self._footprint.coarsened(survey.per_side * self._finest)
+        rims = [
+            rim
+            for side, length in zip(window, survey.gap_mm.shape, strict=True)
+            for rim in (side.start == 0, side.stop == length)
+        ]
+        along = np.empty((2, *cells.shares.shape), int)
+        self.sizes, largest, count = _choose_pins(
+            self.active[window], cells.shares, cells.peaks_mm, cells.heights_mm, UNEVEN * depth_mm,
+            self._even, np.array(self.finer), self.sizes, sizes_before, np.array(rims), along[1],
+        )  # fmt: skip
+        return along, (min(largest, max(largest // 2, 1)), largest), (_halve(*along), count)
 
-    def _at_edges(self, shares: np.ndarray) -> np.ndarray:
-        """(rows, columns) bool: the window's cells at an edge of the shape.
 
-        They are the partly covered ones and the neighbors of cells that are covered by less than
-        half; the pad's rim counts as an edge.
-        """
-        free = np.zeros([side + 2 for side in shares.shape], bool)
-        free[1:-1, 1:-1] = self.active[self.window] & (shares < 0.5)
-        lengths = self.survey.gap_mm.shape
-        for axis, (side, length) in enumerate(zip(self.window, lengths, strict=True)):
-            ends = np.moveaxis(free, axis, 0)
-            ends[0], ends[-1] = side.start == 0, side.stop == length
-        return dilated(free, 1)[1:-1, 1:-1] | (shares < 1.0)
+@compiled(nogil=True, **INNER)
+def _at_edge(active, shares, rims, i, j):
+    """Whether a cell of a window is at an edge of the shape.
+
+    Those are the partly covered ones and the neighbors of cells that are covered by less than half;
+    the pad's rims count as edges.
+    """
+    rows, columns = shares.shape
+    top, bottom, left, right = rims[0], rims[1], rims[2], rims[3]
+    if (
+        shares[i, j] < 1.0 or (top and i == 0) or (bottom and i == rows - 1)
+        or (left and j == 0) or (right and j == columns - 1)
+    ):  # fmt: skip
+        return True
+    for k in range(max(i - 1, 0), min(i + 2, rows)):
+        for m in range(max(j - 1, 0), min(j + 2, columns)):
+            if active[k, m] and shares[k, m] < 0.5:
+                return True
+    return False
+
+
+@compiled(
+    "UniTuple(i8, 3)(b1[:, :], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, i8, i8[::1], i8, i8,"
+    " b1[::1], i8[:, ::1])",
+    nogil=True,
+)
+def _choose_pins(
+    active, shares, peaks, heights, uneven, even, finer, sizes, sizes_before, rims, along
+):
+    """Write the number of pins along each of a window's survey cells, 0 for none.
+
+    uneven: see UNEVEN, mm. even: pins along an even cell. finer: allowed numbers. sizes: how many
+    of these may be used. rims: whether the window's top, bottom, left and right are the pad's.
+    Returns how many of the allowed numbers are used, the largest, and the number of all pins.
+    """
+    for i in range(along.shape[0]):
+        for j in range(along.shape[1]):
+            along[i, j] = 0
+            if active[i, j] and shares[i, j] > 0.0:
+                along[i, j] = even
+                if peaks[i, j] - heights[i, j] > uneven:
+                    along[i, j] = finer[-1]
+                elif _at_edge(active, shares, rims, i, j):
+                    along[i, j] = EDGE_FACTOR * even
+    while True:
+        pins, largest = 0, 0
+        for i in range(along.shape[0]):
+            for j in range(along.shape[1]):
+                size = 0
+                while size < sizes - 1 and finer[size] < along[i, j]:
+                    size += 1
+                along[i, j] = finer[size] if along[i, j] > 0 else 0
+                pins, largest = pins + along[i, j] ** 2, max(largest, along[i, j])
+        most = MOST_PINS * (REFINED_SHARE if sizes > sizes_before else 1.0)
+        if pins <= most or sizes == 1:
+            return sizes, largest, pins
+        sizes -= 1  # too many pins: a rim was expected, and a face behind it touches too
+
+
+@compiled("i8(i8[:, ::1], i8[:, ::1])", nogil=True)
+def _halve(rough, along):
+    """Write half the numbers of pins along each cell, at least 1; returns the number of pins."""
+    pins = 0
+    for i in range(along.shape[0]):
+        for j in range(along.shape[1]):
+            rough[i, j] = max(along[i, j] // 2, 1) if along[i, j] > 0 else 0
+            pins += rough[i, j] ** 2
+    return pins
+
+
+@compiled("f8(f8[:, :], f8[:, ::1], f8[:, ::1])", nogil=True)
+def _gaps(rest, heights, gap):
+    """Write the distances of a shape from a surface at first touch; returns the depth of that.
+
+    rest, heights: of the surface and the shape. All arrays are (rows, columns), mm.
+    """
+    nearest = np.inf
+    for i in range(gap.shape[0]):
+        for j in range(gap.shape[1]):
+            gap[i, j] = -rest[i, j] - heights[i, j]
+            nearest = min(nearest, gap[i, j])
+    for i in range(gap.shape[0]):
+        for j in range(gap.shape[1]):
+            gap[i, j] -= nearest
+    return nearest
 
 
 def _first_touch_mm(
-    survey: Survey, x_mm: np.ndarray, y_mm: np.ndarray, distance_mm: np.ndarray
+    survey: Survey, x_mm: np.ndarray, y_mm: np.ndarray, gap_mm: np.ndarray, nearest_mm: float
 ) -> float:
-    """Depth of the shape's highest point below the apex at first touch, mm.
+    """Depth of a tilted shape's highest point below the apex at first touch, mm.
 
-    distance_mm: (rows, columns) of the highest samples of fine cells from the surface. A tilted
-    shape touches first with a corner or an edge between the samples, which is searched around the
-    nearest ones.
+    gap_mm: (rows, columns) of the highest samples of fine cells, from their own first touch.
+    nearest_mm: depth of that. A tilted shape touches first with a corner or an edge between the
+    samples, which is searched around the nearest ones.
     """
-    nearest, command = float(distance_mm.min()), survey.command
-    if command.tilt_rad == (0.0, 0.0):
-        return nearest
+    command = survey.command
     cell_mm = float(x_mm[1] - x_mm[0])
     steep = np.tan(abs(command.tilt_x_rad)) + np.tan(abs(command.tilt_y_rad))
-    rows, columns = window_around(dilated(distance_mm <= nearest + cell_mm * steep, 1))
+    rows, columns = window_around(dilated(gap_mm <= cell_mm * steep, 1))
     step_mm, half_mm = cell_mm / BETWEEN, cell_mm / 2
     x, y = (
         np.arange(float(axis[side.start]) - half_mm, float(axis[side.stop - 1]) + half_mm, step_mm)
@@ -344,7 +420,7 @@ def _first_touch_mm(
     )
     heights = heights_at(survey.shape.surface, command, x, y, survey.shift)
     surface = survey.layer.elastomer.rest_surface_mm(*np.meshgrid(x, y))
-    return min(nearest, float((-surface - heights).min()))
+    return min(nearest_mm, float((-surface - heights).min()))
 
 
 def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:

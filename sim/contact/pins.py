@@ -7,6 +7,7 @@ part: a Galerkin method whose pressures end at the shape's edge.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from math import ceil
 
@@ -38,6 +39,7 @@ class Pins:
     gap_mm: (n,) mean distance of surface and shape over the covered part at first touch, mm.
     covered: (n,) number of fine cells that the shape covers, counting parts of cells.
     edge_mm_per_mpa: (n,) additional compliance of a pin at an edge.
+    thickness_mm: (n,) mean thickness of the layer under the covered part.
     cover: (bodies, rows, columns) covered share of each fine cell of the window, 0 to 1.
     heights_mm: (bodies, rows, columns) heights of the shapes over them.
     first_touch_mm: (bodies,) depth of each highest point below the apex at first touch.
@@ -52,14 +54,10 @@ class Pins:
     gap_mm: np.ndarray
     covered: np.ndarray
     edge_mm_per_mpa: np.ndarray
+    thickness_mm: np.ndarray
     cover: np.ndarray
     heights_mm: np.ndarray
     first_touch_mm: np.ndarray
-
-    @property
-    def thickness_mm(self) -> np.ndarray:
-        """The layer's thickness in the window, (rows, columns), mm."""
-        return self.layer.thickness_mm[self.window]
 
     @property
     def stiffens(self) -> bool:
@@ -76,9 +74,18 @@ class Pins:
         """rows, columns, sides."""
         return self.rows, self.columns, self.sides
 
-    def parts(self, chosen: np.ndarray) -> list[slice]:
-        """The part of each body among the chosen pins, (n,) bool."""
-        ends = np.searchsorted(self.bodies[chosen], np.arange(len(self.cover) + 1)).tolist()
+    @cached_property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Arguments of the compiled loops, (n,) each; see `solver_loops.iterate`."""
+        of_pins = self.gap_mm, self.covered, self.edge_mm_per_mpa, self.thickness_mm
+        return self.bodies, *self.blocks, *of_pins
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """The part of each body among the pins."""
+        if len(self.cover) == 1:
+            return [slice(0, self.bodies.size)]
+        ends = np.searchsorted(self.bodies, np.arange(len(self.cover) + 1)).tolist()
         return [slice(first, end) for first, end in pairwise(ends)]
 
     def spread(self, pressure: np.ndarray) -> np.ndarray:
@@ -89,19 +96,28 @@ class Pins:
 
     def spread_each(self, pressure: np.ndarray) -> np.ndarray:
         """The same of each body, (bodies, rows, columns)."""
+        if len(self.cover) == 1:
+            return self.spread(pressure)[None]
         each = [np.zeros_like(pressure) for _ in self.cover]
-        for own, part in zip(each, self.parts(np.ones(pressure.size, bool)), strict=True):
+        for own, part in zip(each, self.parts, strict=True):
             own[part] = pressure[part]
         return np.stack([self.spread(own) for own in each])
 
-    def gather(self, fine: np.ndarray) -> np.ndarray:
+    def gather(self, pressure_mpa: np.ndarray, per_cell: int, first: np.ndarray) -> np.ndarray:
         """Pressure on the pins, (n,), with the same forces as the mean pressures of each body on
-        fine cells, (bodies, rows, columns)."""
-        return self._sums(np.ascontiguousarray(fine, float)) / self.covered
+        larger cells.
+
+        pressure_mpa: (bodies, rows, columns) on cells of per_cell x per_cell fine ones, zero
+        elsewhere. first: (bodies, 2) row and column of the first one, in fine cells of the window.
+        """
+        found = np.empty(self.rows.size)
+        _gather(pressure_mpa, per_cell, first, self.bodies, *self.blocks, self.covered, found)
+        return found
 
     def mean_over_cover(self, fine: np.ndarray) -> np.ndarray:
         """(n,) mean of values on fine cells, (rows, columns), over the covered part of each pin."""
-        return self._sums(fine * self.cover) / self.covered
+        first = np.zeros((len(self.cover), 2), int)
+        return self.gather(fine * self.cover, 1, first)
 
     def lowest_loaded(self, pressure: np.ndarray, fine: np.ndarray) -> np.ndarray:
         """(bodies,) lowest value of each body on a fine cell under pressure; inf without one.
@@ -111,11 +127,6 @@ class Pins:
         lowest = np.full(len(self.cover), np.inf)
         _lowest_loaded(pressure, self.bodies, *self.blocks, self.cover, fine, lowest)
         return lowest
-
-    def _sums(self, fine: np.ndarray) -> np.ndarray:
-        sums = np.empty(self.rows.size)
-        _sum_up(fine, self.bodies, *self.blocks, sums)
-        return sums
 
     def with_neighbors(self, chosen: np.ndarray) -> np.ndarray:
         """(n,) bool: the chosen pins and those within one side length of a chosen one."""
@@ -164,29 +175,27 @@ def place_pins(
     window: Window,
     per_cell: int,
     along: np.ndarray,
+    count: int,
     shape: Footprint,
     first_touch_mm: float,
 ) -> Pins:
     """The pins under a shape's footprint on the window's fine cells.
 
     per_cell: fine cells a side of a coarse cell. along: (rows, columns) number of pins along each
-    coarse cell of the window, a divisor of per_cell; 0 for none.
+    coarse cell of the window, a divisor of per_cell; 0 for none. count: of all.
     """
-    rows, columns, sides = _blocks(np.ascontiguousarray(along), per_cell)
+    (rows, columns, sides), of_pins = np.empty((3, count), int), np.empty((4, count))
     cover = np.zeros(shape.shares.shape)
-    # In a block that a wall crosses only the part above the wall is pressed.
-    _cover(shape.heights_mm, shape.shares, STEEPEST * layer.pitch_mm, rows, columns, sides, cover)
-    gap, edge, covered = np.empty((3, rows.size))
-    count = _gather(
-        shape.heights_mm, cover, layer.rest_mm[window], _edge_compliance(layer, cover),
-        first_touch_mm, rows, columns, sides, gap, edge, covered,
+    kept = _place(
+        along, per_cell, shape.heights_mm, shape.shares, STEEPEST * layer.pitch_mm,
+        _edge_compliance(layer), layer.rest_mm[window], layer.thickness_mm[window], first_touch_mm,
+        rows, columns, sides, of_pins, cover,
     )  # fmt: skip
-    rows, columns, sides, gap, covered, edge = (
-        each[:count] for each in (rows, columns, sides, gap, covered, edge)
-    )
+    gap_mm, covered, edge_mm_per_mpa, thickness_mm = of_pins[:, :kept]
     return Pins(
-        layer, window, np.zeros(count, int), rows, columns, sides, gap, covered, edge, cover[None],
-        shape.heights_mm[None], np.array([first_touch_mm]),
+        layer, window, np.zeros(kept, int), rows[:kept], columns[:kept], sides[:kept], gap_mm,
+        covered, edge_mm_per_mpa, thickness_mm, cover[None], shape.heights_mm[None],
+        np.array([first_touch_mm]),
     )  # fmt: skip
 
 
@@ -196,7 +205,9 @@ def joined(pins: Sequence[Pins]) -> Pins:
     if len(pins) == 1:
         return first
     bodies = np.repeat(np.arange(len(pins)), [each.rows.size for each in pins])
-    of_pins = ("rows", "columns", "sides", "gap_mm", "covered", "edge_mm_per_mpa")
+    of_pins = (
+        "rows", "columns", "sides", "gap_mm", "covered", "edge_mm_per_mpa", "thickness_mm",
+    )  # fmt: skip
     of_bodies = ("cover", "heights_mm", "first_touch_mm")
     together = (
         np.concatenate([getattr(each, name) for each in pins]) for name in of_pins + of_bodies
@@ -204,15 +215,9 @@ def joined(pins: Sequence[Pins]) -> Pins:
     return Pins(first.layer, first.window, bodies, *together)
 
 
-@compiled("Tuple((i8[::1], i8[::1], i8[::1]))(i8[:, ::1], i8)", nogil=True)
-def _blocks(along, per_cell):
-    """First rows, first columns and sides of all blocks, in fine cells."""
-    count = 0
-    for i in range(along.shape[0]):
-        for j in range(along.shape[1]):
-            count += along[i, j] ** 2
-    rows, columns = np.empty(count, np.int64), np.empty(count, np.int64)
-    sides = np.empty(count, np.int64)
+@compiled(inline="always")
+def _blocks(along, per_cell, rows, columns, sides):
+    """Write the first rows, first columns and sides of all blocks, in fine cells."""
     n = 0
     for i in range(along.shape[0]):
         for j in range(along.shape[1]):
@@ -222,7 +227,6 @@ def _blocks(along, per_cell):
                     rows[n], columns[n] = i * per_cell + a * side, j * per_cell + b * side
                     sides[n] = side
                     n += 1
-    return rows, columns, sides
 
 
 @compiled(
@@ -241,14 +245,19 @@ def spread(pressure, bodies, rows, columns, sides, cover, fine):
                 fine[i, j] += pressure[n] * cover[bodies[n], i, j]
 
 
-@compiled("void(f8[:, :, ::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[::1])", nogil=True)
-def _sum_up(fine, bodies, rows, columns, sides, sums):
-    for n in range(sums.size):
-        total = 0.0
-        for i in range(rows[n], rows[n] + sides[n]):
-            for j in range(columns[n], columns[n] + sides[n]):
-                total += fine[bodies[n], i, j]
-        sums[n] = total
+@compiled(
+    "void(f8[:, :, ::1], i8, i8[:, ::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[::1])",
+    nogil=True,
+)
+def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pressure):
+    down, across = coarse.shape[1] * per_cell, coarse.shape[2] * per_cell
+    for n in range(rows.size):
+        body, total = bodies[n], 0.0
+        top, left = rows[n] - first[body, 0], columns[n] - first[body, 1]
+        for i in range(max(top, 0), min(top + sides[n], down)):
+            for j in range(max(left, 0), min(left + sides[n], across)):
+                total += coarse[body, i // per_cell, j // per_cell]
+        pressure[n] = total / covered[n]
 
 
 @compiled(
@@ -281,10 +290,7 @@ def _with_neighbors(rows, columns, sides, chosen, near, found):
                 found[n] |= near[i, j]
 
 
-@compiled(
-    "void(f8[:, ::1], f8[:, ::1], f8, i8[::1], i8[::1], i8[::1], f8[:, ::1])",
-    nogil=True,
-)
+@compiled(inline="always")
 def _cover(heights, shares, wall, rows, columns, sides, cover):
     """Write the covered share of each fine cell of pins that are covered enough; zero elsewhere.
 
@@ -309,30 +315,54 @@ def _cover(heights, shares, wall, rows, columns, sides, cover):
                     cover[i, j] = shares[i, j]
 
 
+@compiled(inline="always")
+def _additional(cover, i, j, compliance):
+    """Additional compliance of a fine cell at the shape's edge; see `_edge_compliance`."""
+    share, rows, columns = cover[i, j], cover.shape[0], cover.shape[1]
+    inner = share >= 1.0
+    if inner and i > 0:
+        inner = cover[i - 1, j] > 0.0
+    if inner and i + 1 < rows:
+        inner = cover[i + 1, j] > 0.0
+    if inner and j > 0:
+        inner = cover[i, j - 1] > 0.0
+    if inner and j + 1 < columns:
+        inner = cover[i, j + 1] > 0.0
+    return 0.0 if inner else compliance * (EDGE_SHARE / max(share, MIN_COVER) - EDGE_RISE)
+
+
 @compiled(
-    "i8(f8[:, ::1], f8[:, ::1], f8[:, :], f8[:, ::1], f8, i8[::1], i8[::1], i8[::1],"
-    " f8[::1], f8[::1], f8[::1])",
+    "i8(i8[:, ::1], i8, f8[:, ::1], f8[:, ::1], f8, f8, f8[:, :], f8[:, :], f8, i8[::1], i8[::1],"
+    " i8[::1], f8[:, ::1], f8[:, ::1])",
     nogil=True,
 )
-def _gather(heights, cover, surface, edges, first_touch, rows, columns, sides, gap, edge, covered):
-    """Write each covered pin's mean gap, additional edge compliance and covered cells.
+def _place(
+    along, per_cell, heights, shares, wall, compliance, surface, thickness, first_touch, rows,
+    columns, sides, of_pins, cover,
+):  # fmt: skip
+    """Write the first cells and sides of the covered pins, and their cover.
 
-    Keeps the first cells and sides of these pins only, in order. Returns their number.
+    of_pins: (4, n) their mean gaps, covered cells, additional edge compliances, and the layer's
+    mean thickness under them. Returns the number of covered pins.
     """
+    _blocks(along, per_cell, rows, columns, sides)
+    # In a block that a wall crosses only the part above the wall is pressed.
+    _cover(heights, shares, wall, rows, columns, sides, cover)
     kept = 0
     for n in range(rows.size):
-        total, distance, giving = 0.0, 0.0, 0.0
+        total, distance, giving, deep = 0.0, 0.0, 0.0, 0.0
         for i in range(rows[n], rows[n] + sides[n]):
             for j in range(columns[n], columns[n] + sides[n]):
                 part = cover[i, j]
                 if part > 0.0:
                     total += part
                     distance += part * (-surface[i, j] - heights[i, j] - first_touch)
-                    giving += part**2 * edges[i, j]
+                    giving += part * part * _additional(cover, i, j, compliance)
+                    deep += part * thickness[i, j]
         if total > 0.0:
             rows[kept], columns[kept], sides[kept] = rows[n], columns[n], sides[n]
-            gap[kept], covered[kept] = distance / total, total
-            edge[kept] = giving / max(total, MIN_COVER)
+            of_pins[0, kept], of_pins[1, kept] = distance / total, total
+            of_pins[2, kept], of_pins[3, kept] = giving / max(total, MIN_COVER), deep / total
             kept += 1
     return kept
 
@@ -349,8 +379,8 @@ def _extent(rows, columns, sides, chosen):
     return top, bottom, left, right
 
 
-def _edge_compliance(layer: Layer, cover: np.ndarray) -> np.ndarray:
-    """Additional compliance of each fine cell at the shape's edge, (rows, columns), mm/MPa.
+def _edge_compliance(layer: Layer) -> float:
+    """Compliance of a fine cell, mm/MPa, in the correction of cells at the shape's edge.
 
     A cell covered by a share c carries its force on that share. A punch's pressure rises towards
     its edge, which a pressure constant on cells cannot represent. Both effects are limited to edge
@@ -359,28 +389,4 @@ def _edge_compliance(layer: Layer, cover: np.ndarray) -> np.ndarray:
     elastomer = layer.elastomer
     half_space = SQUARE_MEAN * (1 - elastomer.poisson**2) / elastomer.young_mpa * layer.pitch_mm
     # A layer thinner than a cell is stiffer than a half-space.
-    own = min(half_space, layer.max_compliance_mm_per_mpa)
-    added = np.zeros(cover.shape)
-    _at_edges(cover, own, added)
-    return added
-
-
-@compiled("void(f8[:, ::1], f8, f8[:, ::1])", nogil=True)
-def _at_edges(cover, own, added):
-    rows, columns = cover.shape
-    for i in range(rows):
-        for j in range(columns):
-            share = cover[i, j]
-            if share == 0.0:
-                continue
-            inner = share >= 1.0
-            if inner and i > 0:
-                inner = cover[i - 1, j] > 0.0
-            if inner and i + 1 < rows:
-                inner = cover[i + 1, j] > 0.0
-            if inner and j > 0:
-                inner = cover[i, j - 1] > 0.0
-            if inner and j + 1 < columns:
-                inner = cover[i, j + 1] > 0.0
-            if not inner:
-                added[i, j] = own * (EDGE_SHARE / max(share, MIN_COVER) - EDGE_RISE)
+    return min(half_space, layer.max_compliance_mm_per_mpa)

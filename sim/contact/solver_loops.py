@@ -7,7 +7,7 @@ identical on every run.
 
 import numpy as np
 
-from t2twin.core.jit import compiled
+from t2twin.core.jit import INNER, compiled
 from t2twin.sim.contact.convolution import OPERATOR, convolve
 from t2twin.sim.contact.elastomer import stiffened
 from t2twin.sim.contact.pins import spread
@@ -23,6 +23,12 @@ MAX_NEWTON_STEPS = 200
 """Limit on Newton steps on a convex, piecewise linear function. Each step drops springs that later
 steps do not add again, so the iteration ends far sooner."""
 
+FAR_MM = 1e9
+"""Deflection at which the spring of an inactive pin carries nothing, mm."""
+
+PINS = "Tuple((i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1]))"
+"""Types of the arrays of pins: see `iterate`."""
+
 MEMORY = 4
 """Earlier steps that Anderson acceleration stores; more does not reduce the number of steps."""
 
@@ -33,61 +39,83 @@ RESTART_GROWTH = 2.0
 """Growth of the residual in one step above which the stored steps are discarded."""
 
 
-@compiled(nogil=True)
-def mean_deflection(linear, thickness, stiffens, cover, row, column, side, covered):
-    """Mean deflection by the elastomer's law over the covered part of a pin, and the law's slope.
+@compiled(inline="always")
+def _mean_linear(linear, cover, body, row, column, side, covered):
+    """Mean over the covered part of a pin of the linear layer's deflection, and its variance.
 
-    linear: (R, C) deflection of the linear layer, mm. thickness, cover: (R, C). covered: sum of the
-    cover over the pin's block. The mean is that of the law's expansion about the mean linear
-    deflection to the second order.
+    linear: (R, C). cover: (bodies, R, C); passing a part of it would take longer than the loop.
+    covered: sum of the cover over the pin's block.
     """
-    total, squares, deep = 0.0, 0.0, 0.0
+    total, squares = 0.0, 0.0
     for i in range(row, row + side):
         for j in range(column, column + side):
-            part, mm = cover[i, j], np.float64(linear[i, j])
+            part, mm = cover[body, i, j], np.float64(linear[i, j])
             total += part * mm
             squares += part * mm * mm
-            deep += part * thickness[i, j]
     mean = total / covered
-    if not stiffens:
-        return mean, 1.0
-    sunk, slope, curvature = stiffened(mean, deep / covered)
-    return sunk + 0.5 * curvature * max(squares / covered - mean * mean, 0.0), slope
+    return mean, max(squares / covered - mean * mean, 0.0)
+
+
+@compiled(nogil=True, **INNER)
+def _mean_deflections(
+    linear, cover, bodies, rows, columns, sides, area, thickness, stiffens, surface, slope
+):
+    """Write the mean deflection by the elastomer's law of each pin, (n,), and the law's slope.
+
+    area: see `_mean_linear`. thickness: (n,) means. The mean is that of the law's expansion about
+    the mean linear deflection to the second order.
+    """
+    for n in range(area.size):
+        surface[n], slope[n] = _mean_linear(
+            linear, cover, bodies[n], rows[n], columns[n], sides[n], area[n]
+        )
+    for n in range(area.size):
+        mean, variance = surface[n], slope[n]
+        slope[n] = 1.0
+        if stiffens:
+            sunk, slope[n], curvature = stiffened(mean, thickness[n])
+            surface[n] = sunk + 0.5 * curvature * variance
+
+
+@compiled(nogil=True, **INNER)
+def _spring_depth(force, tops, stiffness, near):
+    """See `spring_depth`. near: where the search starts.
+
+    Newton's method: after the first step it is above the depth, where the force is convex in the
+    depth, so that it is exact after a finite number of steps.
+    """
+    depth = near
+    for steps in range(MAX_NEWTON_STEPS):
+        total, moment = 0.0, 0.0
+        for n in range(tops.size):
+            if tops[n] < depth:
+                total += stiffness[n]
+                moment += stiffness[n] * tops[n]
+        after = (force + moment) / total if total > 0.0 else np.inf
+        if steps > 0 and not after < depth:
+            break
+        depth = after
+    return depth
 
 
 @compiled("f8(f8, f8[::1], f8[::1])", nogil=True)
 def spring_depth(force, tops, stiffness):
     """Depth at which independent springs under a rigid shape carry a force.
 
-    tops: (n,) depth at which the shape meets each spring. stiffness: (n,), > 0. Newton's method
-    from above, where the force is convex in the depth: exact after a finite number of steps.
+    tops: (n,) depth at which the shape meets each spring. stiffness: (n,), > 0.
     """
-    depth = np.inf
-    for _ in range(MAX_NEWTON_STEPS):
-        total, moment = 0.0, 0.0
-        for n in range(tops.size):
-            if tops[n] < depth:
-                total += stiffness[n]
-                moment += stiffness[n] * tops[n]
-        after = (force + moment) / total
-        if not after < depth:
-            break
-        depth = after
-    return depth
+    return _spring_depth(force, tops, stiffness, np.inf)
 
 
-@compiled(
-    "f8(f8, f8, f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])",
-    nogil=True,
-)
-def fit_springs(
-    force, compliance, min_slope, gap, edge, area, surface, slope, current, local, rest
+@compiled(nogil=True, **INNER)
+def _fit_springs(
+    force, compliance, min_slope, gap, edge, area, surface, slope, current, local, rest, near
 ):
     """Fit the pins' springs to the surface under the pressure `current`; return the shape's depth.
 
-    surface, slope: (n,) means over the pins' cells. Writes local, (n,) compliance of each pin,
-    mm/MPa, and rest, (n,) deflection at which its spring carries nothing, mm. rest is the part of
-    the layer's response that the springs do not represent.
+    surface, slope: (n,) means over the pins' cells. near: the expected depth. Writes local, (n,)
+    compliance of each pin, mm/MPa, and rest, (n,) deflection at which its spring carries nothing,
+    mm. rest is the part of the layer's response that the springs do not represent.
     """
     tops, stiffness = np.empty(gap.size), np.empty(gap.size)
     for n in range(gap.size):
@@ -98,7 +126,7 @@ def fit_springs(
         rest[n] = surface[n] + (edge[n] * slope[n] - local[n]) * current[n]
         tops[n] = gap[n] + rest[n]
         stiffness[n] = area[n] * compliance / local[n]
-    return spring_depth(force, tops, stiffness)
+    return _spring_depth(force, tops, stiffness, near)
 
 
 @compiled("f8(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])", nogil=True)
@@ -115,9 +143,16 @@ def redistribute_force(deflection, rest, local, area, current, pressure):
     return moved / total if total > 0.0 else np.inf
 
 
+@compiled(inline="always")
+def _sum_of(sums, k, top, bottom, left, right):
+    """Sum over a box by one of the summed-area tables, (rows + 1, columns + 1, tables)."""
+    return sums[bottom, right, k] - sums[top, right, k] - sums[bottom, left, k] + sums[top, left, k]
+
+
 @compiled(
     "void(f8[::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[:, :, ::1])",
     nogil=True,
+    **INNER,
 )
 def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
     """Amplify, in place, the short waves of a step from `current` to pressure.
@@ -156,12 +191,12 @@ def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
             top, left = max(rows[n] - reaches[k], 0), max(columns[n] - reaches[k], 0)
             bottom = min(rows[n] + sides[n] + reaches[k], down)
             right = min(columns[n] + sides[n] + reaches[k], across)
-            a, b, c, d = sums[bottom, right], sums[top, right], sums[bottom, left], sums[top, left]
-            around, loaded = a[0] - b[0] - c[0] + d[0], a[1] - b[1] - c[1] + d[1]
+            around = _sum_of(sums, 0, top, bottom, left, right)
+            loaded = _sum_of(sums, 1, top, bottom, left, right)
             pressure[n] += gains[k] * (change - around / loaded)
 
 
-@compiled("b1(f8[:, ::1])", nogil=True)
+@compiled(nogil=True, **INNER)
 def _eliminate(system):
     """Solve (k, k + 1) equations into their last column; False where they are singular."""
     size = len(system)
@@ -251,6 +286,7 @@ class Anderson:
     "f8(f8, i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
     " f8[::1], f8[::1], f8[::1], f8[::1])",
     nogil=True,
+    **INNER,
 )
 def spring_step(
     min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure, local,
@@ -260,10 +296,10 @@ def spring_step(
     change = 0.0
     for body in range(forces.size):
         low, high = ends[body], ends[body + 1]
-        depths[body] = fit_springs(
+        depths[body] = _fit_springs(
             forces[body], compliance[body], min_slope, gap[low:high], edge[low:high],
             area[low:high], surface[low:high], slope[low:high], current[low:high],
-            local[low:high], rest[low:high],
+            local[low:high], rest[low:high], depths[body],
         )  # fmt: skip
         deflection = np.empty(high - low)
         for n in range(low, high):
@@ -276,28 +312,36 @@ def spring_step(
     return change
 
 
-@compiled(
-    "Tuple((f8, i8))(f8, f8, i8, f8, i8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[::1],"
-    f" f8[::1], f8[:, :, ::1], f8[::1], f8[::1], f8[:, :], b1, {OPERATOR}, i8[::1], f8[::1],"
-    " f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f4[:, ::1])",
-    nogil=True,
-)
-def iterate(
-    tolerance, step, max_steps, min_slope, bodies, ends, rows, columns, sides, gap, area, edge,
-    cover, forces, compliance, thickness, stiffens, kernel, across, smooth, node_across, weights,
-    first, taps, work, reaches, gains, current, pressure, local, rest, depths, linear,
-):  # fmt: skip
-    """Steps on n pins until the pressure changes by less than a tolerance, a share of the force.
+@compiled(inline="always")
+def _pack(active, values, packed):
+    """Write the values of the active pins, (n,), to packed."""
+    at = 0
+    for n in range(active.size):
+        if active[n]:
+            packed[at] = values[n]
+            at += 1
 
-    step: size of the steps, 1 for full ones, which are preconditioned and accelerated. min_slope:
-    see `fit_springs`. bodies to edge: the pins, body by body. ends: (bodies + 1,) the parts of the
-    bodies. cover: (bodies, R, C). forces: (bodies,) in units of a fine cell's spring x mm.
-    compliance: (bodies,) of the springs, mm/MPa. thickness: (R, C), mm. kernel to work: see
-    `convolution.convolve`. reaches, gains: see `precondition`.
-    current: (n,) the initial pressure, MPa; afterwards that at which the last step started.
-    Writes pressure, local, rest, (n,), depths, (bodies,), and linear, (R, C), the deflection of the
-    linear layer, of the last step. Returns the last change and the number of steps.
+
+@compiled(inline="always")
+def _unpack(active, packed, inactive, values):
+    """Write packed values of the active pins to values, (n,), and another to the inactive ones."""
+    at = 0
+    for n in range(active.size):
+        values[n] = packed[at] if active[n] else inactive
+        at += active[n]
+
+
+@compiled(inline="always")
+def _steps(
+    tolerance, step, max_steps, min_slope, places, ends, of_pins, cover, forces, compliance,
+    stiffens, operator, reaches, gains, current, pressure, local, rest, depths, linear,
+):  # fmt: skip
+    """See `iterate`. places: (4, n) bodies, rows, columns and sides of the active pins. of_pins:
+    (4, n) their gaps, areas, edge compliances and thicknesses. ends: (bodies + 1,) of the bodies.
     """
+    kernel, across, smooth, node_across, weights, first, taps, work = operator
+    bodies, rows, columns, sides = places[0], places[1], places[2], places[3]
+    gap, area, edge, thickness = of_pins[0], of_pins[1], of_pins[2], of_pins[3]
     size, change = gap.size, np.inf
     fine = np.zeros((linear.shape[0], across), np.float32)
     surface, slope, mixed = np.empty(size), np.empty(size), np.empty(size)
@@ -307,11 +351,9 @@ def iterate(
     for steps in range(1, max_steps + 1):
         spread(current, bodies, rows, columns, sides, cover, fine)
         convolve(fine, kernel, across, smooth, node_across, weights, first, taps, work, linear)
-        for n in range(size):
-            surface[n], slope[n] = mean_deflection(
-                linear, thickness, stiffens, cover[bodies[n]], rows[n], columns[n], sides[n],
-                area[n],
-            )  # fmt: skip
+        _mean_deflections(
+            linear, cover, bodies, rows, columns, sides, area, thickness, stiffens, surface, slope
+        )
         change = spring_step(
             min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure,
             local, rest, depths,
@@ -332,24 +374,74 @@ def iterate(
 
 
 @compiled(
-    "void(f4[:, ::1], f8[:, :], b1, i8[::1], i8[::1], i8[::1], i8[::1], f8[:, :, ::1], f8[::1],"
-    " f8[::1], f8[::1], b1[::1], b1[::1])",
+    f"Tuple((f8, i8))(f8, f8, i8, f8, {PINS}, f8[:, :, ::1], b1[::1], f8[::1], f8[::1], b1,"
+    f" Tuple(({OPERATOR})), i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    " f4[:, ::1])",
     nogil=True,
 )
-def penetrated(
-    linear, thickness, stiffens, bodies, rows, columns, sides, cover, covered, gap, depths, active,
-    found,
+def iterate(
+    tolerance, step, max_steps, min_slope, pins, cover, active, forces, compliance, stiffens,
+    operator, reaches, gains, current, pressure, local, rest, depths, linear,
 ):  # fmt: skip
-    """Write to found, (n,), which inactive pins have the shape above the surface.
+    """Steps on n pins until the pressure changes by less than a tolerance, a share of the force.
+
+    step: size of the steps, 1 for full ones, which are preconditioned and accelerated. min_slope:
+    see `_fit_springs`. pins: bodies, rows, columns, sides, gaps, areas, edge compliances and
+    thicknesses, all (n,). cover: (bodies, R, C). active: (n,), pins that take part. forces:
+    (bodies,) in units of a fine cell's spring x mm. compliance: (bodies,) of the springs, mm/MPa.
+    operator: see `convolution.convolve`. reaches, gains: see `precondition`.
+    current: (n,) the initial pressure, MPa; afterwards that at which the last step started.
+    Writes pressure, local, rest, (n,), depths, (bodies,), and linear, (R, C), the deflection of the
+    linear layer, of the last step. depths are also the expected ones. Returns the last change and
+    the number of steps.
+    """
+    count = 0
+    ends = np.zeros(forces.size + 1, np.int64)
+    for n in range(active.size):
+        count += active[n]
+        ends[pins[0][n] + 1] = count
+    for body in range(forces.size):
+        ends[body + 1] = max(ends[body + 1], ends[body])
+    places, of_pins, own = (
+        np.empty((4, count), np.int64), np.empty((4, count)), np.empty((4, count)),
+    )  # fmt: skip
+    for k in range(4):
+        _pack(active, (pins[0], pins[1], pins[2], pins[3])[k], places[k])
+        _pack(active, (pins[4], pins[5], pins[6], pins[7])[k], of_pins[k])
+    _pack(active, current, own[0])
+    change, steps = _steps(
+        tolerance, step, max_steps, min_slope, places, ends, of_pins, cover, forces, compliance,
+        stiffens, operator, reaches, gains, own[0], own[1], own[2], own[3], depths, linear,
+    )  # fmt: skip
+    _unpack(active, own[0], 0.0, current)
+    _unpack(active, own[1], 0.0, pressure)
+    _unpack(active, own[2], 1.0, local)
+    _unpack(active, own[3], FAR_MM, rest)
+    return change, steps
+
+
+@compiled(f"b1(f4[:, ::1], b1, {PINS}, f8[:, :, ::1], f8[::1], b1[::1], b1[::1])", nogil=True)
+def penetrated(linear, stiffens, pins, cover, depths, active, found):
+    """Write to found, (n,), which inactive pins have the shape above the surface; whether any.
 
     linear: (R, C) deflection of the linear layer, mm. depths: (bodies,).
     """
+    bodies, rows, columns, sides, gap, area, _, thickness = pins
+    some = False
     for n in range(gap.size):
-        inside = depths[bodies[n]] - gap[n] - PENETRATION_MM
         found[n] = False
-        if not active[n]:
-            sunk, _ = mean_deflection(
-                linear, thickness, stiffens, cover[bodies[n]], rows[n], columns[n], sides[n],
-                covered[n],
-            )  # fmt: skip
-            found[n] = inside > sunk
+        if active[n]:
+            continue
+        inside = depths[bodies[n]] - gap[n] - PENETRATION_MM
+        mean, variance = _mean_linear(
+            linear, cover, bodies[n], rows[n], columns[n], sides[n], area[n]
+        )
+        # The law bends by up to 2 / thickness where the surface is pressed.
+        if mean > 0.0 and inside <= -variance / thickness[n]:
+            continue
+        if stiffens:
+            mean, _, curvature = stiffened(mean, thickness[n])
+            mean += 0.5 * curvature * variance
+        found[n] = inside > mean
+        some |= found[n]
+    return some

@@ -29,6 +29,9 @@ from t2twin.core.cached_files import short_digest
 PACKAGE_LEVEL = 3
 """Dots in the name of a module; modules with more belong to a package at this level."""
 
+INNER = {"no_cpython_wrapper": True}
+"""Options of a function that only compiled functions call: Python cannot call it."""
+
 _lock = RLock()
 _config: Any = config
 _njit: Any = numba.njit
@@ -78,13 +81,14 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
     """A decorator with the arguments of numba.njit, except `cache`.
 
     A function with a signature accepts only these types, and its method `prepare` compiles it
-    without a call. Without a cache directory it is compiled
-    in every process. NUMBA_CACHE_DIR replaces the cache directory.
+    without a call. A division by zero gives inf or nan. Without a cache directory the function is
+    compiled in every process. NUMBA_CACHE_DIR replaces the cache directory.
     """
+    # A wrapper for C callers would take a tenth of the time to compile.
+    options = {"error_model": "numpy", "no_cfunc_wrapper": True, **options}
 
     def declare(function: Callable) -> Any:
-        # A wrapper for C callers would take a tenth of the time to compile.
-        dispatcher = _njit(no_cfunc_wrapper=True, **options)(function)
+        dispatcher = _njit(**options)(function)
         dispatcher._cache = _machine_code(function)
 
         def compile_declared() -> None:
