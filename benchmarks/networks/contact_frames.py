@@ -1,11 +1,17 @@
-"""The contact predicted from frames of a real DIGIT, compared with the balls fitted to them.
+"""The contact predicted for one real DIGIT, compared with gradients by color and Poisson.
 
     python -m benchmarks.networks.contact_frames FRAMES RUN [RUN ...]
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
-project. Optics fitted to the frames give the place and the depth of the ball in each. The reference
-is the simulated press of the ball there: the depth of the gel and the mask of the contact, in the
-cells of the contact maps. Runs are those of `t2twin train` that predict the contact.
+project. Runs are those of `t2twin train` that predict the contact. They are evaluated on two sets:
+
+- the frames. Optics fitted to them give the place and the depth of the ball in each; the reference
+  is the simulated press of the ball there;
+- simulated presses of random shapes and tools into a unit with these optics.
+
+Gradients and Poisson (module gradients) are trained on two thirds of the frames and evaluated on
+the other third, in turn, and trained on the simulated frames of the balls for the other set. The
+reference is the depth of the gel and the mask of the contact, in the cells of the contact maps.
 """
 
 from __future__ import annotations
@@ -22,21 +28,33 @@ import numpy as np
 
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT, SENSOR, read_frames
+from benchmarks.optics.fitted_optics import (
+    BALL_DIAMETER_MM,
+    HELD_OUT,
+    ROTATIONS,
+    SENSOR,
+    read_frames,
+)
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.catalogue import OBJECTS
 from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.optical.contact_maps import ContactGrid
 
 if TYPE_CHECKING:
-    from t2twin.sim.optical.gel_camera import ImageReading
+    from collections.abc import Iterable
+
+    from t2twin.sim.optical.gel_camera import GelCamera
     from t2twin.translate.inference.contact import ContactEstimate
     from t2twin.translate.inference.predictor import FieldPredictor
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.contact_frames",
-    measures="The contact predicted from frames of a real DIGIT, compared with the fitted balls.",
-    minutes=4,
+    measures="The contact predicted for a real DIGIT, compared with gradients and Poisson.",
+    minutes=8,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
         Figure("runs.*.real.depth_rmse_mm", "mm"),
@@ -46,9 +64,17 @@ BENCHMARK = Benchmark(
         Figure("runs.*.real.iou"),
         Figure("runs.*.real.force_error_percent", "%"),
         Figure("runs.*.real.center_error_mm", "mm"),
-        Figure("runs.*.simulated.depth_rmse_mm", "mm"),
+        Figure("runs.*.shapes.depth_rmse_mm", "mm"),
+        Figure("runs.*.shapes.depth_mean_rmse_mm", "mm"),
+        Figure("runs.*.shapes.iou"),
+        Figure("runs.*.shapes.force_error_percent", "%"),
         Figure("runs.*.background_area_mm2", "mm2"),
         Figure("runs.*.milliseconds", "ms"),
+        Figure("gradients.real.depth_rmse_mm", "mm"),
+        Figure("gradients.real.depth_mean_rmse_mm", "mm"),
+        Figure("gradients.real.deepest_worst_percent", "%"),
+        Figure("gradients.shapes.depth_rmse_mm", "mm"),
+        Figure("gradients.shapes.depth_mean_rmse_mm", "mm"),
     ),
     arguments=(
         Argument("frames", "folder of background.png and press_*.png", Path),
@@ -56,38 +82,100 @@ BENCHMARK = Benchmark(
     ),
 )
 
+BACKGROUND = "background.png"
+
 TIMED = 20
 """Predictions that the time is the median of."""
+
+SHAPES = (*(f"random-{seed}" for seed in range(9_000, 9_020)), *OBJECTS)
+"""Shapes of the simulated presses; no recipe samples these random shapes."""
+
+FORCES_N = (1.0, 2.0, 4.0, 8.0)
+"""Forces of the presses, in turn."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.translate.inference.load import load_run
     from t2twin.translate.inference.predictor import FieldPredictor, require
 
-    names, frames, background, references = ball_references(options.frames)
+    if not (options.frames / BACKGROUND).is_file():
+        raise T2TwinError(
+            f"{options.frames} has no {BACKGROUND}; expected a folder of it and press_*.png, "
+            "frames of a real DIGIT, which are not part of the project"
+        )
+    names, frames, background, balls = ball_references(options.frames)
+    sensor = balls[0].sensor
+    shapes, still = shape_references(sensor), sensor.background_frame(np.random.default_rng(0))
     runs = {}
     for folder in options.runs:
         run: Any = require(load_run(folder), FieldPredictor, "the contact")  # one or several
-        found = {"real": frames, "simulated": [each.image for each in references]}
-        runs[str(folder)] = {
-            kind: _errors(run.contact(list(images), background), references)
-            for kind, images in found.items()
-        } | {
+        name = f"{run.config.model}-of-{run.config.data.recipe_shown}"
+        if name in runs:
+            raise T2TwinError(f"two runs are a {name}; name one of them")
+        images = [each.image for each in shapes]
+        runs[name] = {
+            "real": _errors(run.contact(list(frames), background), balls),
+            "shapes": _errors(run.contact(images, still), shapes),
             "background_area_mm2": run.contact(background, background).area_mm2,
             "milliseconds": _milliseconds(run, frames[0], background),
         }
-    return {"frames": names, "runs": runs}
+    return {
+        "frames": names,
+        "runs": runs,
+        "gradients": _of_gradients(frames, background, balls, shapes, still),
+    }
+
+
+def _of_gradients(
+    frames: np.ndarray,
+    background: np.ndarray,
+    balls: list[Any],
+    shapes: list[Any],
+    still: np.ndarray,
+) -> dict[str, Any]:
+    """Errors of the depth by gradients and Poisson."""
+    from benchmarks.networks.gradients import REDUCTION, DepthFromGradients
+
+    camera = balls[0].sensor.camera
+    grid = ContactGrid(camera.rows // REDUCTION, camera.columns // REDUCTION, 1.0)
+    optics = balls[0].sensor.optics.camera
+    depths = np.stack([grid.depth_mm(each.contact, optics) for each in balls])
+    view_mm = camera.seen_half_extent_mm()
+    found = np.empty_like(depths)
+    for rotation in range(ROTATIONS):
+        held_out = np.arange(len(frames)) % ROTATIONS == rotation
+        model = DepthFromGradients(frames[~held_out], background, depths[~held_out], view_mm)
+        found[held_out] = [model.depth_mm(frame) for frame in frames[held_out]]
+    simulated = np.stack([each.image for each in balls])
+    model = DepthFromGradients(simulated, still, depths, view_mm)
+    return {
+        "real": _depth_errors(found, balls),
+        "shapes": _depth_errors([model.depth_mm(each.image) for each in shapes], shapes),
+    }
+
+
+def shape_references(sensor: GelCamera) -> list[Any]:
+    """Readings of presses of SHAPES into a gel camera."""
+    readings = []
+    for number, name in enumerate(SHAPES):
+        shape, rng = catalogue.load(name), np.random.default_rng((1, number))
+        x_mm, y_mm, yaw_rad = rng.uniform(-1.5, 1.5), rng.uniform(-2.0, 2.0), rng.uniform(0.0, 6.28)
+        force_n = FORCES_N[number % len(FORCES_N)]
+        contact = sensor.press(shape, PressCommand(name, x_mm, y_mm, yaw_rad, force_n))
+        readings.append(sensor.read(contact, rng))
+    return readings
 
 
 def ball_references(
     folder: Path,
-) -> tuple[list[str], np.ndarray, np.ndarray, list[ImageReading]]:
+) -> tuple[list[str], np.ndarray, np.ndarray, list[Any]]:
     """Names and frames of all presses in a folder, the background frame, and the simulated readings
-    of the balls at the places and depths that fitted optics find."""
-    report = calibrate(
-        folder / "background.png", folder, BALL_DIAMETER_MM, HELD_OUT, tolerance=None
-    )
-    background, frames, found = read_frames(folder / "background.png", folder, SENSOR.camera)
+    of the balls at the places and depths that fitted optics find.
+
+    The readings are ImageReading, with contact and image.
+    """
+    report = calibrate(folder / BACKGROUND, folder, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
+    background, frames, found = read_frames(folder / BACKGROUND, folder, SENSOR.camera)
     names = [*report.trained, *report.held_out]
     frames = frames[[found.index(name) for name in names]]
     poses = np.concatenate([report.training_poses, report.poses])
@@ -108,39 +196,56 @@ def ball_references(
 
 
 def _errors(
-    contacts: list[ContactEstimate], references: list[ImageReading]
+    contacts: list[ContactEstimate], references: list[Any]
 ) -> dict[str, float | list[float]]:
     """Errors of the contacts of all presses, in the cells of the contact maps."""
     from t2twin.translate.models.contact import CONTACT_KPA
 
-    rmse, deepest, iou, force, center = [], [], [], [], []
+    iou, force, center = [], [], []
     for contact, reference in zip(contacts, references, strict=True):
-        depth, pressure = reference.depth_map_mm, reference.pressure_map_kpa
-        inside, rows_columns = pressure > CONTACT_KPA, pressure.shape
-        found = _in_cells(contact.depth_mm, rows_columns)
-        mask = _in_cells(contact.mask, rows_columns) > 0.5
-        rmse.append(float(np.sqrt(np.square(found - depth)[inside].mean())))
-        deepest.append(abs(found[inside].max() / depth[inside].max() - 1.0))
+        pressure = reference.pressure_map_kpa
+        inside = pressure > CONTACT_KPA
+        mask = _in_cells(contact.mask, pressure.shape) > 0.5
         iou.append((inside & mask).sum() / (inside | mask).sum())
         assert reference.contact is not None and contact.force_n is not None
         force.append(abs(float(contact.force_n) / reference.contact.force_n - 1.0))
         center.append(float(np.hypot(*(contact.center_mm - _center_mm(pressure, contact)))))
+    return _depth_errors([each.depth_mm for each in contacts], references) | {
+        "iou": float(np.mean(iou)),
+        "force_error_percent": 100.0 * float(np.median(force)),
+        "center_error_mm": float(np.nanmedian(center)),
+        "missed": int(np.isnan(center).sum()),
+    }
+
+
+def _depth_errors(
+    depths_mm: Iterable[np.ndarray], references: list[Any]
+) -> dict[str, float | list[float]]:
+    """Errors of depths in the contacts of all presses, in the cells of the contact maps."""
+    from t2twin.translate.models.contact import CONTACT_KPA
+
+    rmse, deepest = [], []
+    for found, reference in zip(depths_mm, references, strict=True):
+        inside, depth = reference.pressure_map_kpa > CONTACT_KPA, reference.depth_map_mm
+        in_cells = _in_cells(found, depth.shape)
+        rmse.append(float(np.sqrt(np.square(in_cells - depth)[inside].mean())))
+        deepest.append(abs(in_cells[inside].max() / depth[inside].max() - 1.0))
     return {
         "depth_rmse_mm": float(np.median(rmse)),
         "depth_mean_rmse_mm": float(np.mean(rmse)),
         "deepest_error_percent": 100.0 * float(np.median(deepest)),
         "deepest_worst_percent": 100.0 * float(np.max(deepest)),
-        "iou": float(np.mean(iou)),
-        "force_error_percent": 100.0 * float(np.median(force)),
-        "center_error_mm": float(np.median(center)),
         "each_depth_rmse_mm": rmse,
     }
 
 
 def _in_cells(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Means of pixels over cells of equal size, float64."""
-    rows, columns = (size // cells for size, cells in zip(values.shape, shape, strict=True))
-    return values.reshape(shape[0], rows, shape[1], columns).mean(axis=(1, 3), dtype=float)
+    """Means of pixels over cells, float64."""
+    import torch  # other benchmarks are listed without it
+    from torch.nn import functional
+
+    whole = torch.from_numpy(np.asarray(values, float))[None]
+    return functional.adaptive_avg_pool2d(whole, (shape[0], shape[1]))[0].numpy()
 
 
 def _center_mm(pressure: np.ndarray, contact: ContactEstimate) -> np.ndarray:
