@@ -169,6 +169,16 @@ def test_the_command_writes_depth_and_contact_of_each_image(
     assert float(rows[0]["force_n"]) == pytest.approx(float(contact.force_n), abs=1e-3)
 
 
+def test_live_lines_have_the_contact(alone, images, tmp_path, capsys) -> None:
+    frames, background = images
+    (tmp_path / "frames").mkdir()
+    Image.fromarray(frames[0]).save(tmp_path / "frames/0.png")
+    Image.fromarray(background).save(tmp_path / "background.png")
+    main(["live", "frames", "--frames", "1", "--background", "background.png", "--run", str(alone)])
+    line = json.loads(capsys.readouterr().out)
+    assert line["contact"] == load(alone).contact(frames[0], background).summary()
+
+
 def prediction(pressure: torch.Tensor) -> ContactPrediction:
     """A sure prediction of a pressure, (1, H, H)."""
     probability, zero = (pressure > 0).float(), torch.zeros_like(pressure)

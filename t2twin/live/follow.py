@@ -72,7 +72,8 @@ def follow(
     - time_s, arrival, seconds since 1970; latency_ms, from arrival to the line;
     - counts, integers, one per taxel; in_distribution; if that is false, ood_class;
     - of a field run counts_std, standard deviations, counts;
-    - of a field run that was trained on several forces, force_n and force_std_n, N.
+    - of a field run that was trained on several forces, force_n and force_std_n, N;
+    - of a run that predicts the contact, contact, with the keys of ContactEstimate.summary.
 
     report: receives messages for the user. max_frames: number of lines after which it ends.
     background: background frame of the sensor for a field run, (h, w, 3) or (h, w) uint8, of any
@@ -131,7 +132,11 @@ def _translator(
         ood_class = combined(
             classify_frame(image, run.config.data.camera.aspect, background), *run.classify(pixels)
         )
-        return _predict(run, pixels) | ood_entry(ood_class)
+        values = _predict(run, pixels)
+        if isinstance(run, FieldPredictor) and run.predicts_contact:
+            contact: Any = run.contact(image, background)  # one, of one image
+            values["contact"] = contact.summary()
+        return values | ood_entry(ood_class)
 
     translate(np.zeros((run.config.preset.size,) * 2, np.uint8))  # the first one is slow
     return translate
