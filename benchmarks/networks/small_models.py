@@ -24,9 +24,9 @@ from t2twin.translate.evaluation.array_errors import interval, resample_weights
 HIDDEN = 128
 """Width of both hidden layers (assumed)."""
 
-STEPS, BATCH = 3000, 128
-"""Steps of a training, and examples of each (chosen on held-out training shapes: a third of the
-steps halves the score of slip)."""
+STEPS, BATCH = 2000, 128
+"""Steps of a training, and examples of each (assumed; with a fifth of the steps the score of slip
+on held-out training shapes is a third lower, measured)."""
 
 LEARNING_RATE, WEIGHT_DECAY = 2e-3, 1.0
 """AdamW's, with a cosine schedule to zero (chosen as STEPS: a decay of 0.01 is slightly worse)."""
@@ -110,7 +110,9 @@ class SmallModels:
         if self.classes is not None:  # the classes have equal weight
             weights = len(target) / (self.classes * target.sum(dim=0).clamp(min=1.0))
         parameters = [each for layer in self._layers for each in layer]
-        optimizer = torch.optim.AdamW(parameters, LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+        optimizer = torch.optim.AdamW(
+            parameters, LEARNING_RATE, weight_decay=WEIGHT_DECAY, fused=True
+        )
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, STEPS)
         for _ in range(STEPS):
             batch = torch.randint(len(inputs), (MODELS, BATCH), generator=generator)

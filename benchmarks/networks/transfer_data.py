@@ -34,7 +34,7 @@ SEED = 0
 
 RECIPE = ROOT / "benchmarks" / "networks" / "touches.toml"
 
-STEPS = 1200
+STEPS = 700
 """Steps of the training of a translator (assumed: from the pretrained network, a tenth of the steps
 of a new one)."""
 
