@@ -70,10 +70,10 @@ class Scaling:
                 torch.manual_seed(SEED)
                 scaled = torch.from_numpy((inputs - self._shift) / scale)
                 basis = torch.pca_lowrank(scaled, COMPONENTS, center=False)[2].numpy()
-            self._matrix = basis / scale[:, None] / _standard(scaled.numpy() @ basis)[1]
+            self._matrix = basis / scale[:, None] / (scaled.numpy() @ basis).std()
 
     def __call__(self, inputs: np.ndarray) -> torch.Tensor:
-        """(P, m) float32: inputs of mean 0 and variance 1."""
+        """(P, m) float32, of mean 0. Each number has variance 1, of components all together."""
         return torch.from_numpy((inputs - self._shift) @ self._matrix).float()
 
 
