@@ -23,7 +23,15 @@ from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, REPORTED_SH
 from t2twin.translate.evaluation.records import Evaluation, ModelRow, read_evaluation
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.checkpoint import AVERAGE
-from t2twin.translate.runs.config import BEST, CONFIG, HOME, LOG, load_config, versioned
+from t2twin.translate.runs.config import (
+    BEST,
+    CONFIG,
+    FRAME_CHECK,
+    HOME,
+    LOG,
+    load_config,
+    versioned,
+)
 
 MIN_NUMBERS = 1000
 """Minimum size of a tensor that is stored in half precision (assumed: smaller ones hold less than a
@@ -68,8 +76,9 @@ def publish_pretrained(run_dir: Path, evaluations: Sequence[Path] = (), home: Pa
     with atomic_write(folder / BEST) as temporary:
         save_file(weights, temporary)
         temporary.chmod(0o644)  # safetensors restricts it to the owner
-    for name in (CONFIG, LOG):
-        shutil.copyfile(run_dir / name, folder / name)
+    for name in (CONFIG, LOG, FRAME_CHECK):
+        if name != FRAME_CHECK or (run_dir / name).is_file():
+            shutil.copyfile(run_dir / name, folder / name)
     with atomic_write(folder / CARD) as temporary:
         temporary.write_text(_with_figures(card, rows), encoding="utf-8")
     return folder

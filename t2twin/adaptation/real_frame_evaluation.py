@@ -28,7 +28,7 @@ from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
 from t2twin.translate.runs.card import CARD, LIMITS
-from t2twin.translate.runs.config import BEST, CONFIG, LOG
+from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG
 
 REGION_SHARE = 0.2
 """Contact threshold of a tactile image, as a share of its maximum (assumed)."""
@@ -286,7 +286,7 @@ def publish(candidates: Mapping[str, Candidate], kept: str, out_dir: Path) -> No
     """Copies the kept run to out_dir, with the scores of all candidates in its card."""
     out_dir.mkdir(exist_ok=True)
     source = candidates[kept].run_dir
-    for name in (BEST, LOG, CONFIG):
+    for name in (BEST, LOG, CONFIG, FRAME_CHECK):
         if (source / name).is_file():
             with atomic_write(out_dir / name) as temporary:
                 shutil.copyfile(source / name, temporary)

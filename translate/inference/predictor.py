@@ -27,6 +27,7 @@ from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.progress import Progress
 from t2twin.core.renamed import hint
 from t2twin.translate.data.images import (
+    COLORS,
     ONE,
     Images,
     check_pixels,
@@ -42,6 +43,8 @@ from t2twin.translate.models.base import CountsTranslator, Translator
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.field_readout import FieldPrediction
 from t2twin.translate.models.presets import IMAGE_TO_COUNTS
+from t2twin.translate.networks.frame_check import FrameCheck
+from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate
 from t2twin.translate.uncertainty.ood import (
@@ -333,6 +336,24 @@ class FieldPredictor(CountsPredictor):
 
     PREDICTS: ClassVar[str] = "counts with uncertainty"
     RUNS: ClassVar[str] = "a field run"
+
+    def classify(self, pixels: np.ndarray) -> list[OODClass]:
+        """See CountsPredictor. A run with a frame check uses it too."""
+        classes = super().classify(pixels)
+        if self._frame_check is None:
+            return classes
+        found: list[OODClass] = []
+        for part in parts_of(len(pixels), None):
+            inputs = to_input(pixels[part].astype(np.float32) / 255.0)
+            features = self.translator.frame_features(inputs).cpu()
+            found += self._frame_check.classify(features, pixels.shape[-1] > COLORS)
+        inside = OODClass.IN_DISTRIBUTION
+        return [b if a == inside else a for a, b in zip(classes, found, strict=True)]
+
+    @cached_property
+    def _frame_check(self) -> FrameCheck | None:
+        """The run's frame check, if it has one. Raises T2TwinError for a damaged file."""
+        return load_frame_check(self.run_dir)
 
     def estimate(self, images: Images, background: np.ndarray | None = None) -> Estimate:
         """Counts, their standard deviations, the dense counts and the force.

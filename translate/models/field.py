@@ -54,6 +54,7 @@ from t2twin.translate.models.field_readout import (
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.contact_head import ContactOutputs
 from t2twin.translate.networks.field_net import CONTACT, SHEAR, FieldNet, FieldOutputs
+from t2twin.translate.networks.frame_check import features_of
 from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
 from t2twin.translate.uncertainty.likelihood import negative_log_likelihood
 
@@ -245,6 +246,12 @@ class FieldTranslator(CountsTranslator):
             with self.precision():
                 outputs = self.predictor(self._with_frame(images), True)
             return self.readout(outputs), self.contact_readout(outputs.contact)
+
+    def frame_features(self, images: torch.Tensor) -> torch.Tensor:
+        """(B, n) features for the frame check. images: as for `predict`."""
+        self.predictor.eval()
+        with torch.inference_mode(), self.precision():
+            return features_of(self.predictor.encoded(self._with_frame(images)))
 
     def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
         """The outputs of the contact's layers. images: as for `predict`."""

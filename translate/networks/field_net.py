@@ -321,6 +321,10 @@ class FieldNet(nn.Module):
             for name, shares in CONTACT_KNOTS.items():
                 self.register_buffer(name, identity_knots(len(shares)))
 
+    def encoded(self, images: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """The encoder's maps. images: as for `forward`."""
+        return self.encoder.maps(_encoder_input(images))
+
     def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
         """The contact alone. images: as for `forward`."""
         with torch.no_grad():

@@ -26,8 +26,16 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
 from t2twin.translate.networks.field_net import SHEAR
+from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.card import CARD
-from t2twin.translate.runs.config import BEST, CONFIG, LOG, RunConfig, load_config
+from t2twin.translate.runs.config import (
+    BEST,
+    CONFIG,
+    FRAME_CHECK,
+    LOG,
+    RunConfig,
+    load_config,
+)
 from t2twin.translate.runs.log import EpochPart, EpochRecord, decode_history, encode_history
 
 AnyTranslator = type[Touch2Touch | ResNet18Translator | FieldTranslator | ImageTranslator]
@@ -102,6 +110,20 @@ def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ())
         network.load_state_dict(required | {n: weights.get(n, own[n]) for n in own})
     except (SafetensorError, RuntimeError):
         raise T2TwinError(f"{path} does not fit the networks of its config.json") from None
+
+
+def load_frame_check(run_dir: Path) -> FrameCheck | None:
+    """The frame check of a run, None without one. Raises T2TwinError for a damaged file."""
+    path = run_dir / FRAME_CHECK
+    if not path.is_file():
+        return None
+    try:
+        weights = load_file(path)
+        check = FrameCheck(weights["center"].numel())
+        check.load_state_dict(weights)
+    except (SafetensorError, RuntimeError, KeyError):
+        raise T2TwinError(f"{path} is not a frame check; remove it, or train again") from None
+    return check
 
 
 def save_state(

@@ -50,6 +50,7 @@ LOG = "log.jsonl"
 TENSORBOARD = "tensorboard"
 LAST = "last.safetensors"
 BEST = "best.safetensors"
+FRAME_CHECK = "frames.safetensors"
 
 Steps = Annotated[int, Meta(ge=1, le=MAX_STEPS)]
 

@@ -19,6 +19,7 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, load_config
+from t2twin.translate.training.fit_frame_check import complete
 
 SEED = 0
 """Seed of the selection of presses from larger validation splits."""
@@ -62,6 +63,7 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
         samples = _equal_samples(sets)
         translator.calibrate(*samples)
         save_weights(run_dir / BEST, translator.predictor)
+        complete(run_dir, own[0])
         write_card(run_dir, own[0])
     return sum(map(len, samples))
 

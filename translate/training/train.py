@@ -53,6 +53,7 @@ from t2twin.translate.runs.config import (
     resolve_run,
 )
 from t2twin.translate.runs.log import EpochRecord
+from t2twin.translate.training.fit_frame_check import complete
 from t2twin.translate.training.trainer import Trainer, TrainingResult, stop_reason, training_result
 
 MIN_PAIRS = 8
@@ -174,6 +175,7 @@ def _run(
         if reason is not None:
             result = training_result(out_dir, history, reason)
             if rank == 0:
+                complete(out_dir, data_dir)
                 print(f"{out_dir} is finished: {result.summary}. Nothing to do.")
             return result
         with locked(out_dir) if rank == 0 else nullcontext():
@@ -181,6 +183,7 @@ def _run(
             pairs, validation = _load_in_turn(data_dir, out_dir, config, rank, reverse)
             result = Trainer(config, out_dir, pairs, validation, rank, weights).run()
             if rank == 0:
+                complete(out_dir, data_dir)
                 write_card(out_dir, data_dir)
             return result
 

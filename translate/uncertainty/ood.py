@@ -201,7 +201,7 @@ def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) 
     return (
         f"{len(found)} of {len(classes)} images are unlike all training images of {run}{example} "
         f"({', '.join(f'{count} {name}' for name, count in counted)}); their counts are not "
-        "reliable: expected upright frames, red before blue, width to height 3:4, of the same "
+        "reliable: expected upright frames, red before blue, not cropped, of the same "
         "sensor in the same light, and its own background frame"
     )
 

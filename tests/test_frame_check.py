@@ -1,0 +1,91 @@
+"""Frames that are not touches of a run's sensor are named, without a background frame too."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import t2twin
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import FieldPredictor, require
+from t2twin.translate.networks.frame_check import CLASSES, FrameCheck, features_of
+from t2twin.translate.runs.checkpoint import load_frame_check, save_weights
+from t2twin.translate.runs.config import FRAME_CHECK, HOME
+from t2twin.translate.training import fit_frame_check as fitting
+from t2twin.translate.training.wrong_frames import ALTERATIONS, FORWARD, wrong_frame
+from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
+
+
+def test_features_are_means_and_deviations_of_the_channels():
+    even, steps = torch.full((2, 3, 4, 4), 2.0), torch.zeros(2, 1, 2, 2)
+    steps[:, :, 0] = 6.0
+    found = features_of([even, steps])
+    expected = np.log1p([2.0, 2.0, 2.0, 0.0, 0.0, 0.0, 3.0, 3.0])
+    np.testing.assert_allclose(found, [expected, expected], rtol=1e-6)
+
+
+def test_a_frame_is_wrong_above_the_limit_of_its_kind():
+    check = FrameCheck(2)
+    with torch.no_grad():
+        check.limits.copy_(torch.tensor([0.0, torch.inf]))
+        for layer in (check.hidden, check.logits):
+            layer.weight.zero_()
+            layer.bias.zero_()
+        check.hidden.weight[0, 0] = 1.0
+        check.logits.weight[3, 0] = 9.0
+        check.logits.bias[1:] = -9.0
+    features = torch.tensor([[-1.0, 0.0], [2.0, 0.0]])
+    assert check.classify(features, False) == [CLASSES[0], CLASSES[3]]
+    assert check.classify(features, True) == [CLASSES[0]] * 2
+
+
+def test_wrong_frames_are_what_their_class_says():
+    rng = np.random.default_rng(0)
+    frame = rng.integers(40, 90, (32, 24, 3)).astype(np.uint8)
+    for kind, transform in FORWARD.items():
+        undone = INVERSE_TRANSFORMS[kind](transform(frame[None]))
+        np.testing.assert_array_equal(undone[0], frame)
+    kinds = {wrong_frame(frame, rng)[1] for _ in range(60)}
+    assert kinds == {*INVERSE_TRANSFORMS, OODClass.OTHER}
+    for alter in ALTERATIONS:
+        found = alter(frame, rng)
+        assert found.dtype == np.uint8 and found.shape[-1] == 3
+        assert found.shape != frame.shape or (found != frame).any()
+
+
+def test_a_run_gets_a_check_that_its_predictions_use(
+    moving_dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    ignored = shutil.ignore_patterns(FRAME_CHECK)
+    run_dir = shutil.copytree(HOME / "field", tmp_path / "run", ignore=ignored)
+    assert not fitting.fit_frame_check(run_dir, moving_dataset)  # too few frames
+    assert load_frame_check(run_dir) is None
+    monkeypatch.setattr(fitting, "MIN_FRAMES", 2)
+    fitting.complete(run_dir, moving_dataset)
+    check = load_frame_check(run_dir)
+    assert check is not None and torch.isfinite(check.limits).all()
+    written = (run_dir / FRAME_CHECK).read_bytes()
+    fitting.fit_frame_check(run_dir, moving_dataset)
+    assert (run_dir / FRAME_CHECK).read_bytes() == written
+
+    check.limits.fill_(-torch.inf)  # all frames are wrong
+    save_weights(run_dir / FRAME_CHECK, check)
+    run = require(load_run(run_dir), FieldPredictor, "the test")
+    even = np.full((320, 240, 3), 90, np.uint8)
+    assert run.classify_frames(even) != [OODClass.IN_DISTRIBUTION]
+    (run_dir / FRAME_CHECK).write_bytes(b"not weights")
+    run = require(load_run(run_dir), FieldPredictor, "the test")
+    with pytest.raises(T2TwinError, match="is not a frame check"):
+        run.classify_frames(even)
+
+
+def test_the_pretrained_run_names_turned_frames_without_a_background():
+    run = require(load_run("field"), FieldPredictor, "the test")
+    frame = t2twin.press("hemisphere-2", force_n=8, x_mm=3).image
+    assert run.classify_frames(frame) == [OODClass.IN_DISTRIBUTION]
+    for kind, transform in FORWARD.items():
+        turned = np.ascontiguousarray(transform(frame[None])[0])
+        assert run.classify_frames(turned) == [kind], kind
