@@ -131,7 +131,7 @@ def test_the_cubic_spline_is_scipy_s(count):
     np.testing.assert_allclose(CubicSpline(0.3, 2.7, values)(at), expected, atol=1e-11)
 
 
-def test_thein_colors_are_matplotlib_s_viridis():
+def test_the_colors_are_matplotlib_s_viridis():
     values = np.random.default_rng(0).uniform(-0.2, 1.2, (40, 50))
     values[0, :2] = 0.0, 1.0
     expected = colormaps["viridis"](values.clip(0.0, 1.0), bytes=True)[..., :3]
