@@ -25,7 +25,10 @@ WIDTH, LAYERS = 64, 3
 STEPS, BATCH, RATE = 2000, 4096, 2e-3
 """Of its training (assumed: the error no longer decreases)."""
 
-CHANGED_GREY, CHANGED_SHARE = 8.0, 0.7
+CHANGE_GREY = 30.0
+"""Unit of the change from the background frame, grey levels (assumed: its typical size)."""
+
+CHANGED_GREY, CHANGED_SHARE = 15.0, 0.7
 """Change of a pixel that is in the contact or near it, summed over the colors, and the share of
 such pixels in a batch (assumed)."""
 
@@ -58,10 +61,8 @@ class DepthFromGradients:
             ]
             self.network = nn.Sequential(*layers, nn.Linear(WIDTH, 2))
         inputs = np.stack([self._inputs(reduced(image)) for image in images])
-        gradients = np.moveaxis(
-            np.array(np.gradient(depths_mm, *self.pitch_mm, axis=(1, 2))), 0, -1
-        )
-        changed = np.abs(inputs[..., 3:6]).sum(axis=-1).ravel() > CHANGED_GREY / 255.0
+        gradients = np.array(np.gradient(depths_mm, *self.pitch_mm, axis=(1, 2)))
+        changed = CHANGE_GREY * np.abs(inputs[..., 3:6]).sum(axis=-1).ravel() > CHANGED_GREY
         self._train(
             torch.from_numpy(inputs.reshape(-1, 8)).float(),
             torch.from_numpy(gradients.reshape(2, -1).T.copy()).float(),
@@ -83,7 +84,7 @@ class DepthFromGradients:
             sizes = (most, BATCH - most)
             chosen = [rng.choice(each, n) for each, n in zip(groups, sizes, strict=True)]
             index = torch.from_numpy(np.concatenate(chosen))
-            loss = (self.network(inputs[index]) - gradients[index]).abs().mean()
+            loss = (self.network(inputs[index]) - gradients[index]).square().mean()
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
@@ -93,7 +94,7 @@ class DepthFromGradients:
         """(R, C, 8): color, change from the background frame, and place of each pixel."""
         rows, columns, _ = image.shape
         places = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
-        color, change = image / 255.0, (image - self.background) / 255.0
+        color, change = image / 128.0 - 1.0, (image - self.background) / CHANGE_GREY
         return np.concatenate([color, change, np.stack(places, axis=-1)], axis=-1)
 
     def depth_mm(self, image: np.ndarray) -> np.ndarray:
