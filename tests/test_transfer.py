@@ -1,26 +1,38 @@
 """The benchmark of models that are learned on true counts: their scores and examples."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from benchmarks.networks import small_models
+from benchmarks.networks import small_models, transfer_data
 from benchmarks.networks.small_models import Errors, Labels, SmallModels, errors_of, share_kept
 from benchmarks.networks.transfer import rows_of
 from benchmarks.networks.transfer_data import (
     IMAGES,
     PREDICTED,
     PRESSURE,
+    SETS,
     SLIP_SHARE,
     TRUE,
     Examples,
+    Pair,
     Task,
+    has_readings,
+    make_readings,
     place_examples,
     slip_examples,
+    tasks_of,
 )
 from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
 from t2twin.sim.dataset.columns import PATH
+from t2twin.sim.dataset.store import lists, read_split
+from t2twin.translate.inference.load import load_run
 
 pytestmark = pytest.mark.usefixtures("one_thread")
+
+PICTURES = ["source_image", "source_background"]
 
 SHAPES = np.repeat(["a", "b", "c", "d"], 100)
 
@@ -116,3 +128,34 @@ def test_the_place_is_the_center_of_pressure() -> None:
     table = {"shape": np.array(["a", "b"]), PRESSURE: np.array([[0.0, 2.0, 0.0], [1.0, 0.0, 3.0]])}
     found = place_examples(np.array([0.0, 1.0, 4.0]), np.array([0.0, -1.0, 8.0]), table, {})
     np.testing.assert_allclose(found.labels.values, [[1.0, -1.0], [3.0, 6.0]])
+
+
+def test_tasks_follow_from_datasets_and_a_translator(
+    moving_dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Finished datasets are used as they are, and readings are made once."""
+    monkeypatch.setattr(transfer_data, "SPLITS", ("train", "val"))
+    pair = Pair("digit", "cyskin-20", "field", "small", random_shapes=3)
+    for name in SETS:
+        pair.data(tmp_path, name).parent.mkdir(parents=True, exist_ok=True)
+        pair.data(tmp_path, name).symlink_to(moving_dataset)
+    make_readings(pair, tmp_path)
+    file = pair.readings(tmp_path, SETS[0], "train")
+    made = file.stat().st_mtime_ns
+    make_readings(pair, tmp_path)
+    assert file.stat().st_mtime_ns == made and has_readings(pair, tmp_path)
+
+    tests = {name: task for task in tasks_of(pair, tmp_path) for name in task.tests}
+    assert set(tests) == {"family", "place", "place_in_view", "force", "slip"}
+    force, slip = tests["force"].train, tests["slip"].train
+    true, predicted = force.inputs[TRUE], force.inputs[PREDICTED]
+    table = read_split(moving_dataset, "train", ["target_counts", "force_n", "index", PATH])
+    np.testing.assert_allclose(40_000 * true, lists(table, "target_counts"), atol=0.01)
+    np.testing.assert_array_equal(force.labels.values[:, 0], table["force_n"].to_numpy())
+    run, pictures = load_run("field"), read_split(moving_dataset, "train", PICTURES)
+    for row, pair_of_images in enumerate(pictures.to_pylist()):
+        image, frame = (decode_png(pair_of_images[name]["bytes"]) for name in PICTURES)
+        np.testing.assert_allclose(40_000 * predicted[row], run.predict(image, frame), atol=20.0)
+    moves = table["index"].to_numpy() > table[PATH].to_numpy()
+    np.testing.assert_array_equal(slip.inputs[TRUE][:, true.shape[1] :], true[moves])
+    assert tests["place"].train.labels.values.shape == (len(true), 2)
