@@ -11,12 +11,14 @@ from msgspec import structs
 import t2twin
 from benchmarks.taxels import recordings
 from benchmarks.taxels.recordings import REAL
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.shard import Stopwatch
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of
 from t2twin.sim.sampling.presses import PressSample
+from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import path_commands, touches_along
 from t2twin.sim.taxels import reading
 from t2twin.sim.taxels.reading import Imperfections, read_after
@@ -89,6 +91,11 @@ def test_an_estimate_of_noiseless_counts_becomes_one_of_readings(tmp_path):
     low, high = estimate.interval(0.9)
     inside = (low <= readings) & (readings <= high)
     assert inside.mean() == pytest.approx(0.9, abs=0.03)
+    known = replace(exact, array=SensorPair().array.for_dataset())
+    np.testing.assert_array_equal(known.interval(0.9, reading=True), (low, high))
+    np.testing.assert_array_equal(known.interval(0.9), (truth, truth))
+    with pytest.raises(T2TwinError, match="noise of this run's array is unknown"):
+        exact.interval(0.9, reading=True)
     bias = (readings - estimate.counts).mean(axis=0)
     np.testing.assert_allclose(bias, 0.0, atol=40)
     assert (

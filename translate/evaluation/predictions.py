@@ -25,7 +25,6 @@ from t2twin.sim.dataset.store import read_info
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.files import bundled_sensors
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.reading import expected_reading
 from t2twin.translate.data.images import open_image, to_pixels
 from t2twin.translate.data.pairs import (
     DataInfo,
@@ -44,7 +43,7 @@ from t2twin.translate.inference.predictor import (
     TrainedTranslator,
 )
 from t2twin.translate.networks.contact_head import side_of_maps
-from t2twin.translate.uncertainty.estimate import Estimate
+from t2twin.translate.uncertainty.estimate import Estimate, readings_of
 
 SPLITS = ("val", "test")
 
@@ -290,16 +289,12 @@ def predict_runs(
 
 
 def as_readings(estimate: Estimate, info: DatasetInfo) -> Estimate:
-    """An estimate of readings of the dataset's array, from one of noiseless counts.
-
-    Counts at rest and noise are known properties of the array, which field runs do not predict.
-    """
+    """An estimate of readings of the dataset's array, from one of noiseless counts."""
     array = info.array
     if array.imperfections is None:
         return estimate
-    mean, noise = expected_reading(array.imperfections, array.reading, estimate.counts)
-    std = np.hypot(estimate.counts_std, noise)
-    return replace(estimate, counts=mean.astype(np.float32), counts_std=std.astype(np.float32))
+    counts, std = readings_of(estimate, array.imperfections, array.reading)
+    return replace(estimate, counts=counts, counts_std=std)
 
 
 def read_predictions(folder: Path) -> Predictions:

@@ -26,6 +26,8 @@ from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.progress import Progress
 from t2twin.core.renamed import hint
+from t2twin.sim.sensors.files import load_sensor
+from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.data.images import (
     COLORS,
     ONE,
@@ -351,6 +353,15 @@ class FieldPredictor(CountsPredictor):
         return [b if a == inside else a for a, b in zip(classes, found, strict=True)]
 
     @cached_property
+    def _array(self) -> TaxelArray | None:
+        """The array as in datasets, None if its file is not here."""
+        try:
+            sensor = load_sensor(self.config.data.array.sensor or self.config.data.array.layout)
+        except T2TwinError:
+            return None
+        return sensor.for_dataset() if isinstance(sensor, TaxelArray) else None
+
+    @cached_property
     def _frame_check(self) -> FrameCheck | None:
         """The run's frame check, if it has one. Raises T2TwinError for a damaged file."""
         return load_frame_check(self.run_dir)
@@ -416,7 +427,8 @@ class FieldPredictor(CountsPredictor):
                 prediction = self.translator.predict_field(inputs)
                 values = [None if each is None else each.cpu().numpy() for each in prediction]
             full_scale = self.config.data.array.full_scale_counts
-            parts.append(Estimate(*values, full_scale_counts=full_scale))  # pyright: ignore
+            known = {"full_scale_counts": full_scale, "array": self._array}
+            parts.append(Estimate(*values, **known))  # pyright: ignore
         return concatenate(parts)
 
     def sample_dense_counts(

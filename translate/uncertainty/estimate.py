@@ -12,6 +12,9 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.renamed import NewAttributes
+from t2twin.sim.taxels.reading import Imperfections, expected_reading
+from t2twin.sim.taxels.taxel_array import TaxelArray
+from t2twin.sim.taxels.transducer import CountsTable
 from t2twin.translate.uncertainty.ood import OODClass
 
 
@@ -24,7 +27,10 @@ class Estimate(NewAttributes):
     force_std_n: () float32, N, or None if the run was trained on presses of one force. shear_n,
     shear_std_n: (2,) float32, N, shear force on the gel camera along x and y, or None if the run
     was trained without. full_scale_counts: where taxels saturate. ood_class: the OODClass, of B
-    images (B,) objects; None for an estimate of pixels.
+    images (B,) objects; None for an estimate of pixels. array: the taxel array as in datasets, with
+    its imperfections; None if it is unknown.
+
+    Counts and their standard deviations are of the noiseless array.
     """
 
     counts: np.ndarray
@@ -37,6 +43,7 @@ class Estimate(NewAttributes):
     shear_std_n: np.ndarray | None
     full_scale_counts: float
     ood_class: Any = None
+    array: TaxelArray | None = None
 
     def __repr__(self) -> str:
         parts = [f"counts {self.counts.shape}", f"dense_counts {self.dense_counts.shape}"]
@@ -52,19 +59,41 @@ class Estimate(NewAttributes):
         parts += [name for name in found if name != OODClass.IN_DISTRIBUTION]
         return f"Estimate({', '.join(parts)})"
 
-    def interval(self, level: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
+    def interval(self, level: float = 0.9, reading: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper ends of the central intervals of the counts, clipped to full scale.
 
-        level: probability, between 0 and 1; T2TwinError otherwise. Returns two arrays of the shape
-        of counts.
+        level: probability, between 0 and 1. reading: whether of a reading of the array, with its
+        counts at rest and its noise, in place of the noiseless counts. Returns two arrays of the
+        shape of counts. Raises T2TwinError for another level, and for a reading of an array whose
+        noise is unknown.
         """
-        half = half_width(level) * self.counts_std
-        low, high = self.counts - half, self.counts + half
+        counts, std = self.counts, self.counts_std
+        if arguments.flag(reading, "reading"):
+            if self.array is None:
+                raise T2TwinError(
+                    "the noise of this run's array is unknown; reading=True needs a run on a "
+                    "sensor of a file that this machine has"
+                )
+            counts, std = readings_of(self, self.array.flaws, self.array.spec.counts)
+        half = half_width(level) * std
+        low, high = counts - half, counts + half
         return low.clip(0.0, self.full_scale_counts), high.clip(0.0, self.full_scale_counts)
 
     def first(self) -> "Estimate":
         """The estimate of the first image alone."""
         return replace(self, **{name: getattr(self, name)[0] for name in _arrays(self)})
+
+
+def readings_of(
+    estimate: Estimate, flaws: Imperfections, table: CountsTable
+) -> tuple[np.ndarray, np.ndarray]:
+    """Expected readings of an array and their standard deviations, float32, of an estimate's shape.
+
+    Counts at rest and noise are known properties of an array, which field runs do not predict.
+    """
+    mean, noise = expected_reading(flaws, table, estimate.counts)
+    std = np.hypot(estimate.counts_std, noise)
+    return mean.astype(np.float32), std.astype(np.float32)
 
 
 def with_std(value: np.ndarray, std: np.ndarray) -> str:
@@ -93,4 +122,4 @@ def concatenate(parts: list[Estimate]) -> Estimate:
 def _arrays(estimate: Estimate) -> list[str]:
     """Names of the predictions that an estimate has."""
     given = (name for name, value in vars(estimate).items() if value is not None)
-    return [name for name in given if name != "full_scale_counts"]
+    return [name for name in given if name not in ("full_scale_counts", "array")]
