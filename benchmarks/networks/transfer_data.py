@@ -1,7 +1,7 @@
 """Datasets, translators and readings of the benchmark `transfer`, and the tasks on them.
 
-A reading is what a model may be fed with for one touch: its true counts, the counts predicted from
-its image, or the last map of the translator's encoder for the image.
+A reading is what a model is fed with for one touch. It is the true counts, the counts predicted
+from the image, or the last map of the translator's encoder for the image.
 
 Shape letters: P touches, N taxels, F numbers of a map, E examples of a task.
 """
