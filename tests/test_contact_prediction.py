@@ -31,7 +31,7 @@ from t2twin.translate.models.contact import (
 from t2twin.translate.models.field_readout import FieldPrediction
 from t2twin.translate.networks.contact_head import ContactOutputs
 from t2twin.translate.networks.field_net import CONTACT, FieldNet
-from t2twin.translate.runs.config import BEST, HOME, load_config
+from t2twin.translate.runs.config import BEST, FRAME_CHECK, HOME, load_config
 from t2twin.translate.training.train import train
 from t2twin.translate.uncertainty.ood import OODClass
 
@@ -95,6 +95,8 @@ def test_the_contact_alone_leaves_all_other_predictions_as_they_are(alone, image
     assert all(name.startswith(CONTACT) for name in after.keys() - before.keys())
     for name, tensor in before.items():
         assert torch.equal(tensor.float(), after[name].float()), name
+    frame_checks = [(folder / FRAME_CHECK).read_bytes() for folder in (HOME / "field", alone)]
+    assert frame_checks[0] == frame_checks[1]
     theirs, ours = load_config(HOME / "field"), load_config(alone)
     assert ours.data.has_contact and ours.data.sha256 == theirs.data.sha256
     assert ours.contact_data not in (None, theirs.data.sha256)

@@ -16,6 +16,7 @@ from t2twin.sim.dataset.columns import IMAGE
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.networks.contact_head import side_of_maps
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, load_config
@@ -29,13 +30,15 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
     """Fits the calibration of a field run again; writes its best weights and its card.
 
     data_dirs: datasets with dense counts, of any recipe, including the run's own. Each contributes
-    as many validation presses as the smallest has. Returns the total number of presses.
+    as many validation presses as the smallest has. Returns the total number of presses. Of a run
+    whose contact alone was trained, the contact alone is calibrated.
     Raises T2TwinError for a run of another model, a dataset without dense counts or validation
     pairs, and if the run's own dataset is missing.
     """
     run_dir, folders = Path(run_dir), [Path(folder) for folder in data_dirs]
     config = load_config(run_dir)
-    own = [folder for folder in folders if load_info(folder).sha256 == config.data.sha256]
+    trained_on = config.contact_data or config.data.sha256
+    own = [folder for folder in folders if load_info(folder).sha256 == trained_on]
     if not own:
         raise T2TwinError(
             f"the dataset that {run_dir} was trained on is missing; give it with the others"
@@ -57,6 +60,7 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
                 usable_cache(each, run_dir),
                 True,
                 read_info(each).source.value != IMAGE,
+                side_of_maps(config.preset.size) if config.data.has_contact else None,
             )
             for each in folders
         ]

@@ -11,6 +11,7 @@ each on its own GPU if the machine has GPUs.
 """
 
 import math
+import shutil
 import sys
 from contextlib import nullcontext
 from dataclasses import replace
@@ -46,6 +47,7 @@ from t2twin.translate.runs.checkpoint import has_bf16, load_history, translator_
 from t2twin.translate.runs.config import (
     BEST,
     CONFIG,
+    FRAME_CHECK,
     LAST,
     MAX_STEPS,
     RunConfig,
@@ -175,7 +177,7 @@ def _run(
         if reason is not None:
             result = training_result(out_dir, history, reason)
             if rank == 0:
-                complete(out_dir, data_dir)
+                _add_frame_check(config, out_dir, data_dir, weights)
                 print(f"{out_dir} is finished: {result.summary}. Nothing to do.")
             return result
         with locked(out_dir) if rank == 0 else nullcontext():
@@ -183,9 +185,20 @@ def _run(
             pairs, validation = _load_in_turn(data_dir, out_dir, config, rank, reverse)
             result = Trainer(config, out_dir, pairs, validation, rank, weights).run()
             if rank == 0:
-                complete(out_dir, data_dir)
+                _add_frame_check(config, out_dir, data_dir, weights)
                 write_card(out_dir, data_dir)
             return result
+
+
+def _add_frame_check(
+    config: RunConfig, out_dir: Path, data_dir: Path, weights: Path | None
+) -> None:
+    """Gives a finished field run its frame check: if the contact alone was trained, that of the run
+    with the initial weights."""
+    if config.contact_data is None:
+        complete(out_dir, data_dir)
+    elif weights is not None and (weights.parent / FRAME_CHECK).is_file():
+        shutil.copyfile(weights.parent / FRAME_CHECK, out_dir / FRAME_CHECK)
 
 
 def _check_folder(out_dir: Path) -> None:
