@@ -10,8 +10,8 @@ project. Runs are those of `t2twin train` that predict the contact. They are eva
 - simulated presses of random shapes and tools into a unit with these optics.
 
 Gradients and Poisson (module gradients) are trained on two thirds of the frames and evaluated on
-the other third, in turn, and trained on the simulated frames of the balls for the other set. The
-reference is the depth of the gel and the mask of the contact, in the cells of the contact maps.
+the other third, in turn. For the other set they are trained on the simulated frames of the balls.
+The reference is the depth of the gel and the mask of the contact, in the cells of the contact maps.
 """
 
 from __future__ import annotations

@@ -63,8 +63,8 @@ class RunConfig(Struct, frozen=True):
     train in bfloat16. processes: number of processes that share a batch. ood_detector: statistics
     of the training images, and epoch_steps: steps per epoch; both are set when training starts.
     init_from: SHA-256 of the initial weights, None for random ones. contact_data: SHA-256 of the
-    info.json that the contact's layers alone were trained on, on a run whose data, ood_detector and
-    other weights are kept; None if all layers were trained together.
+    info.json that the contact's layers alone were trained on; None if all layers were trained
+    together. data, ood_detector and the other weights are then those of the initial run.
     """
 
     model: str
