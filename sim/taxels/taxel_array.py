@@ -97,7 +97,7 @@ class TaxelArray:
     def name(self) -> str:
         return self.spec.name
 
-    @property
+    @cached_property
     def elastomer(self) -> Elastomer:
         """The cover that is pressed."""
         return self.cover or self.spec.cover.elastomer(self.name)
