@@ -1,10 +1,11 @@
 """Classifies a frame as a touch of the run's sensor, or as one of several kinds of wrong frames.
 
 A small network on the features of a trained encoder. It is trained on frames of the training data
-and on wrong frames made of them (Hendrycks et al. 2019, outlier exposure). A distance of features
-from those of the training images (Lee et al. 2018) detects 8 % of mirrored frames without a
-background frame, and this network 85 % (measured on units of the recipe `contact`): in the light of
-any unit, features of right frames vary as much.
+and on wrong frames made of them (Hendrycks et al. 2019, outlier exposure).
+
+In the light of any unit, features of right frames vary as much as those of mirrored ones. Their
+distance from the training images (Lee et al. 2018) detects 8 % of these without a background frame.
+This network detects 85 % (measured on units of the recipe `contact`).
 
 Shape letters: B images, n features, K classes.
 """

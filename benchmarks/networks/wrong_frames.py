@@ -1,0 +1,169 @@
+"""Wrong frames that a field run names, and right frames that it takes for wrong.
+
+    python -m benchmarks.networks.wrong_frames --data data/sampled-units --frames FRAMES
+
+The dataset of 200 sampled units is made first if it is missing. Each of its frames is given as it
+is, and changed in each of the ways in the table, with the unit's background frame and without. Of
+these, a page of text and dead leaves (Lee, Mumford and Huang 2001, a model of photographs) are no
+kinds of frames that the run's frame check was trained on. FRAMES is a folder of real frames, see
+benchmark `real`; without it they are left out.
+"""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.run import main
+
+if TYPE_CHECKING:
+    from t2twin.translate.inference.predictor import FieldPredictor
+
+Frames = list[np.ndarray]
+
+BENCHMARK = Benchmark(
+    module="benchmarks.networks.wrong_frames",
+    measures="Wrong frames that the pretrained run names, and right ones that it does not take.",
+    minutes=8,
+    sources=("sim", "translate"),
+    figures=(
+        Figure("right.with_percent", "%", most=1.0),
+        Figure("right.without_percent", "%", most=1.0),
+        Figure("mean.with_percent", "%", least=95.0),
+        Figure("mean.without_percent", "%", least=95.0),
+        Figure("other_unit.with_percent", "%", least=95.0),
+        Figure("wrong.*.with_percent", "%"),
+        Figure("wrong.*.without_percent", "%"),
+        Figure("real.*.with_percent", "%"),
+        Figure("real.*.without_percent", "%"),
+    ),
+    arguments=(
+        Argument("--run", "field run, by default the pretrained one", default="field"),
+        Argument("--data", "dataset of sampled units", Path, required=True, metavar="DIR"),
+        Argument("--frames", "folder of background.png and press_*.png", Path, metavar="DIR"),
+    ),
+)
+
+RECIPE = Path(__file__).with_name("sampled-units.toml")
+
+LEAVES = 400
+"""Disks of one image of dead leaves (assumed: they cover it)."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.core.images import decode_png
+    from t2twin.sim.dataset.columns import BACKGROUND, IMAGE, column
+    from t2twin.sim.dataset.generate import make_dataset
+    from t2twin.sim.dataset.store import iter_images, read_info, split_shards
+    from t2twin.translate.inference.load import load_run
+    from t2twin.translate.inference.predictor import FieldPredictor, require
+
+    make_dataset(options.data, recipe=RECIPE)
+    run = require(load_run(options.run), FieldPredictor, "the benchmark")
+    info = read_info(options.data)
+    role = info.role_of(IMAGE)
+    frames, backgrounds = (
+        [
+            decode_png(png)
+            for shard in split_shards(info, "train")
+            for png in iter_images(options.data, shard, column(role, name))
+        ]
+        for name in (IMAGE, BACKGROUND)
+    )
+    wrong = {name: _named(run, alter, frames, backgrounds) for name, alter in kinds().items()}
+    modes = ("with_percent", "without_percent")
+    means = {mode: float(np.mean([each[mode] for each in wrong.values()])) for mode in modes}
+    found: dict[str, Any] = {"frames": len(frames), "wrong": wrong, "mean": means}
+    others = backgrounds[1:] + backgrounds[:1]
+    found["other_unit"] = {"with_percent": _share(run, frames, others)}
+    found["right"] = _named(run, _as_it_is, frames, backgrounds)
+    if options.frames is not None:
+        real = [np.asarray(Image.open(path)) for path in sorted(options.frames.glob("press_*.png"))]
+        own = [np.asarray(Image.open(options.frames / "background.png"))] * len(real)
+        ways = {"right": _as_it_is} | kinds()
+        found["real"] = {name: _named(run, alter, real, own) for name, alter in ways.items()}
+    return found
+
+
+Alter = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+
+def kinds() -> dict[str, Alter]:
+    """The ways to make a wrong frame, (h, w, 3) uint8, by name."""
+    from t2twin.translate.training import wrong_frames as ways
+
+    def transform(undo: Callable[[np.ndarray], np.ndarray]) -> Alter:
+        return lambda frame, _: np.ascontiguousarray(undo(frame[None])[0])
+
+    return {str(kind): transform(undo) for kind, undo in ways.FORWARD.items()} | {
+        "cropped": ways.cropped,
+        "defocused": ways.blurred,
+        "saturated": ways.bright,
+        "noise": ways.noise,
+        "noise like photographs'": ways.spectral,
+        "dead leaves": _dead_leaves,
+        "gradient": ways.gradient,
+        "drawing": ways.drawing,
+        "page of text": _page,
+    }
+
+
+def _as_it_is(frame: np.ndarray, _: np.random.Generator) -> np.ndarray:
+    return frame
+
+
+def _named(
+    run: FieldPredictor, alter: Alter, frames: Frames, backgrounds: Frames
+) -> dict[str, float]:
+    """Share of frames that are named when altered, with and without background frame, %."""
+    rng = np.random.default_rng(0)
+    altered = [np.ascontiguousarray(alter(frame, rng)) for frame in frames]
+    return {
+        "with_percent": _share(run, altered, backgrounds),
+        "without_percent": _share(run, altered, None),
+    }
+
+
+def _share(run: FieldPredictor, frames: Frames, backgrounds: Frames | None) -> float:
+    from t2twin.translate.uncertainty.ood import OODClass
+
+    if backgrounds is None:
+        classes = run.classify_frames(frames)
+    else:
+        pairs = zip(frames, backgrounds, strict=True)
+        classes = [run.classify_frames(frame, background)[0] for frame, background in pairs]
+    return 100.0 * float(np.mean([each != OODClass.IN_DISTRIBUTION for each in classes]))
+
+
+def _dead_leaves(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Disks in front of each other, whose radii have a density of the power -3."""
+    rows, columns = frame.shape[:2]
+    image = Image.new("RGB", (columns, rows))
+    draw = ImageDraw.Draw(image)
+    least, most = 4.0, 0.5 * columns
+    for share in rng.random(LEAVES):
+        radius = (least**-2 + share * (most**-2 - least**-2)) ** -0.5
+        x, y = rng.uniform((0, 0), (columns, rows))
+        color = tuple(map(int, rng.integers(0, 256, 3)))
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=color)
+    return np.asarray(image)
+
+
+def _page(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Dark lines of letters on white."""
+    rows, columns = frame.shape[:2]
+    image = Image.new("RGB", (columns, rows), (250, 250, 245))
+    draw = ImageDraw.Draw(image)
+    for top in range(4, rows, 13):
+        draw.text((4, top), "".join(map(chr, rng.integers(97, 122, columns // 6))), fill=(20,) * 3)
+    return np.asarray(image)
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)
