@@ -26,6 +26,7 @@ from t2twin.sim.sampling.recipe import Light, Motion, Part, Recipe, load_recipe
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path
 from t2twin.sim.taxels.layout import load_layout
+from t2twin.translate.runs.config import FRAME_CHECK
 
 NOT_RUN = {
     "source ": "changes the shell",

@@ -250,9 +250,15 @@ class FixedPoint:
         behind_mm = (self.depth_mm - self.depths_mm)[pins.bodies]
         # A pin that carries nothing stays where its spring rests.
         deflection = self._rest + self._local * self.pressure_mpa
-        of_pins = (x, y, height, pins.gap_mm + behind_mm, deflection, self._rest, stiffness)
         return PinState(
-            *(values[active] for values in of_pins), pins.sides[active] * pins.layer.pitch_mm
+            x[active],
+            y[active],
+            height[active],
+            (pins.gap_mm + behind_mm)[active],
+            deflection[active],
+            self._rest[active],
+            stiffness[active],
+            pins.sides[active] * pins.layer.pitch_mm,
         )
 
     def fine_surface_mm(self, window: Window) -> np.ndarray:

@@ -106,7 +106,7 @@ class Survey:
         self.per_side = 2 if 2 * layer.pitch_mm <= SURVEY_MM + 1e-9 else 1
         x, y, rest = layer.coarse(self.per_side)
         self.footprint = footprint(shape.surface, command, x, y, shift=shift)
-        self.gap_mm, self.peak_gap_mm = np.empty((2, *rest.shape))
+        self.gap_mm, self.peak_gap_mm = np.empty_like(rest), np.empty_like(rest)
         nearest = _gaps(rest, self.footprint.heights_mm, self.gap_mm)
         if nearest > -NOTHING_MM / 2:
             half_x, half_y = layer.elastomer.width_mm / 2, layer.elastomer.length_mm / 2
