@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kinds import gel_camera
 
 from t2twin.sim.optical.gel_camera import ImageReading
-from t2twin.sim.sensors.files import load_sensor
 from t2twin.twin import Twin
 
 RADIUS_MM = 5.5
@@ -84,7 +84,7 @@ def test_force_outside_the_image_is_in_no_cell(pressed) -> None:
 
 @pytest.mark.parametrize("name", ["digit", "gelsight-mini"])
 def test_the_grid_is_of_each_camera(name) -> None:
-    sensor = load_sensor(name)
+    sensor = gel_camera(name)
     grid, (half_width, half_height) = sensor.contact_grid, sensor.camera.seen_half_extent_mm()
     assert grid.cell_mm2 * grid.rows * grid.columns == pytest.approx(4 * half_width * half_height)
     assert 0.9 < (half_width / grid.columns) / (half_height / grid.rows) < 1.1

@@ -189,7 +189,8 @@ def prediction(pressure: torch.Tensor) -> ContactPrediction:
 
 
 def estimate_of(pressure: torch.Tensor):
-    field = FieldPrediction(*[torch.zeros(1, 1)] * 4, torch.ones(1), torch.ones(1))
+    none, one = torch.zeros(1, 1), torch.ones(1)
+    field = FieldPrediction(none, none, none, none, one, one)
     known = [OODClass.IN_DISTRIBUTION]
     return estimates_of(field, prediction(pressure), [(96, 96)], VIEW_MM, known)[0]
 
@@ -230,8 +231,9 @@ def test_training_reads_the_stored_maps(few) -> None:
     assert contact_scale(pairs.contact)[0] == pytest.approx(
         np.sqrt(np.square(maps[:, 0][maps[:, 1] > 5.0]).mean()), rel=1e-2
     )
-    subset = pairs.subset(np.array([3, 5]))
-    np.testing.assert_array_equal(subset.contact[:], pairs.contact[:][[3, 5]])
+    subset = pairs.subset(np.array([3, 5])).contact
+    assert subset is not None
+    np.testing.assert_array_equal(subset[:], pairs.contact[:][[3, 5]])
 
 
 def small_network() -> FieldNet:
@@ -244,7 +246,7 @@ def test_the_decoder_changes_no_other_weights_and_learns_from_any_image() -> Non
     network = small_network()
     outputs = network(torch.randn(2, 6, 64, 64), True)
     assert {each.shape for each in outputs.contact} == {(2, 32, 32)}
-    sum(each.sum() for each in outputs.contact).backward()
+    torch.stack([each.sum() for each in outputs.contact]).sum().backward()
     for name, weight in network.named_parameters():
         assert (weight.grad is not None) == name.startswith(CONTACT), name
     plain = network(torch.randn(2, 6, 64, 64))

@@ -56,6 +56,7 @@ def test_it_compiles_only_where_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(
         compile_ahead.subprocess, "Popen", lambda *given, **_: started.append(given)
     )
+    monkeypatch.setattr(compile_ahead.atexit, "register", lambda *_: None)
     monkeypatch.setattr(compile_ahead, "cores", lambda: 2)
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     monkeypatch.setenv(VARIABLE, str(tmp_path))

@@ -4,6 +4,7 @@ Numba compiles one loop at a time in each process. This module imports nothing s
 so that the process starts early.
 """
 
+import atexit
 import os
 import subprocess
 import sys
@@ -33,7 +34,15 @@ def compile_ahead() -> bool:
         [sys.executable, "-m", __name__],
         stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
+    atexit.register(_end, _process)
     return True
+
+
+def _end(process: subprocess.Popen) -> None:
+    """End the second process."""
+    assert process.stdin is not None
+    process.stdin.close()
+    process.wait()
 
 
 def main() -> None:

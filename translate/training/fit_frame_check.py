@@ -48,7 +48,7 @@ HELD_OUT_SHARE = 0.2
 
 REFUSED_SHARES = (0.003, 0.003)
 """Share of these units' right frames that is above the limits, without and with a background frame
-(assumed: other statistics refuse some of the one percent that a user may see)."""
+(assumed: less than one percent, as other statistics refuse some too)."""
 
 EPOCHS, BATCH, LEARNING_RATE, WEIGHT_DECAY = 30, 128, 2e-3, 0.1
 """Of the training (assumed)."""
