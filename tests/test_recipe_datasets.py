@@ -96,6 +96,7 @@ def test_what_ships_can_be_planned():
         "open-8n",
         "union",
         "unseen-forces",
+        "contact",
         "forces",
         "shipped",
         "shipped-2",

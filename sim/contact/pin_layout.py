@@ -65,9 +65,6 @@ REFINED_SHARE = 0.5
 (assumed). In the rounds of a step, a contact with nearly as many pins as the largest model would
 switch between two sizes."""
 
-MOST_PINS = POOL_SIZES[-1]
-"""Largest number of pins."""
-
 MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
 """Tolerated penetration of the shape's highest points outside the pins: in mm, or as a share of the
 depth where that is less."""
@@ -308,7 +305,8 @@ class _BodyPins:
         along = np.empty((2, *cells.shares.shape), int)
         self.sizes, largest, count = _choose_pins(
             self.active[window], cells.shares, cells.peaks_mm, cells.heights_mm, UNEVEN * depth_mm,
-            self._even, np.array(self.finer), self.sizes, sizes_before, np.array(rims), along[1],
+            self._even, np.array(self.finer), self.sizes, sizes_before, POOL_SIZES[-1],
+            np.array(rims), along[1],
         )  # fmt: skip
         return along, (min(largest, max(largest // 2, 1)), largest), (_halve(*along), count)
 
@@ -335,17 +333,18 @@ def _at_edge(active, shares, rims, i, j):
 
 
 @compiled(
-    "UniTuple(i8, 3)(b1[:, :], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, i8, i8[::1], i8, i8,"
+    "UniTuple(i8, 3)(b1[:, :], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, i8, i8[::1], i8, i8, i8,"
     " b1[::1], i8[:, ::1])",
     nogil=True,
 )
 def _choose_pins(
-    active, shares, peaks, heights, uneven, even, finer, sizes, sizes_before, rims, along
+    active, shares, peaks, heights, uneven, even, finer, sizes, sizes_before, pool, rims, along
 ):
     """Write the number of pins along each of a window's survey cells, 0 for none.
 
     uneven: see UNEVEN, mm. even: pins along an even cell. finer: allowed numbers. sizes: how many
-    of these may be used. rims: whether the window's top, bottom, left and right are the pad's.
+    of these may be used. pool: pins of the largest model. rims: whether the window's top, bottom,
+    left and right are the pad's.
     Returns how many of the allowed numbers are used, the largest, and the number of all pins.
     """
     for i in range(along.shape[0]):
@@ -366,7 +365,7 @@ def _choose_pins(
                     size += 1
                 along[i, j] = finer[size] if along[i, j] > 0 else 0
                 pins, largest = pins + along[i, j] ** 2, max(largest, along[i, j])
-        most = MOST_PINS * (REFINED_SHARE if sizes > sizes_before else 1.0)
+        most = pool * (REFINED_SHARE if sizes > sizes_before else 1.0)
         if pins <= most or sizes == 1:
             return sizes, largest, pins
         sizes -= 1  # too many pins: a rim was expected, and a face behind it touches too
