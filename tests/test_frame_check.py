@@ -82,6 +82,15 @@ def test_a_run_gets_a_check_that_its_predictions_use(
         run.classify_frames(even)
 
 
+def test_the_frames_of_a_single_unit_are_enough():
+    rng = np.random.default_rng(0)
+    right, wrong = (torch.from_numpy(rng.normal(n, 1.0, (600, 4))).float() for n in (0.0, 9.0))
+    kinds = np.full(600, CLASSES.index(OODClass.OTHER))
+    check = fitting._trained([fitting._Part([[right, wrong]], kinds, [b"unit"] * 600)], 0)
+    assert check.classify(right, False).count(OODClass.IN_DISTRIBUTION) >= 590
+    assert check.classify(wrong, False) == [OODClass.OTHER] * 600
+
+
 def test_the_pretrained_run_names_turned_frames_without_a_background():
     run = require(load_run("field"), FieldPredictor, "the test")
     frame = t2twin.press("hemisphere-2", force_n=8, x_mm=3).image

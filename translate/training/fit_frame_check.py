@@ -46,6 +46,9 @@ OTHER_UNIT_SHARE = 0.12
 HELD_OUT_SHARE = 0.2
 """Share of the units that the limits are set on."""
 
+MIN_UNITS = 10
+"""Units below which frames are held out, and not units (assumed)."""
+
 REFUSED_SHARES = (0.003, 0.003)
 """Share of these units' right frames that is above the limits, without and with a background frame
 (assumed: less than one percent, as other statistics refuse some too)."""
@@ -146,6 +149,8 @@ def _features(translator: FieldTranslator, pixels: np.ndarray) -> torch.Tensor:
 def _trained(parts: Sequence[_Part], seed: int) -> FrameCheck:
     """The check, with its limits."""
     _, units = np.unique([unit for part in parts for unit in part.units], return_inverse=True)
+    if units.max() < MIN_UNITS:  # frames of the same units are held out then
+        units = np.arange(units.size)
     kinds = np.concatenate([part.kinds for part in parts])
     order = np.random.default_rng(seed).permutation(units.max() + 1)
     own = ~np.isin(units, order[: max(1, round(HELD_OUT_SHARE * order.size))])
