@@ -1,4 +1,5 @@
-"""MuJoCo scenes with a sensor on a pedestal, for the benchmarks `attach` and `attach_forces`."""
+"""MuJoCo scenes with a sensor on a pedestal, for the benchmarks `attach`, `attach_forces` and
+`pushed`."""
 
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
@@ -27,6 +28,9 @@ SLIDES = np.eye(3)
 MASS_KG, DAMPING = 0.05, 20.0
 """Of a body, and in N s/m of each of its joints (assumed: it rests within SETTLE_STEPS)."""
 
+FREE = ""
+"""Axes of the joints of a body that no joint holds."""
+
 SETTLE_STEPS = 400
 """Steps of 2 ms."""
 
@@ -37,7 +41,8 @@ class Body:
 
     geoms: arguments of add_geom, sizes in m. place_mm: (2,) on the pad. turn: from the body frame
     to the sensor frame. force_n: (3,) that moves it, along the sensor's axes. It can move along the
-    axes of joints. Where it cannot, the joint carries the contact's force. mass_kg: of all geoms.
+    axes of joints. Where it cannot, the joint carries the contact's force. joints is FREE for a
+    body without joints, which also turns. mass_kg: of all geoms.
     """
 
     geoms: list[dict[str, Any]]
@@ -109,6 +114,9 @@ def _add(spec: "mujoco.MjSpec", body: Body, name: str, options: dict[str, Any]) 
     for number, each in enumerate(body.geoms):
         mass = body.mass_kg / len(body.geoms)
         added.add_geom(name=f"{name}-{number}", mass=mass, **(options | each))
+    if body.joints == FREE:
+        added.add_freejoint()
+        return [*body.force_n, 0.0, 0.0, 0.0]
     axes = ["xyz".index(axis) for axis in body.joints]
     for axis in axes:
         along = body.turn.inv().apply(SLIDES[axis])
@@ -126,7 +134,8 @@ def _lower_to_sensor(model: "mujoco.MjModel", data: "mujoco.MjData", attached: A
             continue  # the last joint of a body is along z
         own = np.flatnonzero(model.geom_bodyid == body)
         lowest = min(_lowest(model, data, int(each)) for each in own)
-        data.qpos[joint] += level - lowest
+        is_free = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+        data.qpos[model.jnt_qposadr[joint] + 2 * is_free] += level - lowest
     mujoco.mj_forward(model, data)
 
 

@@ -1,0 +1,235 @@
+"""Reads of bodies that random forces push, tilt, turn and roll over a sensor, as in a robot's loop.
+
+    python -m benchmarks.motion.pushed [--sensors NAME ...] [--seconds S]
+
+Bodies of 100 g lie on a sensor. Forces of a few newtons change all the time, and some of them act
+beside the body's center. The sensor is read FRAME_HZ times a second of simulated time. Reads do not
+change the simulation, so that each version of the code reads the same states.
+
+- Processor time of the reads in contact of each scene, and of those without contact.
+- Share that did not settle, and the reasons of all notices.
+- Work of a read: normal contacts that were solved, steps of their fixed point, and transforms
+  (a convolution of the shear with one or more kernels).
+"""
+
+import time
+import warnings
+from argparse import Namespace
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+from unittest.mock import patch
+
+import mujoco
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.run import main
+from benchmarks.motion.attach_scenes import FREE, Body, compile_scene, contact_of, geom
+from t2twin.core.errors import T2TwinWarning
+from t2twin.sim.contact import contact_solver, fixed_point, sliding
+from t2twin.sim.contact.tangential import shear_layer
+
+SENSORS = ("digit", "cyskin")
+
+BENCHMARK = Benchmark(
+    module="benchmarks.motion.pushed",
+    measures="Reads of bodies that random forces push over a sensor: time, work, unsettled.",
+    minutes=4,
+    sources=("t2twin/attachment", "sim/contact", "primitives_cad"),
+    figures=(
+        Figure("scenes.*.*.median_ms", "ms"),
+        Figure("scenes.*.*.p99_ms", "ms"),
+        Figure("scenes.*.*.worst_ms", "ms"),
+        Figure("scenes.*.*.unsettled", most=0),
+        Figure("scenes.*.*.rounds"),
+        Figure("scenes.*.*.steps"),
+        Figure("scenes.*.*.transforms"),
+        Figure("without_contact_ms", "ms", most=1.0),
+    ),
+    arguments=(
+        Argument("--sensors", "names or files of sensors", nargs="+", default=list(SENSORS),
+                 partial=True),
+        Argument("--seconds", "of simulated time in each scene", float, 5.0, partial=True),
+    ),
+)  # fmt: skip
+
+FRAME_HZ = 60.0
+
+MASS_KG, GRAVITY = 0.1, 9.81
+
+CHANGE_S = 0.15
+"""Time in which the forces change, s (assumed: that of a hand or an arm that corrects)."""
+
+PRESS_N, PUSH_N = (3.0, 1.5), 1.5
+"""Mean and standard deviation of the force into the sensor besides the weight, and standard
+deviation of each force along it, N."""
+
+TURN_NMM = 3.0
+"""Standard deviation of the torque about the sensor's axis, N mm."""
+
+CENTERING_N_PER_MM, FAR_MM = 0.3, 6.0
+"""Stiffness of what keeps a body over the pad, N/mm, and distance from its start from which it is
+put back, mm."""
+
+WARM_UP = 5
+"""First reads of a scene, which do not count."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Bodies over a sensor. beside_mm: standard deviation of the place where a force presses, from
+    the body's center."""
+
+    bodies: tuple[Body, ...]
+    beside_mm: float = 0.0
+
+
+def _free(kind: str, *size_mm: float, place_mm: tuple[float, float] = (0.0, 0.0)) -> Body:
+    body = Body([geom(kind, *size_mm)], place_mm, force_n=(0.0, 0.0, 0.0), joints=FREE)
+    body.mass_kg = MASS_KG
+    return body
+
+
+SCENES = {
+    "pushed": Scene((_free("box", 5.0, 4.0, 4.0),)),
+    "tilted": Scene((_free("box", 5.0, 4.0, 4.0),), beside_mm=4.0),
+    "rolling": Scene((_free("cylinder", 4.0, 5.0),), beside_mm=1.0),
+    "several": Scene(
+        (
+            _free("box", 3.0, 2.5, 2.5, place_mm=(-3.5, -2.0)),
+            _free("sphere", 3.0, place_mm=(3.5, 3.0)),
+        ),
+        beside_mm=1.0,
+    ),
+}
+"""Boxes that lie flat, boxes that stand on an edge or a corner too, a cylinder that stands and
+falls over, and a box and a ball. Sizes in mm."""
+
+
+@dataclass
+class Work:
+    """Sums over reads. rounds: normal contacts. steps: of their fixed points. transforms: of the
+    shear."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+
+    @contextmanager
+    def counted(self) -> Iterator[None]:
+        """Count what the code in the block does."""
+
+        def count(key: str, call: Callable, size: Callable[[Any], int]) -> Callable:
+            def counting(*args: Any, **options: Any) -> Any:
+                found = call(*args, **options)
+                self.counts[key] += size(found)
+                return found
+
+            return counting
+
+        one = lambda found: 1  # noqa: E731
+        with ExitStack() as stack:
+            for module, name, key, size in (
+                (sliding, "solve_bodies", "rounds", one),
+                (contact_solver, "FixedPoint", "fixed_points", one),
+                (fixed_point, "iterate", "steps", lambda found: found[1]),
+                (shear_layer, "_forward", "transforms", one),
+            ):
+                call = getattr(module, name)
+                stack.enter_context(patch.object(module, name, count(key, call, size)))
+            yield
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    scenes: dict[str, dict[str, Any]] = {}
+    away: list[float] = []
+    for sensor in options.sensors:
+        for name in tqdm(SCENES, desc=str(sensor), unit="scene"):
+            found, own = read_scene(sensor, name, options.seconds)
+            scenes.setdefault(str(sensor), {})[name] = found
+            away += own
+    return {"scenes": scenes, "without_contact_ms": float(np.median(away)) if away else None}
+
+
+def read_scene(sensor: str, name: str, seconds: float) -> tuple[dict[str, Any], list[float]]:
+    """Figures of a scene's reads in contact, and the times of those without contact, ms."""
+    work, reasons = Work(), Counter[str]()
+    times: list[float] = []
+    away: list[float] = []
+    tally: Counter[str] = Counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", T2TwinWarning)
+        for number, (attached, model, data) in enumerate(states(sensor, name, seconds)):
+            start = time.thread_time()
+            with work.counted():
+                touch = attached.read(model, data)
+            spent_ms = 1e3 * (time.thread_time() - start)
+            if number < WARM_UP:
+                work.counts.clear()
+                continue
+            contact = contact_of(touch)
+            (away if contact is None else times).append(spent_ms)
+            tally["unsettled"] += contact is not None and not contact.settled
+            reasons.update(each.reason for each in touch.notices)
+    reads = max(len(times), 1)
+    found = {
+        "reads": len(times),
+        "median_ms": float(np.median(times)),
+        "p99_ms": float(np.percentile(times, 99)),
+        "worst_ms": max(times),
+        "unsettled": tally["unsettled"],
+        **{key: count / reads for key, count in sorted(work.counts.items())},
+        "reasons": dict(reasons),
+    }
+    return found, away
+
+
+def states(sensor: str, name: str, seconds: float) -> Iterator[tuple[Any, Any, Any]]:
+    """The attached sensor, the model and the data of a scene in each frame."""
+    scene = SCENES[name]
+
+    def change(spec: "mujoco.MjSpec") -> None:
+        spec.option.gravity = [0.0, 0.0, -GRAVITY]
+
+    attached, model, data = compile_scene(sensor, list(scene.bodies), change=change)
+    rng = np.random.default_rng((list(SCENES).index(name), 57))
+    frames = round(seconds * FRAME_HZ)
+    start, steps = data.qpos.copy(), round(1 / FRAME_HZ / model.opt.timestep)
+    bodies = [model.body(f"body-{number}").id for number in range(len(scene.bodies))]
+    home = data.xpos[bodies].copy()
+    state = rng.normal(size=(len(bodies), 6))
+    keeps = float(np.exp(-model.opt.timestep / CHANGE_S))
+    for _ in range(frames):
+        for _ in range(steps):
+            # An Ornstein-Uhlenbeck process: forces with a mean, a deviation and a time of change.
+            state = keeps * state + np.sqrt(1 - keeps**2) * rng.normal(size=state.shape)
+            _push(data, bodies, home, state, scene.beside_mm)
+            mujoco.mj_step(model, data)
+        away_mm = 1e3 * np.abs(data.xpos[bodies] - home)[:, :2].max()
+        if away_mm > FAR_MM or (data.xpos[bodies, 2] < home[:, 2] - 0.01).any():
+            data.qpos[:], data.qvel[:] = start, 0.0
+        mujoco.mj_forward(model, data)
+        yield attached, model, data
+
+
+def _push(
+    data: "mujoco.MjData", bodies: list[int], home: np.ndarray, state: np.ndarray, beside_mm: float
+) -> None:
+    """Set the forces and torques on bodies from six normal random numbers each."""
+    for body, at, numbers in zip(bodies, home, state, strict=True):
+        mean, deviation = PRESS_N
+        pressing = max(mean + deviation * numbers[2], -0.5)
+        back = -1e3 * CENTERING_N_PER_MM * (data.xpos[body, :2] - at[:2])
+        along = PUSH_N * numbers[:2] + back
+        beside = beside_mm * numbers[3:5]
+        data.xfrc_applied[body, :2], data.xfrc_applied[body, 2] = along, -pressing
+        # The torque of a force at a distance, N m.
+        data.xfrc_applied[body, 3] = -1e-3 * beside[1] * pressing
+        data.xfrc_applied[body, 4] = 1e-3 * beside[0] * pressing
+        data.xfrc_applied[body, 5] = 1e-3 * TURN_NMM * numbers[5]
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)
