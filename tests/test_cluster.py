@@ -14,10 +14,12 @@ from waiting import wait_until
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset import cluster
 from t2twin.sim.dataset.generate import make_dataset
+from t2twin.sim.dataset.schedule import Schedule
 from t2twin.sim.dataset.shard import ShardContext
-from t2twin.sim.dataset.store import INFO, LOG, read_info
+from t2twin.sim.dataset.store import GROUPS, INFO, LOG, read_info
 from t2twin.sim.dataset.verify import verify_dataset
-from t2twin.sim.sampling.plan import Batch
+from t2twin.sim.sampling import plan
+from t2twin.sim.sampling.plan import Batch, Group
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -65,17 +67,18 @@ def digests(folder):
 
 
 @pytest.mark.exhaustive
-def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cache):
+def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cache, monkeypatch):
+    monkeypatch.setattr(plan, "PRESSES_PER_GROUP", 1)
     make_dataset(tmp_path / "here", "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     data = tmp_path / "there"
     killed_at, kept = [], {}
 
     def kill(process):
-        """While it presses: after the first shard is whole, with another one in the making."""
+        """After the first shard is whole, with groups of another one."""
 
         def is_next():
             whole = len(list(data.glob("*/[a-z]*.parquet")))
-            return list(data.glob(f"*/.*.{process.pid}.part.parquet")) and whole
+            return list(data.glob(f"{GROUPS}/[a-z]*")) and whole
 
         whole = wait_until(is_next)
         os.kill(process.pid, signal.SIGKILL)
@@ -92,7 +95,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cach
     assert {path: (data / path).stat().st_mtime_ns for path in kept} == kept
     assert digests(data) == digests(tmp_path / "here")
     assert verify_dataset(data) == []
-    assert not list(data.rglob(".*.part*"))
+    assert not list(data.rglob(".*.part*")) and not (data / GROUPS).exists()
     assert (data / INFO).read_bytes() == (tmp_path / "here" / INFO).read_bytes()
     assert (data / LOG).is_file()
 
@@ -113,4 +116,5 @@ def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
     with scheduler() as address, worker(address, tmp_path):
         for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "cannot read")):
             with pytest.raises(T2TwinError, match=said):
-                list(cluster.run(making, [batch], address, needed, lambda pairs: None))
+                schedule = Schedule([(Group(batch, 0, 1),)])
+                list(cluster.run(making, schedule, address, needed, lambda pairs: None))

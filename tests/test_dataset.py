@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -20,11 +21,16 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.dataset import generate, pool
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
-from t2twin.sim.dataset.shard import STAGES
+from t2twin.sim.dataset.schedule import Schedule
+from t2twin.sim.dataset.shard import STAGES, make
 from t2twin.sim.dataset.store import (
+    GROUPS,
     LOG,
+    MADE,
+    add_shard,
     lists,
     read_info,
     read_split,
@@ -32,7 +38,9 @@ from t2twin.sim.dataset.store import (
     write_info,
 )
 from t2twin.sim.dataset.verify import verify_dataset
-from t2twin.sim.sampling import protocol
+from t2twin.sim.sampling import plan, protocol
+from t2twin.sim.sampling.plan import Batch
+from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -104,7 +112,9 @@ def test_every_shard_is_what_info_says(made):
     )
 
 
-def test_two_workers_and_one_give_the_same_bytes(made, tmp_path, shape_cache):
+def test_two_workers_and_one_give_the_same_bytes(made, tmp_path, shape_cache, monkeypatch):
+    """Also where two workers share the presses of a shard."""
+    monkeypatch.setattr(plan, "PRESSES_PER_GROUP", 1)
     make_dataset(tmp_path / "two", "smoke", workers=2, cache=shape_cache, shapes=SHAPES)
     assert digests(tmp_path / "two") == digests(made)
 
@@ -117,6 +127,100 @@ def test_another_seed_gives_other_noise_and_the_same_poses(made, tmp_path, shape
     before = pq.ParquetFile(made / "train/square-1.parquet").read()
     assert table.column("x_mm") == before.column("x_mm")
     assert table.column("source_image") != before.column("source_image")
+
+
+def test_a_stopped_shard_keeps_its_groups(made, tmp_path, shape_cache, monkeypatch):
+    """A whole group is used, and one that is damaged made again."""
+    monkeypatch.setattr(plan, "PRESSES_PER_GROUP", 1)
+    folder, name = tmp_path / "stopped", SHAPES[0]
+    with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):
+        patch.setattr(generate, "summary", lambda run: 1 / 0)
+        patch.setattr(pool, "run", groups_only)
+        make_dataset(folder, "smoke", workers=1, cache=shape_cache, shapes=(name,))
+    groups = sorted((folder / GROUPS).iterdir())
+    assert [path.name for path in groups] == [f"train-{name}-{row:06d}.arrow" for row in range(3)]
+    flip_a_bit(groups[1])
+    groups[2].unlink()
+    make_dataset(folder, "smoke", workers=1, cache=shape_cache, shapes=(name,))
+    path = f"train/{name}.parquet"
+    assert sha256_of(folder / path) == sha256_of(made / path)
+    (run,) = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
+    assert run["pairs"] == 2 and not (folder / GROUPS).exists()
+
+
+def groups_only(context, schedule, workers, progress):
+    """Makes the groups of the first shard, and not the shard."""
+    for group in schedule.shards[0]:
+        yield group, make(group, context, lambda: progress(1))
+
+
+def test_a_shard_follows_its_groups_and_few_are_unfinished():
+    """Of 3, 200 and 100 presses with seven workers, the longest shards first."""
+    recipe = load_recipe("paper")
+    batches = [
+        Batch(f"train/{pairs}.parquet", "train", 0, ("square-1",), (0,), (*range(pairs),), pairs)
+        for pairs in (3, 200, 100)
+    ]
+    schedule = Schedule([plan.groups_of(recipe, batch) for batch in batches])
+    assert schedule.pairs == 303
+    at_work, order = deque(), []
+    while True:
+        while len(at_work) < 7 and (work := schedule.next()) is not None:
+            at_work.append(work)
+        if not at_work:
+            break
+        order.append(at_work.popleft())
+        schedule.done(order[-1])
+    rows = {batch.path: [] for batch in batches}
+    whole = []
+    for work in order:
+        if isinstance(work, plan.Group):
+            assert work.batch.path not in whole
+            rows[work.batch.path] += range(work.start, work.stop)
+        else:
+            path = work[0].batch.path
+            assert len(work) == 1 or rows[path] == [*range(work[0].batch.pairs)]
+            whole.append(path)
+    assert sorted(whole) == sorted(rows)
+    assert [work.pairs for work in order[:7]] == [28, 29, 28, 29, 28, 29, 29]
+    assert len(order) == len({*order}) == 7 + 1 + 4 + 1 + 1
+
+
+def test_groups_hold_each_press_once():
+    """Paths are not divided, nor the presses of a random shape, whose later attempts depend on the
+    earlier ones."""
+    for recipe in map(load_recipe, ("paper", "open", "contact", "pretrained-4")):
+        for batch in plan.plan(recipe)[::40]:
+            groups = plan.groups_of(recipe, batch)
+            assert max(group.pairs for group in groups) <= plan.PRESSES_PER_GROUP
+            paths = [
+                (name, path)
+                for group in groups
+                for name, _, paths in plan.group_paths(recipe, group)
+                for path in paths
+            ]
+            assert paths == [
+                (name, path)
+                for name, number in zip(batch.shapes, batch.numbers, strict=True)
+                for path in plan.paths_of(recipe, batch, number)
+            ]
+            if recipe.parts[batch.part].shapes == "random":
+                assert all(group.start % batch.presses == 0 for group in groups)
+
+
+def test_new_shards_are_read_and_a_torn_line_is_not(made, tmp_path):
+    shutil.copytree(made, tmp_path / "unfinished")
+    info = read_info(made)
+    write_info(tmp_path / "unfinished", replace(info, complete=False, shards={}))
+    for path, each in info.shards.items():
+        add_shard(tmp_path / "unfinished", path, each)
+    assert read_info(tmp_path / "unfinished").shards == info.shards
+    lines = (tmp_path / "unfinished" / MADE).read_text()
+    (tmp_path / "unfinished" / MADE).write_text(lines[:-1])
+    assert len(read_info(tmp_path / "unfinished").shards) == len(info.shards) - 1
+    (tmp_path / "unfinished" / MADE).write_text(lines.replace('"pairs": 3', '"pairs": 9'))
+    with pytest.raises(T2TwinError, match=r"shards\.jsonl: pairs of train is 6"):
+        read_info(tmp_path / "unfinished")
 
 
 @pytest.mark.exhaustive

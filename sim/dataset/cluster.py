@@ -1,15 +1,18 @@
-"""Makes shards on the workers of a Dask cluster, which write them to a shared folder."""
+"""Makes groups and shards on the workers of a Dask cluster, which write to a shared folder."""
 
 from collections.abc import Callable, Generator
+from itertools import count
 from pathlib import Path
+from time import monotonic
+from typing import Any
 from urllib.parse import urlsplit
 from uuid import uuid4
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import versions
-from t2twin.sim.dataset.shard import ShardContext, ShardResult, make_shard
+from t2twin.sim.dataset.schedule import Schedule
+from t2twin.sim.dataset.shard import ShardContext, Work, WorkResult, make
 from t2twin.sim.dataset.store import INFO
-from t2twin.sim.sampling.plan import Batch
 
 try:
     from distributed import (
@@ -29,6 +32,12 @@ except ImportError as error:
 CONNECT_SECONDS = 20
 """Timeout of the connection to a scheduler, s."""
 
+QUEUED, LEAST_QUEUED = 2, 64
+"""Works that are submitted at a time, as a multiple of the cluster's threads, and at least."""
+
+COUNT_SECONDS = 5.0
+"""Period at which the threads of the cluster are counted, s: workers may join."""
+
 
 def check_address(address: str) -> None:
     """Raises T2TwinError for an address that distributed refuses; its client does so after 40 s."""
@@ -46,15 +55,15 @@ def check_address(address: str) -> None:
 
 def run(
     context: ShardContext,
-    todo: list[Batch],
+    schedule: Schedule,
     address: str,
     needed: dict[str, str],
     progress: Callable[[int], object],
-) -> Generator[tuple[Batch, ShardResult]]:
-    """Make the shards on the cluster and yield each as it is finished.
+) -> Generator[tuple[Work, WorkResult]]:
+    """Do the work of a schedule on the cluster and yield each as it is finished.
 
-    needed: versions that every worker must have. progress: called with the pairs of each shard.
-    The unfinished shards of a lost worker are made by another one.
+    needed: versions that every worker must have. progress: called with the pairs of each work.
+    The unfinished work of a lost worker is done by another one.
     Raises T2TwinError where no scheduler answers, a worker has other versions or cannot read the
     dataset's folder, or the cluster is lost.
     """
@@ -67,30 +76,43 @@ def run(
     with client:
         plugin = f"t2twin-context-{uuid4().hex}"
         client.register_plugin(_ShardContextPlugin(context), name=plugin)
-        batches: dict[Future, Batch] = {}
-        for batch in todo:
-            future = client.submit(
-                _work,
-                batch,
-                plugin,
-                needed,
-                key=f"{plugin}/{batch.path}",
-                priority=batch.pairs,  # the largest first, so that none runs alone at the end
-            )
-            batches[future] = batch
+        works: dict[Future, Work] = {}
+        finished = as_completed(loop=client.loop)
+        numbers, most, until = count(), 0, 0.0
         try:
-            for future in as_completed(list(batches), loop=client.loop):
-                batch = batches.pop(future)
+            while True:
+                if monotonic() >= until:
+                    most = max(LEAST_QUEUED, QUEUED * _threads(client))
+                    until = monotonic() + COUNT_SECONDS
+                while len(works) < most and (work := schedule.next()) is not None:
+                    number = next(numbers)
+                    # Dask starts the work of the highest priority first, so in this order.
+                    future = client.submit(
+                        _work, work, plugin, needed, key=f"{plugin}/{number}", priority=-number
+                    )
+                    works[future] = work
+                    finished.add(future)
+                if not works:
+                    return
+                future = next(finished)
+                work = works.pop(future)
                 result = future.result()
-                # A released shard is not made again when the worker that made it is lost.
+                # Released work is not repeated when the worker that did it is lost.
                 future.release()
-                progress(batch.pairs)
-                yield batch, result
+                schedule.done(work)
+                progress(result.pairs)
+                yield work, result
         except KilledWorker as error:
             raise T2TwinError(f"all workers that ran {error.task} died; see their logs") from error
         finally:
-            client.cancel(list(batches))
+            client.cancel(list(works))
             client.unregister_worker_plugin(plugin)
+
+
+def _threads(client: Client) -> int:
+    """The number of threads of all workers."""
+    threads: Any = client.nthreads()
+    return sum(threads.values())
 
 
 class _ShardContextPlugin(WorkerPlugin):
@@ -100,8 +122,8 @@ class _ShardContextPlugin(WorkerPlugin):
         self.context = context
 
 
-def _work(batch: Batch, plugin: str, needed: dict[str, str]) -> ShardResult:
-    """One shard on a worker of the cluster."""
+def _work(work: Work, plugin: str, needed: dict[str, str]) -> WorkResult:
+    """One work on a worker of the cluster."""
     worker = get_worker()
     installed = versions()
     for name, version in needed.items():
@@ -117,4 +139,4 @@ def _work(batch: Batch, plugin: str, needed: dict[str, str]) -> ShardResult:
             f"the worker {worker.address} cannot read {sent.context.folder}; use a folder that all "
             "workers share"
         )
-    return make_shard(batch, sent.context, lambda: None)  # shards are counted, not pairs
+    return make(work, sent.context, lambda: None)  # groups are counted, not pairs

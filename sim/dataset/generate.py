@@ -1,9 +1,11 @@
-"""Makes a dataset shard by shard, here or on a cluster, and continues a stopped one."""
+"""Makes a dataset, here or on a cluster, and continues a stopped one."""
 
 import importlib
 import json
+import shutil
 import time
 from collections import Counter
+from collections.abc import Generator
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
@@ -32,10 +34,21 @@ from t2twin.sim.dataset.info import (
     Shard,
     versions,
 )
-from t2twin.sim.dataset.shard import STAGES, ShardContext, Stopwatch, peak_memory, process_name
+from t2twin.sim.dataset.schedule import Schedule
+from t2twin.sim.dataset.shard import (
+    STAGES,
+    ShardContext,
+    Stopwatch,
+    Work,
+    WorkResult,
+    peak_memory,
+    process_name,
+)
 from t2twin.sim.dataset.store import (
+    GROUPS,
     INFO,
     LOG,
+    add_shard,
     read_info,
     sha256_of,
     write_info,
@@ -44,7 +57,7 @@ from t2twin.sim.dataset.store import (
 from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.held_out import check_held_out
-from t2twin.sim.sampling.plan import Batch, plan
+from t2twin.sim.sampling.plan import Batch, Group, groups_of, plan
 from t2twin.sim.sampling.recipe import NAMED, PAPER, RANDOM, Recipe, checked, load_recipe
 from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.sensors.pair import SensorPair
@@ -229,6 +242,7 @@ def _make_dataset(
         info = replace(info, complete=True)
         write_info(folder, info)
         write_card(folder, info)
+        shutil.rmtree(folder / GROUPS, ignore_errors=True)
     except BaseException:
         if is_new:
             _remove_empty(folder)
@@ -238,13 +252,13 @@ def _make_dataset(
 
 
 def _remove_empty(folder: Path) -> None:
-    """Remove a dataset without shards, so that the folder can be used by another command."""
+    """Remove a dataset without rows, so that the folder can be used by another command."""
     _sweep(folder)
-    if not any(folder.glob("*/*.parquet")):
+    if not any(folder.glob("*/*.parquet")) and not any(folder.glob(f"{GROUPS}/*")):
         (folder / INFO).unlink(missing_ok=True)
-        for split in SPLITS:
+        for place in (*SPLITS, GROUPS):
             with suppress(OSError):
-                (folder / split).rmdir()
+                (folder / place).rmdir()
 
 
 def _check_same_parameters(folder: Path, present: DatasetInfo, wanted: DatasetInfo) -> None:
@@ -258,7 +272,7 @@ def _check_same_parameters(folder: Path, present: DatasetInfo, wanted: DatasetIn
 
 def _sweep(folder: Path) -> None:
     """Remove the temporary files of killed runs and workers, and no other files."""
-    for place in (folder, *(folder / split for split in SPLITS)):
+    for place in (folder, *(folder / name for name in (*SPLITS, GROUPS))):
         for left_over in place.glob(TEMPORARY_NAMES):
             left_over.unlink(missing_ok=True)
 
@@ -277,27 +291,22 @@ def _make_shards(
     workers: int,
     scheduler: str | None,
 ) -> DatasetInfo:
-    """Make the shards and enter each into info.json; returns the info with all of them."""
-    workers, folder = min(workers, len(todo)), Path(context.folder)
-    pairs = sum(batch.pairs for batch in todo)
-    start, watch, peaks, rejected = time.monotonic(), Stopwatch(), {}, Counter()
-    with Progress(total=pairs, unit="pair", desc="simdata") as bar:
-        if scheduler is None:
-            bar.write(f"{pairs} pairs to make with {workers} workers")
-            if context.recipe.light.renderer == "pyrender":
-                bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
-            results = pool.run(context, todo, workers, bar.update)
-        else:
-            from t2twin.sim.dataset import cluster
-
-            bar.write(f"{pairs} pairs to make on the cluster at {scheduler}")
-            results = cluster.run(context, todo, scheduler, info.versions, bar.update)
+    """Make the shards and enter each into the dataset; returns the info with all of them."""
+    folder = Path(context.folder)
+    made = {path.name for path in (folder / GROUPS).glob("*")}
+    schedule = Schedule([groups_of(context.recipe, batch) for batch in todo], made)
+    start, new = time.monotonic(), {}
+    watch, peaks, rejected, pairs = Stopwatch(), {}, Counter(), 0
+    with Progress(total=schedule.pairs, unit="pair", desc="simdata") as bar:
+        results = _results(context, schedule, workers, scheduler, info, bar)
         with closing(results):  # an interrupt ends the workers here, not later
-            for batch, result in results:
-                shard = Shard(result.sha256, batch.pairs)
-                info = replace(info, shards=info.shards | {batch.path: shard})
-                write_info(folder, info)
+            for work, result in results:
+                if result.sha256 is not None and not isinstance(work, Group):
+                    batch = work[0].batch
+                    new[batch.path] = Shard(result.sha256, batch.pairs)
+                    add_shard(folder, batch.path, new[batch.path])
                 watch.add(result.watch)
+                pairs += result.pairs
                 rejected.update(result.rejected)
                 peaks[result.process] = result.peak_memory
     busy = len(peaks)
@@ -313,13 +322,34 @@ def _make_shards(
     )
     print(summary(timing))
     _log(folder, timing)
-    return info
+    return replace(info, shards=info.shards | new)
+
+
+def _results(
+    context: ShardContext,
+    schedule: Schedule,
+    workers: int,
+    scheduler: str | None,
+    info: DatasetInfo,
+    bar: Progress,
+) -> Generator[tuple[Work, WorkResult]]:
+    """Each finished work, here or on the cluster."""
+    if scheduler is not None:
+        from t2twin.sim.dataset import cluster
+
+        bar.write(f"{schedule.pairs} pairs to make on the cluster at {scheduler}")
+        return cluster.run(context, schedule, scheduler, info.versions, bar.update)
+    workers = min(workers, schedule.length)
+    bar.write(f"{schedule.pairs} pairs to make with {workers} workers")
+    if context.recipe.light.renderer == "pyrender":
+        bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
+    return pool.run(context, schedule, workers, bar.update)
 
 
 def summary(run: RunTiming) -> str:
     """The text printed after a run: pairs per second, stages of a pair, memory."""
     stages = ", ".join(
-        f"{stage} {1e3 * run.stage_seconds[stage] / run.pairs:.1f}"
+        f"{stage} {1e3 * run.stage_seconds[stage] / max(run.pairs, 1):.1f}"
         for stage in STAGES
         if stage != "shape" and run.stage_seconds[stage]
     )

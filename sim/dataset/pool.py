@@ -1,4 +1,4 @@
-"""Makes shards in processes on this machine."""
+"""Makes groups and shards in processes on this machine."""
 
 import multiprocessing
 import os
@@ -7,17 +7,23 @@ import signal
 import tempfile
 import threading
 from collections.abc import Callable, Generator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from pathlib import Path
+from queue import Empty, SimpleQueue
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.dataset.shard import ShardContext, ShardResult, make_shard
-from t2twin.sim.sampling.plan import Batch
+from t2twin.sim.dataset.schedule import Schedule
+from t2twin.sim.dataset.shard import ShardContext, Work, WorkResult, make
 
 POLL_SECONDS = 0.5
 """Period at which the number of finished pairs is read, s."""
+
+QUEUED = 2
+"""Work that waits for a worker, as a multiple of their number: none of them waits for the parent,
+and few shards are unfinished at a time."""
 
 MAX_WORKERS = 1000
 """Largest number of processes (assumed: more than any machine has cores)."""
@@ -34,31 +40,30 @@ def check_workers(workers: int | None) -> None:
 
 
 def run(
-    context: ShardContext, todo: list[Batch], workers: int, progress: Callable[[int], object]
-) -> Generator[tuple[Batch, ShardResult]]:
-    """Make the shards and yield each as it is finished.
+    context: ShardContext, schedule: Schedule, workers: int, progress: Callable[[int], object]
+) -> Generator[tuple[Work, WorkResult]]:
+    """Do the work of a schedule and yield each as it is finished.
 
     progress: called with the number of pairs finished since the last call. Raises T2TwinError where
     a worker fails, is killed or cannot start; the others then stop after their current pair.
     """
     if workers == 1:
-        for batch in todo:
-            yield batch, make_shard(batch, context, lambda: progress(1))
+        for groups in schedule.shards:
+            yield groups, make(groups, context, lambda: progress(1))
         return
     # Passed as a file: writing more than a pipe holds to a worker that has died blocks forever.
     with tempfile.NamedTemporaryFile(prefix="t2twin-context-") as file:
         pickle.dump(context, file)
         file.flush()
-        yield from _run(Path(file.name), todo, workers, progress)
+        yield from _run(Path(file.name), schedule, workers, progress)
 
 
 def _run(
-    context_file: Path, todo: list[Batch], workers: int, progress: Callable[[int], object]
-) -> Generator[tuple[Batch, ShardResult]]:
+    context_file: Path, schedule: Schedule, workers: int, progress: Callable[[int], object]
+) -> Generator[tuple[Work, WorkResult]]:
     """context_file: the pickled ShardContext."""
     spawn = multiprocessing.get_context("spawn")
     made, stop, started = spawn.Value("i", 0), spawn.Event(), spawn.Event()
-    seen = 0
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(
         workers,
@@ -66,24 +71,8 @@ def _run(
         initializer=_start,
         initargs=(context_file, made, stop, started),
     ) as pool:
-        # The largest first, so that no long shard runs alone at the end.
-        order = sorted(todo, key=lambda batch: -batch.pairs)
         try:
-            # Workers inherit that SIGINT and SIGTERM are blocked: the run stops its workers; the
-            # same signal would end them too, some of them while they start.
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
-            try:
-                batches = {pool.submit(_work, batch): batch for batch in order}
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            waiting = set(batches)
-            while waiting:
-                done, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
-                now = made.value
-                progress(now - seen)
-                seen = now
-                for future in done:
-                    yield batches[future], future.result()
+            yield from _results(pool, schedule, QUEUED * workers, made, progress)
         except BrokenProcessPool as error:
             # The pool ends its registered workers, but waits forever for one that was starting when
             # another died.
@@ -103,6 +92,43 @@ def _run(
             # Wait here: __exit__ does not wait after a shutdown without waiting.
             pool.shutdown(wait=True, cancel_futures=True)
             raise
+
+
+def _results(
+    pool: ProcessPoolExecutor,
+    schedule: Schedule,
+    most: int,
+    made,
+    progress: Callable[[int], object],
+) -> Generator[tuple[Work, WorkResult]]:
+    """Each work of the schedule with its result. most: works that are submitted at a time."""
+    finished: SimpleQueue[Future[WorkResult]] = SimpleQueue()
+    works: dict[Future[WorkResult], Work] = {}
+    seen = 0
+    while True:
+        # Workers inherit that SIGINT and SIGTERM are blocked: the run stops its workers; the same
+        # signal would end them too, some of them while they start.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+        try:
+            while len(works) < most and (work := schedule.next()) is not None:
+                future = pool.submit(_work, work)
+                works[future] = work
+                future.add_done_callback(finished.put)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if not works:
+            return
+        future = None
+        with suppress(Empty):
+            future = finished.get(timeout=POLL_SECONDS)
+        now = made.value
+        progress(now - seen)
+        seen = now
+        if future is not None:
+            work = works.pop(future)
+            result = future.result()
+            schedule.done(work)
+            yield work, result
 
 
 _context: ShardContext
@@ -126,8 +152,8 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _work(batch: Batch) -> ShardResult:
-    return make_shard(batch, _context, _count)
+def _work(work: Work) -> WorkResult:
+    return make(work, _context, _count)
 
 
 def _count() -> None:

@@ -1,4 +1,4 @@
-"""Makes one shard of a dataset, row by row.
+"""Makes a group of presses of a shard row by row, and a shard of its groups.
 
 A sampled press is repeated until it touches the shape and settles.
 """
@@ -12,13 +12,15 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from t2twin.core.arguments import MAX_SEED
+from t2twin.core.cached_files import is_intact
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import encode_png
 from t2twin.primitives_cad import catalogue
@@ -36,10 +38,10 @@ from t2twin.sim.dataset.columns import (
     row,
     schema_of,
 )
-from t2twin.sim.dataset.store import write_shard
+from t2twin.sim.dataset.store import group_path, read_group, write_group, write_tables
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.randomization.ranges import log_uniform
-from t2twin.sim.sampling.plan import Batch, load_shape, name_of, paths_of
+from t2twin.sim.sampling.plan import Group, group_paths, load_shape, name_of
 from t2twin.sim.sampling.presses import (
     FRAME_STREAM,
     MAX_ATTEMPTS,
@@ -136,7 +138,7 @@ def process_name() -> str:
     return f"{platform.node()}:{os.getpid()}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ShardContext:
     """Input of all shards of a dataset. cache: as for catalogue.load."""
 
@@ -146,55 +148,88 @@ class ShardContext:
     cache: str | None
 
 
-@dataclass(frozen=True)
-class ShardResult:
-    """A finished shard: its sha256, time and memory.
+Work = Group | tuple[Group, ...]
+"""One group, or all groups of a shard, which is then written."""
 
-    watch: processor time by stage. process: name of the process. peak_memory: of the process so
-    far, bytes. rejected: attempts at presses that were rejected, by reason.
+
+@dataclass(frozen=True)
+class WorkResult:
+    """Time and memory of finished work.
+
+    sha256: of the shard, None of a group. pairs: that were made here. watch: processor time by
+    stage. process: name of the process. peak_memory: of the process so far, bytes. rejected:
+    attempts at presses that were rejected, by reason.
     """
 
-    sha256: str
+    sha256: str | None
+    pairs: int
     watch: Stopwatch
     process: str
     peak_memory: int
     rejected: dict[str, int]
 
 
-def make_shard(batch: Batch, context: ShardContext, progress: Callable[[], object]) -> ShardResult:
-    """Press, render, encode and write. progress: called after each pair.
+def make(work: Work, context: ShardContext, progress: Callable[[], object]) -> WorkResult:
+    """Press, render and encode; write the rows of a group, or a shard.
 
-    Raises T2TwinError as press_until_accepted does, and where the shard cannot be written.
+    The rows of a shard are those of its groups that are made already; the others are made here.
+    progress: called after each pair that is made. Raises T2TwinError as press_until_accepted does,
+    and where a file cannot be written.
     """
-    watch, rejected = Stopwatch(), Counter()
+    watch, rejected, digest, pairs = Stopwatch(), Counter(), None, 0
     start = time.process_time()
-    rows = _rows(batch, context, watch, rejected, progress)
     values: Values = dict(zip(ROLES, context.sensors.values, strict=True))
     schema = schema_of(values, context.recipe)
-    digest = write_shard(Path(context.folder) / batch.path, rows, schema)
+
+    def table(group: Group) -> pa.Table:
+        nonlocal pairs
+        rows = list(_rows(group, context, watch, rejected, progress))
+        pairs += len(rows)
+        return pa.Table.from_pylist(rows, schema=schema)
+
+    if isinstance(work, Group):
+        path = group_path(context.folder, work.batch.path, work.start)
+        if not is_intact(path):  # another worker may have been lost after it was written
+            write_group(path, table(work))
+    else:
+        shard = work[0].batch.path
+        paths = {group_path(context.folder, shard, group.start): group for group in work}
+        tables = (
+            table(group) if (made := read_group(path)) is None else made
+            for path, group in paths.items()
+        )
+        digest = write_tables(Path(context.folder) / shard, tables, schema)
+        for path in paths:
+            path.unlink(missing_ok=True)
     # The rows are made while the shard is written; the rest of the time is the writing.
     watch.seconds["writing"] += time.process_time() - start - watch.total
-    return ShardResult(digest, watch, process_name(), peak_memory(), dict(rejected))
+    return WorkResult(digest, pairs, watch, process_name(), peak_memory(), dict(rejected))
+
+
+@lru_cache(maxsize=1)
+def _shape(context: ShardContext, part: int, source: str) -> Shape:
+    """A shape of a part; successive groups are often of the same one."""
+    return load_shape(context.recipe.parts[part], source, context.cache)
 
 
 def _rows(
-    batch: Batch,
+    group: Group,
     context: ShardContext,
     watch: Stopwatch,
     rejected: Counter[str],
     progress: Callable[[], object],
 ) -> Iterator[dict[str, Any]]:
-    """The rows of a shard, shape by shape, path by path."""
-    recipe, roles = context.recipe, context.sensors.roles
+    """The rows of a group, shape by shape, path by path."""
+    recipe, roles, batch = context.recipe, context.sensors.roles, group.batch
     ranges = {name: sensor.FRICTION for name, sensor in context.sensors.by_name.items()}
     present, sensors, of_unit = None, context.sensors, {}
-    for source, number in zip(batch.shapes, batch.numbers, strict=True):
+    for source, number, paths in group_paths(recipe, group):
         with watch.running("shape"):
-            shape = load_shape(recipe.parts[batch.part], source, context.cache)
+            shape = _shape(context, batch.part, source)
         first, friction = 0, {}
         if recipe.motion:
             friction = sample_friction(recipe.motion, ranges, (recipe.seed, batch.part), number)
-        for path in paths_of(recipe, batch, number):
+        for path in paths:
             unit = number if recipe.light.each == "shape" else number * batch.presses + path.index
             unit = 0 if recipe.light.kind == "fixed" else unit
             if unit != present:

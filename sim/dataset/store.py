@@ -4,6 +4,8 @@
     DIR/README.md                    the dataset card, with the header of the Hugging Face hub
     DIR/croissant.json               the same for programs: columns, splits, a sha256 per shard
     DIR/log.jsonl                    time and memory of each run of `t2twin simdata`
+    DIR/shards.jsonl, DIR/groups/    of an unfinished dataset: shards that info.json does not
+                                     contain yet, and groups of rows of unfinished shards
     DIR/cache/                       decoded images of trainings; not part of the dataset
     DIR/{train,val,test}/SHAPE.parquet, or part-PART-NUMBER.parquet of sampled presses
 
@@ -18,7 +20,7 @@ import os
 from codecs import BOM_UTF8
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BufferedRandom
 from pathlib import Path
 from typing import Any
@@ -28,8 +30,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from t2twin.core.cached_files import read_checked, write_checked
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, read_file
+from t2twin.core.files import atomic_write, read_file, write_error
 from t2twin.core.records import convert, decode_json
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
@@ -46,6 +49,9 @@ from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
 from t2twin.sim.sensors.defaults import ROLES
 
 INFO, LOG = "info.json", "log.jsonl"
+
+MADE, GROUPS = "shards.jsonl", "groups"
+"""File with a line for each new shard, and folder with the rows of unfinished ones."""
 
 BATCH_ROWS = 128
 """Rows of a row group, some 9 MB: the memory of a shard that is being written."""
@@ -66,13 +72,31 @@ def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema) -
     schema: from schema_of. Raises T2TwinError where the shard cannot be written; then there is
     none.
     """
-    # all rows of a unit have one background frame: a dictionary stores it once per group
-    frames = [name for name in schema.names if name.endswith(f"_{BACKGROUND}")]
-    repeated = ["shape", "family", "split", *(f"{name}.bytes" for name in frames)]
-    with row_writer(path, schema, repeated) as write:
+    with row_writer(path, schema, _repeated(schema)) as write:
         for each in rows:
             write(each)
     return sha256_of(path)
+
+
+def write_tables(path: Path, tables: Iterable[pa.Table], schema: pa.Schema) -> str:
+    """Write tables as one shard, as they come; the bytes are those of write_shard."""
+    with _group_writer(path, schema, _repeated(schema)) as write:
+        rest = schema.empty_table()
+        for each in tables:
+            rest = pa.concat_tables([rest, each])
+            while len(rest) >= BATCH_ROWS:
+                write(rest.slice(0, BATCH_ROWS).combine_chunks())
+                rest = rest.slice(BATCH_ROWS)
+        if len(rest):
+            write(rest.combine_chunks())
+    return sha256_of(path)
+
+
+def _repeated(schema: pa.Schema) -> list[str]:
+    """Columns of repeated values. All rows of a unit have one background frame: a dictionary
+    stores it once per group."""
+    frames = [name for name in schema.names if name.endswith(f"_{BACKGROUND}")]
+    return ["shape", "family", "split", *(f"{name}.bytes" for name in frames)]
 
 
 @contextmanager
@@ -85,6 +109,27 @@ def row_writer(
     written. After an error there is no new file.
     """
     group: list[dict[str, Any]] = []
+    with _group_writer(path, schema, repeated) as write_group:
+
+        def write(row: dict[str, Any]) -> None:
+            group.append(row)
+            if len(group) == BATCH_ROWS:
+                flush()
+
+        def flush() -> None:
+            write_group(pa.Table.from_pylist(group, schema=schema))
+            group.clear()
+
+        yield write
+        if group:
+            flush()
+
+
+@contextmanager
+def _group_writer(
+    path: Path, schema: pa.Schema, repeated: list[str]
+) -> Iterator[Callable[[pa.Table], None]]:
+    """As row_writer, for whole row groups."""
     with _durable(path) as file:
         # Images are compressed already; dictionaries are useful for repeated values only.
         writer = pq.ParquetWriter(
@@ -96,24 +141,32 @@ def row_writer(
                 MAX_DICTIONARY_BYTES if any(name.endswith(".bytes") for name in repeated) else None
             ),
         )
-
-        def write(row: dict[str, Any]) -> None:
-            group.append(row)
-            if len(group) == BATCH_ROWS:
-                flush()
-
-        def flush() -> None:
-            writer.write_table(pa.Table.from_pylist(group, schema=schema))
-            group.clear()
-
         try:
-            yield write
-            if group:
-                flush()
+            yield writer.write_table
             writer.close()
         except BaseException:
             writer.is_open = False  # its destructor would write to the closed file
             raise
+
+
+def group_path(folder: str | Path, shard: str, start: int) -> Path:
+    """The file of the rows of an unfinished shard from `start` on."""
+    stem = shard.removesuffix(".parquet").replace("/", "-")
+    return Path(folder) / GROUPS / f"{stem}-{start:06d}.arrow"
+
+
+def write_group(path: Path, table: pa.Table) -> None:
+    """Write the rows of a group. Raises T2TwinError where that fails."""
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, table.schema) as writer:
+        writer.write_table(table)
+    write_checked(path, sink.getvalue().to_pybytes())
+
+
+def read_group(path: Path) -> pa.Table | None:
+    """The rows of a group; None where the file is missing or damaged."""
+    content = read_checked(path)
+    return None if content is None else pa.ipc.open_stream(content).read_all()
 
 
 def sha256_of(path: Path) -> str:
@@ -138,11 +191,34 @@ def _durable(path: Path) -> Iterator[BufferedRandom]:
 
 
 def write_info(folder: Path, info: DatasetInfo) -> None:
-    """Write a dataset's info.json, without fields that are None."""
+    """Write a dataset's info.json, without fields that are None, and remove shards.jsonl."""
     content = _given(msgspec.to_builtins(info))
     content |= {role: _given(content[role]) for role in ROLES}
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
     write_whole(folder / INFO, f"{text}\n".encode())
+    (folder / MADE).unlink(missing_ok=True)
+
+
+def add_shard(folder: Path, path: str, shard: Shard) -> None:
+    """Enter a new shard of an unfinished dataset, at the same cost for any number of shards."""
+    line = json.dumps({"path": path, **msgspec.to_builtins(shard)})
+    try:
+        with (folder / MADE).open("a") as file:
+            file.write(f"{line}\n")
+    except OSError as error:
+        raise write_error(folder / MADE, error) from error
+
+
+def _with_added(info: DatasetInfo, path: Path) -> DatasetInfo:
+    """The info with the shards of shards.jsonl. A line that is not complete is ignored."""
+    if not path.is_file():
+        return info
+    entries = [decode_json(line, _AddedShard, path) for line in read_file(path).split(b"\n")[:-1]]
+    added = {each.path: Shard(each.sha256, each.pairs) for each in entries}
+    try:
+        return replace(info, shards=info.shards | added)
+    except ValueError as error:
+        raise T2TwinError(f"{path}: {error}") from None
 
 
 def _given(content: dict[str, Any]) -> dict[str, Any]:
@@ -150,7 +226,8 @@ def _given(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_info(folder: str | Path) -> DatasetInfo:
-    """A dataset's info.json; one of format 1 with the names of format 2.
+    """A dataset's info.json with the shards of shards.jsonl; one of format 1 with the names of
+    format 2.
 
     Raises T2TwinError for a folder without a dataset, another format, and an invalid info.json.
     """
@@ -163,12 +240,19 @@ def read_info(folder: str | Path) -> DatasetInfo:
     content = read_file(path).removeprefix(BOM_UTF8)
     found = decode_json(content, _FormatNumber, path).format
     if found == FORMAT:
-        return decode_json(content, DatasetInfo, path)
+        return _with_added(decode_json(content, DatasetInfo, path), Path(folder) / MADE)
     if found == 1:
         return convert(converted(decode_json(content, dict[str, Any], path)), DatasetInfo, path)
     raise T2TwinError(
         f"{path} is of format {found}; this version of t2twin reads formats 1 and {FORMAT}"
     )
+
+
+@dataclass(frozen=True)
+class _AddedShard(Shard):
+    """A line of shards.jsonl."""
+
+    path: str
 
 
 @dataclass(frozen=True)
