@@ -10,6 +10,7 @@ import torch
 from PIL import Image
 from safetensors.torch import load_file
 
+from maintenance.publish_pretrained import publish_pretrained
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import make_dataset
@@ -18,8 +19,9 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.evaluation.table import contact_text
-from t2twin.translate.inference.contact import EDGE_NOTE, EMPTY_NOTE, PNG_MM, PNG_ZERO, estimates_of
+from t2twin.translate.inference.contact import EDGE_NOTE, EMPTY_NOTE, PNG_MM, PNG_ZERO, contacts_of
 from t2twin.translate.inference.load import load
+from t2twin.translate.inference.onnx_export import PARITY_COUNTS, export_onnx, open_onnx
 from t2twin.translate.models.contact import (
     ContactPrediction,
     ContactReadout,
@@ -28,9 +30,10 @@ from t2twin.translate.models.contact import (
     depth_errors_mm,
     fit_contact_knots,
 )
-from t2twin.translate.models.field_readout import FieldPrediction
+from t2twin.translate.models.field_readout import AllPredictions, FieldPrediction
 from t2twin.translate.networks.contact_head import ContactOutputs
 from t2twin.translate.networks.field_net import CONTACT, FieldNet
+from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, FRAME_CHECK, HOME, load_config
 from t2twin.translate.training.train import train
 from t2twin.translate.uncertainty.ood import OODClass
@@ -121,6 +124,48 @@ def test_the_estimate_has_the_size_of_the_image_and_the_force_of_the_run(alone, 
     assert contact.area_mm2 == pytest.approx(contact.mask.mean() * 4 * np.prod(contact.view_mm))
 
 
+def test_each_image_passes_the_encoder_once(alone, images, monkeypatch) -> None:
+    run, (frames, background) = load(alone, engine="torch"), images
+    encoder, passed = run.translator.predictor.encoder, []
+    maps = encoder.maps
+    monkeypatch.setattr(encoder, "maps", lambda inputs: passed.append(len(inputs)) or maps(inputs))
+    for predict in (run.predict, run.estimate, run.contact, run.estimate_with_contact):
+        predict(frames, background)
+        predict(frames[0], background)
+    assert passed == [2, 1] * 4
+
+
+def test_onnx_files_predict_the_same_contact(alone, images, tmp_path) -> None:
+    frames, background = images
+    by_torch, by_onnx = load(alone, engine="torch"), load(alone, engine="onnx")
+    for one, other in zip(
+        *(run.contact(frames, background) for run in (by_torch, by_onnx)), strict=True
+    ):
+        for name in ("depth_mm", "depth_std_mm", "probability", "pressure_std_kpa"):
+            expected = getattr(one, name)
+            np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-3, atol=1e-4)
+        surely = abs(one.probability - 0.5) > 1e-3
+        np.testing.assert_array_equal(one.mask[surely], other.mask[surely])
+    assert export_onnx(by_torch, tmp_path / "run.onnx") < PARITY_COUNTS
+    session = open_onnx(tmp_path / "run.onnx")
+    shapes = {each.name: each.shape[1:] for each in session.get_outputs()}
+    assert {name: shapes[name] for name in ContactPrediction._fields} == {
+        name: [2] if name.startswith("center") else [48, 48] for name in ContactPrediction._fields
+    }
+
+
+def test_published_and_averaged_runs_keep_the_contact(alone, images, tmp_path) -> None:
+    frames, background = images
+    published = load(publish_pretrained(alone, home=tmp_path / "home"))
+    average_runs(HOME / "field", alone, 0.5, tmp_path / "mean")
+    average_runs(tmp_path / "mean", alone, 0.5, tmp_path / "again")
+    expected = load(alone).contact(frames[0], background)
+    for run in (published, load(tmp_path / "mean"), load(tmp_path / "again")):
+        found = run.contact(frames[0], background)
+        np.testing.assert_allclose(found.depth_mm, expected.depth_mm, atol=2e-3)
+        assert found.force_n == pytest.approx(expected.force_n, rel=2e-3)
+
+
 def test_runs_without_it_name_the_training(images) -> None:
     with pytest.raises(T2TwinError, match=r"does not predict the contact; train its layers with"):
         load("field").contact(images[0][0])
@@ -191,8 +236,9 @@ def prediction(pressure: torch.Tensor) -> ContactPrediction:
 def estimate_of(pressure: torch.Tensor):
     none, one = torch.zeros(1, 1), torch.ones(1)
     field = FieldPrediction(none, none, none, none, one, one)
-    known = [OODClass.IN_DISTRIBUTION]
-    return estimates_of(field, prediction(pressure), [(96, 96)], VIEW_MM, known)[0]
+    found = AllPredictions(field, None, prediction(pressure)).named()
+    outputs = {name: each.numpy() for name, each in found.items()}
+    return contacts_of(outputs, [(96, 96)], VIEW_MM, [OODClass.IN_DISTRIBUTION])[0]
 
 
 def test_empty_contacts_and_contacts_at_the_edge_are_named() -> None:

@@ -52,8 +52,9 @@ from t2twin.translate.evaluation.records import (
     write_evaluation,
 )
 from t2twin.translate.evaluation.table import FURTHER, MAIN, PAPER, figures_table
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import FieldPredictor, require
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.log import best_epoch, read_log
 

@@ -28,8 +28,9 @@ from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.predictions import read_predictions
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.inference.batch import translate_files
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load, load_run
-from t2twin.translate.inference.predictor import FieldPredictor, require
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.models import field as field_model
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS

@@ -9,8 +9,9 @@ import torch
 
 import t2twin
 from t2twin.core.errors import T2TwinError
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import FieldPredictor, require
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.networks.frame_check import CLASSES, FrameCheck, features_of
 from t2twin.translate.runs.checkpoint import load_frame_check, save_weights
 from t2twin.translate.runs.config import FRAME_CHECK, HOME

@@ -21,7 +21,8 @@ from t2twin.live.sources import (
     _opencv,
     open_source,
 )
-from t2twin.translate.inference.predictor import FieldPredictor, require
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.uncertainty.ood import OODClass
 
 HZ, FRAMES = 30.0, 24

@@ -19,8 +19,9 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.predictions import as_readings
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import FieldPredictor, require
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.runs import config as run_config
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, HOME, pretrained_runs, resolve_run, versioned

@@ -16,9 +16,10 @@ from t2twin.translate.evaluation.array_errors import shear_metrics
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.evaluation.table import motion_text
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.onnx_export import export_onnx
-from t2twin.translate.inference.predictor import FieldPredictor, require
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import (

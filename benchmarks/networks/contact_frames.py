@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from t2twin.sim.optical.gel_camera import GelCamera
     from t2twin.translate.inference.contact import ContactEstimate
-    from t2twin.translate.inference.predictor import FieldPredictor
+    from t2twin.translate.inference.field_predictor import FieldPredictor
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.contact_frames",
@@ -95,8 +95,9 @@ FORCES_N = (1.0, 2.0, 4.0, 8.0)
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
-    from t2twin.translate.inference.predictor import FieldPredictor, require
+    from t2twin.translate.inference.predictor import require
 
     if not (options.frames / BACKGROUND).is_file():
         raise T2TwinError(

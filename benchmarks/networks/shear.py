@@ -24,7 +24,7 @@ from benchmarks.evidence.run import main
 if TYPE_CHECKING:
     from t2twin.sim.sampling.recipe import Recipe
     from t2twin.translate.data.pairs import Pairs
-    from t2twin.translate.inference.predictor import FieldPredictor
+    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.uncertainty.estimate import Estimate
 
 COVERAGE = {"least": 87.0, "most": 93.0}
@@ -64,8 +64,9 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.translate.data.pairs import load_pairs
     from t2twin.translate.evaluation.evaluate import training_steps
     from t2twin.translate.evaluation.predictions import as_readings
+    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
-    from t2twin.translate.inference.predictor import FieldPredictor, require
+    from t2twin.translate.inference.predictor import require
 
     make_dataset(options.data, recipe=tools())
     run, start = (

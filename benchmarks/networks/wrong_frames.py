@@ -23,7 +23,7 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 
 if TYPE_CHECKING:
-    from t2twin.translate.inference.predictor import FieldPredictor
+    from t2twin.translate.inference.field_predictor import FieldPredictor
 
 Frames = list[np.ndarray]
 
@@ -61,8 +61,9 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.sim.dataset.columns import BACKGROUND, IMAGE, column
     from t2twin.sim.dataset.generate import make_dataset
     from t2twin.sim.dataset.store import iter_images, read_info, split_shards
+    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
-    from t2twin.translate.inference.predictor import FieldPredictor, require
+    from t2twin.translate.inference.predictor import require
 
     make_dataset(options.data, recipe=RECIPE)
     run = require(load_run(options.run), FieldPredictor, "the benchmark")

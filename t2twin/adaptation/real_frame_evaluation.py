@@ -25,8 +25,9 @@ from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import CountsPredictor, FieldPredictor
+from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG
 

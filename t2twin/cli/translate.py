@@ -77,7 +77,7 @@ def translate(
             NAME.json, NAME_depth.png (16 bits, micrometers) and NAME_relief.png.
     """
     from t2twin.translate.inference.batch import find_images, translate_files
-    from t2twin.translate.inference.predictor import NO_BACKGROUND
+    from t2twin.translate.inference.field_predictor import NO_BACKGROUND
     from t2twin.translate.inference.readings import translate_readings
     from t2twin.translate.models.distributed import use_all_cores
     from t2twin.translate.uncertainty.ood import unlike
@@ -109,7 +109,7 @@ def _translate_contacts(
     from t2twin.core.errors import T2TwinError
     from t2twin.translate.inference.batch import find_images
     from t2twin.translate.inference.contact_files import translate_contacts
-    from t2twin.translate.inference.predictor import NO_BACKGROUND
+    from t2twin.translate.inference.field_predictor import NO_BACKGROUND
 
     if options.layout is not None or options.bf16:
         raise T2TwinError("--layout and --bf16 are for counts; give them without --target contact")

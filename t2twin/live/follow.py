@@ -17,12 +17,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.live.sources import Frame, LatestFrame, Report, Source
 from t2twin.rerun_log import RerunLog
 from t2twin.translate.inference.batch import ood_entry
-from t2twin.translate.inference.predictor import (
-    NO_BACKGROUND,
-    CountsPredictor,
-    FieldPredictor,
-    require,
-)
+from t2twin.translate.inference.field_predictor import NO_BACKGROUND, FieldPredictor
+from t2twin.translate.inference.predictor import CountsPredictor, require
 from t2twin.translate.uncertainty.ood import classify_frame, combined, unlike
 
 REPORT_EVERY_S = 5.0
@@ -121,37 +117,39 @@ def _translator(
     run: CountsPredictor, background: np.ndarray | None, report: Report
 ) -> Callable[[np.ndarray], dict[str, Any]]:
     """A function from an image to the predicted values of its line. Arguments: as for `follow`."""
-    resized = None
-    if background is not None:  # resized only once
-        resized = require(run, FieldPredictor, "a background frame").pixels_of(background)[0]
+    if background is not None:
+        require(run, FieldPredictor, "a background frame")
     elif isinstance(run, FieldPredictor):
         report(NO_BACKGROUND)
 
     def translate(image: np.ndarray) -> dict[str, Any]:
-        pixels = run.pixels_of(image, resized)
-        ood_class = combined(
-            classify_frame(image, run.config.data.camera.aspect, background), *run.classify(pixels)
-        )
-        values = _predict(run, pixels)
-        if isinstance(run, FieldPredictor) and run.predicts_contact:
-            contact: Any = run.contact(image, background)  # one, of one image
-            values["contact"] = contact.summary()
-        return values | ood_entry(ood_class)
+        if isinstance(run, FieldPredictor):
+            return _of_field(run, image, background)
+        pixels = run.pixels_of(image)
+        own = classify_frame(image, run.config.data.camera.aspect)
+        found = combined(own, *run.classify(pixels))
+        return {"counts": _whole(run.predict_pixels(pixels)[0])} | ood_entry(found)
 
     translate(np.zeros((run.config.preset.size,) * 2, np.uint8))  # the first one is slow
     return translate
 
 
-def _predict(run: CountsPredictor, pixels: np.ndarray) -> dict[str, Any]:
-    """Predicted values of a line. pixels: (1, S, S, c) uint8."""
-    if not isinstance(run, FieldPredictor):
-        return {"counts": _whole(run.predict_pixels(pixels)[0])}
-    estimate = run.estimate_pixels(pixels).first()
+def _of_field(
+    run: FieldPredictor, image: np.ndarray, background: np.ndarray | None
+) -> dict[str, Any]:
+    """Predicted values of a line, of a field run."""
+    contact: Any = None  # one, of one image
+    if run.predicts_contact:
+        estimate, contact = run.estimate_with_contact(image, background)
+    else:
+        estimate = run.estimate(image, background)
     forces = {"force_n": estimate.force_n, "force_std_n": estimate.force_std_n}
     return {
         "counts": _whole(estimate.counts),
         "counts_std": _whole(estimate.counts_std),
         **{name: round(float(value), 3) for name, value in forces.items() if value is not None},
+        **({} if contact is None else {"contact": contact.summary()}),
+        **ood_entry(estimate.ood_class),
     }
 
 

@@ -159,7 +159,7 @@ class Translators:
         self, name: str, image: np.ndarray, background: np.ndarray | None, touch: "Touch | None"
     ) -> Translation:
         from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
-        from t2twin.translate.inference.predictor import FieldPredictor
+        from t2twin.translate.inference.field_predictor import FieldPredictor
         from t2twin.translate.uncertainty.ood import OODClass
 
         run = self._load(name)

@@ -27,7 +27,7 @@ from t2twin.translate.data.pairs import Pairs, Readings
 from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.evaluation.predictions import EvaluationInputs
 from t2twin.translate.evaluation.records import MeanOf, PaperRow, ViewSummary
-from t2twin.translate.inference.predictor import FieldPredictor
+from t2twin.translate.inference.field_predictor import FieldPredictor
 
 MEAN_ARRAY, NEAREST_NEIGHBOR = "mean-array", "nearest-neighbour"
 """Names of their rows."""

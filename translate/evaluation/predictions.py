@@ -36,12 +36,9 @@ from t2twin.translate.data.pairs import (
 from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.evaluation.contact_errors import contact_metrics
 from t2twin.translate.evaluation.records import ContactMetrics
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import AnyPredictor, load_torch
-from t2twin.translate.inference.predictor import (
-    CountsPredictor,
-    FieldPredictor,
-    TrainedTranslator,
-)
+from t2twin.translate.inference.predictor import CountsPredictor, TrainedTranslator
 from t2twin.translate.networks.contact_head import side_of_maps
 from t2twin.translate.uncertainty.estimate import Estimate, readings_of
 

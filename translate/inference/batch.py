@@ -25,13 +25,9 @@ from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
 from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.translate.data.images import check_image, open_image, to_pixels
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import (
-    BATCH_SIZE,
-    CountsPredictor,
-    FieldPredictor,
-    require,
-)
+from t2twin.translate.inference.predictor import BATCH_SIZE, CountsPredictor, require
 from t2twin.translate.runs.config import DEFAULT_RUN, RunConfig
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate
 from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
@@ -276,15 +272,17 @@ def _translate(
             tactile, stds = None, [None] * len(pixels)
             if isinstance(run, FieldPredictor):
                 pixels = pixels if frame is None else run.with_background(pixels, frame)
-                estimates.append(run.estimate_pixels(pixels))
-                counts[part] = estimates[-1].counts
+                estimates.append(run.estimate_pixels(pixels, classified=True))
+                counts[part], found = estimates[-1].counts, estimates[-1].ood_class
                 if names:
                     tactile, stds = run.dense_images(estimates[-1])
             elif names:
                 counts[part], tactile = run.counts_and_tactile_images(pixels)
             else:
                 counts[part] = run.predict_pixels(pixels)
-            classes += map(combined, own, run.classify(pixels))
+            if not isinstance(run, FieldPredictor):
+                found = run.classify(pixels)
+            classes += map(combined, own, found)
             if tactile is not None:
                 save = partial(_save_png, run, folder)
                 saves = [

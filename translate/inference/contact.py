@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from PIL import Image, ImageDraw
+from PIL import Image
 from torch.nn import functional
 
 from t2twin.core import arguments
 from t2twin.core.files import locked, move_into, temporary_folder
-from t2twin.sim.taxels.tactile_image import in_colors
+from t2twin.translate.inference.relief import captioned, relief
 from t2twin.translate.models.contact import EVEN, ContactPrediction
-from t2twin.translate.models.field_readout import FieldPrediction
 from t2twin.translate.uncertainty.estimate import with_std
 from t2twin.translate.uncertainty.ood import OODClass
 
@@ -29,28 +28,12 @@ around a contact."""
 EDGE_CELLS = 1
 """Width of the edge of the view, cells of the network."""
 
-RELIEF_LIGHT, RELIEF_SHARE = (-0.6, -0.8), 0.8
-"""Direction that the light of the relief comes from, along x and y, and the change of brightness by
-a slope of 1 (assumed)."""
-
-GREY_SHARE = 0.3
-"""Share of white in the colors, so that slopes of small depths are visible (assumed)."""
-
-DARKEST, BRIGHTEST = 0.25, 1.6
-"""Limits of that brightness (assumed)."""
-
-MIN_SCALE_MM = 0.1
-"""Least depth at the end of the relief's color scale, mm (assumed), so that noise stays dark."""
-
-CAPTION_PX, FONT_SIZE = 34, 12
-"""Height of the relief's caption, and its font."""
-
 EDGE_NOTE = "the contact reaches the edge of the view; force and depth may be of a part of it"
 EMPTY_NOTE = "no contact was found; there is no center of pressure"
 
-ARRAYS = ("depth_mm", "depth_std_mm", "pressure_kpa", "pressure_std_kpa", "probability", "mask")
-FORCE, SHEAR = ("force_n", "force_std_n"), ("shear_n", "shear_std_n")
-VALUES = (*FORCE, "center_mm", "center_std_mm", *SHEAR)
+MAPS, CENTER = ContactPrediction._fields[:5], ContactPrediction._fields[5:]
+ARRAYS = (*MAPS, "mask")
+VALUES = ("force_n", "force_std_n", *CENTER, "shear_n", "shear_std_n")
 
 
 @dataclass(frozen=True)
@@ -166,64 +149,40 @@ class ContactEstimate:
 
     def relief(self) -> Image.Image:
         """The depth as a relief, see `relief`, with the largest depth and the force in words."""
-        picture = relief(self.depth_mm, self.mask, self.view_mm)
         words = "no contact" if self.is_empty else f"{self.largest_depth_mm:.2f} mm deep"
         if self.force_n is not None and self.force_std_n is not None:
             words += f", {with_std(self.force_n, self.force_std_n)} N"
-        framed = Image.new("RGB", (picture.width, picture.height + CAPTION_PX), "white")
-        framed.paste(picture)
-        at = (picture.width / 2, picture.height + CAPTION_PX / 2)
-        ImageDraw.Draw(framed).text(at, words, "black", anchor="mm", font_size=FONT_SIZE)
-        return framed
+        return captioned(relief(self.depth_mm, self.mask, self.view_mm), words)
 
 
-def relief(depth_mm: np.ndarray, mask: np.ndarray, view_mm: tuple[float, float]) -> Image.Image:
-    """A picture of a depth, (R, C): colors from depth 0 to the largest, shaded as if lit from the
-    upper left, with the outline of a mask."""
-    rows, columns = depth_mm.shape
-    down, across = np.gradient(-depth_mm, 2 * view_mm[1] / rows, 2 * view_mm[0] / columns)
-    slope = -(RELIEF_LIGHT[0] * across + RELIEF_LIGHT[1] * down)
-    shade = (1.0 - RELIEF_SHARE * slope).clip(DARKEST, BRIGHTEST)
-    colors = in_colors(depth_mm / max(MIN_SCALE_MM, float(depth_mm.max()))).astype(float)
-    inner = mask.copy()
-    for axis in (0, 1):
-        for step in (-1, 1):
-            inner &= np.roll(mask, step, axis)
-    colors = (GREY_SHARE * 255.0 + (1.0 - GREY_SHARE) * colors) * shade[..., None]
-    colors[mask & ~inner] = 255.0
-    return Image.fromarray(colors.clip(0, 255).astype(np.uint8))
-
-
-def estimates_of(
-    field: FieldPrediction,
-    found: ContactPrediction,
+def contacts_of(
+    outputs: dict[str, np.ndarray],
     sizes: Sequence[tuple[int, int]],
     view_mm: tuple[float, float],
     classes: Sequence[OODClass],
 ) -> list[ContactEstimate]:
-    """The estimates of B images. field: has force and shear. sizes: rows and columns of images."""
-    others = {name: getattr(field, name) for name in (*FORCE, *SHEAR)}
-    others = {name: each.cpu().numpy() for name, each in others.items() if each is not None}
-    estimates = []
-    maps = torch.stack(found[:5], dim=1).cpu()
-    outermost = maps[:, 4].clone()
+    """The estimates of B images.
+
+    outputs: predictions by the names of ContactPrediction, and force and shear force if they are
+    predicted. sizes: rows and columns of the images.
+    """
+    maps = torch.from_numpy(np.stack([outputs[name] for name in MAPS], axis=1))
+    outermost = maps[:, -1].clone()
     outermost[:, EDGE_CELLS:-EDGE_CELLS, EDGE_CELLS:-EDGE_CELLS] = 0.0
     at_edge = (outermost.amax(dim=(1, 2)) > EVEN).tolist()
-    centers = [each.cpu().numpy() for each in (found.center_mm, found.center_std_mm)]
+    estimates = []
     for number, size in enumerate(sizes):
         one = maps[number : number + 1]
-        large = functional.interpolate(one, size, mode="bilinear")[0]
-        large[0] = functional.interpolate(one[:, :1], size, mode="bicubic")[0, 0]  # a smooth slope
+        depth = functional.interpolate(one[:, :1], size, mode="bicubic")[0]  # a smooth slope
+        large = torch.cat([depth, functional.interpolate(one[:, 1:], size, mode="bilinear")[0]])
         estimates.append(
             ContactEstimate(
                 *large.numpy(),
-                mask=large[4].numpy() > EVEN,
-                center_mm=centers[0][number],
-                center_std_mm=centers[1][number],
+                mask=large[-1].numpy() > EVEN,
                 view_mm=view_mm,
                 at_edge=at_edge[number],
                 ood_class=classes[number],
-                **{name: each[number] for name, each in others.items()},
+                **{name: outputs[name][number] for name in VALUES if name in outputs},
             )
         )
     return estimates

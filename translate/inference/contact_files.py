@@ -11,8 +11,9 @@ from t2twin.core.progress import Progress
 from t2twin.translate.data.images import check_image, open_image
 from t2twin.translate.inference.batch import find_images, output_names
 from t2twin.translate.inference.contact import ContactEstimate
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import BATCH_SIZE, FieldPredictor, require
+from t2twin.translate.inference.predictor import BATCH_SIZE, require
 
 CONTACTS_CSV = "contacts.csv"
 

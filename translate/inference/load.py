@@ -16,14 +16,10 @@ from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.columns import COUNTS, IMAGE
 from t2twin.sim.taxels.layout import load_layout
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.onnx_export import OnnxEngine
 from t2twin.translate.inference.picture_predictor import ArrayPredictor, ImagePredictor
-from t2twin.translate.inference.predictor import (
-    CountsPredictor,
-    FieldPredictor,
-    not_predicted,
-    require,
-)
+from t2twin.translate.inference.predictor import CountsPredictor, not_predicted, require
 from t2twin.translate.models.presets import IMAGE_TO_COUNTS
 from t2twin.translate.runs.checkpoint import build, has_bf16, load_weights
 from t2twin.translate.runs.config import BEST, DEFAULT_RUN, RunConfig, load_config, resolve_run

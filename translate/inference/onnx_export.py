@@ -15,20 +15,26 @@ A field run also has
              dense_counts, dense_counts_std    (B, F) float32, counts, at their places
              force_n, force_std_n    (B,) float32, N, of a run trained on several forces
              shear_n, shear_std_n    (B, 2) float32, N, of a run trained on motion
+             frame_features  (B, n) float32, for the frame check
+             depth_mm, pressure_kpa, their standard deviations depth_std_mm and pressure_std_kpa,
+             and the probability of contact    (B, H, H) float32, and center_mm, center_std_mm
+             (B, 2) float32, of a run that predicts the contact
 
 In place of PyTorch, ONNX Runtime takes half the time per frame. For predictions the file is written
-without tactile images on first use, which takes seconds, and stored in the cache folder.
+on first use, which takes seconds, and stored in the cache folder. Predictions that a call does not
+need are removed before the file is opened.
 
 B is free. The metadata of the file contain the model, its preset, and the layout with its positions
 and full scale. Shape letters: c channels, S image side of the run, N taxels, F places of the dense
-counts, R rows and C columns.
+counts, R rows and C columns, n features, H side of the contact maps.
 """
 
 import hashlib
 import json
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -42,19 +48,16 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, temporary_folder
 from t2twin.core.machine import installed_version
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.translate.inference.predictor import (
-    COUNTS,
-    CountsPredictor,
-    FieldPredictor,
-    TrainedTranslator,
-    require,
-)
-from t2twin.translate.models.field_readout import FieldPrediction, FromPixels
+from t2twin.translate.data.images import to_input
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import COUNTS, CountsPredictor, TrainedTranslator, require
+from t2twin.translate.models.contact import ContactPrediction
+from t2twin.translate.models.field_readout import NAMES, FromPixels
 from t2twin.translate.runs.config import BEST
 
 INPUT, BACKGROUND = "images", "background"
 TACTILE_IMAGES = "tactile_images"
-OUTPUTS = (COUNTS, TACTILE_IMAGES, *FieldPrediction._fields[1:])
+OUTPUTS = (COUNTS, TACTILE_IMAGES, *NAMES[1:])
 """Outputs in order; only a field run has more than two, those that it predicts."""
 
 OPSET = 17
@@ -65,7 +68,7 @@ PARITY_IMAGES = 5
 
 PARITY_COUNTS = 1.0
 """Largest accepted difference, counts; for standard deviations above 1,000 counts, thousandths of
-them."""
+them; for depths, micrometers."""
 
 
 def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
@@ -93,7 +96,7 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
         difference = _difference(counts_run, pixels, temporary)
         if difference > PARITY_COUNTS:
             raise T2TwinError(
-                f"the ONNX file's counts differ from the run's by {difference:.1f}, more than "
+                f"the ONNX file's outputs differ from the run's by {difference:.1f}, more than "
                 f"{PARITY_COUNTS:g}; it was not written"
             )
     return difference
@@ -135,14 +138,18 @@ def _difference(run: CountsPredictor, pixels: np.ndarray, path: Path) -> float:
     """Largest difference between the outputs of the file and of the run, see PARITY_COUNTS."""
     session, images = open_onnx(path), _to_input(pixels)
     (counts,) = session.run([COUNTS], {INPUT: images})
-    difference = float(np.abs(counts - run.predict_pixels(pixels)).max())
+    differences = [np.abs(counts - run.predict_pixels(pixels))]
     if isinstance(run, FieldPredictor):
+        has_contact = run.predicts_contact
+        own = run.translator.predict_all(to_input(pixels / np.float32(255.0)), has_contact).named()
         (stds,) = session.run(["counts_std"], {INPUT: images})
-        own = run.estimate_pixels(pixels).counts_std
+        theirs = own["counts_std"].cpu().numpy()
         # Standard deviations are exponentials: rounding errors are relative.
-        relative = np.abs(stds - own) / np.maximum(1.0, own / 1e3)
-        difference = max(difference, float(relative.max()))
-    return difference
+        differences.append(np.abs(stds - theirs) / np.maximum(1.0, theirs / 1e3))
+        if has_contact:
+            (depth_mm,) = session.run(["depth_mm"], {INPUT: images})
+            differences.append(1e3 * np.abs(depth_mm - own["depth_mm"].cpu().numpy()))
+    return max(float(each.max()) for each in differences)
 
 
 def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
@@ -162,7 +169,8 @@ def _about(run: CountsPredictor, outputs: tuple[str, ...]) -> str:
         f"{run.config.model} of t2twin: images to the counts of {info.x_mm.size} taxels. "
         f"Input {INPUT}: {preset.size} x {preset.size} pixels, {color}, float32 in [0, 1], "
         f"upright, resized bilinearly with antialiasing. Outputs {', '.join(outputs)}: float32, "
-        f"counts from 0 to {info.full_scale_counts:g}, forces in newtons."
+        f"counts from 0 to {info.full_scale_counts:g}, forces in newtons, lengths in mm, pressures "
+        "in kPa."
     )
 
 
@@ -200,12 +208,12 @@ class OnnxEngine:
 
     run: CountsPredictor
 
-    def __call__(self, pixels: np.ndarray) -> dict[str, np.ndarray] | None:
+    def __call__(self, pixels: np.ndarray, with_contact: bool) -> dict[str, np.ndarray] | None:
         """See predictor.Compute. None for images with different background frames, as the file has
         one background frame per batch."""
-        if self._session is None:
+        session = self._session(with_contact)
+        if session is None:
             return None
-        session, names = self._session
         channels = 1 if self.run.config.preset.grey else 3
         inputs = {INPUT: _to_input(pixels[..., :channels])}
         frames = pixels[..., channels:]
@@ -213,23 +221,32 @@ class OnnxEngine:
             if not (frames == frames[:1]).all():
                 return None
             inputs[BACKGROUND] = _to_input(frames[:1])
+        names = [output.name for output in session.get_outputs()]
         return dict(zip(names, session.run(names, inputs), strict=True))
 
     @cached_property
-    def _session(self) -> tuple[Any, list[str]] | None:
-        """The session with the names of its outputs; None if the file cannot be written."""
+    def _session(self) -> Callable[[bool], Any]:
+        """Returns the session with the contact or without; None if the file cannot be written."""
+        return cache(self._open)
+
+    def _open(self, with_contact: bool) -> Any:
+        import onnx
+
         home = cache_dir()
         assert home is not None
         path = home / FOLDER / f"{_key(self.run)}.onnx"
         try:
-            model = read_checked(path)
-            if model is None:
-                model = _export(self.run, path.parent)
-                write_checked(path, model, MAX_FILES)
+            content = read_checked(path)
+            if content is None:
+                content = _export(self.run, path.parent)
+                write_checked(path, content, MAX_FILES)
         except (T2TwinError, OSError):
             return None
-        session = open_onnx(model, torch.get_num_threads())
-        return session, [output.name for output in session.get_outputs()]
+        model = onnx.load_from_string(content)
+        unused = {TACTILE_IMAGES, *(() if with_contact else ContactPrediction._fields)}
+        for output in [each for each in model.graph.output if each.name in unused]:
+            model.graph.output.remove(output)
+        return open_onnx(model.SerializeToString(), torch.get_num_threads())
 
 
 def _to_input(pixels: np.ndarray) -> np.ndarray:
@@ -239,15 +256,10 @@ def _to_input(pixels: np.ndarray) -> np.ndarray:
 
 def _export(run: CountsPredictor, parent: Path) -> bytes:
     """The content of a run's file. parent: folder for temporary files."""
-    import onnx
-
     parent.mkdir(parents=True, exist_ok=True)
     with temporary_folder(parent, "onnx") as folder:
         export_onnx(run, folder / "whole.onnx")
-        model = onnx.load(folder / "whole.onnx")
-    outputs = model.graph.output
-    outputs.remove(next(each for each in outputs if each.name == TACTILE_IMAGES))
-    return model.SerializeToString()
+        return (folder / "whole.onnx").read_bytes()
 
 
 def _key(run: CountsPredictor) -> str:

@@ -1,13 +1,12 @@
-"""Trained runs as predictors: of counts, and of dense counts with uncertainty, from images.
+"""Trained runs as predictors, and those that predict counts from images.
 
-Module picture_predictor has the others.
+Modules field_predictor and picture_predictor have the others.
 `predict` of every run takes what its source measures and returns what its target measures.
 
 `load.load` returns the class that fits the run. Attributes that only another class has raise a
 T2TwinError that names the kind of run that has them.
 
-Shape letters: B images, R rows, C columns, N taxels, F places of the dense counts, S image side of
-the run.
+Shape letters: B images, R rows, C columns, N taxels, S image side of the run.
 """
 
 import warnings
@@ -22,33 +21,22 @@ import torch
 from msgspec import structs
 
 from t2twin.core import arguments
-from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.progress import Progress
 from t2twin.core.renamed import hint
-from t2twin.sim.sensors.files import load_sensor
-from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.data.images import (
-    COLORS,
-    ONE,
     Images,
     check_pixels,
     image_list,
-    one_image,
     resized,
     to_input,
 )
 from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures
 from t2twin.translate.data.sides import TactilePictures
-from t2twin.translate.inference.contact import ContactEstimate, estimates_of
 from t2twin.translate.models.base import CountsTranslator, Translator
-from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.field_readout import FieldPrediction
+from t2twin.translate.models.field_readout import FEATURES
 from t2twin.translate.models.presets import IMAGE_TO_COUNTS
-from t2twin.translate.networks.frame_check import FrameCheck
-from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.runs.config import RunConfig
-from t2twin.translate.uncertainty.estimate import Estimate, concatenate
 from t2twin.translate.uncertainty.ood import (
     OODClass,
     classify_frame,
@@ -64,9 +52,12 @@ COUNTS = "counts"
 """Name of the counts in the outputs of an engine."""
 
 
-Compute = Callable[[np.ndarray], dict[str, np.ndarray] | None]
-"""Predicts pixels, as for `CountsPredictor.predict_pixels`: outputs by the names of the ONNX
-export; None if it cannot."""
+Outputs = dict[str, np.ndarray]
+"""Predictions for B images, by the names of the outputs of an ONNX file."""
+
+Compute = Callable[[np.ndarray, bool], Outputs | None]
+"""Predicts pixels, as for `CountsPredictor.predict_pixels`, with the contact or without; None if it
+cannot."""
 
 
 class NotPredicted(T2TwinError, AttributeError):
@@ -130,11 +121,10 @@ class CountsPredictor(TrainedTranslator):
         T2TwinError for other images, and for a background frame with another run.
         """
         frames, is_one = image_list(images)
-        pixels = self._pixels(frames, background)
-        counts = self.predict_pixels(pixels)
-        if warning := unlike(self._classes(frames, background, pixels), self.run_dir.name):
+        outputs, classes = self._predicted(frames, background)
+        if warning := unlike(classes, self.run_dir.name):
             warnings.warn(warning, T2TwinWarning, stacklevel=2)
-        return counts[0] if is_one else counts
+        return outputs[COUNTS][0] if is_one else outputs[COUNTS]
 
     def predict_pixels(
         self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None
@@ -145,20 +135,49 @@ class CountsPredictor(TrainedTranslator):
         a progress bar, or None.
         """
         self._check_pixels(pixels)
-        counts = [np.empty((0, self.config.data.array.x_mm.size), np.float32)]
+        return self._outputs(pixels, progress)[COUNTS]
+
+    def _predicted(
+        self,
+        frames: Sequence[np.ndarray],
+        background: np.ndarray | None,
+        with_contact: bool = False,
+    ) -> tuple[Outputs, list[OODClass]]:
+        """Predictions and (B,) classes of checked images, in one pass."""
+        pixels = self._pixels(frames, background)
+        outputs = self._outputs(pixels, None, with_contact, with_features=True)
+        return outputs, self._own_classes(frames, background, self._classified(pixels, outputs))
+
+    def _outputs(
+        self,
+        pixels: np.ndarray | Pictures | ImageFile,
+        progress: str | None = None,
+        with_contact: bool = False,
+        with_features: bool = False,
+    ) -> Outputs:
+        """Predictions for checked pixels. with_contact, with_features: whether they contain these,
+        if the run has them."""
+        found = []
         for part in parts_of(len(pixels), progress):
             batch = pixels[part]
-            outputs = self._compute(batch)
-            if outputs is not None:
-                counts.append(outputs[COUNTS])
-            else:
+            outputs = self._compute(batch, with_contact)
+            if outputs is None:
                 inputs = to_input(batch.astype(np.float32) / 255.0)
-                counts.append(self.translator.predict(inputs).cpu().numpy())
-        return np.concatenate(counts)
+                outputs = self._in_torch(inputs, with_contact, with_features)
+            elif not with_features:
+                outputs.pop(FEATURES, None)
+            found.append(outputs)
+        if not found:
+            return {COUNTS: np.empty((0, self.config.data.array.x_mm.size), np.float32)}
+        return {name: np.concatenate([each[name] for each in found]) for name in found[0]}
+
+    def _in_torch(self, inputs: torch.Tensor, with_contact: bool, with_features: bool) -> Outputs:
+        """As `_outputs`, for one batch."""
+        return {COUNTS: self.translator.predict(inputs).cpu().numpy()}
 
     @cached_property
     def _compute(self) -> Compute:
-        return (lambda _: None) if self.engine is None else self.engine(self)
+        return (lambda *_: None) if self.engine is None else self.engine(self)
 
     def tactile_images(self, images: Images) -> np.ndarray:
         """Tactile images of images: (R, C) or (B, R, C) float32, counts.
@@ -192,15 +211,16 @@ class CountsPredictor(TrainedTranslator):
         Arguments and errors: as for `predict`.
         """
         frames, _ = image_list(images)
-        return self._classes(frames, background, self._pixels(frames, background))
+        classes = self.classify(self._pixels(frames, background))
+        return self._own_classes(frames, background, classes)
 
-    def _classes(
-        self, frames: Sequence[np.ndarray], background: np.ndarray | None, pixels: np.ndarray
+    def _own_classes(
+        self, frames: Sequence[np.ndarray], background: np.ndarray | None, classes: list[OODClass]
     ) -> list[OODClass]:
-        """(B,) classes of checked images. pixels: as for `predict_pixels`."""
+        """(B,) classes of checked images at their own sizes. classes: those of their pixels."""
         aspect = self.config.data.camera.aspect
-        own = [classify_frame(frame, aspect, background) for frame in frames]
-        return list(map(combined, own, self.classify(pixels)))
+        own = (classify_frame(frame, aspect, background) for frame in frames)
+        return list(map(combined, own, classes))
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
         """(B,) classes of images, as for `predict_pixels`, by out-of-distribution detection.
@@ -209,6 +229,10 @@ class CountsPredictor(TrainedTranslator):
         with their background frames, if they have them.
         """
         self._check_pixels(pixels)
+        return self._classified(pixels, {})
+
+    def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
+        """As `classify`. outputs: predictions for the pixels."""
         images, inside = pixels[..., :3], OODClass.IN_DISTRIBUTION
         classes = like_training(self.config, images)
         if pixels.shape[-1] <= images.shape[-1]:
@@ -318,169 +342,3 @@ def like_training(config: RunConfig, images: np.ndarray) -> list[OODClass]:
 def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
     parts = [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
     return parts if progress is None else Progress(parts, desc=progress, unit="batch")
-
-
-MAX_FIELDS = 100_000
-"""Maximum number of arrays that one call samples (assumed: 90 MB with 216 places)."""
-
-NO_BACKGROUND = (
-    "no background frame is given, which makes predictions less accurate; give an image of the "
-    "same sensor without contact with --background"
-)
-"""The commands' recommendation for a field run."""
-
-
-@dataclass(frozen=True)
-class FieldPredictor(CountsPredictor):
-    """A run that predicts the dense counts, the counts of any layout, and their uncertainty."""
-
-    translator: FieldTranslator
-
-    PREDICTS: ClassVar[str] = "counts with uncertainty"
-    RUNS: ClassVar[str] = "a field run"
-
-    def classify(self, pixels: np.ndarray) -> list[OODClass]:
-        """See CountsPredictor. A run with a frame check uses it too."""
-        classes = super().classify(pixels)
-        if self._frame_check is None:
-            return classes
-        found: list[OODClass] = []
-        for part in parts_of(len(pixels), None):
-            inputs = to_input(pixels[part].astype(np.float32) / 255.0)
-            features = self.translator.frame_features(inputs).cpu()
-            found += self._frame_check.classify(features, pixels.shape[-1] > COLORS)
-        inside = OODClass.IN_DISTRIBUTION
-        return [b if a == inside else a for a, b in zip(classes, found, strict=True)]
-
-    @cached_property
-    def _array(self) -> TaxelArray | None:
-        """The array as in datasets, None if its file is not here."""
-        try:
-            sensor = load_sensor(self.config.data.array.sensor or self.config.data.array.layout)
-        except T2TwinError:
-            return None
-        return sensor.for_dataset() if isinstance(sensor, TaxelArray) else None
-
-    @cached_property
-    def _frame_check(self) -> FrameCheck | None:
-        """The run's frame check, if it has one. Raises T2TwinError for a damaged file."""
-        return load_frame_check(self.run_dir)
-
-    def estimate(self, images: Images, background: np.ndarray | None = None) -> Estimate:
-        """Counts, their standard deviations, the dense counts and the force.
-
-        Arguments and errors: as for `predict`; at least one image. `ood_class` of the result names
-        images for which it is not reliable.
-        """
-        frames, is_one = image_list(images)
-        pixels = self._pixels(frames, background)
-        estimate = self.estimate_pixels(pixels)
-        classes = np.array(self._classes(frames, background, pixels), dtype=object)
-        estimate = replace(estimate, ood_class=classes)
-        return estimate.first() if is_one else estimate
-
-    def contact(
-        self, images: Images, background: np.ndarray | None = None
-    ) -> ContactEstimate | list[ContactEstimate]:
-        """The contact itself: depth, pressure, force, center of pressure and shear force.
-
-        Arguments and errors: as for `predict`. Returns a ContactEstimate on the camera's view, in
-        the size of the image, or a list of them for several images. Its `notes` name what limits
-        it. Raises T2TwinError for a run that does not predict the contact.
-        """
-        if not self.predicts_contact:
-            raise NotPredicted(
-                f"{self.run_dir} does not predict the contact; train its layers with `t2twin train "
-                f"field --init-from {self.run_dir} --contact-alone` on a dataset with contact maps"
-            )
-        frames, is_one = image_list(images)
-        pixels = self._pixels(frames, background)
-        classes = self._classes(frames, background, pixels)
-        found: list[ContactEstimate] = []
-        for part in parts_of(len(pixels), None):
-            inputs = to_input(pixels[part].astype(np.float32) / 255.0)
-            sizes = [frame.shape[:2] for frame in frames[part]]
-            predicted = self.translator.predict_with_contact(inputs)
-            found += estimates_of(*predicted, sizes, self.config.data.camera.view_mm, classes[part])
-        return found[0] if is_one else found
-
-    @property
-    def predicts_contact(self) -> bool:
-        """Whether the run predicts the contact."""
-        return bool(self.config.data.has_contact)
-
-    def estimate_pixels(
-        self, pixels: np.ndarray | Pictures, progress: str | None = None
-    ) -> Estimate:
-        """As `estimate`, for one or more images as for `predict_pixels`."""
-        parts = []
-        self._check_pixels(pixels)
-        if not len(pixels):
-            raise T2TwinError("there is no image to estimate; expected at least one")
-        for part in parts_of(len(pixels), progress):
-            batch = pixels[part]
-            outputs = self._compute(batch)
-            if outputs is not None:
-                values = [outputs.get(name) for name in FieldPrediction._fields]
-            else:
-                inputs = to_input(batch.astype(np.float32) / 255.0)
-                prediction = self.translator.predict_field(inputs)
-                values = [None if each is None else each.cpu().numpy() for each in prediction]
-            full_scale = self.config.data.array.full_scale_counts
-            known = {"full_scale_counts": full_scale, "array": self._array}
-            parts.append(Estimate(*values, **known))  # pyright: ignore
-        return concatenate(parts)
-
-    def sample_dense_counts(
-        self,
-        images: Images,
-        number: int,
-        seed: int = 0,
-        background: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Dense counts sampled from the predicted distribution.
-
-        images, background: as for `predict`. number: samples per image; at most MAX_FIELDS in all.
-        Returns (number, F) float32, counts, for one image, (B, number, F) for several. The F places
-        are `config.data.array.dense_x_mm` and `dense_y_mm`. Raises T2TwinError as `predict`, and
-        for a number or a seed that is not a whole number in range.
-        """
-        arguments.whole_number(number, "number", low=1, high=MAX_FIELDS)
-        check_seed(seed)
-        frames, is_one = image_list(images)
-        if number * len(frames) > MAX_FIELDS:
-            raise T2TwinError(
-                f"{number} fields of {len(frames)} images are {number * len(frames)}; expected at "
-                f"most {MAX_FIELDS} in all"
-            )
-        inputs = to_input(self._pixels(frames, background).astype(np.float32) / 255.0)
-        prediction = self.translator.predict_field(inputs)
-        samples = self.translator.readout.sample(prediction, int(number), int(seed)).cpu().numpy()
-        return samples[0] if is_one else samples
-
-    def dense_images(self, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-        """Tactile images of an estimate's field and of its standard deviations.
-
-        estimate: of B images. Returns (B, R, C) float32 each, counts.
-        """
-        to_image = self.translator.dense_image.cpu()
-        field, std = (
-            to_image(torch.from_numpy(each)).numpy()
-            for each in (estimate.dense_counts, estimate.dense_counts_std)
-        )
-        return field, std
-
-    def with_background(self, pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
-        """(B, S, S, 6) uint8: pixels, (B, S, S, 3), each followed by a frame, (S, S, 3)."""
-        check_pixels(pixels, self.config.preset.size, (3,))
-        check_pixels(np.asarray(frame)[None], self.config.preset.size, (3,))
-        return np.concatenate([pixels, np.broadcast_to(frame, pixels.shape)], axis=-1)
-
-    def _pixels(
-        self, frames: Sequence[np.ndarray], background: np.ndarray | None = None
-    ) -> np.ndarray:
-        pixels = super()._pixels(frames)
-        if background is None:
-            return pixels
-        frame = one_image(background, "background", ONE)
-        return self.with_background(pixels, super()._pixels([frame])[0])

@@ -137,7 +137,7 @@ class ContactReadout(nn.Module):
         pressure = torch.where(probability > EVEN, outputs.pressure.clamp(min=0.0), 0.0)
         center, spread = center_of_pressure(pressure, std, self.view_mm)
         factor = interpolate_scale(spread.log(), self.contact_center_knots)
-        mm, kpa = self.contact_scale
+        mm, kpa = self.contact_scale[0], self.contact_scale[1]  # a trace cannot iterate
         return ContactPrediction(
             mm * outputs.depth, mm * depth_std, kpa * pressure, kpa * std,
             probability, center, spread * factor,

@@ -35,7 +35,6 @@ from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.base import CountsTranslator, adamw
 from t2twin.translate.models.contact import (
-    ContactPrediction,
     ContactReadout,
     contact_loss,
     contact_scale,
@@ -43,6 +42,7 @@ from t2twin.translate.models.contact import (
     fit_contact_knots,
 )
 from t2twin.translate.models.field_readout import (
+    AllPredictions,
     DenseImage,
     FieldPrediction,
     FieldReadout,
@@ -234,21 +234,22 @@ class FieldTranslator(CountsTranslator):
 
     def predict_field(self, images: torch.Tensor) -> FieldPrediction:
         """All predictions. images: as for `predict`."""
-        with torch.inference_mode():
-            return self.readout(self.outputs(images))
+        return self.predict_all(images).field
 
-    def predict_with_contact(
-        self, images: torch.Tensor
-    ) -> tuple[FieldPrediction, ContactPrediction]:
-        """All predictions of a run that predicts the contact. images: as for `predict`."""
+    def predict_all(
+        self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
+    ) -> AllPredictions:
+        """The predictions of one pass. images: as for `predict`. with_contact, with_features:
+        whether they contain these."""
         self.predictor.eval()
         with torch.inference_mode():
             with self.precision():
-                outputs = self.predictor(self._with_frame(images), True)
-            return self.readout(outputs), self.contact_readout(outputs.contact)
+                outputs = self.predictor(self._with_frame(images), with_contact, with_features)
+            contact = None if outputs.contact is None else self.contact_readout(outputs.contact)
+            return AllPredictions(self.readout(outputs), outputs.features, contact)
 
     def frame_features(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, n) features for the frame check. images: as for `predict`."""
+        """(B, n) features for the frame check, by the encoder alone. images: as for `predict`."""
         self.predictor.eval()
         with torch.inference_mode(), self.precision():
             return features_of(self.predictor.encoded(self._with_frame(images)))
@@ -344,8 +345,9 @@ class FieldTranslator(CountsTranslator):
 
     def as_module(self) -> nn.Module:
         """See CountsTranslator. The module also takes a background frame, (1, 3, S, S), and also
-        returns uncertainty, dense counts and force, as FromPixels describes."""
-        return FromPixels(self.predictor, self.readout, self.dense_image)
+        returns uncertainty, dense counts, force and contact, as FromPixels describes."""
+        contact = self.contact_readout if self.predictor.predicts_contact else None
+        return FromPixels(self.predictor, self.readout, self.dense_image, contact)
 
     def _errors_on(self, pairs: Pairs) -> Errors:
         assert pairs.dense_counts is not None

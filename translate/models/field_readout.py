@@ -13,6 +13,7 @@ from torch import nn
 
 from t2twin.sim.taxels.phi import barycentric
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
+from t2twin.translate.models.contact import ContactPrediction, ContactReadout
 from t2twin.translate.networks.field_net import KNOTS, FieldNet, FieldOutputs
 from t2twin.translate.uncertainty.calibration import interpolate_scale, standard_deviation
 
@@ -41,6 +42,29 @@ class FieldPrediction(NamedTuple):
     force_std_n: torch.Tensor | None
     shear_n: torch.Tensor | None = None
     shear_std_n: torch.Tensor | None = None
+
+
+class AllPredictions(NamedTuple):
+    """The predictions of one pass for B images.
+
+    features: (B, n), for the frame check, and contact: None unless they are wanted.
+    """
+
+    field: FieldPrediction
+    features: torch.Tensor | None
+    contact: ContactPrediction | None
+
+    def named(self) -> dict[str, torch.Tensor]:
+        """What is predicted, by the names in NAMES."""
+        parts = [*self.field, self.features, *(self.contact or ())]
+        return {name: each for name, each in zip(NAMES, parts, strict=False) if each is not None}
+
+
+FEATURES = "frame_features"
+"""Name of the features for the frame check."""
+
+NAMES = (*FieldPrediction._fields, FEATURES, *ContactPrediction._fields)
+"""Names of all predictions, in order."""
 
 
 class FieldReadout(nn.Module):
@@ -160,18 +184,24 @@ class FromPixels(nn.Module):
     """The whole prediction in float32 on the CPU.
 
     Inputs: RGB pixels in [0, 1], (B, 3, S, S), and a background frame, (1, 3, S, S). Outputs:
-    counts, tactile images, counts_std, dense_counts, dense_counts_std, and, if predicted, force_n,
-    force_std_n, shear_n, shear_std_n.
+    counts, tactile images, then the other predictions of NAMES that the network has.
     """
 
     mean: torch.Tensor
     std: torch.Tensor
 
-    def __init__(self, network: FieldNet, readout: FieldReadout, dense_image: DenseImage) -> None:
+    def __init__(
+        self,
+        network: FieldNet,
+        readout: FieldReadout,
+        dense_image: DenseImage,
+        contact: ContactReadout | None,
+    ) -> None:
         super().__init__()
-        self.network = deepcopy(network).cpu()
-        self.readout = deepcopy(readout).cpu()
-        self.dense_image = deepcopy(dense_image).cpu()
+        parts = (network, readout, dense_image, contact)
+        self.network, self.readout, self.dense_image, self.contact = (
+            None if each is None else deepcopy(each).cpu() for each in parts
+        )
         self.register_buffer("mean", torch.from_numpy(RGB_MEAN).view(3, 1, 1))
         self.register_buffer("std", torch.from_numpy(RGB_STD).view(3, 1, 1))
 
@@ -182,13 +212,16 @@ class FromPixels(nn.Module):
 
     def forward(self, pixels: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
         both = [(each - self.mean) / self.std for each in (pixels, background.expand_as(pixels))]
-        found = self.readout(self.network(torch.cat(both, dim=1)))
-        predicted = [each for each in found[1:] if each is not None]
-        return found.counts, self.dense_image(found.dense_counts), *predicted
+        outputs = self.network(torch.cat(both, dim=1), self.contact is not None, True)
+        contact = None if self.contact is None else self.contact(outputs.contact)
+        found = AllPredictions(self.readout(outputs), outputs.features, contact)
+        counts, *others = found.named().values()
+        return counts, self.dense_image(found.field.dense_counts), *others
 
     @property
     def missing(self) -> set[str]:
         """Names of the predictions that the network does not have."""
         force = () if self.readout.predicts_force else ("force_n", "force_std_n")
         shear = () if self.network.predicts_shear else ("shear_n", "shear_std_n")
-        return {*force, *shear}
+        contact = () if self.contact is not None else ContactPrediction._fields
+        return {*force, *shear, *contact}

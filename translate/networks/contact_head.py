@@ -14,6 +14,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from t2twin.translate.networks.spread import with_minimum
+
 MIN_DEPTH_SPREAD, MIN_PRESSURE_SPREAD = 2e-3, 1e-3
 """Minimum spreads, fractions of the scales of depth and pressure (assumed: a micrometer)."""
 
@@ -83,9 +85,9 @@ class ContactHead(nn.Module):
         spread = self.spread(found.detach()).float()
         return ContactOutputs(
             depth,
-            _log_add(MIN_DEPTH_SPREAD, spread[:, 0]),
+            with_minimum(MIN_DEPTH_SPREAD, spread[:, 0]),
             pressure,
-            _log_add(MIN_PRESSURE_SPREAD, spread[:, 1]),
+            with_minimum(MIN_PRESSURE_SPREAD, spread[:, 1]),
             logit,
         )
 
@@ -101,8 +103,3 @@ def _layer(channels: int, width: int, stride: int = 1) -> nn.Sequential:
     return nn.Sequential(
         nn.Conv2d(channels, width, 3, stride, 1, bias=False), nn.BatchNorm2d(width), nn.ReLU()
     )
-
-
-def _log_add(least: float, log_spread: torch.Tensor) -> torch.Tensor:
-    """The logarithm of the sum of a spread and its minimum; a hard bound has no gradient."""
-    return torch.log(torch.exp(log_spread) + least)

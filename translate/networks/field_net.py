@@ -26,7 +26,9 @@ from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.networks.contact_head import ContactHead, ContactOutputs
+from t2twin.translate.networks.frame_check import features_of
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
+from t2twin.translate.networks.spread import with_minimum
 from t2twin.translate.uncertainty.calibration import (
     FORCE_SHARES,
     PLACE_SHARES,
@@ -213,7 +215,8 @@ class FieldOutputs(NamedTuple):
     mean, log_spread: (B, F), field as a fraction of full scale, and logarithm of its raw spread.
     force, force_log_spread: (B,), standardized logarithm of the force, and the same of its spread.
     shear, shear_log_spread: (B, 2), standardized shear force along x and y, and logarithm of its
-    raw spread; None if it is not predicted. contact: None unless it is wanted.
+    raw spread; None if it is not predicted. contact, and features, (B, n), for the frame check: only
+    if they are wanted.
     """
 
     mean: torch.Tensor
@@ -223,6 +226,7 @@ class FieldOutputs(NamedTuple):
     shear: torch.Tensor | None = None
     shear_log_spread: torch.Tensor | None = None
     contact: ContactOutputs | None = None
+    features: torch.Tensor | None = None
 
 
 class FieldNet(nn.Module):
@@ -332,9 +336,11 @@ class FieldNet(nn.Module):
             maps = self.encoder.maps(inputs)
         return self.contact(inputs, maps)
 
-    def forward(self, images: torch.Tensor, with_contact: bool = False) -> FieldOutputs:
-        """images: (B, 6, S, S), normalized, each with its background frame. with_contact: whether
-        the outputs contain the contact."""
+    def forward(
+        self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
+    ) -> FieldOutputs:
+        """images: (B, 6, S, S), normalized, each with its background frame. with_contact,
+        with_features: whether the outputs contain these."""
         inputs = _encoder_input(images)
         maps = self.encoder.maps(inputs)
         fine, coarse, last = maps[-3:]
@@ -350,15 +356,17 @@ class FieldNet(nn.Module):
         scale = self.field_variance.sqrt()
         outputs = FieldOutputs(
             self.field_mean + scale * mean,
-            _log_add(MIN_SPREAD, scale.log() + spread),
+            with_minimum(MIN_SPREAD, scale.log() + spread),
             self.force(vector).float()[:, 0],
-            _log_add(MIN_FORCE_SPREAD, self.force_spread(detached).float()[:, 0]),
+            with_minimum(MIN_FORCE_SPREAD, self.force_spread(detached).float()[:, 0]),
             contact=self.contact(inputs, maps) if with_contact else None,
+            features=features_of(maps) if with_features else None,
         )
         if not self.predicts_shear:
             return outputs
         shear, spread = self.shear(*images.split(3, dim=1), detached)
-        return outputs._replace(shear=shear, shear_log_spread=_log_add(MIN_SHEAR_SPREAD, spread))
+        least = with_minimum(MIN_SHEAR_SPREAD, spread)
+        return outputs._replace(shear=shear, shear_log_spread=least)
 
     def _resample(self, view_map: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
         """A map of the view at the places of the dense counts, (B, C, D, E), zero outside the
@@ -370,11 +378,6 @@ def _encoder_input(images: torch.Tensor) -> torch.Tensor:
     """(B, 6, S, S): images and their differences from the background frames."""
     image, frame = images.split(3, dim=1)
     return torch.cat([image, DIFFERENCE_SCALE * (image - frame)], dim=1)
-
-
-def _log_add(least: float, log_spread: torch.Tensor) -> torch.Tensor:
-    """The logarithm of the sum of a spread and its minimum; a hard bound has no gradient."""
-    return torch.log(torch.exp(log_spread) + least)  # ONNX has no logaddexp
 
 
 def grid_of(x_mm: np.ndarray) -> tuple[int, int]:
