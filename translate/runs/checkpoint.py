@@ -25,7 +25,7 @@ from t2twin.translate.models.distributed import device
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
-from t2twin.translate.networks.field_net import SHEAR
+from t2twin.translate.networks.field_net import CONTACT, SHEAR
 from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import (
@@ -251,9 +251,10 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
     """Writes a copy of the later run whose weights are averaged. Its uncertainty must be calibrated
     again.
 
-    share: of the later run, 0 to 1. The earlier run may also predict shear, which the mean then
-    does not. Raises T2TwinError for a share outside this range, for folders that are not finished
-    runs, for runs of other networks, and if out exists.
+    share: of the later run, 0 to 1. The mean predicts shear and contact if the later run does; what
+    the earlier one does not predict, or with another scale, is that of the later one. Raises
+    T2TwinError for a share outside this range, for folders that are not finished runs, for runs of
+    other networks, and if out exists.
     """
     if not 0.0 <= share <= 1.0:
         raise T2TwinError(f"the share is {share:g}; it must be from 0 to 1")
@@ -266,7 +267,10 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
             raise T2TwinError(f"{run / BEST} does not exist; the run has not finished an epoch")
         weights.append(load_file(run / BEST))
     first, last = weights
-    first = {n: each for n, each in first.items() if n in last or not n.startswith(SHEAR)}
+    for part, scale in ((SHEAR, "shear_scale"), (CONTACT, "contact_scale")):
+        if scale not in first or scale not in last or not torch.equal(first[scale], last[scale]):
+            first = {name: each for name, each in first.items() if not name.startswith(part)}
+            first |= {name: each for name, each in last.items() if name.startswith(part)}
     if {n: each.shape for n, each in first.items()} != {n: each.shape for n, each in last.items()}:
         raise T2TwinError(f"{earlier} and {later} have different networks; expected equal ones")
     mean = {name: _mean(first[name], last[name], share) for name in last}
