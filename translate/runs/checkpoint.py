@@ -25,7 +25,7 @@ from t2twin.translate.models.distributed import device
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
-from t2twin.translate.networks.field_net import CONTACT, SHEAR
+from t2twin.translate.networks.field_net import CONTACT, SCALE, SHEAR
 from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import (
@@ -97,7 +97,8 @@ def save_weights(path: Path, network: nn.Module) -> None:
 def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ()) -> None:
     """Reads the weights of one network.
 
-    optional: first letters of names that the file may lack, or may have in addition.
+    optional: first letters of names that the file may lack, or may have in addition. It may lack
+    the factors of spreads, which runs of earlier versions do not have; they are 1 then.
     Raises T2TwinError if the file is missing, is of another network or has non-finite numbers.
     """
     if not path.is_file():
@@ -105,8 +106,9 @@ def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ())
     try:
         weights = load_file(path)
         _check_finite(path, weights)
-        own = {n: each for n, each in network.state_dict().items() if n.startswith(optional)}
-        required = {n: each for n, each in weights.items() if not n.startswith(optional)}
+        names = (*optional, f"{SCALE}.")
+        own = {n: each for n, each in network.state_dict().items() if n.startswith(names)}
+        required = {n: each for n, each in weights.items() if not n.startswith(names)}
         network.load_state_dict(required | {n: weights.get(n, own[n]) for n in own})
     except (SafetensorError, RuntimeError):
         raise T2TwinError(f"{path} does not fit the networks of its config.json") from None

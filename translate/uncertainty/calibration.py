@@ -5,7 +5,7 @@ The spread is multiplied by a factor that depends on the spread itself: a piecew
 in logarithms, given by knots. Each knot's factor makes 90 % intervals cover 90 % of the errors in
 its bin (temperature scaling by bins, Guo et al. 2017). The result is monotone, as in isotonic
 calibration. A second factor depends on the mean standard deviation of the press. The force has its
-own knots.
+own knots. Before, the spreads are multiplied by factors of the press (module spread_scale).
 
 The correlation of the standardized errors between places is one matrix for all images.
 
@@ -36,10 +36,9 @@ PRESS_SHARES = FORCE_SHARES = (0.125,) * 8
 SHEAR_SHARES = (0.125,) * 8
 """Share of all components of the shear force in the bin of each knot (assumed)."""
 
-MIN_STD = 33.0 / 40_000.0
-"""Smallest standard deviation, fraction of full scale: the noise of a sample of a real array at
-rest, 74 counts a reading (median, benchmark `recordings`) over the square root of 5 readings.
-Without it, intervals of positions far from a contact are too narrow (measured)."""
+MIN_STD = 10.0 / 40_000.0
+"""Smallest standard deviation, fraction of full scale (assumed: 10 counts, about the error where
+nothing touches). The noise of readings is many times larger, and not contained."""
 
 MIN_ERRORS = 100
 """Minimum number of errors in a bin (assumed: a 90 % quantile of fewer is unreliable)."""
@@ -64,14 +63,17 @@ class Errors:
 
     dense_counts: (P, F), errors as a fraction of full scale. spread: (P, F), raw spreads of the
     network. force: (P,), errors of the force's logarithm. force_spread: (P,), raw spreads of these.
-    shear, shear_spread: (M, 2), the same of the shear force of the M presses that have moved, if it
-    is predicted and known.
+    of_place, of_press: features of places and presses, see spread_scale.SpreadScale. shear,
+    shear_spread: (M, 2), the same of the shear force of the M presses that have moved, if it is
+    predicted and known.
     """
 
     dense_counts: torch.Tensor
     spread: torch.Tensor
     force: torch.Tensor
     force_spread: torch.Tensor
+    of_place: torch.Tensor | None = None
+    of_press: torch.Tensor | None = None
     shear: torch.Tensor | None = None
     shear_spread: torch.Tensor | None = None
 

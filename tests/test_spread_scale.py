@@ -1,0 +1,94 @@
+"""Factors of spreads, fitted to presses whose errors follow a known rule."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.networks.field_net import SCALE, FieldNet
+from t2twin.translate.runs.checkpoint import load_weights, save_weights
+from t2twin.translate.uncertainty.calibration import HALF_WIDTH, Errors
+from t2twin.translate.uncertainty.spread_scale import SpreadScale, fit_scale, scaled
+
+PLACES, PRESSES = 4, 3000
+
+
+def known(presses: int = PRESSES) -> tuple[SpreadScale, Errors, torch.Tensor]:
+    """Presses with raw spreads of 1 % (force 0.1); half of the errors are three times as wide as
+    the others', and the light alone tells which."""
+    generator = torch.Generator().manual_seed(1)
+    at = np.linspace(-9.0, 9.0, PLACES)
+    scale = SpreadScale(at, at, (6.0, 8.0), (1, PLACES), 12)
+    in_other_light = torch.rand(presses, generator=generator) < 0.5
+    shift = torch.where(in_other_light, 1.0, 0.0)[:, None, None, None]
+    images = torch.rand(presses, 6, 12, 12, generator=generator) + shift
+    share = torch.rand(presses, PLACES, generator=generator)
+    force = torch.randn(presses, generator=generator)
+    spread, of_force = torch.full((presses, PLACES), 0.01), torch.full((presses,), 0.1)
+    features = scale.features(
+        images, torch.full((3, 12, 12), 0.5), share, spread.log(), force, of_force.log()
+    )
+    width = torch.where(in_other_light, 3.0, 1.0)
+    noise = torch.randn(presses, PLACES + 1, generator=generator) * width[:, None]
+    errors = Errors(0.01 * noise[:, :-1], spread, 0.1 * noise[:, -1], of_force, *features)
+    return scale, errors, in_other_light
+
+
+def test_unfitted_factors_are_one() -> None:
+    scale, errors, _ = known(20)
+    fit_scale(scale, [errors])  # too few presses
+    found = scaled(scale, errors)
+    assert torch.equal(found.spread, errors.spread)
+    assert torch.equal(found.force_spread, errors.force_spread)
+
+
+def test_intervals_cover_nine_tenths_in_each_light() -> None:
+    scale, errors, in_other_light = known()
+    fit_scale(scale, [errors])
+    found = scaled(scale, errors)
+    for part, width in ((in_other_light, 3.0), (~in_other_light, 1.0)):
+        for error, spread, raw in (
+            (found.dense_counts, found.spread, 0.01),
+            (found.force, found.force_spread, 0.1),
+        ):
+            within = (error[part].abs() <= HALF_WIDTH * spread[part]).float().mean()
+            assert 0.88 < float(within) < 0.92
+            assert float(spread[part].median()) == pytest.approx(raw * width, rel=0.1)
+    raw = (errors.dense_counts[in_other_light].abs() <= HALF_WIDTH * 0.01).float().mean()
+    assert float(raw) < 0.5  # without the factors
+    again = scale.state_dict()
+    fit_scale(scale, [errors])
+    assert all(torch.equal(each, again[name]) for name, each in scale.state_dict().items())
+    scale.reset()
+    assert torch.equal(scaled(scale, errors).spread, errors.spread)
+
+
+def test_a_feature_far_outside_changes_an_interval_by_a_bounded_factor() -> None:
+    scale, errors, _ = known()
+    fit_scale(scale, [errors])
+    assert errors.of_place is not None and errors.of_press is not None
+    place, force = scale(1e3 * errors.of_place, -1e3 * errors.of_press)
+    for each in (place, force):
+        assert torch.isfinite(each).all() and each.abs().max() <= 3.0
+
+
+def test_weights_of_earlier_versions_have_factors_of_one(tmp_path: Path) -> None:
+    places = np.repeat([0.0, 2.5, 5.0], 3), np.tile([0.0, 2.5, 5.0], 3)
+    network = FieldNet(*places, (6.0, 8.0), 32, 16)
+    save_weights(tmp_path / "new.safetensors", network)
+    weights = load_file(tmp_path / "new.safetensors")
+    old = {name: each for name, each in weights.items() if not name.startswith(SCALE)}
+    assert len(old) < len(weights)
+    save_file(old, tmp_path / "old.safetensors")
+    other = FieldNet(*places, (6.0, 8.0), 32, 16)
+    load_weights(tmp_path / "old.safetensors", other)
+    images = torch.rand(2, 6, 32, 32)
+    for each, before in zip(other.eval()(images)[:4], network.eval()(images)[:4], strict=True):
+        assert torch.equal(each, before)
+    del old["force.weight"]
+    save_file(old, tmp_path / "damaged.safetensors")
+    with pytest.raises(T2TwinError, match="does not fit"):
+        load_weights(tmp_path / "damaged.safetensors", other)

@@ -1,0 +1,215 @@
+"""Factors of raw spreads by what predicts the errors of a press.
+
+A spread of the network ranks the errors within a press well, but hardly those of different presses.
+A network with two small layers predicts how much wider or narrower intervals must be. It knows the
+predicted counts and force, the place relative to the view, the share of the contact at the view's
+edge and outside, the distance of the light from the mean frame, and whether there is a background
+frame. It is fitted to held-out presses with the pinball loss of the 90 % quantile of the errors
+(Koenker and Bassett 1978), as in conformalized quantile regression (Romano et al. 2019). The knots
+of module calibration then have little left to correct.
+
+Shape letters: P presses, F places of the dense counts, S image side, N features.
+"""
+
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional
+
+from t2twin.translate.uncertainty.calibration import HALF_WIDTH, LEVEL, Errors
+
+WIDTH = 24
+"""Width of the layers (assumed; 48 gains nothing)."""
+
+CELLS = 6
+"""Cells along each side of an image, whose mean colors are compared with the mean frame (assumed:
+some are without contact)."""
+
+LEAST_SHARE = 5e-4
+"""Added to predicted counts before their logarithm is taken, fraction of full scale (assumed: 20
+counts, the error where nothing touches)."""
+
+LEAST_COLOR = 0.01
+"""The same for differences of colors, in their standard deviations (assumed)."""
+
+EDGE_MM = 1.5
+"""Distance from the view's edge within which a place is at the edge, mm (assumed: most of the
+distance of neighboring places)."""
+
+FARTHEST_MM = 6.0
+"""Distance from the view's edge beyond which places are alike, mm (assumed)."""
+
+LIMIT = 4.0
+"""Limit of a standardized feature (assumed), so that nothing is extrapolated far."""
+
+LOG_LIMITS = (-2.0, 3.0)
+"""Limits of a factor's logarithm (assumed)."""
+
+OF_PLACE, OF_PRESS = 5, 12
+"""Features of a place, and of a press."""
+
+LEAST_ERROR = 6e-5
+"""Errors below it count alike, fraction of full scale, or standard deviations of the force's
+logarithm (assumed: 2.5 counts)."""
+
+LEAST_DEVIATION = 1e-3
+"""Least standard deviation of a feature (assumed), for features that hardly vary."""
+
+MIN_PRESSES = 500
+"""Minimum number of held-out presses for a fit (assumed: fewer do not represent other presses)."""
+
+STEPS, BATCH, RATE, WEIGHT_DECAY, SEED = 700, 64, 0.01, 0.01, 0
+"""Of the fit (assumed: 1,500 and 3,000 steps gain nothing on presses of other shapes)."""
+
+
+class SpreadScale(nn.Module):
+    """Logarithms of the factors of the raw spreads; 0 until it is fitted.
+
+    x_mm, y_mm: (F,) the places, mm. view_mm: half the width and half the height of the view, mm.
+    grid: columns and rows of the places. size: S.
+    """
+
+    outside_mm: torch.Tensor
+    center: torch.Tensor
+    deviation: torch.Tensor
+
+    def __init__(
+        self,
+        x_mm: np.ndarray,
+        y_mm: np.ndarray,
+        view_mm: tuple[float, float],
+        grid: tuple[int, int],
+        size: int,
+    ) -> None:
+        super().__init__()
+        self.grid, self.cell = grid, max(1, size // CELLS)
+        outside_mm = np.maximum(np.abs(x_mm) - view_mm[0], np.abs(y_mm) - view_mm[1])
+        self.register_buffer("outside_mm", torch.from_numpy(outside_mm).float(), persistent=False)
+        self.place, self.force = _layers(OF_PLACE + OF_PRESS), _layers(OF_PRESS)
+        self.register_buffer("center", torch.zeros(OF_PLACE + OF_PRESS))
+        self.register_buffer("deviation", torch.ones(OF_PLACE + OF_PRESS))
+        self.requires_grad_(False)
+
+    def reset(self) -> None:
+        """Sets all factors to 1."""
+        for layers in (self.place, self.force):
+            for each in layers[-1].parameters():
+                each.zero_()
+
+    def features(
+        self,
+        images: torch.Tensor,
+        mean_frame: torch.Tensor,
+        mean: torch.Tensor,
+        log_spread: torch.Tensor,
+        force: torch.Tensor,
+        force_log_spread: torch.Tensor,
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """(P, F, OF_PLACE) features of the places and (P, OF_PRESS) of the press.
+
+        images: (P, 6, S, S), each with its background frame. mean_frame: (3, S, S). The others are
+        outputs of the network.
+        """
+        share = mean.clamp(0.0, 1.0)
+        total = share.sum(dim=1) + LEAST_SHARE * share.shape[1]
+        around = functional.max_pool2d(share.unflatten(1, (1, *self.grid)), 3, 1, 1).flatten(1)
+        log_share, log_around = (share + LEAST_SHARE).log(), (around + LEAST_SHARE).log()
+        near = (self.outside_mm.abs() < EDGE_MM).float()
+        outside = (self.outside_mm > 0).float()
+        at = self.outside_mm.clamp(-FARTHEST_MM, FARTHEST_MM).expand_as(share)
+        of_place = [log_spread, log_share, log_around, at, log_around - log_share]
+        image, frame = images.float().split(3, dim=1)
+        light, of_frame, touched = (
+            _cells(each, self.cell) for each in (image - mean_frame, frame - mean_frame, image - frame)
+        )
+        of_press = [
+            log_spread.mean(dim=1), log_share.mean(dim=1), total.log(), force, force_log_spread,
+            share @ near / total, share @ outside / total,
+            light.mean(dim=1), light.amin(dim=1), of_frame.mean(dim=1),
+            touched.mean(dim=1), touched.amax(dim=1),
+        ]  # fmt: skip
+        return torch.stack(of_place, dim=2), torch.stack(of_press, dim=1)
+
+    def forward(
+        self, of_place: torch.Tensor, of_press: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Logarithms of the factors, of the dense counts, (P, F), and of the force, (P,).
+
+        of_place, of_press: the features.
+        """
+        both = torch.cat(
+            [of_place, of_press[:, None].expand(-1, of_place.shape[1], -1)], dim=2
+        ).float()
+        known = ((both - self.center) / self.deviation).clamp(-LIMIT, LIMIT)
+        of_places, of_force = self.place(known), self.force(known[:, 0, OF_PLACE:])
+        return of_places[..., 0].clamp(*LOG_LIMITS), of_force[..., 0].clamp(*LOG_LIMITS)
+
+
+def fit_scale(scale: SpreadScale, datasets: Sequence[Errors]) -> None:
+    """Fits the factors to held-out presses, in place; with fewer than MIN_PRESSES they stay.
+
+    datasets: raw spreads and errors, with features.
+    """
+    of_place, of_press, error, spread, force_error, force_spread = (
+        torch.cat([getattr(each, name) for each in datasets])
+        for name in ("of_place", "of_press", "dense_counts", "spread", "force", "force_spread")
+    )
+    if len(of_press) < MIN_PRESSES:
+        return
+    log_spread, force_log_spread = spread.log(), force_spread.log()
+    with torch.random.fork_rng(devices=[]), torch.enable_grad():
+        torch.manual_seed(SEED)
+        fitted = deepcopy(scale).cpu()
+        fitted.place, fitted.force = _layers(OF_PLACE + OF_PRESS), _layers(OF_PRESS)
+        parts = (of_place.flatten(0, 1), of_press)
+        fitted.center.copy_(torch.cat([part.mean(dim=0) for part in parts]))
+        deviation = torch.cat([part.std(dim=0, correction=0) for part in parts])
+        fitted.deviation.copy_(deviation.clamp(min=LEAST_DEVIATION))
+        optimizer = torch.optim.AdamW(fitted.parameters(), RATE, weight_decay=WEIGHT_DECAY)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, STEPS)
+        for _ in range(STEPS):
+            batch = torch.randint(len(of_press), (BATCH,))
+            place, force = fitted(of_place[batch], of_press[batch])
+            loss = _quantile_loss(error[batch], log_spread[batch] + place)
+            loss = loss + _quantile_loss(force_error[batch], force_log_spread[batch] + force)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            schedule.step()
+    scale.load_state_dict(fitted.state_dict())
+
+
+def scaled(scale: SpreadScale, errors: Errors) -> Errors:
+    """The errors with their spreads times the factors. errors: with features."""
+    assert errors.of_place is not None and errors.of_press is not None
+    device = scale.center.device
+    found = scale(errors.of_place.to(device), errors.of_press.to(device))
+    place, force = (each.exp().cpu() for each in found)
+    return replace(errors, spread=errors.spread * place, force_spread=errors.force_spread * force)
+
+
+def _quantile_loss(errors: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
+    """Pinball loss of the logarithm of half the interval's width."""
+    half_width = HALF_WIDTH * log_std.exp()
+    beyond = (errors.abs() + LEAST_ERROR).log() - (half_width + LEAST_ERROR).log()
+    return torch.maximum(LEVEL * beyond, (LEVEL - 1.0) * beyond).mean()
+
+
+def _layers(features: int) -> nn.Sequential:
+    """Two hidden layers; the result is 0 until they are fitted."""
+    last = nn.Linear(WIDTH, 1)
+    nn.init.zeros_(last.weight)
+    nn.init.zeros_(last.bias)
+    return nn.Sequential(
+        nn.Linear(features, WIDTH), nn.SiLU(), nn.Linear(WIDTH, WIDTH), nn.SiLU(), last
+    )
+
+
+def _cells(difference: torch.Tensor, side: int) -> torch.Tensor:
+    """(P, n) logarithms of the colors' mean absolute difference in each cell of images."""
+    means = functional.avg_pool2d(difference, side).abs().mean(dim=1)
+    return (means + LEAST_COLOR).log().flatten(1)
