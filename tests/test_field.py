@@ -2,7 +2,6 @@
 calibrated."""
 
 import shutil
-from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -34,7 +33,7 @@ from t2twin.translate.inference.predictor import require
 from t2twin.translate.models import field as field_model
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
-from t2twin.translate.networks.field_net import FieldNet, grid_of, resampling_weights
+from t2twin.translate.networks.field_net import SCALE, FieldNet, grid_of, resampling_weights
 from t2twin.translate.training.recalibrate import recalibrate
 from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import load_examples
@@ -209,7 +208,8 @@ def test_the_spread_takes_nothing_from_the_mean(data_dir: Path) -> None:
     said = translator.network(torch.randn(4, 6, 64, 64))
     (said.mean.sum() + said.force.sum()).backward()
     own = {n for n, p in translator.network.named_parameters() if p.grad is not None} - touched
-    rest = {n for n, _ in translator.network.named_parameters() if "spread" not in n}
+    weights = [n for n, _ in translator.network.named_parameters() if not n.startswith(SCALE)]
+    rest = {n for n in weights if "spread" not in n}
     assert own == rest
 
 
@@ -310,7 +310,7 @@ def test_few_presses_that_all_hit_leave_standard_deviations() -> None:
     assert torch.isfinite(std).all() and (std > 0).all()
 
 
-def test_no_standard_deviation_is_below_the_noise_of_a_real_array() -> None:
+def test_no_standard_deviation_is_below_the_smallest() -> None:
     knots = identity_knots(3)
     std = standard_deviation(torch.tensor([[1e-6, 0.02]]).log(), knots, knots)
     torch.testing.assert_close(std, torch.tensor([[MIN_STD, 0.02]]))
@@ -477,23 +477,20 @@ def test_background_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) 
     assert torch.equal(examples.force_n[kept], plain.force_n[kept])
 
 
-def test_calibrated_on_random_shapes_if_there_are_enough(
-    run: FieldPredictor, data_dir: Path, monkeypatch: pytest.MonkeyPatch
+def test_calibrated_mostly_on_random_shapes_if_there_are_enough(
+    data_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pairs = load_pairs(data_dir, "val", 64, False, with_dense_counts=True)
     families = pairs.families.copy()
     families[::2] = "square"
     mixed = replace(pairs, families=families)
-    monkeypatch.setattr(field_model, "MIN_RANDOM_PRESSES", len(pairs) // 2)
-    found = field_model._like_new_shapes(mixed)
-    assert len(found) == len(pairs) // 2 and set(found.families) == {"random"}
-    translator = deepcopy(translator_of(run))
-    translator.calibrate(mixed)
-    knots = translator.predictor.place_knots.clone()
-    translator.calibrate(found)
-    assert torch.equal(translator.predictor.place_knots, knots)
-    monkeypatch.setattr(field_model, "MIN_RANDOM_PRESSES", len(pairs))
-    assert field_model._like_new_shapes(mixed) is mixed
+    random = int((families == "random").sum())
+    monkeypatch.setattr(field_model, "MIN_RANDOM_PRESSES", random)
+    found = field_model._mostly_new_shapes(mixed)
+    assert (found.families == "random").sum() == random
+    assert len(found) == random + random // 3
+    monkeypatch.setattr(field_model, "MIN_RANDOM_PRESSES", random + 1)
+    assert field_model._mostly_new_shapes(mixed) is mixed
 
 
 def test_tempered_on_several_recipes(

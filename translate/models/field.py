@@ -20,6 +20,7 @@ Shape letters: B batch, S image side, N taxels, F places of the dense counts.
 
 from collections.abc import Iterator
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from typing import Self
 
@@ -53,10 +54,11 @@ from t2twin.translate.models.field_readout import (
 )
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.contact_head import ContactOutputs
-from t2twin.translate.networks.field_net import CONTACT, SHEAR, FieldNet, FieldOutputs
+from t2twin.translate.networks.field_net import CONTACT, SCALE, SHEAR, FieldNet, FieldOutputs
 from t2twin.translate.networks.frame_check import features_of
 from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
 from t2twin.translate.uncertainty.likelihood import negative_log_likelihood
+from t2twin.translate.uncertainty.spread_scale import fit_scale, scaled
 
 ABSOLUTE_WEIGHT = 0.1
 """Weight of the absolute error of the dense counts relative to the squared one, both divided by
@@ -137,8 +139,11 @@ MEAN_FRAME_IMAGES = 2000
 """Images averaged to the mean frame if the pairs have no background frames (assumed)."""
 
 MIN_RANDOM_PRESSES = 500
-"""Minimum number of validation presses of random shapes for a calibration without the other ones
+"""Minimum number of validation presses of random shapes for a calibration mostly on these
 (assumed)."""
+
+OTHER_PRESSES = 1 / 3
+"""Presses of other shapes in a calibration, relative to those of random shapes (assumed)."""
 
 BATCH_SIZE = 64
 """Images in one batch of prediction; bounds memory."""
@@ -163,7 +168,7 @@ class FieldTranslator(CountsTranslator):
         )  # fmt: skip
         super().__init__(preset, info, device, bf16, {"field": self.network})
         weights = [*self.network.named_parameters()]
-        own = [each for name, each in weights if not name.startswith((SHEAR, CONTACT))]
+        own = [each for name, each in weights if not name.startswith((SHEAR, CONTACT, SCALE))]
         self.optimizers = {"field": adamw(own, preset)}
         if self.network.predicts_shear:
             self.optimizers[SHEAR] = adamw(self.network.shear.parameters(), preset, NEW_RATE_SHARE)
@@ -272,14 +277,24 @@ class FieldTranslator(CountsTranslator):
 
     def calibrate(self, *sets: Pairs) -> None:
         """See Translator: sets the knots and the correlation of the predictor."""
-        if self.predictor.predicts_contact:
+        network, chosen = self.predictor, [_mostly_new_shapes(pairs) for pairs in sets]
+        if network.predicts_contact:
             vars(self).pop("contact_readout", None)
-            parts = [each for pairs in sets for each in self._contacts_on(_like_new_shapes(pairs))]
-            fit_contact_knots(self.predictor, self.info.camera.view_mm, parts)
+            parts = [each for pairs in chosen for each in self._contacts_on(pairs)]
+            fit_contact_knots(network, self.info.camera.view_mm, parts)
         if self.is_contact_alone:
             return
-        found = fit_calibration([self._errors_on(_like_new_shapes(pairs)) for pairs in sets])
-        network = self.predictor
+        network.scale.reset()
+        errors = [self._errors_on(pairs) for pairs in chosen]
+        errors += [
+            replace(
+                self._errors_on(replace(pairs, backgrounds=None)), shear=None, shear_spread=None
+            )
+            for pairs in chosen
+            if pairs.backgrounds is not None
+        ]
+        fit_scale(network.scale, errors)
+        found = fit_calibration([scaled(network.scale, each) for each in errors])
         network.place_knots.copy_(found.place)
         network.press_knots.copy_(found.press)
         if predicts_force(network):
@@ -358,7 +373,11 @@ class FieldTranslator(CountsTranslator):
             error = field / self.full_scale - outputs.mean.clamp(0.0, 1.0)
             force_error = force_target(self.predictor, force) - outputs.force
             spreads = outputs.log_spread.exp(), outputs.force_log_spread.exp()
-            values = [error, spreads[0], force_error, spreads[1]]
+            with_frame = self._with_frame(to_input(pairs.inputs[part].astype(np.float32) / 255.0))
+            features = self.predictor.scale.features(
+                with_frame, self.predictor.mean_frame, *outputs[:4]
+            )
+            values = [error, spreads[0], force_error, spreads[1], *features]
             if pairs.shear_n is not None and outputs.shear is not None:
                 assert outputs.shear_log_spread is not None
                 shear = torch.from_numpy(pairs.shear_n[part].astype(np.float32)).to(self.device)
@@ -398,12 +417,16 @@ class FieldTranslator(CountsTranslator):
         return both.contiguous(memory_format=torch.channels_last)
 
 
-def _like_new_shapes(pairs: Pairs) -> Pairs:
-    """The presses of random shapes, or all presses if there are few of these.
+def _mostly_new_shapes(pairs: Pairs) -> Pairs:
+    """The presses of random shapes and a third as many others, or all presses if there are few of
+    random shapes.
 
-    Versions of trained primitives have smaller errors than new shapes. With 90 % intervals that are
-    calibrated on all presses of `pretrained-3`, 87 % of the errors on random shapes are within
-    them, and 92 % of those on primitives (measured).
+    Versions of trained primitives have smaller errors than new shapes, and users press both.
     """
-    random = np.flatnonzero(pairs.families == RANDOM_FAMILY)
-    return pairs.subset(random) if len(random) >= MIN_RANDOM_PRESSES else pairs
+    is_random = pairs.families == RANDOM_FAMILY
+    others = np.flatnonzero(~is_random)
+    if is_random.sum() < MIN_RANDOM_PRESSES:
+        return pairs
+    number = min(len(others), int(is_random.sum() * OTHER_PRESSES))
+    others = np.random.default_rng(0).choice(others, number, replace=False)
+    return pairs.subset(np.sort(np.append(np.flatnonzero(is_random), others)))

@@ -36,6 +36,7 @@ from t2twin.translate.uncertainty.calibration import (
     SHEAR_SHARES,
     identity_knots,
 )
+from t2twin.translate.uncertainty.spread_scale import SpreadScale
 
 IMAGE_SIDE = 96
 """Side of the images that displacements are measured on, pixels (assumed: most markers of sampled
@@ -195,8 +196,9 @@ MIN_FORCE_SPREAD = 0.01
 MIN_SHEAR_SPREAD = 0.01
 """Minimum spread of the shear force, in root mean squares of the training presses (assumed)."""
 
-SHEAR, CONTACT = "shear", "contact"
-"""First letters of the names of the weights and buffers of the shear force, and of the contact."""
+SHEAR, CONTACT, SCALE = "shear", "contact", "scale"
+"""First letters of the names of the weights and buffers of the shear force, of the contact, and of
+the factors of the spreads, which belong to the calibration."""
 
 CONTACT_KNOTS = {
     "contact_depth_knots": PLACE_SHARES,
@@ -243,7 +245,8 @@ class FieldNet(nn.Module):
     - field_mean, (F,), and field_variance, its mean over the places, fractions of full scale and of
       its square;
     - force_scale, (2,), mean and standard deviation of the forces' logarithms;
-    - place_knots, press_knots, force_knots, (2, K), and correlation, (F, F), the calibration;
+    - place_knots, press_knots, force_knots, (2, K), and correlation, (F, F), the calibration, to
+      which the factors of `scale` belong, which the spreads have in evaluation mode;
     - shear_scale, (), root mean square of the training presses' shear force, N, and shear_knots,
       if it is predicted;
     - contact_scale, (2,), root mean squares of depth, mm, and pressure, kPa, in the training
@@ -324,6 +327,7 @@ class FieldNet(nn.Module):
             self.register_buffer("contact_scale", torch.zeros(2))
             for name, shares in CONTACT_KNOTS.items():
                 self.register_buffer(name, identity_knots(len(shares)))
+        self.scale = SpreadScale(x_mm, y_mm, view_mm, self.grid, size)
 
     def encoded(self, images: torch.Tensor) -> tuple[torch.Tensor, ...]:
         """The encoder's maps. images: as for `forward`."""
@@ -362,11 +366,22 @@ class FieldNet(nn.Module):
             contact=self.contact(inputs, maps) if with_contact else None,
             features=features_of(maps) if with_features else None,
         )
+        if not self.training:
+            outputs = self._scaled(outputs, images)
         if not self.predicts_shear:
             return outputs
         shear, spread = self.shear(*images.split(3, dim=1), detached)
         least = with_minimum(MIN_SHEAR_SPREAD, spread)
         return outputs._replace(shear=shear, shear_log_spread=least)
+
+    def _scaled(self, outputs: FieldOutputs, images: torch.Tensor) -> FieldOutputs:
+        """The outputs with the spreads of dense counts and force times their factors."""
+        with torch.autocast(images.device.type, enabled=False):
+            place, force = self.scale(*self.scale.features(images, self.mean_frame, *outputs[:4]))
+        return outputs._replace(
+            log_spread=outputs.log_spread + place,
+            force_log_spread=outputs.force_log_spread + force,
+        )
 
     def _resample(self, view_map: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
         """A map of the view at the places of the dense counts, (B, C, D, E), zero outside the
