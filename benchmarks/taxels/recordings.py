@@ -53,6 +53,7 @@ BENCHMARK = Benchmark(
     sources=("sim/taxels", "sim/contact"),
     figures=(
         Figure("largest_counts.*", "counts"),
+        Figure("untouched_zero_percent", "%", most=8),
         *(
             Figure(f"ratio.{name}.{key}", most=1 + TOLERANCE, least=1 - TOLERANCE)
             for name, figures in REAL.items()
@@ -127,6 +128,7 @@ def simulate(array: TaxelArray, arrays: int) -> dict[str, Any]:
     kept = np.concatenate(released, axis=1)
     at_rest = np.concatenate(untouched, axis=1)
     return {
+        "untouched_zero_percent": float(100 * (at_rest == 0).mean()),  # of real ones 3 %
         "largest_counts": percentiles(np.array(largest), ("25", "50", "75")),
         "simulated": {
             "untouched_noise_counts": _like("untouched_noise_counts", at_rest.std(axis=0)),

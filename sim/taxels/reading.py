@@ -46,9 +46,10 @@ class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
         added, as in a resistive matrix (assumed).
     gain_spread: standard deviation of the taxels' gains around 1, fixed for an array (assumed).
     dead: indices of taxels that read 0.
-    noise_counts: standard deviation of the noise of each reading over the taxels, counts.
-    offset_counts: offset over the taxels, counts. A taxel has the same rank in both. They are those
-        before the reading is clipped to 0, which raises the mean and lowers the deviation.
+    offset_counts, noise_counts: mean and standard deviation of readings without contact over the
+        taxels, counts. A taxel has the same rank in both. The readings have a lognormal
+        distribution (assumed: real ones are often far above their mean and hardly ever 0) and are
+        independent. Noise needs an offset.
     load_noise_counts, load_noise_spread, load_noise_level_counts: noise under load. Its standard
         deviation at a level s is a (1 - exp(-s / b)), with b the level. The median of a is the
         first, counts, and the standard deviation of its logarithm over the taxels the spread.
@@ -82,6 +83,8 @@ class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
             percentages = [percentage for percentage, _ in getattr(self, name)]
             if percentages != sorted(set(percentages)):
                 raise T2TwinError(f"{name} must have rising percentages")
+        if self.noise_counts and not self.offset_counts:
+            raise T2TwinError("noise_counts needs offset_counts, the mean of these readings")
         if len(self.memory_shares) != len(self.memory_s):
             raise T2TwinError("memory_shares and memory_s must have one value for each term")
 
@@ -152,8 +155,10 @@ def read_after(
     taxels = _taxels(flaws, n, array_seed)
     levels, memory = _remember(signal, memory, taxels, flaws, seconds / readings, readings)
     wandered = rng.random(n) < flaws.drift_share
-    signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n) + taxels.offset_counts
+    signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n)
     found = signals + _deviation(flaws, taxels, levels) * rng.standard_normal((readings, n))
+    if flaws.offset_counts:
+        found += taxels.at_rest(rng.standard_normal((readings, n)))
     mean = np.clip(found, 0, counts.full_scale).mean(axis=0)
     return np.rint(mean).astype(np.uint16), memory
 
@@ -163,8 +168,8 @@ def expected_reading(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation of readings of a static contact, (..., N) each.
 
-    true_counts: (..., N) noiseless. Offsets and noise are included, with the mean of a normal
-    distribution that is clipped to 0. Wandering, hysteresis, crosstalk and gains are not.
+    true_counts: (..., N) noiseless. Offsets and noise are included, and that readings of an array
+    without offsets are clipped to 0. Wandering, hysteresis, crosstalk and gains are not.
     """
     array = _taxels(flaws, true_counts.shape[-1], array_seed)
     deviation = _deviation(flaws, array, true_counts)
@@ -174,15 +179,15 @@ def expected_reading(
     density = np.exp(-(score**2) / 2) / np.sqrt(2 * np.pi)
     mean = level * ndtr(score) + deviation * density
     square = (level**2 + deviation**2) * ndtr(score) + level * deviation * density
-    std = np.sqrt(np.maximum(square - mean**2, 0.0) / counts.readings)
+    variance = np.maximum(square - mean**2, 0.0) + array.noise_counts**2
+    std = np.sqrt(variance / counts.readings)
     return np.minimum(mean, counts.full_scale), std
 
 
 def _deviation(flaws: Imperfections, taxels: "_Taxels", levels: np.ndarray) -> np.ndarray:
-    """Standard deviation of one reading's noise at levels, (..., N)."""
+    """Standard deviation of one reading's normal noise at levels, (..., N)."""
     under_load = -np.expm1(-np.maximum(levels, 0.0) / flaws.load_noise_level_counts)
-    deviation = np.hypot(flaws.white_counts, taxels.noise_counts)
-    return np.hypot(deviation, taxels.load_noise_counts * under_load)
+    return np.hypot(flaws.white_counts, taxels.load_noise_counts * under_load)
 
 
 @dataclass(frozen=True)
@@ -193,6 +198,17 @@ class _Taxels:
     offset_counts: np.ndarray
     load_noise_counts: np.ndarray
     memory: np.ndarray
+
+    def at_rest(self, scores: np.ndarray) -> np.ndarray:
+        """Readings without contact, (R, N), of standard normal numbers of that shape.
+
+        A lognormal distribution of mean m and deviation d has the parameters s^2 = ln(1 + d^2/m^2)
+        and ln m - s^2/2.
+        """
+        mean = self.offset_counts
+        ratio = np.divide(self.noise_counts, mean, where=mean > 0, out=np.zeros_like(mean))
+        variance = np.log1p(ratio**2)
+        return mean * np.exp(np.sqrt(variance) * scores - variance / 2)
 
 
 @lru_cache(maxsize=64)
