@@ -217,8 +217,8 @@ class FieldOutputs(NamedTuple):
     mean, log_spread: (B, F), field as a fraction of full scale, and logarithm of its raw spread.
     force, force_log_spread: (B,), standardized logarithm of the force, and the same of its spread.
     shear, shear_log_spread: (B, 2), standardized shear force along x and y, and logarithm of its
-    raw spread; None if it is not predicted. contact, and features, (B, n), for the frame check: only
-    if they are wanted.
+    raw spread; None if it is not predicted. contact, and features, (B, n), for the frame check:
+    only if they are wanted.
     """
 
     mean: torch.Tensor

@@ -2,11 +2,11 @@
 
 A spread of the network ranks the errors within a press well, but hardly those of different presses.
 A network with two small layers predicts how much wider or narrower intervals must be. It knows the
-predicted counts and force, the place relative to the view, the share of the contact at the view's
-edge and outside, the distance of the light from the mean frame, and whether there is a background
-frame. It is fitted to held-out presses with the pinball loss of the 90 % quantile of the errors
-(Koenker and Bassett 1978), as in conformalized quantile regression (Romano et al. 2019). The knots
-of module calibration then have little left to correct.
+predicted counts and force, and the place relative to the view. It also knows the share of the
+contact at the view's edge and outside, the distance of the light from the mean frame, and whether
+there is a background frame. It is fitted to held-out presses with the pinball loss of the 90 %
+quantile of the errors (Koenker and Bassett 1978), as in conformalized quantile regression (Romano
+et al. 2019). The knots of module calibration then have little left to correct.
 
 Shape letters: P presses, F places of the dense counts, S image side, N features.
 """
@@ -123,9 +123,8 @@ class SpreadScale(nn.Module):
         at = self.outside_mm.clamp(-FARTHEST_MM, FARTHEST_MM).expand_as(share)
         of_place = [log_spread, log_share, log_around, at, log_around - log_share]
         image, frame = images.float().split(3, dim=1)
-        light, of_frame, touched = (
-            _cells(each, self.cell) for each in (image - mean_frame, frame - mean_frame, image - frame)
-        )
+        differences = image - mean_frame, frame - mean_frame, image - frame
+        light, of_frame, touched = (_cells(each, self.cell) for each in differences)
         of_press = [
             log_spread.mean(dim=1), log_share.mean(dim=1), total.log(), force, force_log_spread,
             share @ near / total, share @ outside / total,
