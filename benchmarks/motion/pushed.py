@@ -8,8 +8,8 @@ change the simulation, so that each version of the code reads the same states.
 
 - Processor time of the reads in contact of each scene, and of those without contact.
 - Share that did not settle, and the reasons of all notices.
-- Work of a read: normal contacts that were solved, steps of their fixed point, and transforms
-  (a convolution of the shear with one or more kernels).
+- Work of a read: normal contacts that were solved (rounds), steps of their fixed points, and steps
+  of the traction. Each step is a convolution.
 """
 
 import time
@@ -30,8 +30,8 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.motion.attach_scenes import FREE, Body, compile_scene, contact_of, geom
 from t2twin.core.errors import T2TwinWarning
-from t2twin.sim.contact import contact_solver, fixed_point, sliding
-from t2twin.sim.contact.tangential import shear_layer
+from t2twin.sim.contact import fixed_point, sliding
+from t2twin.sim.contact.loads import prescribed
 
 SENSORS = ("digit", "cyskin")
 
@@ -47,7 +47,7 @@ BENCHMARK = Benchmark(
         Figure("scenes.*.*.unsettled", most=0),
         Figure("scenes.*.*.rounds"),
         Figure("scenes.*.*.steps"),
-        Figure("scenes.*.*.transforms"),
+        Figure("scenes.*.*.shear_steps"),
         Figure("without_contact_ms", "ms", most=1.0),
     ),
     arguments=(
@@ -112,8 +112,8 @@ falls over, and a box and a ball. Sizes in mm."""
 
 @dataclass
 class Work:
-    """Sums over reads. rounds: normal contacts. steps: of their fixed points. transforms: of the
-    shear."""
+    """Sums over reads. rounds: normal contacts. steps: of their fixed points. shear_steps: of the
+    traction."""
 
     counts: Counter[str] = field(default_factory=Counter)
 
@@ -129,13 +129,11 @@ class Work:
 
             return counting
 
-        one = lambda found: 1  # noqa: E731
         with ExitStack() as stack:
             for module, name, key, size in (
-                (sliding, "solve_bodies", "rounds", one),
-                (contact_solver, "FixedPoint", "fixed_points", one),
+                (sliding, "solve_bodies", "rounds", lambda found: 1),
                 (fixed_point, "iterate", "steps", lambda found: found[1]),
-                (shear_layer, "_forward", "transforms", one),
+                (prescribed, "solve_traction", "shear_steps", lambda found: found.steps),
             ):
                 call = getattr(module, name)
                 stack.enter_context(patch.object(module, name, count(key, call, size)))

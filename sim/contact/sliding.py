@@ -15,13 +15,14 @@ traction.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import is_confirmed, solve_bodies
-from t2twin.sim.contact.grid import Window, dilated, window_around
+from t2twin.sim.contact.grid import Window, dilated, window_around, window_shape
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.tangential.displacements import is_small, means, moved, unfolded
@@ -140,15 +141,33 @@ def step_contact(
     whole steps do not overshoot.
     Raises T2TwinError as solve_contact does.
     """
-    window = _window(contact, start)
+    window, found = _window(contact, start), None
     while True:
-        found = _step(contact, start, bodies, drive, prescribed, window)
-        outside = found.pressure_kpa > 0
-        outside[window] = False
+        found = _step(contact, start, bodies, drive, prescribed, window, found)
+        outside = _outside(found, window)
         if not outside.any():
             return found
         outside[window] = True
         window = window_around(dilated(outside, WINDOW_CELLS))
+
+
+def _outside(contact: Contact, window: Window) -> np.ndarray:
+    """(ny, nx) bool: where a contact has pressure outside a window."""
+    outside = contact.pressure_kpa > 0
+    outside[window] = False
+    return outside
+
+
+class _Start(NamedTuple):
+    """Where the rounds of a step start: at a contact near the solution, with a traction and the
+    displacement by shear that it causes, (2 or 3, rows, columns) of a window. dome_mm: the part of
+    the dome. moves: by which the bodies have moved since that contact, see solve_bodies."""
+
+    near: Contact
+    shear_mpa: np.ndarray
+    seen_mm: np.ndarray
+    dome_mm: np.ndarray
+    moves: np.ndarray | None
 
 
 def _step(
@@ -158,40 +177,38 @@ def _step(
     drive: Drive,
     prescribed: bool,
     window: Window,
+    earlier: Contact | None,
 ) -> Contact:
     """The contact after a step, see step_contact, whose shear is known within a window of the
-    grid."""
+    grid. The step ends, unsettled, as soon as there is pressure outside the window.
+
+    earlier: the result of a smaller window, from which the step starts; None for none.
+    """
     part, pitch = (slice(None), *window), contact.pitch_mm
     layer = contact.shear_layer.window(window)
-    response = _response(contact, start, layer, window)
-    pressure, spread = 1e-3 * contact.pressure_kpa[window], response.spread_mm
-    parts = response.parts_mm
-    sheared, dome = parts.sum(axis=0), parts[1]
-    follows, friction = drive(contact, layer, sheared[:2] + spread, window)
-    shear, follows, _ = friction(contact, spread, dome[:2], start.shear_mpa[part])
-    seen = layer.response_mm(shear)
-    over = _nearest_body(contact, window)
-    if prescribed:
-        seen = moved(seen, means(follows - seen[:2] - spread, pressure, over), pitch, over)
-    seen = unfolded(seen, pitch)
-    normal, converged, acceleration = contact, False, Anderson(seen.size)
+    lateral = _lateral_mm(_response(contact, start, layer, window))
+    follows, friction = drive(contact, layer, lateral, window)
+    normal, shear, seen, dome, moves = _predicted(
+        contact, start, earlier, friction, layer, window, prescribed
+    )
+    converged, acceleration = False, Anderson(seen.size)
     possible, reference, verify = np.zeros_like(seen), seen, not seen.any()
+    pressure = 1e-3 * normal.pressure_kpa[window]
     for number in range(MAX_ROUNDS):
-        moves = None if number else means(follows - seen[:2] - spread, pressure, over)
         normal, seen = _press(bodies, normal, window, seen, possible, moves, verify)
-        possible = seen
+        possible, moves = seen, None
         before, pressure = pressure, 1e-3 * normal.pressure_kpa[window]
-        if not pressure.any():
-            break  # the contact left the window
         late = number - ACCELERATED_ROUNDS
         averages = late >= 0 and not prescribed
         if averages:
             pressure = before + DAMPED_RELAXATION * (pressure - before)
             normal = _with_pressure(normal, pressure, window)
         spread = layer.spread_mm(pressure)
-        shear, follows, found = friction(normal, spread, dome[:2], shear)
+        shear, follows, found = friction(normal, spread, dome, shear)
         parts = layer.parts_mm(shear)
-        sheared, dome = parts.sum(axis=0), parts[1]
+        sheared, dome = parts.sum(axis=0), parts[1, :2]
+        if not pressure.any() or _outside(normal, window).any():
+            break  # the contact left the window
         error = unfolded(sheared, pitch) - seen
         is_due = not averages or (late > 0 and late % AVERAGED_ROUNDS == 0)
         change = seen + error - reference if averages else error
@@ -213,10 +230,43 @@ def _step(
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 
+def _predicted(
+    contact: Contact,
+    start: Motion,
+    earlier: Contact | None,
+    friction: Friction,
+    layer: DomedLayer,
+    window: Window,
+    prescribed: bool,
+) -> _Start:
+    """The start of a step's rounds, from the contact before or an earlier result; see _step."""
+    near, motion = contact, start
+    if earlier is not None and earlier.motion is not None:
+        near, motion = earlier, earlier.motion
+    known, pressure = _response(near, motion, layer, window), 1e-3 * near.pressure_kpa[window]
+    dome, spread = known.parts_mm[1, :2], known.spread_mm
+    shear, follows, _ = friction(near, spread, dome, motion.shear_mpa[:, *window])
+    seen, over, moves = layer.response_mm(shear), _nearest_body(near, window), None
+    if near is contact and prescribed:
+        by_mm = means(follows - seen[:2] - spread, pressure, over)
+        seen = moved(seen, by_mm, near.pitch_mm, over)
+    seen = unfolded(seen, near.pitch_mm)
+    if near is contact:
+        moves = means(follows - seen[:2] - spread, pressure, over)
+    return _Start(near, shear, seen, dome, moves)
+
+
+def _lateral_mm(response: Response) -> np.ndarray:
+    """(2, rows, columns) displacement of the surface along x and y, mm."""
+    return response.parts_mm.sum(axis=0)[:2] + response.spread_mm
+
+
 def _nearest_body(contact: Contact, window: Window) -> list[np.ndarray]:
     """For each body of a contact, (rows, columns) bool: the cells of a window nearest to it."""
+    if len(contact.bodies) == 1:
+        return [np.ones(window_shape(window), bool)]
     loaded, owner = contact.pressure_kpa[window] > 0, contact.owner[window]
-    if len(contact.bodies) > 1 and loaded.any():
+    if loaded.any():
         nearest = ndimage.distance_transform_edt(
             ~loaded, return_distances=False, return_indices=True
         )

@@ -13,10 +13,10 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.grid import Window, dilated, window_around
-from t2twin.sim.contact.loads.balance import balance, balanced_step
 from t2twin.sim.contact.sliding import Friction
+from t2twin.sim.contact.tangential.balance import balance
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
-from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
+from t2twin.sim.contact.tangential.traction import TOLERANCE, Bodies, solve_traction
 from t2twin.sim.contact.types import AT_LIMIT, Contact
 
 PREDICTION_TOLERANCE = 1e-2
@@ -111,7 +111,7 @@ class PrescribedLoads:
             )  # fmt: skip
             wanted = lateral_mm[part] - spread[part] - dome[part]
             found = solve_traction(
-                layer.middle, bodies.limit, wanted, guess[part], bodies.towards,
+                layer.middle, bodies.limit, wanted, guess[part], bodies.arrays,
                 PREDICTION_TOLERANCE if calls == 1 else TOLERANCE,
             )  # fmt: skip
             traction[part] = found.q_mpa
@@ -209,18 +209,11 @@ class _Bodies:
         sizes = np.maximum(np.hypot(along_x, along_y), STICK_MM)
         return abs(float((limit / sizes * (turn_x * along_x + turn_y * along_y)).sum()))
 
-    def towards(
-        self,
-        q: np.ndarray,
-        gradient: np.ndarray,
-        limit: np.ndarray,
-        length: float,
-        direction: np.ndarray,
-    ) -> tuple[float, float, float]:
-        """See balanced_step."""
-        return balanced_step(
-            q, gradient, limit, length, self.x, self.y, self.owner, self.levers, self.wrenches,
-            self.slides, self.rigid, direction,
+    @property
+    def arrays(self) -> Bodies:
+        """Arguments of `balanced_step`."""
+        return (
+            self.x, self.y, self.owner, self.levers, self.wrenches, self.slides, self.rigid
         )  # fmt: skip
 
     def follows_mm(self, before_mm: np.ndarray, now_mm: np.ndarray) -> np.ndarray:

@@ -10,9 +10,10 @@ from functools import lru_cache
 from threading import Lock
 
 import numpy as np
+from rocket_fft import c2c, c2r, r2c
 from scipy import fft
 
-from t2twin.core.jit import compiled
+from t2twin.core.jit import INNER, compiled
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.grid import Window
 from t2twin.sim.contact.tangential.kernels import Kernels, shear_kernels
@@ -44,11 +45,7 @@ class ShearLayer:
 
     def displacement_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
         """(2, rows, columns) displacement along x and y, mm, by traction along x and y, MPa."""
-        shape = traction_mpa.shape[1:]
-        spectrum = _forward(traction_mpa)
-        spectra = np.empty_like(spectrum)
-        _by_shear(self.transforms(shape), spectrum, spectra)
-        return _backward(spectra, shape)
+        return _responses((self,), traction_mpa, 2)[0]
 
     def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
         """(3, rows, columns) displacement along x, along y and into the sensor, mm, by traction
@@ -181,60 +178,92 @@ def _cached_slope(
 
 def responses_mm(layers: Sequence[ShearLayer], traction_mpa: np.ndarray) -> np.ndarray:
     """(layers, 3, rows, columns) responses of layers; see ShearLayer.response_mm."""
-    shape = traction_mpa.shape[1:]
-    spectrum = _forward(traction_mpa)
-    spectra = np.empty((len(layers), 3, *spectrum.shape[1:]), np.complex64)
-    for layer, response in zip(layers, spectra, strict=True):
-        _by_shear(layer.transforms(shape), spectrum, response)
-    return _backward(spectra, shape)
+    return _responses(layers, traction_mpa, 3)
 
 
 def spreads_mm(layers: Sequence[ShearLayer], pressure_mpa: np.ndarray) -> np.ndarray:
     """(layers, 2, rows, columns) displacement by pressure; see ShearLayer.spread_mm."""
-    shape = pressure_mpa.shape
-    spectrum = _forward(pressure_mpa)
-    spectra = np.empty((len(layers), 2, *spectrum.shape), np.complex64)
-    for layer, spread in zip(layers, spectra, strict=True):
-        _by_pressure(layer.transforms(shape), spectrum, spread)
-    return _backward(spectra, shape)
+    return _responses(layers, pressure_mpa[None], 2)
 
 
-@compiled("void(f4[:, :, ::1], c8[:, :, ::1], c8[:, :, ::1])", nogil=True)
-def _by_shear(kernels, traction, response):
-    """Write the transform of a response, whose last component is optional, to a traction."""
-    for i in range(kernels.shape[1]):
-        for j in range(kernels.shape[2]):
-            x, y = traction[0, i, j], traction[1, i, j]
-            response[0, i, j] = kernels[0, i, j] * x + kernels[1, i, j] * y
-            response[1, i, j] = kernels[1, i, j] * x + kernels[2, i, j] * y
-            if response.shape[0] == 3:
-                into = kernels[3, i, j] * x + kernels[4, i, j] * y
-                response[2, i, j] = complex(-into.imag, into.real)
+def _responses(layers: Sequence[ShearLayer], loads: np.ndarray, components: int) -> np.ndarray:
+    """(layers, components, rows, columns) responses to loads, see `respond`."""
+    loads = np.ascontiguousarray(loads, np.float32)
+    shape = loads.shape[1:]
+    found = np.empty((len(layers), components, *shape), np.float32)
+    work = work_arrays(shape, len(loads))
+    for number, (layer, response) in enumerate(zip(layers, found, strict=True)):
+        respond(loads, layer.transforms(shape), work, number > 0, response)
+    return found
 
 
-@compiled("void(f4[:, :, ::1], c8[:, ::1], c8[:, :, ::1])", nogil=True)
-def _by_pressure(kernels, pressure, spread):
+def work_arrays(shape: tuple[int, ...], loads: int) -> tuple[np.ndarray, ...]:
+    """Arrays that `respond` works in, of types WORK, for a number of loads on (rows, columns)."""
+    (rows, _), (down, across) = shape, _padded(shape)
+    half = across // 2 + 1
+    return (
+        np.zeros((rows, across), np.float32),
+        np.empty((rows, half), np.complex64),
+        np.empty((loads, down, half), np.complex64),
+        np.empty((down, half), np.complex64),
+        np.empty((rows, across), np.float32),
+    )
+
+
+WORK = "Tuple((f4[:, ::1], c8[:, ::1], c8[:, :, ::1], c8[:, ::1], f4[:, ::1]))"
+KERNELS = "f4[:, :, ::1]"
+"""Types of what `work_arrays` and `ShearLayer.transforms` return."""
+
+
+@compiled(f"void(f4[:, :, ::1], {KERNELS}, {WORK}, b1, f4[:, :, ::1])", nogil=True)
+def respond(loads, kernels, work, is_known, response):
+    """Write the response of a layer, (2 or 3, rows, columns), mm, to traction along x and y,
+    (2, rows, columns), or to pressure, (1, rows, columns), MPa.
+
+    kernels: see ShearLayer.transforms. is_known: whether the work arrays have the transforms of
+    these loads.
+    """
+    lines, rows, spectra, spectrum, back = work
+    along, down = np.array([1]), np.array([0])
+    if not is_known:
+        for k in range(loads.shape[0]):
+            for i in range(loads.shape[1]):
+                for j in range(loads.shape[2]):
+                    lines[i, j] = loads[k, i, j]
+            r2c(lines, rows, along, True, 1.0, 1)
+            c2c(rows, spectra[k], down, True, 1.0, 1)
+    scale = 1.0 / (spectrum.shape[0] * lines.shape[1])
+    for k in range(response.shape[0]):
+        if loads.shape[0] == 1:
+            _by_pressure(kernels[3 + k], spectra[0], spectrum)
+        else:
+            first, second = kernels[(0, 1, 3)[k]], kernels[(1, 2, 4)[k]]
+            _by_shear(first, second, spectra, k == 2, spectrum)
+        c2c(spectrum, spectrum, down, False, 1.0, 1)
+        c2r(spectrum[: rows.shape[0]], back, along, False, scale, 1)
+        for i in range(response.shape[1]):
+            for j in range(response.shape[2]):
+                response[k, i, j] = back[i, j]
+
+
+@compiled(nogil=True, **INNER)
+def _by_shear(first, second, traction, into, response):
+    """Write the transform of a component of the response to a traction. first, second: the
+    kernels of the traction along x and y. into: whether they are odd."""
+    for i in range(first.shape[0]):
+        for j in range(first.shape[1]):
+            value = first[i, j] * traction[0, i, j] + second[i, j] * traction[1, i, j]
+            response[i, j] = complex(-value.imag, value.real) if into else value
+
+
+@compiled(nogil=True, **INNER)
+def _by_pressure(kernel, pressure, response):
     """Write the transform of the displacement by a pressure: by reciprocity, minus that of the
     deflection by traction."""
-    for i in range(kernels.shape[1]):
-        for j in range(kernels.shape[2]):
-            turned = complex(pressure[i, j].imag, -pressure[i, j].real)
-            spread[0, i, j] = kernels[3, i, j] * turned
-            spread[1, i, j] = kernels[4, i, j] * turned
-
-
-def _forward(values: np.ndarray) -> np.ndarray:
-    """Transforms over the last two axes; rows of zeros are not transformed."""
-    rows, columns = _padded(values.shape[-2:])
-    along = fft.rfft(values.astype(np.float32, copy=False), columns)
-    return np.asarray(fft.fft(along, rows, axis=-2, overwrite_x=True))
-
-
-def _backward(spectra: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The window's part of the inverse transforms; the other rows are not transformed."""
-    rows, columns = shape
-    kept = np.asarray(fft.ifft(spectra, axis=-2, overwrite_x=True))[..., :rows, :]
-    return np.asarray(fft.irfft(kept, _padded(shape)[1]))[..., :columns]
+    for i in range(kernel.shape[0]):
+        for j in range(kernel.shape[1]):
+            value = kernel[i, j] * pressure[i, j]
+            response[i, j] = complex(value.imag, -value.real)
 
 
 @lru_cache(maxsize=64)

@@ -10,15 +10,21 @@ surface without slip. Where the traction is below its limit the surface sticks, 
 the shape slips over it, along the traction. The problem is convex, so its solution is unique.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
 from math import ceil, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
-from t2twin.core.jit import compiled
-from t2twin.sim.contact.tangential.shear_layer import ShearLayer
+from t2twin.core.jit import INNER, compiled
+from t2twin.sim.contact.tangential.balance import BODIES, balanced_step
+from t2twin.sim.contact.tangential.shear_layer import (
+    KERNELS,
+    WORK,
+    ShearLayer,
+    respond,
+    work_arrays,
+)
 
 TOLERANCE = 3e-4
 """Convergence: largest residual of the slip condition over the largest wanted displacement."""
@@ -33,22 +39,28 @@ STEPS_BACK = 6
 
 class Traction(NamedTuple):
     """The result of one step. q_mpa: (2, rows, columns), along x and y. displacement_mm: (2, rows,
-    columns), of the surface by it. residual: see TOLERANCE. steps: of the minimization."""
+    columns), of the surface by it. residual: see TOLERANCE. tolerance: of the residual. steps: of
+    the minimization."""
 
     q_mpa: np.ndarray
     displacement_mm: np.ndarray
     residual: float
+    tolerance: float
     steps: int
 
     @property
     def converged(self) -> bool:
-        return self.residual <= TOLERANCE
+        return self.residual <= self.tolerance
 
 
-StepTowards = Callable[
-    [np.ndarray, np.ndarray, np.ndarray, float, np.ndarray], tuple[float, float, float]
-]
-"""Signature of step_towards."""
+Bodies = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Bodies with prescribed forces and torques: x, y, owner, levers, wrenches, slides and rigid of
+`balanced_step`."""
+
+NO_BODIES: Bodies = (
+    np.empty(0), np.empty(0), np.empty((0, 0), int), np.empty((0, 3)), np.empty((0, 3)),
+    np.empty(0, bool), np.empty((0, 3)),
+)  # fmt: skip
 
 
 def solve_traction(
@@ -56,53 +68,119 @@ def solve_traction(
     limit_mpa: np.ndarray,
     wanted_mm: np.ndarray,
     start_mpa: np.ndarray,
-    towards: StepTowards | None = None,
+    bodies: Bodies = NO_BODIES,
     tolerance: float = TOLERANCE,
 ) -> Traction:
     """The traction of one step.
 
     limit_mpa: (rows, columns) friction times pressure, 0 outside the contact. wanted_mm: (2, rows,
     columns) w. start_mpa: (2, rows, columns) an initial guess, such as the last step's traction.
-    towards: takes the place of step_towards where more than the limit restricts the traction; the
-    wanted displacement then lacks a part that it finds. tolerance: of the residual.
+    bodies: with prescribed forces, which restrict the traction too; the wanted displacement then
+    lacks their rigid motions, which are written to the last array. tolerance: of the residual.
 
     Spectral projected gradients (Birgin, Martinez, Raydan 2000).
     """
     limit = np.ascontiguousarray(limit_mpa, np.float32)
     inside = limit > 0
     wanted = np.where(inside, wanted_mm, 0.0).astype(np.float32)
-    scale = max(float(np.abs(wanted).max()), 1e-9)
-    q, direction = np.ascontiguousarray(start_mpa, np.float32), np.zeros(wanted.shape, np.float32)
-    displacement, gradient = np.zeros_like(wanted), np.zeros_like(wanted)
-    towards_limit = towards or step_towards
-    towards_limit(q, gradient, limit, 1.0, direction)  # the projection of the start
-    q = q + direction
-    take_step(displacement, layer.displacement_mm(q), 1.0, wanted, limit, gradient)
-    if towards is not None:
-        scale = max(scale, float(np.abs(displacement[:, inside]).max()))
-    energies = [_dot(q, displacement) / 2 - _dot(q, wanted)]
+    q = np.array(start_mpa, np.float32, order="C")
+    displacement = np.empty_like(wanted)
     # A square of the contact's area, within the layer's window.
     side = min(ceil(sqrt(inside.sum())), *inside.shape)
-    length, steps = 1.0 / _typical_compliance(layer, side), 0
+    residual, steps = _minimize(
+        layer.transforms(limit.shape), work_arrays(limit.shape, 2), limit, wanted, *bodies,
+        1.0 / _typical_compliance(layer, side), tolerance, q, displacement,
+    )  # fmt: skip
+    return Traction(q.astype(float), displacement.astype(float), residual, tolerance, steps)
+
+
+@compiled(
+    f"Tuple((f8, i8))({KERNELS}, {WORK}, f4[:, ::1], f4[:, :, ::1], {BODIES}, f8, f8,"
+    " f4[:, :, ::1], f4[:, :, ::1])",
+    nogil=True,
+)
+def _minimize(
+    kernels, work, limit, wanted, x, y, owner, levers, wrenches, slides, rigid, length, tolerance,
+    q, displacement,
+):  # fmt: skip
+    """See `solve_traction`. length: of the first step. q: the initial guess, replaced by the
+    traction. Writes the displacement; returns the residual and the number of steps."""
+    has_bodies = levers.shape[0] > 0
+    direction, moved = np.zeros_like(q), np.empty_like(q)
+    gradient, energies = np.zeros_like(q), np.empty(STEPS_BACK)
+    # The first step is the projection of the initial guess.
+    _towards(
+        has_bodies, q, gradient, limit, 1.0, x, y, owner, levers, wrenches, slides, rigid, direction
+    )
+    _add(q, direction, 1.0)
+    respond(q, kernels, work, False, displacement)
+    scale = 1e-9
+    for k in range(2):
+        for i in range(limit.shape[0]):
+            for j in range(limit.shape[1]):
+                if limit[i, j] > 0:
+                    gradient[k, i, j] = displacement[k, i, j] - wanted[k, i, j]
+                    scale = max(scale, abs(wanted[k, i, j]))
+                    if has_bodies:
+                        scale = max(scale, abs(displacement[k, i, j]))
+    energy = _dot(q, displacement) / 2 - _dot(q, wanted)
+    energies[:] = -np.inf
+    energies[0] = energy
+    steps = 0
     while True:
-        largest, square, slope = towards_limit(q, gradient, limit, length, direction)
+        largest, square, slope = _towards(
+            has_bodies, q, gradient, limit, length, x, y, owner, levers, wrenches, slides, rigid,
+            direction,
+        )  # fmt: skip
         residual = largest / length / scale
-        if residual <= tolerance or steps == MAX_STEPS or (slope >= 0 and towards is not None):
+        if residual <= tolerance or steps == MAX_STEPS or (slope >= 0 and has_bodies):
             break
         steps += 1
-        moved = layer.displacement_mm(direction)
+        respond(direction, kernels, work, False, moved)
         curvature = _dot(direction, moved)
         # The energy is quadratic, so the best fraction of the step is known.
         fraction = 1.0
-        if energies[-1] + slope + curvature / 2 > max(energies[-STEPS_BACK:]):
+        if energy + slope + curvature / 2 > energies.max():
             fraction = min(1.0, -slope / curvature)
-        q = q + np.float32(fraction) * direction
+        _add(q, direction, fraction)
         take_step(displacement, moved, fraction, wanted, limit, gradient)
-        energies.append(energies[-1] + fraction * slope + fraction**2 * curvature / 2)
+        energy += fraction * slope + fraction**2 * curvature / 2
+        energies[steps % STEPS_BACK] = energy
         length = square / max(curvature, 1e-30)
-    if towards is not None:
-        q = q + direction  # within the restrictions, as the steps before need not be
-    return Traction(q.astype(float), displacement.astype(float), residual, steps)
+    if has_bodies:
+        _add(q, direction, 1.0)  # within the restrictions, as the steps before need not be
+    return residual, steps
+
+
+@compiled(nogil=True, **INNER)
+def _towards(
+    has_bodies, q, gradient, limit, length, x, y, owner, levers, wrenches, slides, rigid, direction
+):
+    """See `step_towards` and `balanced_step`."""
+    if has_bodies:
+        return balanced_step(
+            q, gradient, limit, length, x, y, owner, levers, wrenches, slides, rigid, direction
+        )
+    return step_towards(q, gradient, limit, length, direction)
+
+
+@compiled(nogil=True, **INNER)
+def _add(values, more, share):
+    share = np.float32(share)
+    for k in range(values.shape[0]):
+        for i in range(values.shape[1]):
+            for j in range(values.shape[2]):
+                values[k, i, j] += share * more[k, i, j]
+
+
+@compiled(nogil=True, **INNER)
+def _dot(a, b):
+    total = 0.0
+    for k in range(a.shape[0]):
+        for i in range(a.shape[1]):
+            for j in range(a.shape[2]):
+                total += np.float64(a[k, i, j]) * np.float64(b[k, i, j])
+    return total
 
 
 @compiled(
@@ -145,11 +223,6 @@ def take_step(displacement, moved, fraction, wanted, limit, gradient):
                 displacement[k, i, j] += fraction * moved[k, i, j]
                 if limit[i, j] > 0:
                     gradient[k, i, j] = displacement[k, i, j] - wanted[k, i, j]
-
-
-def _dot(a: np.ndarray, b: np.ndarray) -> float:
-    # A BLAS product depends on the number of threads in its last bits.
-    return float((a.astype(np.float64) * b).sum())
 
 
 @lru_cache(maxsize=256)

@@ -154,9 +154,12 @@ def balance(q, gradient, length, limit, x, y, owner, body, lever, wrench, capaci
     return False
 
 
+BODIES = "f8[::1], f8[::1], i8[:, ::1], f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1]"
+"""Types of the arguments of `balanced_step` from x to rigid."""
+
+
 @compiled(
-    "UniTuple(f8, 3)(f4[:, :, ::1], f4[:, :, ::1], f4[:, ::1], f8, f8[::1], f8[::1], i8[:, ::1],"
-    " f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1], f4[:, :, ::1])",
+    f"UniTuple(f8, 3)(f4[:, :, ::1], f4[:, :, ::1], f4[:, ::1], f8, {BODIES}, f4[:, :, ::1])",
     nogil=True,
 )
 def balanced_step(
