@@ -31,7 +31,7 @@ from t2twin.sim.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
-    from t2twin.adaptation.real_frame_evaluation import SimulatedReference
+    from t2twin.adaptation.real_frame_evaluation import PressComparison, SimulatedReference
     from t2twin.translate.inference.predictor import CountsPredictor
 
 BENCHMARK = Benchmark(
@@ -51,6 +51,7 @@ BENCHMARK = Benchmark(
         Figure("runs.*.real_without_background.rmse_percent", "%"),
         Figure("runs.*.simulated.rmse_percent", "%"),
         Figure("runs.*.real.centroid_mm", "mm"),
+        Figure("runs.*.moved", least=0.95, most=1.05),
         Figure("runs.*.real.force_error"),
         Figure("runs.*.background_counts", "counts"),
         Figure("zero_rmse_percent", "%"),
@@ -118,7 +119,20 @@ def _scores(
         "real_without_background": asdict(AdaptationScores.of([one.real for one in alone])),
         "simulated": asdict(AdaptationScores.of([one.simulated for one in comparisons])),
         "background_counts": float(np.max(predict_counts(run, background, background))),
+        "moved": _moved(run, comparisons),
     }
+
+
+def _moved(run: CountsPredictor, comparisons: Sequence[PressComparison]) -> float:
+    """How far the predicted centroids move when the simulated ones move by 1, by least squares."""
+    from t2twin.adaptation.real_frame_evaluation import centroid_mm
+
+    pairs = [(one.real.counts, one.reference.counts) for one in comparisons]
+    predicted, true = (
+        np.array([centroid_mm(run, each) for each in counts]) for counts in zip(*pairs, strict=True)
+    )
+    predicted, true = predicted - predicted.mean(axis=0), true - true.mean(axis=0)
+    return float((predicted * true).sum() / np.square(true).sum())
 
 
 if __name__ == "__main__":

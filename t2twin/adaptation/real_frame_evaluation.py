@@ -186,10 +186,9 @@ def evaluate_frame(
     """
     layout = run.config.data.array
     counts, predicted_n, coverage = _predict(run, image, truth, background)
-    places = np.stack([layout.x_mm, layout.y_mm], axis=1)
     rmse = float(np.sqrt(np.mean((counts - truth) ** 2)))
     least = MIN_CONTACT_SHARE * layout.full_scale_counts
-    apart_mm = _centroid(counts, places, least) - _centroid(truth, places, least)
+    apart_mm = centroid_mm(run, counts) - centroid_mm(run, truth)
     ratio = counts.sum() / truth.sum() if predicted_n is None else predicted_n / force_n
     return FrameResult(
         counts=counts,
@@ -222,17 +221,20 @@ def _predict(
     return estimate.counts.astype(float), force_n, coverage
 
 
-def _centroid(counts: np.ndarray, places: np.ndarray, least: float) -> np.ndarray:
-    """(2,) mm: count-weighted centroid of the contact; center of the array without contact.
-
-    least: smallest count of a contact.
-    """
-    weight = np.where(counts > least, counts, 0.0)
+def centroid_mm(run: CountsPredictor, counts: np.ndarray) -> np.ndarray:
+    """(2,) mm: count-weighted centroid of the contact in counts of the run's layout, (N,); center
+    of the array without contact."""
+    layout = run.config.data.array
+    places = np.stack([layout.x_mm, layout.y_mm], axis=1)
+    weight = np.where(counts > MIN_CONTACT_SHARE * layout.full_scale_counts, counts, 0.0)
     return weight @ places / weight.sum() if weight.any() else places.mean(axis=0)
 
 
 def _regions(image: np.ndarray, least: float) -> int:
-    """Number of connected contact regions of a tactile image, (R, C). least: as for _centroid."""
+    """Number of connected contact regions of a tactile image, (R, C).
+
+    least: smallest count of a contact.
+    """
     contact = image > max(REGION_SHARE * float(image.max()), least)
     return int(cast(np.ndarray, label(contact)).max())
 
