@@ -62,7 +62,7 @@ def main() -> None:
                 row[1:] = [1e3 * watch.seconds[part] for part in PARTS]
         whole, *parts = np.median(rows[1:], axis=0).mean(axis=0)  # the first round prepares
         content[name] = {"press": whole} | dict(zip(PARTS, parts, strict=True))
-        content[name]["rest"] = whole - sum(parts)
+        content[name]["other"] = whole - sum(parts)
     print(json.dumps(content))
 
 
