@@ -51,7 +51,6 @@ BENCHMARK = Benchmark(
         Figure("runs.*.real_without_background.rmse_percent", "%"),
         Figure("runs.*.simulated.rmse_percent", "%"),
         Figure("runs.*.real.centroid_mm", "mm"),
-        Figure("runs.*.moved", least=0.95, most=1.05),
         Figure("runs.*.real.force_error"),
         Figure("runs.*.background_counts", "counts"),
         Figure("zero_rmse_percent", "%"),

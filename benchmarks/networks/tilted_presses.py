@@ -36,6 +36,10 @@ LEVEL = 0.9
 
 SEED = 0
 
+Errors = tuple[np.ndarray, np.ndarray, float]
+"""Of a press: errors of the counts, (N,), whether intervals cover these, (N,), and the relative
+error of the force."""
+
 BENCHMARK = Benchmark(
     module="benchmarks.networks.tilted_presses",
     measures="Errors of the pretrained run on straight and on tilted presses of new solids.",
@@ -63,7 +67,9 @@ def measure(options: Namespace) -> dict[str, Any]:
         raise T2TwinError(f"{options.run} is not a field run")
     twin = t2twin.Twin(imperfections="none")
     background = twin.background
-    errors: dict[float, list[tuple[np.ndarray, np.ndarray, float]]] = {tilt: [] for tilt in TILTS_DEG}
+    errors: dict[float, list[tuple[np.ndarray, np.ndarray, float]]] = {
+        tilt: [] for tilt in TILTS_DEG
+    }
     for number, (name, solid) in enumerate(probes.solids().items()):
         shape = probes.shape_of(name, solid)
         for press in tqdm(range(PRESSES), name, unit="press"):
@@ -83,7 +89,10 @@ def measure(options: Namespace) -> dict[str, Any]:
                     (low <= touch.counts) & (touch.counts <= high),
                     abs(float(estimate.force_n) / force_n - 1.0),
                 ))  # fmt: skip
-    at = {tilt: _figures(found, run.config.data.array.full_scale_counts) for tilt, found in errors.items()}
+    at = {
+        tilt: _figures(found, run.config.data.array.full_scale_counts)
+        for tilt, found in errors.items()
+    }
     straight = at[TILTS_DEG[0]]
     return {
         "presses": len(errors[TILTS_DEG[0]]),
@@ -99,9 +108,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     }
 
 
-def _figures(
-    found: list[tuple[np.ndarray, np.ndarray, float]], full_scale: float
-) -> dict[str, float]:
+def _figures(found: list[Errors], full_scale: float) -> dict[str, float]:
     errors, inside, force = (np.array(each) for each in zip(*found, strict=True))
     return {
         "rmse_percent": 100.0 * float(np.sqrt(np.square(errors).mean())) / full_scale,
