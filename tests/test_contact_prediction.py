@@ -29,6 +29,7 @@ from t2twin.translate.models.contact import (
     contact_scale,
     depth_errors_mm,
     fit_contact_knots,
+    fit_contact_limits,
 )
 from t2twin.translate.models.field_readout import AllPredictions, FieldPrediction
 from t2twin.translate.networks.contact_head import ContactOutputs
@@ -310,9 +311,25 @@ def test_calibrated_intervals_cover_what_they_promise() -> None:
     depth, pressure = (scaled[:, n] + error[n] for n in range(2))
     outputs = ContactOutputs(depth, log_spread, pressure, log_spread, torch.full_like(depth, 9.0))
     fit_contact_knots(network, VIEW_MM, [(outputs, true)])
-    found = ContactReadout(network, VIEW_MM)(outputs)
+    found = ContactReadout(network, VIEW_MM)(outputs, True)
     covered = (found.depth_mm - true[:, 0]).abs() <= 1.645 * found.depth_std_mm
     assert covered.float().mean() == pytest.approx(0.9, abs=0.01)
+
+
+def test_below_its_limit_an_image_has_no_contact() -> None:
+    """1 % of the images without contact are above the limit, and 0.5 % of contacts below it."""
+    network, many = small_network(), torch.linspace(-4.0, 2.0, 201)
+    fit_contact_limits(network, [many, many[:5]], [many + 9.0, many + 9.0])
+    assert network.contact_limits.tolist() == pytest.approx([1.94, 0.0], abs=1e-5)
+    fit_contact_limits(network, [many, many - 9.0], [many + 5.0, many + 9.0])
+    assert network.contact_limits.tolist() == pytest.approx([1.03, 0.0], abs=1e-5)
+    logit = torch.full((2, 32, 32), -5.0)
+    logit[0, 3, 3], logit[1, 3, 3] = 1.0, 1.1
+    zero = torch.zeros_like(logit)
+    outputs = ContactOutputs(zero, zero, zero + 1.0, zero, logit)
+    readout = ContactReadout(network, VIEW_MM)
+    largest = [readout(outputs, given).probability.amax(dim=(1, 2)) for given in (False, True)]
+    assert (torch.stack(largest) > 0.5).tolist() == [[False, True], [True, True]]
 
 
 def test_depth_errors_are_those_in_the_contact() -> None:

@@ -7,7 +7,7 @@ counts, and calibrated by factors that depend on them.
 Shape letters: B batch, H side of the maps.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import torch
@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from t2twin.translate.data.pairs import ImageFile
 from t2twin.translate.networks.contact_head import ContactOutputs
-from t2twin.translate.networks.field_net import CONTACT_KNOTS, FieldNet
+from t2twin.translate.networks.field_net import CONTACT_KNOTS, LIMITS, FieldNet
 from t2twin.translate.uncertainty.calibration import (
     MIN_ERRORS,
     fit_knots,
@@ -40,6 +40,13 @@ ROUNDING = 0.03
 
 MIN_SCALES = (0.01, 1.0)
 """Least scales of depth, mm, and of pressure, kPa (assumed), for presses without contact."""
+
+FALSE_SHARE, MISSED_SHARE = 0.01, 0.005
+"""Share of the images without contact that show one, and limit on the share of those with a contact
+in which it is missed (assumed)."""
+
+MIN_UNTOUCHED = 20
+"""Minimum number of held-out images that a limit is set on (assumed)."""
 
 SCALE_PRESSES = 2000
 """Presses that the scales are measured on."""
@@ -117,6 +124,7 @@ class ContactReadout(nn.Module):
     """
 
     contact_scale: torch.Tensor
+    contact_limits: torch.Tensor
     contact_depth_knots: torch.Tensor
     contact_pressure_knots: torch.Tensor
     contact_center_knots: torch.Tensor
@@ -124,16 +132,23 @@ class ContactReadout(nn.Module):
     def __init__(self, network: FieldNet, view_mm: tuple[float, float]) -> None:
         super().__init__()
         self.view_mm = view_mm
-        for name in (*CONTACT_KNOTS, "contact_scale"):
+        for name in (*CONTACT_KNOTS, "contact_scale", LIMITS):
             self.register_buffer(name, getattr(network, name).detach().clone())
         self.to(network.contact_scale.device)
 
-    def forward(self, outputs: ContactOutputs) -> ContactPrediction:
-        """The calibrated predictions."""
+    def forward(
+        self, outputs: ContactOutputs, has_background: bool | torch.Tensor
+    ) -> ContactPrediction:
+        """The calibrated predictions. has_background: whether the images have background frames."""
         of_depth, of_pressure = outputs.depth_log_spread, outputs.pressure_log_spread
         depth_std = of_depth.exp() * interpolate_scale(of_depth, self.contact_depth_knots)
         std = of_pressure.exp() * interpolate_scale(of_pressure, self.contact_pressure_knots)
+        without, given = self.contact_limits[0], self.contact_limits[1]
+        is_given = torch.as_tensor(has_background, dtype=torch.bool, device=given.device)
+        limit = torch.where(is_given, given, without)
+        largest = outputs.logit.amax(dim=(1, 2), keepdim=True)
         probability = torch.sigmoid(outputs.logit)
+        probability = torch.where(largest > limit, probability, probability.clamp(max=EVEN))
         pressure = torch.where(probability > EVEN, outputs.pressure.clamp(min=0.0), 0.0)
         center, spread = center_of_pressure(pressure, std, self.view_mm)
         factor = interpolate_scale(spread.log(), self.contact_center_knots)
@@ -142,6 +157,23 @@ class ContactReadout(nn.Module):
             mm * outputs.depth, mm * depth_std, kpa * pressure, kpa * std,
             probability, center, spread * factor,
         )  # fmt: skip
+
+
+def fit_contact_limits(
+    network: FieldNet, untouched: Sequence[torch.Tensor], touched: Sequence[torch.Tensor]
+) -> None:
+    """Sets the limits of contact, so that hardly any image without contact shows one.
+
+    untouched, touched: largest logits of held-out images without contact, and of those with one,
+    without and with background frames; of few the limits stay zero.
+    """
+    for mode, (none, some) in enumerate(zip(untouched, touched, strict=True)):
+        limit = torch.zeros(())
+        if min(len(none), len(some)) >= MIN_UNTOUCHED:
+            limit = torch.minimum(
+                torch.quantile(none, 1.0 - FALSE_SHARE), torch.quantile(some, MISSED_SHARE)
+            )
+        network.contact_limits[mode] = limit.clamp(min=0.0)
 
 
 def center_of_pressure(
@@ -184,7 +216,7 @@ def fit_contact_knots(
         error = getattr(outputs, name) - maps[:, number] / network.contact_scale[number]
         _set_knots(network, name, getattr(outputs, f"{name}_log_spread").exp(), error)
     network.contact_center_knots.copy_(identity_knots(len(CONTACT_KNOTS["contact_center_knots"])))
-    found = ContactReadout(network, view_mm)(outputs)
+    found = ContactReadout(network, view_mm)(outputs, True)
     true, _ = center_of_pressure(maps[:, 1], torch.zeros_like(maps[:, 1]), view_mm)
     error = found.center_mm - true
     known = error.isfinite().all(dim=1)

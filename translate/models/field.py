@@ -18,7 +18,7 @@ predicted in the same way (module contact), if the training presses have contact
 Shape letters: B batch, S image side, N taxels, F places of the dense counts.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -32,15 +32,17 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
 from t2twin.sim.taxels.dense import reading_matrix
 from t2twin.sim.taxels.layout import Layout
-from t2twin.translate.data.images import to_input
+from t2twin.translate.data.images import COLORS, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.base import CountsTranslator, adamw
 from t2twin.translate.models.contact import (
+    CONTACT_KPA,
     ContactReadout,
     contact_loss,
     contact_scale,
     depth_errors_mm,
     fit_contact_knots,
+    fit_contact_limits,
 )
 from t2twin.translate.models.field_readout import (
     AllPredictions,
@@ -144,6 +146,10 @@ MIN_RANDOM_PRESSES = 500
 
 OTHER_PRESSES = 1 / 3
 """Presses of other shapes in a calibration, relative to those of random shapes (assumed)."""
+
+LIMIT_PRESSES = 400
+"""Presses of a dataset that the limits of contact are set on, at most (assumed: quantiles of half a
+percent need some hundreds)."""
 
 BATCH_SIZE = 64
 """Images in one batch of prediction; bounds memory."""
@@ -250,7 +256,9 @@ class FieldTranslator(CountsTranslator):
         with torch.inference_mode():
             with self.precision():
                 outputs = self.predictor(self._with_frame(images), with_contact, with_features)
-            contact = None if outputs.contact is None else self.contact_readout(outputs.contact)
+            contact, has_frame = None, images.shape[1] > COLORS
+            if outputs.contact is not None:
+                contact = self.contact_readout(outputs.contact, has_frame)
             return AllPredictions(self.readout(outputs), outputs.features, contact)
 
     def frame_features(self, images: torch.Tensor) -> torch.Tensor:
@@ -282,6 +290,7 @@ class FieldTranslator(CountsTranslator):
             vars(self).pop("contact_readout", None)
             parts = [each for pairs in chosen for each in self._contacts_on(pairs)]
             fit_contact_knots(network, self.info.camera.view_mm, parts)
+            fit_contact_limits(network, *self._largest_logits(sets))
         if self.is_contact_alone:
             return
         network.scale.reset()
@@ -333,6 +342,37 @@ class FieldTranslator(CountsTranslator):
             inputs = to_input(pairs.inputs[part].astype(np.float32) / 255.0)
             maps = torch.from_numpy(pairs.contact[part].astype(np.float32))
             yield self.contact_outputs(inputs), maps.to(self.device)
+
+    def _largest_logits(
+        self, sets: Sequence[Pairs]
+    ) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
+        """Largest logits of contact in pairs without and with one, as for `fit_contact_limits`.
+
+        Background frames are images without contact too, for the mode without them.
+        """
+        untouched, touched = [torch.empty(0)] * 2, [torch.empty(0)] * 2
+        for pairs in sets:
+            if pairs.contact is None:
+                continue
+            none, some = np.flatnonzero(pairs.force_n == 0), np.flatnonzero(pairs.force_n > 0)
+            some = some[:: -(-len(some) // LIMIT_PRESSES) or 1]
+            in_view = (pairs.contact[some][:, 1] > CONTACT_KPA).any(axis=(1, 2))
+            without, given = pairs.inputs[none], pairs.inputs[some]
+            for found, pixels in ((untouched, without), (touched, given[in_view])):
+                for mode, inputs in enumerate((pixels[..., :COLORS], pixels)):
+                    found[mode] = torch.cat([found[mode], self._largest_logit(inputs)])
+            if given.shape[-1] > COLORS:
+                frames = self._largest_logit(given[..., COLORS:])
+                untouched[0] = torch.cat([untouched[0], frames])
+        return untouched, touched
+
+    def _largest_logit(self, pixels: np.ndarray) -> torch.Tensor:
+        """(B,) largest logit of contact of pixels, (B, S, S, c) uint8."""
+        found = [torch.empty(0)]
+        for start in range(0, len(pixels), BATCH_SIZE):
+            part = pixels[start : start + BATCH_SIZE].astype(np.float32) / 255.0
+            found.append(self.contact_outputs(to_input(part)).logit.amax(dim=(1, 2)).cpu())
+        return torch.cat(found)
 
     @cached_property
     def readout(self) -> FieldReadout:

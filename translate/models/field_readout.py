@@ -180,6 +180,10 @@ def force_target(network: FieldNet, force_n: torch.Tensor) -> torch.Tensor:
     return (log_force(force_n) - mean) / std.clamp(min=MIN_FORCE_SCALE)
 
 
+SAME_FRAME = 1e-4
+"""Difference up to which a background frame is the mean frame: rounding errors."""
+
+
 class FromPixels(nn.Module):
     """The whole prediction in float32 on the CPU.
 
@@ -213,7 +217,8 @@ class FromPixels(nn.Module):
     def forward(self, pixels: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
         both = [(each - self.mean) / self.std for each in (pixels, background.expand_as(pixels))]
         outputs = self.network(torch.cat(both, dim=1), self.contact is not None, True)
-        contact = None if self.contact is None else self.contact(outputs.contact)
+        is_own = (background - self.mean_frame).abs().amax() > SAME_FRAME
+        contact = None if self.contact is None else self.contact(outputs.contact, is_own)
         found = AllPredictions(self.readout(outputs), outputs.features, contact)
         counts, *others = found.named().values()
         return counts, self.dense_image(found.field.dense_counts), *others

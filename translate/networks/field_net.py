@@ -200,6 +200,9 @@ SHEAR, CONTACT, SCALE = "shear", "contact", "scale"
 """First letters of the names of the weights and buffers of the shear force, of the contact, and of
 the factors of the spreads, which belong to the calibration."""
 
+LIMITS = "contact_limits"
+"""Name of the buffer of the limits of contact, which the calibration sets."""
+
 CONTACT_KNOTS = {
     "contact_depth_knots": PLACE_SHARES,
     "contact_pressure_knots": PLACE_SHARES,
@@ -250,7 +253,9 @@ class FieldNet(nn.Module):
     - shear_scale, (), root mean square of the training presses' shear force, N, and shear_knots,
       if it is predicted;
     - contact_scale, (2,), root mean squares of depth, mm, and pressure, kPa, in the training
-      presses' contacts, and those of CONTACT_KNOTS, if the contact is predicted.
+      presses' contacts, contact_limits, (2,), logits below whose largest one an image has no
+      contact, without and with a background frame, and those of CONTACT_KNOTS, if the contact is
+      predicted.
 
     Raises T2TwinError for places that form no such columns, and for too few filters.
     """
@@ -268,6 +273,7 @@ class FieldNet(nn.Module):
     shear_scale: torch.Tensor
     shear_knots: torch.Tensor
     contact_scale: torch.Tensor
+    contact_limits: torch.Tensor
     contact_depth_knots: torch.Tensor
     contact_pressure_knots: torch.Tensor
     contact_center_knots: torch.Tensor
@@ -327,6 +333,7 @@ class FieldNet(nn.Module):
             self.register_buffer("contact_scale", torch.zeros(2))
             for name, shares in CONTACT_KNOTS.items():
                 self.register_buffer(name, identity_knots(len(shares)))
+            self.register_buffer(LIMITS, torch.zeros(2))
         self.scale = SpreadScale(x_mm, y_mm, view_mm, self.grid, size)
 
     def encoded(self, images: torch.Tensor) -> tuple[torch.Tensor, ...]:

@@ -25,7 +25,7 @@ from t2twin.translate.models.distributed import device
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
-from t2twin.translate.networks.field_net import CONTACT, SCALE, SHEAR
+from t2twin.translate.networks.field_net import CONTACT, LIMITS, SCALE, SHEAR
 from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import (
@@ -98,7 +98,8 @@ def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ())
     """Reads the weights of one network.
 
     optional: first letters of names that the file may lack, or may have in addition. It may lack
-    the factors of spreads, which runs of earlier versions do not have; they are 1 then.
+    what runs of earlier versions do not have: factors of spreads, which are 1 then, and limits of
+    contact, which are 0 then.
     Raises T2TwinError if the file is missing, is of another network or has non-finite numbers.
     """
     if not path.is_file():
@@ -106,7 +107,7 @@ def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ())
     try:
         weights = load_file(path)
         _check_finite(path, weights)
-        names = (*optional, f"{SCALE}.")
+        names = (*optional, f"{SCALE}.", LIMITS)
         own = {n: each for n, each in network.state_dict().items() if n.startswith(names)}
         required = {n: each for n, each in weights.items() if not n.startswith(names)}
         network.load_state_dict(required | {n: weights.get(n, own[n]) for n in own})
@@ -273,6 +274,8 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
         if scale not in first or scale not in last or not torch.equal(first[scale], last[scale]):
             first = {name: each for name, each in first.items() if not name.startswith(part)}
             first |= {name: each for name, each in last.items() if name.startswith(part)}
+    new = (f"{SCALE}.", LIMITS)  # of a calibration, which runs of earlier versions do not have
+    first |= {n: each for n, each in last.items() if n.startswith(new) and n not in first}
     if {n: each.shape for n, each in first.items()} != {n: each.shape for n, each in last.items()}:
         raise T2TwinError(f"{earlier} and {later} have different networks; expected equal ones")
     mean = {name: _mean(first[name], last[name], share) for name in last}
