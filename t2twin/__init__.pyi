@@ -1,5 +1,6 @@
 from .adaptation.pipeline import adapt as adapt
 from .attachment.mount import attach as attach
+from .attachment.read_all import read_all as read_all
 from .attachment.sensor import AttachedSensor as AttachedSensor
 from .core.errors import T2TwinError as T2TwinError
 from .core.errors import T2TwinWarning as T2TwinWarning

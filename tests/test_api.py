@@ -13,8 +13,8 @@ PUBLIC = {
     "T2TwinError", "T2TwinWarning", "Touch", "TrainedTranslator", "Twin", "adapt", "attach",
     "calibrate", "evaluate",
     "evaluate_datasets", "export_onnx", "export_shapes", "guess_light", "import_pairs", "load",
-    "load_layout", "load_recipe", "Markers", "load_shape", "make_dataset", "press", "sensors",
-    "shapes",
+    "load_layout", "load_recipe", "Markers", "load_shape", "make_dataset", "press", "read_all",
+    "sensors", "shapes",
     "train", "translate_images", "verify_dataset", "write_data_report", "write_report",
 }  # fmt: skip
 """What a later version must still have."""

@@ -4,7 +4,6 @@
 # pyright: reportAttributeAccessIssue=false
 
 import json
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -249,8 +248,8 @@ def test_motion_is_that_of_the_body_at_the_contact():
     assert turn == pytest.approx(step.as_rotvec()[2], rel=0.05)
 
 
-def test_sensors_in_threads():
-    """Two sensors of one model and two states, each read in a thread of its own."""
+def test_many_states_are_read_at_the_same_time():
+    """Two sensors of one model and two states, in four threads, and alone."""
     spec = scene(x_m=-0.03, axes="z")
     spec.site("pad").pos = [-0.03, 0, 0.01]
     add_ball(spec, "second", x_m=0.03)
@@ -259,16 +258,20 @@ def test_sensors_in_threads():
         t2twin.attach(spec, body="pedestal", pos=[0.03, 0, 0.01], sensor="cyskin", seed=2),
     ]
     states = [simulate(spec, -force, -2 * force) for force in (2.0, 4.0)]
-    jobs = [(sensor, *state) for sensor in sensors for state in states]
-    with ThreadPoolExecutor(4) as pool:
-        threaded = list(pool.map(lambda job: job[0].read(*job[1:]), jobs))
+    threaded = t2twin.read_all(sensors, [data for _, data in states], workers=4)
     for sensor in sensors:
         sensor.reset()
-    for touch, (sensor, *state) in zip(threaded, jobs, strict=True):
-        alone = sensor.read(*state)
-        assert np.array_equal(alone.image, touch.image)
-        assert np.array_equal(alone.counts, touch.counts)
-        assert alone.contacts[sensor.sensor].force_n > 1.9
+    for touches, state in zip(threaded, states, strict=True):
+        for sensor, touch in zip(sensors, touches, strict=True):
+            alone = sensor.read(*state)
+            assert np.array_equal(alone.image, touch.image)
+            assert np.array_equal(alone.counts, touch.counts)
+            assert alone.contacts[sensor.sensor].force_n > 1.9
+    assert t2twin.read_all(sensors[0], []) == []
+    data = states[0][1]
+    for wrong, message in ((["digit"], "expected sensors"), (sensors, "twice")):
+        with pytest.raises(T2TwinError, match=message):
+            t2twin.read_all(wrong, [data, data])
 
 
 def test_contacts_at_the_side_are_named():

@@ -81,7 +81,7 @@ class State:
     time_s, period: of the last reading. reads: their number. seen: the poses and forces, as bytes.
     touch, touch_s: the last touch and its time. poses, centers_mm: of the touching bodies and of
     their places of contact, in the sensor frame, by the body's id. asleep: the poses of bodies that
-    sleep, as bytes. sleeping: their forces.
+    sleep, as bytes. sleeping: their forces. lock: of one reading at a time.
     """
 
     time_s: float = -inf
@@ -94,6 +94,11 @@ class State:
     touch_s: float = 0.0
     asleep: bytes = b""
     sleeping: tuple[list[Wrench], list[Push]] = field(default_factory=lambda: ([], []))
+    lock: Lock = field(default_factory=Lock)
+
+    def restart(self) -> None:
+        """Forget the readings, but not their number."""
+        vars(self).update(vars(State(reads=self.reads, lock=self.lock)))
 
     def forces(
         self, model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose
@@ -165,7 +170,7 @@ class AttachedSensor:
         """Start without readings."""
         self._states: WeakKeyDictionary[object, State] = WeakKeyDictionary()
         self._elements: WeakKeyDictionary[object, Elements] = WeakKeyDictionary()
-        self._warned: set[str] = set()
+        self._warned: dict[str, object] = {}
         self._lock = Lock()
 
     def with_prefix(self, prefix: str, suffix: str = "") -> "AttachedSensor":
@@ -205,7 +210,9 @@ class AttachedSensor:
         elements = self._found(model, data)
         frame = frame_of(data, elements.site)
         with self._lock:
-            return self._read(model, data, elements.geom, frame)
+            state = self._states.setdefault(data, State())
+        with state.lock:
+            return self._read(model, data, elements.geom, frame, state)
 
     def set_stiffness(self, model: "mujoco.MjModel", data: "mujoco.MjData", body: str) -> float:
         """Let a body sink into the sensor as deep in MuJoCo as into the soft layer.
@@ -251,16 +258,15 @@ class AttachedSensor:
 
     def _warn(self, cause: str, message: str) -> None:
         """Warn of a cause, once."""
-        if cause not in self._warned:
-            self._warned.add(cause)
+        own = object()
+        if self._warned.setdefault(cause, own) is own:
             warnings.warn(f"{self.name}: {message}", T2TwinWarning, stacklevel=4)
 
     def _read(
-        self, model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose
+        self, model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose, state: State
     ) -> Touch:
-        state = self._states.setdefault(data, State())
         if data.time < state.time_s:
-            state = self._states[data] = State(reads=state.reads)
+            state.restart()
         state.time_s = data.time
         period = 0
         if self.rate_hz is not None:
