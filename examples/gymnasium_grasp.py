@@ -6,14 +6,18 @@
 The gripper of examples/gripper.py holds an object on a post with a small force, then lifts it. An
 action is the grip force. An observation is what both sensors read. One policy grips harder when the
 DIGIT's contact begins to slip, the other does not react. An object counts as held if it is still in
-the fingers 2 s after the lift.
+the fingers 2 s after the lift. Each object is lifted in one of as many processes as there are
+cores.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
 import argparse
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import cache, partial
+from multiprocessing import get_context
 from typing import Any
 
 import gymnasium as gym
@@ -21,8 +25,10 @@ import mujoco
 import numpy as np
 from gripper_scene import GEOM, add_gripper, add_room
 from gymnasium import spaces
+from tqdm import tqdm
 
 import t2twin
+from t2twin.core.machine import cores
 
 RATE_HZ = 10.0
 """Actions and observations per second."""
@@ -166,10 +172,23 @@ class Score:
         return 100 * low, 100 * high
 
 
-def score(env: GraspEnv, objects: int, reacts: bool) -> Score:
-    """Lift objects 0, 1, 2 and so on."""
-    held, grips_n = zip(*(lift(env, number, reacts) for number in range(objects)), strict=True)
+def score(objects: int, reacts: bool) -> Score:
+    """Lift objects 0, 1, 2 and so on, and show the progress."""
+    policy = "reacts to slip" if reacts else "does not react"
+    with ProcessPoolExecutor(cores(), mp_context=get_context("spawn")) as pool:
+        lifts = pool.map(partial(lift_alone, reacts=reacts), range(objects))
+        held, grips_n = zip(*tqdm(lifts, desc=policy, total=objects, unit="lift"), strict=True)
     return Score(sum(held), objects, float(np.mean(grips_n)))
+
+
+def lift_alone(number: int, reacts: bool) -> tuple[bool, float]:
+    """See lift; with the environment of this process."""
+    return lift(_environment(), number, reacts)
+
+
+@cache
+def _environment() -> GraspEnv:
+    return GraspEnv()
 
 
 def main() -> None:
@@ -180,7 +199,7 @@ def main() -> None:
     options = parser.parse_args()
     print("policy           held           95 % interval   mean grip force at the end, N")
     for name, reacts in (("does not react", False), ("reacts to slip", True)):
-        found = score(GraspEnv(), options.objects, reacts)
+        found = score(options.objects, reacts)
         low, high = found.interval_percent
         held = f"{found.held:3} of {found.objects:3}, {found.percent:3.0f} %"
         print(f"{name}   {held}   {low:3.0f} to {high:3.0f} %   {found.grip_n:6.1f}")

@@ -29,11 +29,11 @@ BENCHMARK = Benchmark(
 
 def measure(options: Namespace) -> dict[str, Any]:
     sys.path.insert(0, str(ROOT / "examples"))
-    from gymnasium_grasp import GraspEnv, score
+    from gymnasium_grasp import score
 
     content: dict[str, Any] = {}
     for name, reacts in (("fixed", False), ("reacting", True)):
-        found = score(GraspEnv(), options.objects, reacts)
+        found = score(options.objects, reacts)
         content[name] = {
             "held": found.held,
             "objects": found.objects,
