@@ -21,11 +21,19 @@ from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
 
 def test_features_are_means_and_deviations_of_the_channels():
-    even, steps = torch.full((2, 3, 4, 4), 2.0), torch.zeros(2, 1, 2, 2)
+    slope = torch.arange(6.0)[:, None].expand(2, 1, 6, 6)
+    steps = torch.zeros(2, 1, 2, 2)
     steps[:, :, 0] = 6.0
-    found = features_of([even, steps])
-    expected = np.log1p([2.0, 2.0, 2.0, 0.0, 0.0, 0.0, 3.0, 3.0])
+    found = features_of([slope, steps], 6)
+    cells = np.repeat([0.5, 2.5, 4.5], 3)
+    expected = np.log1p([2.5, np.arange(6).std(), 3.0, 3.0, *cells])
     np.testing.assert_allclose(found, [expected, expected], rtol=1e-6)
+
+
+def test_a_check_of_an_earlier_version_uses_the_features_that_it_knows():
+    check = FrameCheck(2).eval()
+    features = torch.rand(3, 5)
+    assert torch.equal(check(features), check(features[:, :2]))
 
 
 def test_a_frame_is_wrong_above_the_limit_of_its_kind():

@@ -57,7 +57,6 @@ from t2twin.translate.models.field_readout import (
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.contact_head import ContactOutputs
 from t2twin.translate.networks.field_net import CONTACT, SCALE, SHEAR, FieldNet, FieldOutputs
-from t2twin.translate.networks.frame_check import features_of
 from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
 from t2twin.translate.uncertainty.likelihood import negative_log_likelihood
 from t2twin.translate.uncertainty.spread_scale import fit_scale, scaled
@@ -265,7 +264,8 @@ class FieldTranslator(CountsTranslator):
         """(B, n) features for the frame check, by the encoder alone. images: as for `predict`."""
         self.predictor.eval()
         with torch.inference_mode(), self.precision():
-            return features_of(self.predictor.encoded(self._with_frame(images)))
+            maps = self.predictor.encoded(self._with_frame(images))
+            return self.predictor.frame_features(maps)
 
     def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
         """The outputs of the contact's layers. images: as for `predict`."""

