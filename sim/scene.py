@@ -5,8 +5,8 @@ above them, and the solid as a visual mesh. Its keyframe `rest` is the equilibri
 actuator and can be changed; the springs then respond without the layer's coupling.
 """
 
+from html import escape
 from pathlib import Path
-from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -42,7 +42,7 @@ def scene(contact: Contact, mesh_file: str | None) -> str:
     mesh, solid = ("", "") if mesh_file is None else _solid_elements(contact, mesh_file)
     mass = SHAPE_MASS * np.median(state.stiffness_n_per_mm) * STEP_S**2
     heights = " ".join(f"{-depth:.9g}" for depth in state.deflection_mm)
-    model = escape(f"{shape.name} on the {elastomer.name}", {'"': "&quot;"})
+    model = escape(f"{shape.name} on the {elastomer.name}")
     return f"""<mujoco model="{model}">
   <compiler angle="radian"/>
   <option timestep="{STEP_S:g}" integrator="discrete" solver="Newton" gravity="0 0 0"

@@ -102,6 +102,7 @@ def test_what_ships_can_be_planned():
         "shipped-2",
         "moving",
         "pretrained-3",
+        "pretrained-4",
     }
     named = set(re.findall(r"[\w-]+", str(SimdataOptions.__doc__)))
     assert set(bundled_recipes()) <= named

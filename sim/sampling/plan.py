@@ -8,7 +8,6 @@ from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.mesh_io import read
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.sampling.presses import (
@@ -19,10 +18,6 @@ from t2twin.sim.sampling.presses import (
     sample_paths,
 )
 from t2twin.sim.sampling.recipe import NAMED, RANDOM, Part, Recipe, Split
-
-RECIPE_HINTS = read.Hints(
-    scale="scale = {:g} in this part of the recipe", center="center = true in this part"
-)
 
 PRESSES_PER_SHARD = 500
 """Approximate number of presses of a shard: some 40 MB, made in half a minute."""
@@ -113,7 +108,8 @@ def shard_path(split: str, shape: str) -> str:
 
 def name_of(source: str) -> str:
     """Name of a shape in the dataset: a file's stem, or the name."""
-    return Path(source).stem if Path(source).suffix.lower() in read.SUFFIXES else source
+    suffix = Path(source).suffix
+    return Path(source).stem if suffix and _is_solid(suffix) else source
 
 
 def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch]:
@@ -142,10 +138,10 @@ def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch
 
 def solids_in(folder: str) -> tuple[str, ...]:
     """The files of solids in a recipe's folder, sorted. Raises T2TwinError without any."""
-    found = sorted(
-        str(path) for path in Path(folder).glob("*") if path.suffix.lower() in read.SUFFIXES
-    )
+    found = sorted(str(path) for path in Path(folder).glob("*") if _is_solid(path.suffix))
     if not found:
+        from t2twin.primitives_cad.mesh_io import read
+
         raise T2TwinError(
             f"{folder} contains no solids; shapes must be random, primitives, tools, or a folder "
             f"with files of {', '.join(read.SUFFIXES)}"
@@ -157,7 +153,19 @@ def load_shape(part: Part, source: str, cache_dir: str | Path | None = None) -> 
     """A shape of a part by its name or file. cache_dir and errors: as for catalogue.load."""
     if part.shapes in NAMED:
         return catalogue.load(source, cache_dir)
-    return catalogue.load(source, cache_dir, part.solid_scale, bool(part.center), RECIPE_HINTS)
+    from t2twin.primitives_cad.mesh_io import read
+
+    hints = read.Hints(
+        scale="scale = {:g} in this part of the recipe", center="center = true in this part"
+    )
+    return catalogue.load(source, cache_dir, part.solid_scale, bool(part.center), hints)
+
+
+def _is_solid(suffix: str) -> bool:
+    """Whether files of this suffix contain solids."""
+    from t2twin.primitives_cad.mesh_io import read  # slow to import; a worker may never need it
+
+    return suffix.lower() in read.SUFFIXES
 
 
 def _part_batches(

@@ -22,7 +22,6 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta, Struct
 from scipy import special
-from scipy.spatial import KDTree
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
@@ -182,8 +181,7 @@ def _places(grid: DenseGrid) -> Layout:
         )
     x, y = x[on], y[on]
     # Layouts are rounded to 0.1 um; their places replace the computed ones.
-    found = KDTree(np.column_stack([x, y])).query(np.array(grid.taxels_mm))
-    distance, nearest = (np.asarray(each) for each in found)
+    distance, nearest = _nearest_of(x, y, np.array(grid.taxels_mm))
     for place, taxel in zip(nearest[distance < SAME_MM], np.flatnonzero(distance < SAME_MM),
                             strict=True):  # fmt: skip
         x[place], y[place] = grid.taxels_mm[taxel]
@@ -195,7 +193,17 @@ def _nearest(grid: DenseGrid, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) 
     """(rows * columns,) the place nearest to each cell of a contact's grid."""
     places = grid.layout
     cells = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-    return np.asarray(KDTree(np.column_stack([places.x_mm, places.y_mm])).query(cells)[1])
+    return _nearest_of(places.x_mm, places.y_mm, cells)[1]
+
+
+def _nearest_of(
+    x_mm: np.ndarray, y_mm: np.ndarray, to_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance to the nearest of the places (x, y) from each point, mm, and its index."""
+    from scipy.spatial import KDTree  # slow to import, and not needed for counts
+
+    distance, index = KDTree(np.column_stack([x_mm, y_mm])).query(to_mm)
+    return np.asarray(distance), np.asarray(index)
 
 
 @lru_cache(maxsize=8)
