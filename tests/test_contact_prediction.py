@@ -2,13 +2,14 @@
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from PIL import Image
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 
 from maintenance.publish_pretrained import publish_pretrained
 from t2twin.cli import main
@@ -33,7 +34,7 @@ from t2twin.translate.models.contact import (
 )
 from t2twin.translate.models.field_readout import AllPredictions, FieldPrediction
 from t2twin.translate.networks.contact_head import ContactOutputs
-from t2twin.translate.networks.field_net import CONTACT, FieldNet
+from t2twin.translate.networks.field_net import CONTACT, LIMITS, FieldNet
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, FRAME_CHECK, HOME, load_config
 from t2twin.translate.training.train import train
@@ -136,17 +137,28 @@ def test_each_image_passes_the_encoder_once(alone, images, monkeypatch) -> None:
     assert passed == [2, 1] * 4
 
 
+def with_limits(run: Path, folder: Path, limits: list[float]) -> Path:
+    """A copy of a run with other limits of contact."""
+    shutil.copytree(run, folder)
+    weights = load_file(run / BEST)
+    save_file(weights | {LIMITS: torch.tensor(limits)}, folder / BEST)
+    return folder
+
+
 def test_onnx_files_predict_the_same_contact(alone, images, tmp_path) -> None:
+    """With limits, so that there is no contact without background frames."""
     frames, background = images
-    by_torch, by_onnx = load(alone, engine="torch"), load(alone, engine="onnx")
-    for one, other in zip(
-        *(run.contact(frames, background) for run in (by_torch, by_onnx)), strict=True
-    ):
-        for name in ("depth_mm", "depth_std_mm", "probability", "pressure_std_kpa"):
-            expected = getattr(one, name)
-            np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-3, atol=1e-4)
-        surely = abs(one.probability - 0.5) > 1e-3
-        np.testing.assert_array_equal(one.mask[surely], other.mask[surely])
+    limited = with_limits(alone, tmp_path / "limited", [99.0, -99.0])
+    by_torch, by_onnx = load(limited, engine="torch"), load(limited, engine="onnx")
+    for frame in (background, None):
+        contacts = [run.contact(frames, frame) for run in (by_torch, by_onnx)]
+        for one, other in zip(*contacts, strict=True):
+            for name in ("depth_mm", "depth_std_mm", "probability", "pressure_std_kpa"):
+                expected = getattr(one, name)
+                np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-3, atol=1e-4)
+            surely = abs(one.probability - 0.5) > 1e-3
+            np.testing.assert_array_equal(one.mask[surely], other.mask[surely])
+            assert one.is_empty == other.is_empty and (frame is not None or one.is_empty)
     assert export_onnx(by_torch, tmp_path / "run.onnx") < PARITY_COUNTS
     session = open_onnx(tmp_path / "run.onnx")
     shapes = {each.name: each.shape[1:] for each in session.get_outputs()}
@@ -311,7 +323,7 @@ def test_calibrated_intervals_cover_what_they_promise() -> None:
     depth, pressure = (scaled[:, n] + error[n] for n in range(2))
     outputs = ContactOutputs(depth, log_spread, pressure, log_spread, torch.full_like(depth, 9.0))
     fit_contact_knots(network, VIEW_MM, [(outputs, true)])
-    found = ContactReadout(network, VIEW_MM)(outputs, True)
+    found = ContactReadout(network, VIEW_MM)(outputs, torch.tensor(True))
     covered = (found.depth_mm - true[:, 0]).abs() <= 1.645 * found.depth_std_mm
     assert covered.float().mean() == pytest.approx(0.9, abs=0.01)
 
@@ -328,7 +340,8 @@ def test_below_its_limit_an_image_has_no_contact() -> None:
     zero = torch.zeros_like(logit)
     outputs = ContactOutputs(zero, zero, zero + 1.0, zero, logit)
     readout = ContactReadout(network, VIEW_MM)
-    largest = [readout(outputs, given).probability.amax(dim=(1, 2)) for given in (False, True)]
+    modes = torch.tensor(False), torch.tensor(True)
+    largest = [readout(outputs, given).probability.amax(dim=(1, 2)) for given in modes]
     assert (torch.stack(largest) > 0.5).tolist() == [[False, True], [True, True]]
 
 

@@ -136,16 +136,14 @@ class ContactReadout(nn.Module):
             self.register_buffer(name, getattr(network, name).detach().clone())
         self.to(network.contact_scale.device)
 
-    def forward(
-        self, outputs: ContactOutputs, has_background: bool | torch.Tensor
-    ) -> ContactPrediction:
-        """The calibrated predictions. has_background: whether the images have background frames."""
+    def forward(self, outputs: ContactOutputs, has_background: torch.Tensor) -> ContactPrediction:
+        """The calibrated predictions. has_background: () bool, whether the images have background
+        frames."""
         of_depth, of_pressure = outputs.depth_log_spread, outputs.pressure_log_spread
         depth_std = of_depth.exp() * interpolate_scale(of_depth, self.contact_depth_knots)
         std = of_pressure.exp() * interpolate_scale(of_pressure, self.contact_pressure_knots)
         without, given = self.contact_limits[0], self.contact_limits[1]
-        is_given = torch.as_tensor(has_background, dtype=torch.bool, device=given.device)
-        limit = torch.where(is_given, given, without)
+        limit = torch.where(has_background, given, without)
         largest = outputs.logit.amax(dim=(1, 2), keepdim=True)
         probability = torch.sigmoid(outputs.logit)
         probability = torch.where(largest > limit, probability, probability.clamp(max=EVEN))
@@ -216,7 +214,7 @@ def fit_contact_knots(
         error = getattr(outputs, name) - maps[:, number] / network.contact_scale[number]
         _set_knots(network, name, getattr(outputs, f"{name}_log_spread").exp(), error)
     network.contact_center_knots.copy_(identity_knots(len(CONTACT_KNOTS["contact_center_knots"])))
-    found = ContactReadout(network, view_mm)(outputs, True)
+    found = ContactReadout(network, view_mm)(outputs, torch.tensor(True))
     true, _ = center_of_pressure(maps[:, 1], torch.zeros_like(maps[:, 1]), view_mm)
     error = found.center_mm - true
     known = error.isfinite().all(dim=1)

@@ -255,8 +255,9 @@ class FieldTranslator(CountsTranslator):
         with torch.inference_mode():
             with self.precision():
                 outputs = self.predictor(self._with_frame(images), with_contact, with_features)
-            contact, has_frame = None, images.shape[1] > COLORS
+            contact = None
             if outputs.contact is not None:
+                has_frame = torch.tensor(images.shape[1] > COLORS, device=self.device)
                 contact = self.contact_readout(outputs.contact, has_frame)
             return AllPredictions(self.readout(outputs), outputs.features, contact)
 
