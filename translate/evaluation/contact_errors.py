@@ -25,11 +25,16 @@ MIN_CELLS = 4
 
 
 def contact_metrics(
-    run: FieldPredictor, pictures: Pictures, contact: ImageFile, progress: str | None = None
+    run: FieldPredictor,
+    pictures: Pictures,
+    contact: ImageFile,
+    force_n: np.ndarray,
+    progress: str | None = None,
 ) -> ContactMetrics:
     """The errors of a run that predicts the contact.
 
-    pictures: inputs of P pairs, as for `estimate_pixels`. contact: their contact maps.
+    pictures: inputs of P pairs, as for `estimate_pixels`. contact: their contact maps. force_n:
+    (P,), 0 without contact; other pairs may have their contact outside the view.
     """
     half = half_width(LEVEL)
     view_mm = run.config.data.camera.view_mm
@@ -57,7 +62,8 @@ def contact_metrics(
         ]
         touched = (cells >= MIN_CELLS).cpu()
         parts.append(torch.stack(values, dim=1).cpu()[touched])
-        false_contacts.append(mask.any(dim=2).any(dim=1).cpu()[(total <= 0.0).cpu()])
+        untouched = torch.from_numpy(force_n[part] == 0.0)
+        false_contacts.append(mask.any(dim=2).any(dim=1).cpu()[untouched])
     depth, deepest, iou, force, center, covered, centered = torch.cat(parts).double().numpy().T
     false = torch.cat(false_contacts).double().numpy()
     missed = np.isnan(center)

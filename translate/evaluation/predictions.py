@@ -279,7 +279,7 @@ def predict_runs(
             predictions[name] = estimates[name].counts
             if own.contact is not None:
                 title = f"contact of {name}"
-                contacts[name] = contact_metrics(run, images, own.contact, title)
+                contacts[name] = contact_metrics(run, images, own.contact, own.force_n, title)
         else:
             predictions[name] = run.predict_pixels(own.inputs, progress=name)
     return predictions, estimates, contacts

@@ -182,8 +182,8 @@ class ContactMetrics:
     median error of the integral of the pressure, relative to it. center_error_mm: median distance
     of the center of pressure, None if no contact was found. depth_coverage_percent,
     center_coverage_percent: of the 90 % intervals, in the true contact. missed_percent: share of
-    the pairs in which no contact was found. false_percent: share of those without contact in which
-    one was found; None without such pairs.
+    the pairs in which no contact was found. false_percent: share of the pairs without force in
+    which one was found; None without such pairs.
     """
 
     pairs: int

@@ -274,7 +274,8 @@ def contact_text(models: Mapping[str, ModelRow]) -> list[str]:
         if found.missed_percent or found.false_percent:
             line += f" It misses {found.missed_percent:.1f} % of the contacts"
             false = found.false_percent
-            line += "." if false is None else f", and finds one in {false:.1f} % of the others."
+            where = "images without contact"
+            line += "." if false is None else f", and finds one in {false:.1f} % of {where}."
         lines.append(line)
     return lines
 
