@@ -103,6 +103,7 @@ def test_what_ships_can_be_planned():
         "moving",
         "pretrained-3",
         "pretrained-4",
+        "mini-1",
     }
     named = set(re.findall(r"[\w-]+", str(SimdataOptions.__doc__)))
     assert set(bundled_recipes()) <= named
