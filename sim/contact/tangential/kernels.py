@@ -31,6 +31,7 @@ plane-strain solution, and T from antiplane shear. For large s they are the half
 k = 0 the layer's simple shear h / G and confined compression.
 """
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -43,6 +44,9 @@ from t2twin.sim.splines import CubicSpline
 MIN_REDUCED, MAX_REDUCED = 1e-6, 300.0
 """Limits on s, between which the hyperbolic functions are accurate and finite. At the upper one the
 layer is a half-space."""
+
+SMALL_ARGUMENT = 1e-3
+"""Argument below which J2 is its first term, whose relative error is below 1e-7."""
 
 
 class Kernels(NamedTuple):
@@ -63,30 +67,41 @@ def shear_kernels(
     elastomer: Elastomer, thickness_mm: float, rows: int, columns: int, pitch_mm: float
 ) -> Kernels:
     """The kernels of a layer of this thickness, laterally unbounded, on a grid of square cells."""
+    smooth = smooth_kernels(elastomer, thickness_mm, rows, columns, pitch_mm)
+    half_space = _half_space(rows, columns, pitch_mm, elastomer)
+    return Kernels(*(a + b for a, b in zip(smooth, half_space, strict=True)))
+
+
+def smooth_kernels(
+    elastomer: Elastomer, thickness_mm: float, rows: int, columns: int, pitch_mm: float
+) -> Kernels:
+    """What the rigid base changes in the kernels of a half-space; see `shear_kernels`."""
     x = np.arange(1 - columns, columns) * pitch_mm
     y = np.arange(1 - rows, rows) * pitch_mm
-    distance = np.hypot(x, y[:, None])
-    radii = np.linspace(0.0, float(distance.max()), HANKEL_RADII)
+    # The distances are those of a quarter of the grid.
+    quarter = np.hypot(x[columns - 1 :], y[rows - 1 :, None])
+    every = np.ix_(np.abs(np.arange(1 - rows, rows)), np.abs(np.arange(1 - columns, columns)))
+    radii = np.linspace(0.0, float(quarter.max()), HANKEL_RADII)
     mean, difference, coupling = (
-        pitch_mm**2 * CubicSpline(0.0, radii[-1], profile)(distance)
+        pitch_mm**2 * CubicSpline(0.0, radii[-1], profile)(quarter)[every]
         for profile in _base_part(elastomer, thickness_mm, radii, pitch_mm)
     )
-    cos, sin = x / np.maximum(distance, 1e-12), y[:, None] / np.maximum(distance, 1e-12)
-    smooth = Kernels(
+    distance = np.maximum(quarter[every], 1e-12)
+    cos, sin = x / distance, y[:, None] / distance
+    return Kernels(
         xx=mean - (cos**2 - sin**2) * difference,
         xy=-2 * cos * sin * difference,
         yy=mean + (cos**2 - sin**2) * difference,
         xz=-cos * coupling,
         yz=-sin * coupling,
     )
-    half_space = _half_space(x, y, pitch_mm, elastomer)
-    return Kernels(*(a + b for a, b in zip(smooth, half_space, strict=True)))
 
 
-def _half_space(
-    x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float, elastomer: Elastomer
-) -> Kernels:
-    """The kernels of a half-space at offsets x, y."""
+@lru_cache(maxsize=4)
+def _half_space(rows: int, columns: int, pitch_mm: float, elastomer: Elastomer) -> Kernels:
+    """The kernels of a half-space; see `shear_kernels`."""
+    x_mm = np.arange(1 - columns, columns) * pitch_mm
+    y_mm = np.arange(1 - rows, rows) * pitch_mm
     nu = elastomer.poisson
     unit = (1 + nu) / np.pi / elastomer.young_mpa
     inverse = mean_inverse_distance(x_mm, y_mm, pitch_mm)
@@ -144,11 +159,15 @@ def _hankel(
     difference = (of_layer.longitudinal - of_layer.transverse) / 2 + unit * poisson / 2
     coupling = of_layer.coupling + unit * (1 - 2 * poisson) / 2
     argument = k[:, None] * radii_mm
+    zeroth, first = special.j0(argument), special.j1(argument)
+    # The recurrence of Bessel functions; J2 is near x^2 / 8 where its terms cancel.
+    second = 2 * first / np.maximum(argument, SMALL_ARGUMENT) - zeroth
+    second = np.where(argument < SMALL_ARGUMENT, argument**2 / 8, second)
     # einsum, because the last bits of a BLAS product depend on the number of threads.
     return np.stack(
         [
-            np.einsum("k,kr->r", part * rule, special.jv(order, argument))
-            for part, order in ((mean, 0), (difference, 2), (coupling, 1))
+            np.einsum("k,kr->r", part * rule, bessel)
+            for part, bessel in ((mean, zeroth), (difference, second), (coupling, first))
         ]
     )
 

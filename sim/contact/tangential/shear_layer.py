@@ -16,7 +16,7 @@ from scipy import fft
 from t2twin.core.jit import INNER, compiled
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.grid import Window
-from t2twin.sim.contact.tangential.kernels import Kernels, shear_kernels
+from t2twin.sim.contact.tangential.kernels import Kernels, shear_kernels, smooth_kernels
 
 MAX_TRANSFORMS = 20
 """Windows whose transforms are kept (assumed: those of a few paths)."""
@@ -29,6 +29,9 @@ around a tip by several cells."""
 THICKNESS_STEP_MM = 0.25
 """Thicknesses at the middle of a contact with a domed layer are rounded to this, mm, so that few
 kernels are computed (assumed)."""
+
+MAX_LAYERS = 32
+"""Layers that are kept (assumed: the thicknesses of two domed gels)."""
 
 
 class ShearLayer:
@@ -46,6 +49,13 @@ class ShearLayer:
     def displacement_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
         """(2, rows, columns) displacement along x and y, mm, by traction along x and y, MPa."""
         return _responses((self,), traction_mpa, 2)[0]
+
+    def compliance_mm_per_mpa(self, side: int) -> float:
+        """Mean displacement per uniform traction on a square of side x side cells, mm/MPa."""
+        rows, columns = (length // 2 for length in self._kernels.xx.shape)
+        along = np.maximum(side - np.abs(np.arange(-rows, rows + 1)), 0)
+        across = np.maximum(side - np.abs(np.arange(-columns, columns + 1)), 0)
+        return float((along[:, None] * across * self._kernels.xx).sum() / side**2)
 
     def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
         """(3, rows, columns) displacement along x, along y and into the sensor, mm, by traction
@@ -154,7 +164,7 @@ def _thickness_mm(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
     return elastomer.thickness_at_mm(*np.meshgrid(np.frombuffer(x_mm), np.frombuffer(y_mm)))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=MAX_LAYERS)
 def cached_shear_layer(
     elastomer: Elastomer, thickness_mm: float, pitch_mm: float, largest: tuple[int, int]
 ) -> ShearLayer:
@@ -163,13 +173,14 @@ def cached_shear_layer(
     return ShearLayer(shear_kernels(elastomer, thickness_mm, *largest, pitch_mm), pitch_mm)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=MAX_LAYERS)
 def _cached_slope(
     elastomer: Elastomer, thickness_mm: float, pitch_mm: float, largest: tuple[int, int]
 ) -> ShearLayer:
     """Change of a layer's response per mm of thickness, a central difference."""
+    # The half-space's part does not depend on the thickness.
     thinner, thicker = (
-        shear_kernels(elastomer, thickness_mm + step, *largest, pitch_mm)
+        smooth_kernels(elastomer, thickness_mm + step, *largest, pitch_mm)
         for step in (-THICKNESS_STEP_MM, THICKNESS_STEP_MM)
     )
     slope = [(b - a) / (2 * THICKNESS_STEP_MM) for a, b in zip(thinner, thicker, strict=True)]

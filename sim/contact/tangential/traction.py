@@ -37,6 +37,11 @@ STEPS_BACK = 6
 1986)."""
 
 
+@lru_cache(maxsize=256)
+def _compliance(layer: ShearLayer, side: int) -> float:
+    return layer.compliance_mm_per_mpa(side)
+
+
 class Traction(NamedTuple):
     """The result of one step. q_mpa: (2, rows, columns), along x and y. displacement_mm: (2, rows,
     columns), of the surface by it. residual: see TOLERANCE. tolerance: of the residual. steps: of
@@ -89,7 +94,7 @@ def solve_traction(
     side = min(ceil(sqrt(inside.sum())), *inside.shape)
     residual, steps = _minimize(
         layer.transforms(limit.shape), work_arrays(limit.shape, 2), limit, wanted, *bodies,
-        1.0 / _typical_compliance(layer, side), tolerance, q, displacement,
+        1.0 / _compliance(layer, side), tolerance, q, displacement,
     )  # fmt: skip
     return Traction(q.astype(float), displacement.astype(float), residual, tolerance, steps)
 
@@ -223,10 +228,3 @@ def take_step(displacement, moved, fraction, wanted, limit, gradient):
                 displacement[k, i, j] += fraction * moved[k, i, j]
                 if limit[i, j] > 0:
                     gradient[k, i, j] = displacement[k, i, j] - wanted[k, i, j]
-
-
-@lru_cache(maxsize=256)
-def _typical_compliance(layer: ShearLayer, side: int) -> float:
-    """Displacement per uniform traction on a square of cells, mm/MPa."""
-    ones = np.stack([np.ones((side, side)), np.zeros((side, side))])
-    return float(layer.displacement_mm(ones)[0].mean())
