@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import mujoco.viewer
@@ -106,8 +107,12 @@ class Predictor:
         self.network = t2twin.load()
         self.mirrored = self.network.at_layout(-layout.x_mm, layout.y_mm, "mirrored")
 
-    def other_finger(self, image: np.ndarray) -> Estimate:
-        return self.mirrored.estimate(image, background=self.background)
+    def other_finger(self, image: np.ndarray) -> tuple[Estimate, dict[str, Any]]:
+        """Also the contact on the DIGIT in the image, if the network predicts it."""
+        if not self.mirrored.predicts_contact:
+            return self.mirrored.estimate(image, background=self.background), {}
+        estimate, contact = self.mirrored.estimate_with_contact(image, self.background)
+        return estimate, {"contact": contact.summary()}
 
     def same_finger(self, image: np.ndarray) -> Estimate:
         return self.network.estimate(image, background=self.background)
@@ -185,9 +190,9 @@ def run(
     show = SceneRenderer(scene.model)
     set_camera(show.camera)
     for number, tick in enumerate(grasp(tool, scene, data, rate_hz)):
-        estimate = predictor.other_finger(tick.digit.image)
+        estimate, contact = predictor.other_finger(tick.digit.image)
         if log is not None:
-            record(log, start_s + tick.time_s, tick, estimate)
+            record(log, start_s + tick.time_s, tick, estimate, contact)
         if tick.phase != "close" and tick.digit.contacts and tick.grip_n > MIN_FORCE_N:
             result.other.add(estimate, tick.cyskin.counts)
             truth = virtual_counts(tool, scene, data, tick.digit, rng)
@@ -209,12 +214,14 @@ def run(
     return result, pages
 
 
-def record(log: RerunLog, time_s: float, tick: Tick, estimate: Estimate) -> None:
-    """Record both readings and the prediction of the counts at a time."""
+def record(
+    log: RerunLog, time_s: float, tick: Tick, estimate: Estimate, contact: dict[str, Any]
+) -> None:
+    """Record both readings and the predictions of the counts and the contact at a time."""
     log.touch(time_s, tick.cyskin)
     log.touch(time_s, tick.digit)
     predicted = {"counts": estimate.counts, "counts_std": estimate.counts_std}
-    log.prediction(time_s, tick.digit.image, predicted)
+    log.prediction(time_s, tick.digit.image, predicted | contact)
 
 
 def view(tool: str, rate_hz: float) -> None:

@@ -69,6 +69,9 @@ class RerunLog:
         for name in ("force_n", "force_std_n", "latency_ms"):
             if name in line:
                 self._number(f"prediction/{name}", line[name])
+        for name in ("largest_depth_mm", "area_mm2", "force_in_view_n"):
+            if name in line.get("contact", {}):
+                self._number(f"prediction/contact/{name}", line["contact"][name])
 
     def close(self) -> None:
         """Write what is not yet in the file."""

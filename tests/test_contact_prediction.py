@@ -16,6 +16,8 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import lists, read_split
+from t2twin.studio.cards import frame_html
+from t2twin.studio.translators import Translators
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
@@ -34,7 +36,7 @@ from t2twin.translate.models.contact import (
 )
 from t2twin.translate.models.field_readout import AllPredictions, FieldPrediction
 from t2twin.translate.networks.contact_head import ContactOutputs
-from t2twin.translate.networks.field_net import CONTACT, LIMITS, FieldNet
+from t2twin.translate.networks.field_net import CONTACT, LIMITS, SCALE, FieldNet
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, FRAME_CHECK, HOME, load_config
 from t2twin.translate.training.train import train
@@ -97,7 +99,7 @@ def _decoded(png: bytes) -> np.ndarray:
 
 def test_the_contact_alone_leaves_all_other_predictions_as_they_are(alone, images) -> None:
     before, after = load_file(HOME / "field" / BEST), load_file(alone / BEST)
-    assert all(name.startswith(CONTACT) for name in after.keys() - before.keys())
+    assert all(name.startswith((CONTACT, SCALE)) for name in after.keys() - before.keys())
     for name, tensor in before.items():
         assert torch.equal(tensor.float(), after[name].float()), name
     frame_checks = [(folder / FRAME_CHECK).read_bytes() for folder in (HOME / "field", alone)]
@@ -237,6 +239,21 @@ def test_live_lines_have_the_contact(alone, images, tmp_path, capsys) -> None:
     main(["live", "frames", "--frames", "1", "--background", "background.png", "--run", str(alone)])
     line = json.loads(capsys.readouterr().out)
     assert line["contact"] == load(alone).contact(frames[0], background).summary()
+
+
+def test_the_studio_shows_the_contact(alone, images, tmp_path) -> None:
+    frames, background = images
+    translators = Translators()
+    translators.search([alone], below=tmp_path)
+    (found,) = translators.translate(frames[0], [translators.names[-1]], background)
+    contact, expected = found.contact, load(alone).contact(frames[0], background)
+    assert contact is not None
+    np.testing.assert_allclose(contact.depth_mm, expected.depth_mm, atol=1e-5)
+    page = frame_html((frames[0], "a.png"), (background, "b.png"), [found])
+    assert 'data-name="contact"' in page and f"{expected.largest_depth_mm:.2f}</td>" in page
+    (found,) = translators.translate(frames[0], ["field"], background)
+    assert found.contact is None
+    assert 'data-name="contact"' not in frame_html((frames[0], "a.png"), None, [found])
 
 
 def prediction(pressure: torch.Tensor) -> ContactPrediction:

@@ -73,7 +73,9 @@ def test_a_touch_is_recorded(rerun: MagicMock) -> None:
 def test_predictions_are_recorded_from_the_first_frame_on(rerun: MagicMock) -> None:
     with recorded(Path("live.rrd")) as record:
         record(FRAME, LINE)
-        record(Frame(FRAME.image, 1, None, 3.5), LINE)
+        record(Frame(FRAME.image, 1, None, 3.5), LINE | {"contact": {"largest_depth_mm": 0.7}})
+    logged = [call.args[0] for call in rerun.RecordingStream().log.call_args_list]
+    assert logged[-1] == "prediction/contact/largest_depth_mm"
     times = [call.kwargs["duration"] for call in rerun.RecordingStream().set_time.call_args_list]
     assert times == [0.0, 2.5]
 

@@ -35,6 +35,7 @@ from t2twin.studio.colors import (
 from t2twin.studio.session import PressResult
 from t2twin.studio.shared import NamedFrame
 from t2twin.studio.translators import TRAIN_COMMAND, Translation
+from t2twin.translate.inference.relief import relief
 
 STYLE = """<style>
 .t2 { font-size: 0.8rem; line-height: 1.4; padding: 0.5rem 1.1rem 0.3rem 0.7rem; }
@@ -197,7 +198,7 @@ def frame_html(
         notes = _unreliable(each) + (_paragraph(BACKGROUND_USED) if each.background_used else "")
         listed = f"<p><b>counts</b><code>{_listed(each.counts)}</code></p>"
         parts.append(_row(_predicted(each, high), f'<div class="wide">{notes}{listed}</div>'))
-        parts += [_force(each, None), intervals_html(each)]
+        parts += [_force(each, None), _predicted_contact(each), intervals_html(each)]
     return _page(parts)
 
 
@@ -217,7 +218,8 @@ def _translation(translation: Translation, scales: Scales, touch: Touch) -> str:
             f"({full_scale:,.0f})</span></p>{unreliable}</div>"
         )
     figures = _row(_predicted(translation, scales.predicted), right)
-    return figures + _force(translation, touch.command.force_n) + intervals_html(translation)
+    force = _force(translation, touch.command.force_n)
+    return figures + force + _predicted_contact(translation) + intervals_html(translation)
 
 
 def _predicted(translation: Translation, high: float) -> str:
@@ -244,6 +246,23 @@ def _force(translation: Translation, true_n: float | None) -> str:
     if true_n is not None:
         cells, heads = [*cells, f"{true_n:.2f}"], [*heads, "true"]
     return _table(heads, [cells], "force")
+
+
+def _predicted_contact(translation: Translation) -> str:
+    """The depth of the predicted contact as a relief, and its values; empty for a run without."""
+    contact = translation.contact
+    if contact is None:
+        return ""
+    picture = relief(contact.depth_mm, contact.mask, contact.view_mm)
+    figure = _figure("Contact", "predicted depth", image_url(np.asarray(picture)), "contact")
+    rows = [
+        ["largest depth, mm", f"{contact.largest_depth_mm:.2f}"],
+        ["contact area in view, mm²", f"{contact.area_mm2:.1f}"],
+        ["force in view, N", f"{contact.force_in_view_n:.2f}"],
+    ]
+    notes = "".join(_paragraph(f"{note[0].upper()}{note[1:]}.") for note in contact.notes)
+    table = _table(["predicted"], rows, "predicted-contact")
+    return _row(figure, f'<div class="wide">{table}{notes}</div>')
 
 
 def _discs(translation: Translation, high: float) -> str:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from t2twin.sim.taxels.layout import Layout
     from t2twin.sim.touch import Touch
     from t2twin.translate.data.sides import ArraySide
+    from t2twin.translate.inference.contact import ContactEstimate
     from t2twin.translate.inference.predictor import CountsPredictor
     from t2twin.translate.uncertainty.estimate import Estimate
 
@@ -45,7 +46,8 @@ class Translation:
     tactile_image: (R, C) float32, counts. px_per_mm: its scale. in_distribution: whether the image
     resembles the training images. truth: (N,) float64, true counts at these taxels, None if
     unknown. interval: lower and upper bounds of the counts, (N,) float32 each, and force: None for
-    runs without uncertainty. background_used: whether the run received a background frame.
+    runs without uncertainty. background_used: whether the run received a background frame. contact:
+    None for runs that do not predict it.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Translation:
     interval: tuple[np.ndarray, np.ndarray] | None = None
     force: ForceInterval | None = None
     background_used: bool = False
+    contact: "ContactEstimate | None" = None
 
     @property
     def covered(self) -> int | None:
@@ -164,8 +167,12 @@ class Translators:
 
         run = self._load(name)
         data, interval, force = run.config.data.array, None, None
+        contacts: Any = [None]  # one, of one image
         if isinstance(run, FieldPredictor):
-            estimate = run.estimate([image], background)
+            if run.predicts_contact:
+                estimate, contacts = run.estimate_with_contact([image], background)
+            else:
+                estimate = run.estimate([image], background)
             counts, tactile = estimate.counts, run.dense_images(estimate)[0]
             low, high = estimate.interval(LEVEL)
             interval, force, classes = (low[0], high[0]), _force(estimate), estimate.ood_class
@@ -187,6 +194,7 @@ class Translators:
             interval=interval,
             force=force,
             background_used=isinstance(run, FieldPredictor) and background is not None,
+            contact=contacts[0],
         )
 
     def _load(self, name: str) -> "CountsPredictor":

@@ -139,8 +139,10 @@ class FieldPredictor(CountsPredictor):
         result has the classes of `classify`."""
         self._check_pixels(pixels)
         _check_some(len(pixels))
-        outputs = self._outputs(pixels, progress, False, classified)
-        return self._estimate(outputs, self._classified(pixels, outputs) if classified else None)
+        outputs, classes = self._outputs(pixels, progress, False, classified), None
+        if classified:
+            classes = self._classified(pixels[:], outputs)
+        return self._estimate(outputs, classes)
 
     def _estimate(self, outputs: Outputs, classes: list[OODClass] | None) -> Estimate:
         return Estimate(

@@ -25,8 +25,10 @@ on first use, which takes seconds, and stored in the cache folder. Predictions t
 need are removed before the file is opened.
 
 B is free. The metadata of the file contain the model, its preset, and the layout with its positions
-and full scale. Shape letters: c channels, S image side of the run, N taxels, F places of the dense
-counts, R rows and C columns, n features, H side of the contact maps.
+and full scale.
+
+Shape letters: c channels, S image side of the run, N taxels, F places of the dense counts, R rows,
+C columns, n features, H side of the contact maps.
 """
 
 import hashlib

@@ -202,10 +202,10 @@ class FromPixels(nn.Module):
         contact: ContactReadout | None,
     ) -> None:
         super().__init__()
-        parts = (network, readout, dense_image, contact)
-        self.network, self.readout, self.dense_image, self.contact = (
-            None if each is None else deepcopy(each).cpu() for each in parts
-        )
+        self.network = deepcopy(network).cpu()
+        self.readout = deepcopy(readout).cpu()
+        self.dense_image = deepcopy(dense_image).cpu()
+        self.contact = None if contact is None else deepcopy(contact).cpu()
         self.register_buffer("mean", torch.from_numpy(RGB_MEAN).view(3, 1, 1))
         self.register_buffer("std", torch.from_numpy(RGB_STD).view(3, 1, 1))
 

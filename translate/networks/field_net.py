@@ -254,9 +254,9 @@ class FieldNet(nn.Module):
     - shear_scale, (), root mean square of the training presses' shear force, N, and shear_knots,
       if it is predicted;
     - contact_scale, (2,), root mean squares of depth, mm, and pressure, kPa, in the training
-      presses' contacts, contact_limits, (2,), logits below whose largest one an image has no
-      contact, without and with a background frame, and those of CONTACT_KNOTS, if the contact is
-      predicted.
+      presses' contacts, and those of CONTACT_KNOTS, if the contact is predicted;
+    - contact_limits, (2,), without and with a background frame: an image has a contact if its
+      largest logit is above.
 
     Raises T2TwinError for places that form no such columns, and for too few filters.
     """
