@@ -80,6 +80,7 @@ def main() -> None:
 
 def slide_ms(presses) -> float:
     """Median of the best time of a step on both sensors, without readings, ms."""
+    assert slide_to is not None
     sensors = SensorPair()
     best = []
     for shape, command in presses:

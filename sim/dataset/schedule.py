@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Container, Iterator
 
 from t2twin.sim.dataset.shard import Work
-from t2twin.sim.dataset.store import group_path
+from t2twin.sim.dataset.store import group_name
 from t2twin.sim.sampling.plan import Group
 
 
@@ -22,7 +22,7 @@ class Schedule:
         """made: names of the files of groups that exist."""
         self.shards = shards
         self.pairs = sum(
-            group.pairs for groups in shards for group in groups if file_name(group) not in made
+            group.pairs for groups in shards for group in groups if _name(group) not in made
         )
         self._made = made
         self._missing: dict[str, int] = {}
@@ -49,7 +49,7 @@ class Schedule:
 
     def _in_order(self) -> Iterator[Work]:
         for groups in sorted(self.shards, key=lambda groups: -groups[0].batch.pairs):
-            missing = [group for group in groups if file_name(group) not in self._made]
+            missing = [group for group in groups if _name(group) not in self._made]
             if len(groups) == 1 or not missing:
                 yield groups
             else:
@@ -57,6 +57,5 @@ class Schedule:
                 yield from missing
 
 
-def file_name(group: Group) -> str:
-    """Name of a group's file in its folder."""
-    return group_path("", group.batch.path, group.start).name
+def _name(group: Group) -> str:
+    return group_name(group.batch.path, group.start)

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from t2twin.core.arguments import MAX_SEED
 from t2twin.core.cached_files import is_intact
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import encode_png
+from t2twin.core.machine import trim_memory
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.pin_layout import OffPadError
@@ -74,6 +76,12 @@ maps", "light" and "motion" only where the recipe has them or samples the light.
 
 STATUS = Path("/proc/self/status")
 """File with the memory of this process on Linux."""
+
+TRIM_WORKS = 16
+"""Works after which freed memory is returned: some 500 presses, of which few fragments remain."""
+
+_made = count(1)
+"""Works of this process."""
 
 MARKER_STREAM = 18
 """Random stream of a seed: markers of the units."""
@@ -201,6 +209,8 @@ def make(work: Work, context: ShardContext, progress: Callable[[], object]) -> W
         digest = write_tables(Path(context.folder) / shard, tables, schema)
         for path in paths:
             path.unlink(missing_ok=True)
+    if next(_made) % TRIM_WORKS == 0:
+        trim_memory()
     # The rows are made while the shard is written; the rest of the time is the writing.
     watch.seconds["writing"] += time.process_time() - start - watch.total
     return WorkResult(digest, pairs, watch, process_name(), peak_memory(), dict(rejected))

@@ -151,8 +151,12 @@ def _group_writer(
 
 def group_path(folder: str | Path, shard: str, start: int) -> Path:
     """The file of the rows of an unfinished shard from `start` on."""
-    stem = shard.removesuffix(".parquet").replace("/", "-")
-    return Path(folder) / GROUPS / f"{stem}-{start:06d}.arrow"
+    return Path(folder) / GROUPS / group_name(shard, start)
+
+
+def group_name(shard: str, start: int) -> str:
+    """Name of that file."""
+    return f"{shard.removesuffix('.parquet').replace('/', '-')}-{start:06d}.arrow"
 
 
 def write_group(path: Path, table: pa.Table) -> None:

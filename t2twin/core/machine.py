@@ -1,7 +1,8 @@
-"""The processor of this machine, its cores, and the versions of installed packages."""
+"""The processor of this machine, its cores and memory, and the versions of installed packages."""
 
 import os
 import platform
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -26,6 +27,14 @@ def processor() -> str:
 def processor_flags() -> list[str]:
     """The processor's features as Linux names them; empty on other systems."""
     return _cpuinfo("flags").split()
+
+
+def trim_memory() -> None:
+    """Return freed memory between allocations to the system, with glibc, which keeps it."""
+    import ctypes
+
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _cpuinfo(key: str) -> str:
