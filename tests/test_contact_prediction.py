@@ -285,6 +285,15 @@ def test_empty_contacts_and_contacts_at_the_edge_are_named() -> None:
     assert estimate_of(pressure).notes == (EDGE_NOTE,)
 
 
+def test_an_even_slope_is_even_in_the_size_of_the_image() -> None:
+    depth = torch.arange(48.0).repeat(1, 48, 1)
+    zero = torch.zeros(1, 48, 48)
+    found = prediction(zero)._replace(depth_mm=depth)
+    outputs = {name: each.numpy() for name, each in found._asdict().items()}
+    (contact,) = contacts_of(outputs, [(320, 240)], VIEW_MM, [OODClass.IN_DISTRIBUTION])
+    np.testing.assert_allclose(np.diff(contact.depth_mm[:, 20:-20]), 48 / 240, rtol=1e-3)
+
+
 def test_the_center_of_pressure_is_the_mean_place() -> None:
     pressure = torch.zeros(1, 4, 4)
     pressure[0, 0, 3], pressure[0, 2, 3] = 30.0, 10.0  # rows are y, columns x

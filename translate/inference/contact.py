@@ -173,7 +173,8 @@ def contacts_of(
     estimates = []
     for number, size in enumerate(sizes):
         one = maps[number : number + 1]
-        depth = functional.interpolate(one[:, :1], size, mode="bicubic")[0]  # a smooth slope
+        # With antialiasing it is Keys' filter of a = -0.5, which keeps slopes even (Keys 1981).
+        depth = functional.interpolate(one[:, :1], size, mode="bicubic", antialias=True)[0]
         large = torch.cat([depth, functional.interpolate(one[:, 1:], size, mode="bilinear")[0]])
         estimates.append(
             ContactEstimate(
