@@ -5,8 +5,8 @@ There are four steps, which are also separate commands. A finished step is not r
 1. light: calibrates the optics, first without the held-out presses, then on all.
 2. data: simulates a dataset of random shapes and primitives, pressed with 0.5 to 12 N. Its light is
    sampled around the optics, and its images have the noise of single frames.
-3. training: trains a translator on this dataset. The weights of a field run are then averaged with
-   those of the run that initialized it.
+3. training: trains a translator on this dataset, with the contact if the run that initializes it
+   predicts it. The weights of a field run are then averaged with those of that run.
 4. check: evaluates the trained run and the run that initialized it on the held-out presses, and
    keeps the more accurate one.
 """
@@ -61,7 +61,7 @@ from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.models.presets import Preset, find_preset
 from t2twin.translate.runs.checkpoint import average_runs
-from t2twin.translate.runs.config import HOME, pretrained_runs
+from t2twin.translate.runs.config import HOME, load_config, pretrained_runs
 from t2twin.translate.training.recalibrate import recalibrate
 from t2twin.translate.training.train import run_of_model, train
 
@@ -99,6 +99,7 @@ format = 1
 name = "adapted"
 source = {source}
 target = {target}
+contact_maps = {contact_maps}
 
 [[parts]]
 shapes = "random"
@@ -161,6 +162,11 @@ class AdaptConfig:
         return replace(preset, name="adapt", learning_rate=LEARNING_RATE, drift=DRIFT)
 
     @property
+    def predicts_contact(self) -> bool:
+        """Whether the initial run predicts the contact, so that the trained one does too."""
+        return self.init_from is not None and bool(load_config(self.init_from).data.has_contact)
+
+    @property
     def trained_dir(self) -> Path:
         """Folder of the trained run, of a field run with an initial run that of their mean."""
         is_mean = self.model == "field" and self.init_from is not None
@@ -186,7 +192,7 @@ def adapt(
     ball_diameter_mm: float,
     out: str | Path,
     held_out: int | None = None,
-    minutes: float = 60.0,
+    minutes: float = 20.0,
     camera: Camera | None = None,
     model: str = "field",
     init_from: str | Path | None = None,
@@ -231,7 +237,10 @@ def adapt(
         with _step("light", spent, report):
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
             if not (out / RECIPE).is_file():
-                write_recipe(out / RECIPE, model, config.minutes, out / OPTICS, config.source)
+                write_recipe(
+                    out / RECIPE, model, config.minutes, out / OPTICS, config.source,
+                    config.predicts_contact,
+                )  # fmt: skip
         with _step("data", spent, report):
             make_dataset(out / DATA, recipe=out / RECIPE, workers=workers)
         with _step("training", spent, report):
@@ -301,13 +310,18 @@ def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) ->
 
 
 def write_recipe(
-    file: Path, model: str, minutes: float, optics: Path, source: str | Path = SOURCE
+    file: Path,
+    model: str,
+    minutes: float,
+    optics: Path,
+    source: str | Path = SOURCE,
+    contact_maps: bool = False,
 ) -> None:
     """Writes the recipe of a dataset in the light of one unit.
 
     file: the recipe. model: named in its comment. minutes: duration of the adaptation, which
     determines the number of presses. optics: file of the light around which units are
-    sampled. source: the gel camera, by name or file.
+    sampled. source: the gel camera, by name or file. contact_maps: whether the pairs have them.
     """
     text = RECIPE_TEXT.format(
         model=model,
@@ -316,6 +330,7 @@ def write_recipe(
         optics=_quoted(optics.absolute()),
         source=_quoted(Path(source).absolute() if str(source).endswith(".toml") else source),
         target=_quoted(TARGET),
+        contact_maps=str(contact_maps).lower(),
     )
     with atomic_write(file) as temporary:
         temporary.write_text(text, encoding="utf-8")

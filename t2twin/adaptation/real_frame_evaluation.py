@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+from PIL import Image
 from skimage.measure import label
 
 from t2twin.core.files import atomic_write
@@ -25,9 +26,11 @@ from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL
+from t2twin.translate.inference.contact import ContactEstimate
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor
+from t2twin.translate.models.contact import CONTACT_KPA
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG
 
@@ -47,7 +50,8 @@ class SimulatedReference:
 
     pose: x_mm, y_mm, depth_mm, found in the frame. force_n: simulated force at this depth. frame,
     simulated: (rows, columns, 3) uint8, the real and the simulated image, the latter with the noise
-    of one frame. counts: (N,) of the simulated target.
+    of one frame. counts: (N,) of the simulated target. depth_mm: (rows, columns) of the cells of
+    the contact maps, of the simulated press. in_contact: the same of bool, its contact.
     """
 
     name: str
@@ -56,6 +60,8 @@ class SimulatedReference:
     frame: np.ndarray
     simulated: np.ndarray
     counts: np.ndarray
+    depth_mm: np.ndarray
+    in_contact: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -66,6 +72,7 @@ class FrameResult:
     regions: connected contact regions of the predicted tactile image. force_error: relative error
     of the predicted force; of a run without a predicted force, relative error of the summed counts.
     coverage: share of the taxels whose 90 % interval covers the reference, None without intervals.
+    depth_rmse_mm: RMSE of the gel's depth in the contact, None if the run does not predict it.
     """
 
     counts: np.ndarray
@@ -74,6 +81,7 @@ class FrameResult:
     regions: int
     force_error: float
     coverage: float | None = None
+    depth_rmse_mm: float | None = None
 
 
 @dataclass(frozen=True)
@@ -92,6 +100,7 @@ class AdaptationScores:
     rmse_percent: over all presses, percent of full scale. centroid_mm: median. single_region:
     presses with exactly one predicted contact region. force_error: median absolute relative error.
     interval_coverage_percent: counts within their 90 % intervals, None without intervals.
+    depth_rmse_mm: median RMSE of the gel's depth in the contact, None if it is not predicted.
     """
 
     rmse_percent: float
@@ -99,16 +108,19 @@ class AdaptationScores:
     single_region: int
     force_error: float
     interval_coverage_percent: float | None
+    depth_rmse_mm: float | None = None
 
     @classmethod
     def of(cls, results: Sequence[FrameResult]) -> "AdaptationScores":
         covered = [result.coverage for result in results if result.coverage is not None]
+        depths = [result.depth_rmse_mm for result in results if result.depth_rmse_mm is not None]
         return cls(
             rmse_percent=float(np.sqrt(np.mean([result.rmse_percent**2 for result in results]))),
             centroid_mm=float(np.median([result.centroid_mm for result in results])),
             single_region=sum(result.regions == 1 for result in results),
             force_error=float(np.median([abs(result.force_error) for result in results])),
             interval_coverage_percent=100.0 * float(np.mean(covered)) if covered else None,
+            depth_rmse_mm=float(np.median(depths)) if depths else None,
         )
 
 
@@ -146,9 +158,9 @@ def simulate_reference(
         force_n = force_at_depth(partial(camera.press, ball), command, depth_mm)
         sample = sensors.press(ball, replace(command, force_n=force_n))
         noisy, counts = camera.image(sample.of_camera.contact, rng), sample.counts.astype(float)
-        references.append(
-            SimulatedReference(name, (x_mm, y_mm, depth_mm), force_n, frame, noisy, counts)
-        )
+        touched, pose = sample.of_camera, (x_mm, y_mm, depth_mm)
+        maps = touched.depth_map_mm, touched.pressure_map_kpa > CONTACT_KPA
+        references.append(SimulatedReference(name, pose, force_n, frame, noisy, counts, *maps))
     return references
 
 
@@ -164,12 +176,33 @@ def evaluate_frames(
         PressComparison(
             reference,
             *(
-                evaluate_frame(run, frame, reference.counts, reference.force_n, background)
+                replace(
+                    evaluate_frame(run, frame, reference.counts, reference.force_n, background),
+                    depth_rmse_mm=_depth_rmse_mm(run, frame, reference, background),
+                )
                 for frame in (reference.frame, reference.simulated)
             ),
         )
         for reference in references
     ]
+
+
+def _depth_rmse_mm(
+    run: CountsPredictor,
+    image: np.ndarray,
+    reference: SimulatedReference,
+    background: np.ndarray | None,
+) -> float | None:
+    """RMSE of the depth in the contact, in the cells of the contact maps; None if the run does not
+    predict it."""
+    if not isinstance(run, FieldPredictor) or not run.predicts_contact:
+        return None
+    contact = run.contact(image, background)
+    assert isinstance(contact, ContactEstimate)
+    rows, columns = reference.depth_mm.shape
+    cells = Image.fromarray(contact.depth_mm).resize((columns, rows), Image.Resampling.BOX)
+    error = np.asarray(cells, float) - reference.depth_mm
+    return float(np.sqrt(np.mean(error[reference.in_contact] ** 2)))
 
 
 def evaluate_frame(

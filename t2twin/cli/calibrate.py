@@ -182,7 +182,7 @@ def adapt(
     ball_diameter_mm: float,
     fit: Annotated[FitOptions, tyro.conf.arg(name="")],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/adapted"),
-    minutes: float = 60.0,
+    minutes: float = 20.0,
     model: Annotated[str, tyro.conf.arg(metavar="MODEL")] = "field",
     init_from: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
@@ -226,12 +226,14 @@ def _print(result: "AdaptationResult") -> None:
     for name, scores in result.runs.items():
         real, percent = scores.real, scores.real.interval_coverage_percent
         coverage = "" if percent is None else f", coverage of 90 % intervals {percent:.0f} %"
+        depth_mm = real.depth_rmse_mm
+        depth = "" if depth_mm is None else f", RMSE of the depth in the contact {depth_mm:.3f} mm"
         print(
             f"{name} run, {result.presses} held-out presses: RMSE {real.rmse_percent:.2f} % of "
             f"full scale (simulated frames {scores.simulated.rmse_percent:.2f}, zero counts "
             f"{result.zero_rmse_percent:.2f}), centroid error {real.centroid_mm:.1f} mm, force "
             f"error {100 * real.force_error:.0f} %, {real.single_region} with a single contact "
-            f"region{coverage}; largest count on the background frame "
+            f"region{coverage}{depth}; largest count on the background frame "
             f"{scores.background_counts:.0f}"
         )
     print(f"kept: the {result.kept} run, the more accurate one")
