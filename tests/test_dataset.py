@@ -183,7 +183,7 @@ def test_a_shard_follows_its_groups_and_few_are_unfinished():
             whole.append(path)
     assert sorted(whole) == sorted(rows)
     assert [work.pairs for work in order[:7]] == [28, 29, 28, 29, 28, 29, 29]
-    assert len(order) == len({*order}) == 7 + 1 + 4 + 1 + 1
+    assert len(order) == len({*order}) == 7 + 1 + 8 + 1 + 1
 
 
 def test_groups_hold_each_press_once():

@@ -73,7 +73,8 @@ STARTED = 4
 FIRST_GROUP = """
 import json, pickle, sys, time
 from pathlib import Path
-from t2twin.sim.dataset.shard import make
+from t2twin.sim.dataset.shard import make, warm_up
+warm_up()
 context, group = pickle.loads(Path(sys.argv[1]).read_bytes())
 times = [time.process_time()]
 for _ in range(2):
@@ -82,7 +83,7 @@ for _ in range(2):
     times.append(time.process_time())
 print(json.dumps(times))
 """
-"""Processor time of a new worker after its imports, its first and its second group."""
+"""Processor time of a new worker after its start, its first and its second group."""
 
 BEGINNING = """
 import json, sys, time
@@ -100,14 +101,15 @@ class Times:
     """Seconds.
 
     pair: of the pairs in each sampled group. shard: of the writing of a pair. start: of a worker
-    after the beginning of the run. imports: of a worker, most of them earlier. spawn, work: of the
-    parent for each worker and each work.
+    after the beginning of the run. imports: before its first group, most of it earlier. begun: of
+    the parent before the run. spawn, work: of the parent for each worker and each work.
     """
 
     pair: list[float]
     shard: float
     start: float
     imports: float
+    begun: float
     spawn: float
     work: float
 
@@ -141,6 +143,7 @@ def measure(options: Namespace) -> dict[str, Any]:
             f"{name}_shard_ms_a_pair": 1e3 * times.shard,
             f"{name}_start_s": times.start,
             f"{name}_imports_s": times.imports,
+            f"{name}_begun_s": times.begun,
             f"{name}_pairs": pairs,
         }
         if name == "paper":
@@ -174,8 +177,9 @@ def worker_times(
             of_shard.append((time.process_time() - started) / (len(table) * len(shard)))
         imports, first = started_s(context, every[1], Path(folder))
     # The workers import while the parent imports and plans.
-    start = first + max(0.0, imports - begun_s(recipe.name))
-    return Times(of_pair, float(np.median(of_shard)), start, imports, spawn_s, work_s)
+    begun = begun_s(recipe.name)
+    start = max(0.0, first) + max(0.0, imports - begun)
+    return Times(of_pair, float(np.median(of_shard)), start, imports, begun, spawn_s, work_s)
 
 
 def started_s(context: ShardContext, group: Group, folder: Path) -> tuple[float, float]:

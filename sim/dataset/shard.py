@@ -52,6 +52,7 @@ from t2twin.sim.sampling.presses import (
     path_attempts,
     sample_friction,
 )
+from t2twin.sim.sampling.protocol import press_at
 from t2twin.sim.sampling.recipe import Recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
@@ -214,6 +215,12 @@ def make(work: Work, context: ShardContext, progress: Callable[[], object]) -> W
     # The rows are made while the shard is written; the rest of the time is the writing.
     watch.seconds["writing"] += time.process_time() - start - watch.total
     return WorkResult(digest, pairs, watch, process_name(), peak_memory(), dict(rejected))
+
+
+def warm_up() -> None:
+    """Load the compiled code that each group needs, by a press into the default sensors."""
+    shape = catalogue.load(catalogue.NAMES[0])
+    SensorPair().press(shape, press_at(shape, 0), np.random.default_rng(0))
 
 
 @lru_cache(maxsize=1)

@@ -115,12 +115,15 @@ _stop = None
 
 
 def _start(made, stop, has_started) -> None:
-    """Initializes a worker: the shared counter of pairs, the event to stop, and the modules."""
+    """Initializes a worker: the shared counter of pairs, the event to stop, modules and code."""
     global _made, _stop
     has_started.set()
     _made, _stop = made, stop
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    import t2twin.sim.dataset.shard  # noqa: F401
+    from t2twin.sim.dataset.shard import warm_up
+
+    with suppress(Exception):  # the work raises it again
+        warm_up()
 
 
 def _end_with_parent() -> None:

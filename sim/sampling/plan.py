@@ -22,9 +22,10 @@ from t2twin.sim.sampling.recipe import NAMED, RANDOM, Part, Recipe, Split
 PRESSES_PER_SHARD = 500
 """Approximate number of presses of a shard: some 40 MB, made in half a minute."""
 
-PRESSES_PER_GROUP = 32
+PRESSES_PER_GROUP, FEW_GROUPS = 32, 4
 """Largest number of presses of a group, made in a second (assumed: a worker that has nothing left
-to do waits for the others at most that long). A random shape with more is one group."""
+to do waits for the others at most that long). A random shape with more is one group. Shards of up
+to FEW_GROUPS such groups are the last ones, and have groups of half the size."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +70,8 @@ def groups_of(recipe: Recipe, batch: Batch) -> tuple[Group, ...]:
     """The groups of a shard, in the order of its rows."""
     # Later attempts at a random shape start with the stand-in of its earlier presses.
     step = batch.presses if recipe.parts[batch.part].shapes == RANDOM else 1
-    steps = batch.pairs // step
-    number = min(steps, ceil(batch.pairs / PRESSES_PER_GROUP))
+    steps, number = batch.pairs // step, ceil(batch.pairs / PRESSES_PER_GROUP)
+    number = min(steps, 2 * number if 1 < number <= FEW_GROUPS else number)
     borders = [step * (steps * nth // number) for nth in range(number + 1)]
     return tuple(Group(batch, *rows) for rows in pairwise(borders))
 
