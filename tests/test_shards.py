@@ -15,11 +15,15 @@ from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import (
     BATCH_ROWS,
     check_table,
+    group_path,
     iter_images,
+    read_group,
     read_info,
     read_split,
     sha256_of,
+    write_group,
     write_shard,
+    write_tables,
 )
 
 SCHEMA = schema_of(VALUES, None)
@@ -56,6 +60,19 @@ def test_many_rows_come_in_groups(data, tmp_path):
     with pq.ParquetFile(tmp_path / "long.parquet") as file:
         assert file.num_row_groups == 2
         assert file.read(["index"])["index"].to_pylist() == list(range(BATCH_ROWS + 1))
+
+
+def test_groups_of_any_size_give_the_same_bytes(data, tmp_path):
+    table = read_split(data, "train")
+    rows = [table.to_pylist()[0] | {"index": index} for index in range(2 * BATCH_ROWS + 1)]
+    whole = write_shard(tmp_path / "whole.parquet", rows, SCHEMA)
+    for size in (1, 31, BATCH_ROWS, 3 * BATCH_ROWS):
+        tables = []
+        for start in range(0, len(rows), size):
+            path = group_path(tmp_path, "train/whole.parquet", start)
+            write_group(path, pa.Table.from_pylist(rows[start : start + size], SCHEMA))
+            tables.append(read_group(path))
+        assert write_tables(tmp_path / "groups.parquet", tables, SCHEMA) == whole
 
 
 def test_reading_what_is_not_there_says_so(data, tmp_path):
