@@ -16,7 +16,7 @@ cores.
 import argparse
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from multiprocessing import get_context
 from typing import Any
 
@@ -172,13 +172,18 @@ class Score:
         return 100 * low, 100 * high
 
 
-def score(objects: int, reacts: bool) -> Score:
-    """Lift objects 0, 1, 2 and so on, and show the progress."""
-    policy = "reacts to slip" if reacts else "does not react"
+def scores(objects: int) -> tuple[Score, Score]:
+    """Scores of the policy that does not react and of the one that reacts, of lifts of objects
+    0, 1, 2 and so on; shows the progress."""
+    numbers, reacts = np.repeat(range(objects), 2).tolist(), [False, True] * objects
     with ProcessPoolExecutor(cores(), mp_context=get_context("spawn")) as pool:
-        lifts = pool.map(partial(lift_alone, reacts=reacts), range(objects))
-        held, grips_n = zip(*tqdm(lifts, desc=policy, total=objects, unit="lift"), strict=True)
-    return Score(sum(held), objects, float(np.mean(grips_n)))
+        lifts = list(tqdm(pool.map(lift_alone, numbers, reacts), total=2 * objects, unit="lift"))
+    held, grips_n = np.reshape(lifts, (objects, 2, 2)).transpose(2, 1, 0)
+    fixed, reacting = (
+        Score(int(own.sum()), objects, float(grip_n.mean()))
+        for own, grip_n in zip(held, grips_n, strict=True)
+    )
+    return fixed, reacting
 
 
 def lift_alone(number: int, reacts: bool) -> tuple[bool, float]:
@@ -197,12 +202,12 @@ def main() -> None:
     )
     parser.add_argument("--objects", type=int, default=200, help="number of random objects")
     options = parser.parse_args()
+    found = scores(options.objects)
     print("policy           held           95 % interval   mean grip force at the end, N")
-    for name, reacts in (("does not react", False), ("reacts to slip", True)):
-        found = score(options.objects, reacts)
-        low, high = found.interval_percent
-        held = f"{found.held:3} of {found.objects:3}, {found.percent:3.0f} %"
-        print(f"{name}   {held}   {low:3.0f} to {high:3.0f} %   {found.grip_n:6.1f}")
+    for name, score in zip(("does not react", "reacts to slip"), found, strict=True):
+        low, high = score.interval_percent
+        held = f"{score.held:3} of {score.objects:3}, {score.percent:3.0f} %"
+        print(f"{name}   {held}   {low:3.0f} to {high:3.0f} %   {score.grip_n:6.1f}")
 
 
 if __name__ == "__main__":

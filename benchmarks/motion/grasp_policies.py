@@ -29,11 +29,10 @@ BENCHMARK = Benchmark(
 
 def measure(options: Namespace) -> dict[str, Any]:
     sys.path.insert(0, str(ROOT / "examples"))
-    from gymnasium_grasp import score
+    from gymnasium_grasp import scores
 
     content: dict[str, Any] = {}
-    for name, reacts in (("fixed", False), ("reacting", True)):
-        found = score(options.objects, reacts)
+    for name, found in zip(("fixed", "reacting"), scores(options.objects), strict=True):
         content[name] = {
             "held": found.held,
             "objects": found.objects,

@@ -12,6 +12,9 @@ change the simulation, so that each version of the code reads the same states.
   of the traction. Each step is a convolution.
 """
 
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
 import time
 import warnings
 from argparse import Namespace

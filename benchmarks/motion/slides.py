@@ -229,7 +229,10 @@ def random_slides(slides: int) -> dict[str, Any]:
             force_error = max(force_error, error)
     return {
         "slides": slides,
-        **{key: total[key] for key in ("steps", "exceptions", "refused", "warnings", "unsettled")},
+        **{
+            key: total[key]
+            for key in ("steps", "exceptions", "refused", "warnings", "unsettled", "unresolved")
+        },
         "unsettled_percent": 100.0 * total["unsettled"] / max(total["steps"], 1),
         "force_error": force_error,
         "failed": failed,
@@ -239,18 +242,20 @@ def random_slides(slides: int) -> dict[str, Any]:
 def slide_some(first: int, last: int) -> tuple[Counter[str], list[str], float]:
     """The slides of a chunk: counts, a line for each failure, and the largest error of a force.
 
-    A refusal is a T2TwinError, such as that of a shape that leaves a pad.
+    A refusal is a T2TwinError, such as that of a shape that leaves a pad. A step is unresolved if
+    its press was smaller than the grid, as under a needle.
     """
     sensors, counts, failed, force_error = SensorPair(), Counter[str](), [], 0.0
     for number in range(first, min(first + CHUNK, last)):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
-                for step, contact in enumerate(random_slide(sensors, number)):
+                for step, (contact, is_resolved) in enumerate(random_slide(sensors, number)):
                     counts["steps"] += 1
                     off = abs(contact.force_n / contact.command.force_n - 1)
                     force_error = max(force_error, off)
-                    if not contact.settled:
+                    counts["unresolved"] += not is_resolved
+                    if is_resolved and not contact.settled:
                         counts["unsettled"] += 1
                         failed.append(
                             f"{number}, {contact.elastomer.name} {step // 2 + 1}: unsettled"
@@ -265,8 +270,9 @@ def slide_some(first: int, last: int) -> tuple[Counter[str], list[str], float]:
     return counts, failed, force_error
 
 
-def random_slide(sensors: SensorPair, number: int) -> list[Contact]:
-    """The contacts after each step of one random slide. Raises T2TwinError as a slide does."""
+def random_slide(sensors: SensorPair, number: int) -> list[tuple[Contact, bool]]:
+    """The contacts after each step of one random slide, and whether the grid resolves the contact
+    of its press. Raises T2TwinError as a slide does."""
     rng = np.random.default_rng((SEED, number))
     shape = catalogue.load(random_name(SEED, number))
     force_n, friction = np.exp(rng.uniform(*np.log(FORCES_N))), rng.uniform(*FRICTIONS)
@@ -277,9 +283,10 @@ def random_slide(sensors: SensorPair, number: int) -> list[Contact]:
     path = np.linspace((x_mm, y_mm, yaw), (x_mm + end[0], y_mm + end[1], yaw + turn), STEPS + 1)
     first, *later = (PressCommand(shape.name, x, y, yaw, float(force_n)) for x, y, yaw in path)
     touch, contacts = sensors.press(shape, first), []
+    resolved = {name: not each.smaller_than_grid for name, each in touch.contacts.items()}
     for command in later:
         touch = slide_to(sensors, touch, command, float(friction))
-        contacts += touch.contacts.values()
+        contacts += [(contact, resolved[name]) for name, contact in touch.contacts.items()]
     return contacts
 
 
