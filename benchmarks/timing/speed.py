@@ -43,7 +43,6 @@ BENCHMARK = Benchmark(
         Figure("two_workers_over_two_runs", "times", least=0.95),
         Figure("ms.*", "ms"),
         Figure("where_ms.*.*", "ms"),
-        Figure("pairs_a_processor_second", "pairs/s"),
     ),
     arguments=(
         Argument("--against", "another commit; keeps nothing", default=None, partial=True),
@@ -93,7 +92,6 @@ def measure(options: Namespace) -> dict[str, Any]:
         "two_workers_over_two_runs": two_workers / two_runs,
         "two_workers_a_second": two_workers,
         "ms": medians,
-        "pairs_a_processor_second": 1e3 / medians["pair"],
         "where_ms": json.loads(_run(ROOT, [str(PARTS)]).splitlines()[-1]),
         "turns": turns,
     }
