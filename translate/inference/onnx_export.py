@@ -232,7 +232,7 @@ class OnnxEngine:
         return cache(self._open)
 
     def _open(self, with_contact: bool) -> Any:
-        import onnx
+        import onnx.utils
 
         home = cache_dir()
         assert home is not None
@@ -246,9 +246,12 @@ class OnnxEngine:
             return None
         model = onnx.load_from_string(content)
         unused = {TACTILE_IMAGES, *(() if with_contact else ContactPrediction._fields)}
-        for output in [each for each in model.graph.output if each.name in unused]:
-            model.graph.output.remove(output)
-        return open_onnx(model.SerializeToString(), torch.get_num_threads())
+        inputs = [each.name for each in model.graph.input]
+        outputs = [each.name for each in model.graph.output if each.name not in unused]
+        # ONNX Runtime computes all that is in a graph, used or not.
+        part = onnx.utils.Extractor(model).extract_model(inputs, outputs)
+        part.ir_version = model.ir_version
+        return open_onnx(part.SerializeToString(), torch.get_num_threads())
 
 
 def _to_input(pixels: np.ndarray) -> np.ndarray:
