@@ -237,10 +237,7 @@ def adapt(
         with _step("light", spent, report):
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
             if not (out / RECIPE).is_file():
-                write_recipe(
-                    out / RECIPE, model, config.minutes, out / OPTICS, config.source,
-                    config.predicts_contact,
-                )  # fmt: skip
+                _write_recipe(config)
         with _step("data", spent, report):
             make_dataset(out / DATA, recipe=out / RECIPE, workers=workers)
         with _step("training", spent, report):
@@ -307,6 +304,14 @@ def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) ->
         is_of_size = (own.rows, own.columns) == (default.rows, default.columns)
         return HOME / model if model in pretrained_runs() and is_of_size else None
     return run_of_model(init_from, model)[0]
+
+
+def _write_recipe(config: AdaptConfig) -> None:
+    out = config.out
+    write_recipe(
+        out / RECIPE, config.model, config.minutes, out / OPTICS, config.source,
+        config.predicts_contact,
+    )  # fmt: skip
 
 
 def write_recipe(
