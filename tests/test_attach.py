@@ -271,7 +271,7 @@ def test_many_states_are_read_at_the_same_time():
     data = states[0][1]
     for wrong, message in ((["digit"], "expected sensors"), (sensors, "twice")):
         with pytest.raises(T2TwinError, match=message):
-            t2twin.read_all(wrong, [data, data])
+            t2twin.read_all(wrong, [data, data])  # pyright: ignore[reportArgumentType]
 
 
 def test_contacts_at_the_side_are_named():
