@@ -6,6 +6,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -21,6 +22,7 @@ from t2twin.sim.dataset.store import INFO, iter_images, lists, read_info, read_s
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.dense import reading_matrix
+from t2twin.sim.taxels.reading import Imperfections
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.training.train import train
@@ -60,7 +62,8 @@ def test_info_has_the_names_of_format_2() -> None:
     assert list(info.target.dense_x_mm or ()) == pair.array.dense.layout.x_mm.tolist()
     assert info.target.full_scale_counts == pair.array.full_scale == 40_000
     assert info.target.tactile_image == pair.array.tactile_image_size
-    assert info.target.imperfections == pair.array.for_dataset().flaws
+    flaws = stored["parameters"]["cyskin"]["imperfections"]
+    assert info.target.imperfections == msgspec.convert(flaws, Imperfections)
     assert info.target.elastomer is not None and info.target.elastomer["thickness_mm"] == 2.5
     assert info.recipe is not None and info.recipe.source == "digit" and info.recipe.motion
     assert list(info.shapes or {}) == ["allen-key/long-arm"]

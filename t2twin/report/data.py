@@ -59,9 +59,9 @@ SATURATED_SHARE = 0.999
 MIN_CONTACT_SHARE = 0.0025
 """Smallest count of a touched taxel, share of full scale (assumed)."""
 
-AT_REST_STDS = 5.0
+AT_REST_STDS = 10.0
 """Smallest count of a touched taxel over its mean at rest, standard deviations of the noise
-(assumed: one of a million readings at rest has it)."""
+(assumed: a taxel of 0.6 % of the untouched samples of the default array has it)."""
 
 ROUNDING_COUNTS = 0.5
 

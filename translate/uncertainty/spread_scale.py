@@ -89,7 +89,9 @@ class SpreadScale(nn.Module):
         self.grid, self.cell = grid, max(1, size // CELLS)
         outside_mm = np.maximum(np.abs(x_mm) - view_mm[0], np.abs(y_mm) - view_mm[1])
         self.register_buffer("outside_mm", torch.from_numpy(outside_mm).float(), persistent=False)
-        self.place, self.force = _layers(OF_PLACE + OF_PRESS), _layers(OF_PRESS)
+        with torch.random.fork_rng(devices=[]):  # other weights do not depend on these
+            torch.manual_seed(SEED)
+            self.place, self.force = _layers(OF_PLACE + OF_PRESS), _layers(OF_PRESS)
         self.register_buffer("center", torch.zeros(OF_PLACE + OF_PRESS))
         self.register_buffer("deviation", torch.ones(OF_PLACE + OF_PRESS))
         self.requires_grad_(False)
