@@ -60,10 +60,10 @@ def contact_metrics(
             ((error.abs() <= half * found.depth_std_mm) & inside).sum(dim=(1, 2)) / cells,
             ((found.center_mm - center).abs() <= half * found.center_std_mm).float().mean(dim=1),
         ]
-        touched = (cells >= MIN_CELLS).cpu()
-        parts.append(torch.stack(values, dim=1).cpu()[touched])
-        untouched = torch.from_numpy(force_n[part] == 0.0)
-        false_contacts.append(mask.any(dim=2).any(dim=1).cpu()[untouched])
+        with_contact = (cells >= MIN_CELLS).cpu()
+        parts.append(torch.stack(values, dim=1).cpu()[with_contact])
+        without_contact = torch.from_numpy(force_n[part] == 0.0)
+        false_contacts.append(mask.any(dim=2).any(dim=1).cpu()[without_contact])
     depth, deepest, iou, force, center, covered, centered = torch.cat(parts).double().numpy().T
     false = torch.cat(false_contacts).double().numpy()
     missed = np.isnan(center)

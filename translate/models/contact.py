@@ -45,7 +45,7 @@ FALSE_SHARE, MISSED_SHARE = 0.01, 0.005
 """Share of the images without contact that show one, and limit on the share of those with a contact
 in which it is missed (assumed)."""
 
-MIN_UNTOUCHED = 20
+MIN_WITHOUT_CONTACT = 20
 """Minimum number of held-out images that a limit is set on (assumed)."""
 
 SCALE_PRESSES = 2000
@@ -158,16 +158,16 @@ class ContactReadout(nn.Module):
 
 
 def fit_contact_limits(
-    network: FieldNet, untouched: Sequence[torch.Tensor], touched: Sequence[torch.Tensor]
+    network: FieldNet, without_contact: Sequence[torch.Tensor], with_contact: Sequence[torch.Tensor]
 ) -> None:
     """Sets the limits of contact, so that hardly any image without contact shows one.
 
-    untouched, touched: largest logits of held-out images without contact, and of those with one,
-    without and with background frames; of few the limits stay zero.
+    without_contact, with_contact: largest logits of held-out images without contact, and of those
+    with one, without and with background frames; of few the limits stay zero.
     """
-    for mode, (none, some) in enumerate(zip(untouched, touched, strict=True)):
+    for mode, (none, some) in enumerate(zip(without_contact, with_contact, strict=True)):
         limit = torch.zeros(())
-        if min(len(none), len(some)) >= MIN_UNTOUCHED:
+        if min(len(none), len(some)) >= MIN_WITHOUT_CONTACT:
             limit = torch.minimum(
                 torch.quantile(none, 1.0 - FALSE_SHARE), torch.quantile(some, MISSED_SHARE)
             )

@@ -319,7 +319,7 @@ class FieldTranslator(CountsTranslator):
         if pairs.shear_n is None or not pairs.shear_n.any() or not self.predictor.predicts_shear:
             return None
         logs = []
-        for part, outputs in self._outputs_on(pairs):
+        for part, _, outputs in self._outputs_on(pairs):
             shear_n = torch.from_numpy(pairs.shear_n[part].astype(np.float32)).to(self.device)
             assert outputs.shear is not None
             error = outputs.shear * self.predictor.shear_scale - shear_n
@@ -351,7 +351,7 @@ class FieldTranslator(CountsTranslator):
 
         Background frames are images without contact too, for the mode without them.
         """
-        untouched, touched = [torch.empty(0)] * 2, [torch.empty(0)] * 2
+        without_contact, with_contact = [torch.empty(0)] * 2, [torch.empty(0)] * 2
         for pairs in sets:
             if pairs.contact is None:
                 continue
@@ -359,13 +359,13 @@ class FieldTranslator(CountsTranslator):
             some = some[:: -(-len(some) // LIMIT_PRESSES) or 1]
             in_view = (pairs.contact[some][:, 1] > CONTACT_KPA).any(axis=(1, 2))
             without, given = pairs.inputs[none], pairs.inputs[some]
-            for found, pixels in ((untouched, without), (touched, given[in_view])):
+            for found, pixels in ((without_contact, without), (with_contact, given[in_view])):
                 for mode, inputs in enumerate((pixels[..., :COLORS], pixels)):
                     found[mode] = torch.cat([found[mode], self._largest_logit(inputs)])
             if given.shape[-1] > COLORS:
                 frames = self._largest_logit(given[..., COLORS:])
-                untouched[0] = torch.cat([untouched[0], frames])
-        return untouched, touched
+                without_contact[0] = torch.cat([without_contact[0], frames])
+        return without_contact, with_contact
 
     def _largest_logit(self, pixels: np.ndarray) -> torch.Tensor:
         """(B,) largest logit of contact of pixels, (B, S, S, c) uint8."""
@@ -408,15 +408,14 @@ class FieldTranslator(CountsTranslator):
     def _errors_on(self, pairs: Pairs) -> Errors:
         assert pairs.dense_counts is not None
         parts = []
-        for part, outputs in self._outputs_on(pairs):
+        for part, inputs, outputs in self._outputs_on(pairs):
             field = torch.from_numpy(pairs.dense_counts[part].astype(np.float32)).to(self.device)
             force = torch.from_numpy(pairs.force_n[part].astype(np.float32)).to(self.device)
             error = field / self.full_scale - outputs.mean.clamp(0.0, 1.0)
             force_error = force_target(self.predictor, force) - outputs.force
             spreads = outputs.log_spread.exp(), outputs.force_log_spread.exp()
-            with_frame = self._with_frame(to_input(pairs.inputs[part].astype(np.float32) / 255.0))
             features = self.predictor.scale.features(
-                with_frame, self.predictor.mean_frame, *outputs[:4]
+                inputs, self.predictor.mean_frame, *outputs[:4]
             )
             values = [error, spreads[0], force_error, spreads[1], *features]
             if pairs.shear_n is not None and outputs.shear is not None:
@@ -428,12 +427,12 @@ class FieldTranslator(CountsTranslator):
             parts.append(values)
         return Errors(*(torch.cat(part).cpu() for part in zip(*parts, strict=True)))
 
-    def _outputs_on(self, pairs: Pairs) -> Iterator[tuple[slice, FieldOutputs]]:
-        """The outputs for pairs, batch by batch."""
+    def _outputs_on(self, pairs: Pairs) -> Iterator[tuple[slice, torch.Tensor, FieldOutputs]]:
+        """The inputs, each with its background frame, and the outputs for pairs, batch by batch."""
         for start in range(0, len(pairs), BATCH_SIZE):
             part = slice(start, start + BATCH_SIZE)
-            pixels = pairs.inputs[part].astype(np.float32) / 255.0
-            yield part, self.outputs(to_input(pixels))
+            inputs = self._with_frame(to_input(pairs.inputs[part].astype(np.float32) / 255.0))
+            yield part, inputs, self.outputs(inputs)
 
     def outputs(self, inputs: torch.Tensor) -> FieldOutputs:
         """See Translator. inputs: as for `predict`."""
