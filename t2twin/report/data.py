@@ -61,7 +61,7 @@ MIN_CONTACT_SHARE = 0.0025
 
 AT_REST_STDS = 10.0
 """Smallest count of a touched taxel over its mean at rest, standard deviations of the noise
-(assumed: a taxel of 0.6 % of the samples of the default array without contact has it)."""
+(assumed: 0.6 % of the samples without contact have one)."""
 
 ROUNDING_COUNTS = 0.5
 
