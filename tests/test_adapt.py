@@ -19,6 +19,7 @@ from t2twin.adaptation.real_frame_evaluation import (
     AdaptationScores,
     Candidate,
     RunScores,
+    SimulatedReference,
     choose,
     evaluate_frame,
     publish,
@@ -55,6 +56,12 @@ def fake_run(counts) -> Any:
     )
 
 
+def reference_of(counts) -> SimulatedReference:
+    return SimulatedReference(
+        "ball", (0.0, 0.0, 1.0), 4.0, BLACK, BLACK, counts, np.zeros((2, 2)), np.zeros((2, 2), bool)
+    )
+
+
 def bump(x_mm, y_mm, most=9000.0):
     layout = load_layout("cyskin-20")
     return most * np.exp(-((layout.x_mm - x_mm) ** 2 + (layout.y_mm - y_mm) ** 2) / (2 * 5.0**2))
@@ -62,18 +69,20 @@ def bump(x_mm, y_mm, most=9000.0):
 
 def test_a_correct_prediction_has_no_error():
     truth = bump(0.0, 0.0)
-    one = evaluate_frame(fake_run(truth), BLACK, truth, 4.0, BLACK)
+    one = evaluate_frame(fake_run(truth), BLACK, reference_of(truth), BLACK)
     assert (one.rmse_percent, one.centroid_mm, one.regions, one.force_error) == (0.0, 0.0, 1, 0.0)
 
 
 def test_each_score_reacts_to_its_own_error():
     truth = bump(0.0, 0.0)
-    harder = evaluate_frame(fake_run(1.2 * truth), BLACK, truth, 4.0, BLACK)
+    harder = evaluate_frame(fake_run(1.2 * truth), BLACK, reference_of(truth), BLACK)
     assert harder.force_error == pytest.approx(0.2) and harder.regions == 1
     assert harder.rmse_percent == pytest.approx(20.0 * np.sqrt(np.mean(truth**2)) / FULL_SCALE)
-    beside = evaluate_frame(fake_run(bump(3.0, 0.0)), BLACK, truth, 4.0, BLACK)
+    beside = evaluate_frame(fake_run(bump(3.0, 0.0)), BLACK, reference_of(truth), BLACK)
     assert 1.5 < beside.centroid_mm < 4.0
-    apart = evaluate_frame(fake_run(bump(0.0, -16.0) + bump(0.0, 16.0)), BLACK, truth, 4.0, BLACK)
+    apart = evaluate_frame(
+        fake_run(bump(0.0, -16.0) + bump(0.0, 16.0)), BLACK, reference_of(truth), BLACK
+    )
     assert apart.regions == 2
     scores = AdaptationScores.of([harder, apart])
     assert scores.single_region == 1

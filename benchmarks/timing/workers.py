@@ -32,7 +32,7 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.generate import sensors_of
-from t2twin.sim.dataset.schedule import Schedule
+from t2twin.sim.dataset.schedule import QUEUED, Schedule
 from t2twin.sim.dataset.shard import ShardContext, Stopwatch, Work, WorkResult, make, process_name
 from t2twin.sim.dataset.store import group_path, read_group, write_group
 from t2twin.sim.sampling.plan import Group, groups_of, plan
@@ -216,7 +216,7 @@ def parent_times() -> tuple[float, float]:
         for future in [workers.submit(None, ()) for _ in range(STARTED)]:
             future.result()
         spawned, number, watch = time.process_time(), 0, Stopwatch()
-        most = pool.QUEUED * STARTED
+        most = QUEUED * STARTED
         for _, result in pool.results(workers, "", schedule, most, made, lambda pairs: None):
             watch.add(result.watch)
             number += 1
@@ -252,7 +252,7 @@ def simulated(schedule: Schedule, workers: int, times: Times) -> dict[str, float
     busy = end = 0.0
     submitted = number = 0
     while True:
-        while submitted < pool.QUEUED * workers and (work := schedule.next()) is not None:
+        while submitted < QUEUED * workers and (work := schedule.next()) is not None:
             queue.append((parent, work))
             submitted += 1
         while queue and free:

@@ -10,7 +10,7 @@ from uuid import uuid4
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import versions
-from t2twin.sim.dataset.schedule import Schedule
+from t2twin.sim.dataset.schedule import QUEUED, Schedule
 from t2twin.sim.dataset.shard import ShardContext, Work, WorkResult, make
 from t2twin.sim.dataset.store import INFO
 
@@ -32,8 +32,8 @@ except ImportError as error:
 CONNECT_SECONDS = 20
 """Timeout of the connection to a scheduler, s."""
 
-QUEUED, LEAST_QUEUED = 2, 64
-"""Works that are submitted at a time, as a multiple of the cluster's threads, and at least."""
+LEAST_QUEUED = 64
+"""Works that are submitted at a time, at least (assumed: threads may join a small cluster)."""
 
 COUNT_SECONDS = 5.0
 """Period at which the threads of the cluster are counted, s: workers may join."""

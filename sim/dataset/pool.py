@@ -12,15 +12,11 @@ from queue import Empty, SimpleQueue
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset import workers as processes
-from t2twin.sim.dataset.schedule import Schedule
+from t2twin.sim.dataset.schedule import QUEUED, Schedule
 from t2twin.sim.dataset.shard import ShardContext, Work, WorkResult, make
 
 POLL_SECONDS = 0.5
 """Period at which the number of finished pairs is read, s."""
-
-QUEUED = 2
-"""Work that waits for a worker, as a multiple of their number: none of them waits for the parent,
-and few shards are unfinished at a time."""
 
 MAX_WORKERS = 1000
 """Largest number of processes (assumed: more than any machine has cores)."""

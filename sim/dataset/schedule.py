@@ -7,6 +7,10 @@ from t2twin.sim.dataset.shard import Work
 from t2twin.sim.dataset.store import group_name
 from t2twin.sim.sampling.plan import Group
 
+QUEUED = 2
+"""Works that are submitted at a time, as a multiple of the workers: none of them waits for the next
+one, and few shards are unfinished at a time."""
+
 
 class Schedule:
     """What is left to do.

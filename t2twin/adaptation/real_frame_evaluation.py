@@ -175,30 +175,18 @@ def evaluate_frames(
     return [
         PressComparison(
             reference,
-            *(
-                replace(
-                    evaluate_frame(run, frame, reference.counts, reference.force_n, background),
-                    depth_rmse_mm=_depth_rmse_mm(run, frame, reference, background),
-                )
-                for frame in (reference.frame, reference.simulated)
-            ),
+            evaluate_frame(run, reference.frame, reference, background),
+            evaluate_frame(run, reference.simulated, reference, background),
         )
         for reference in references
     ]
 
 
-def _depth_rmse_mm(
-    run: CountsPredictor,
-    image: np.ndarray,
-    reference: SimulatedReference,
-    background: np.ndarray | None,
-) -> float | None:
-    """RMSE of the depth in the contact, in the cells of the contact maps; None if the run does not
-    predict it."""
-    if not isinstance(run, FieldPredictor) or not run.predicts_contact:
+def _depth_rmse_mm(contact: ContactEstimate | None, reference: SimulatedReference) -> float | None:
+    """RMSE of the depth in the contact, in the cells of the contact maps; None if it is not
+    predicted."""
+    if contact is None:
         return None
-    contact = run.contact(image, background)
-    assert isinstance(contact, ContactEstimate)
     rows, columns = reference.depth_mm.shape
     cells = Image.fromarray(contact.depth_mm).resize((columns, rows), Image.Resampling.BOX)
     error = np.asarray(cells, float) - reference.depth_mm
@@ -208,21 +196,20 @@ def _depth_rmse_mm(
 def evaluate_frame(
     run: CountsPredictor,
     image: np.ndarray,
-    truth: np.ndarray,
-    force_n: float,
+    reference: SimulatedReference,
     background: np.ndarray | None,
 ) -> FrameResult:
     """Evaluates a run on one frame, (rows, columns, 3) uint8.
 
-    truth: (N,) reference counts in the run's layout. force_n: reference force. background: as for
+    reference: the simulated press, with counts in the run's layout. background: as for
     `evaluate_frames`.
     """
-    layout = run.config.data.array
-    counts, predicted_n, coverage = _predict(run, image, truth, background)
+    layout, truth = run.config.data.array, reference.counts
+    counts, predicted_n, coverage, depth_rmse_mm = _predict(run, image, reference, background)
     rmse = float(np.sqrt(np.mean((counts - truth) ** 2)))
     least = MIN_CONTACT_SHARE * layout.full_scale_counts
     apart_mm = centroid_mm(run, counts) - centroid_mm(run, truth)
-    ratio = counts.sum() / truth.sum() if predicted_n is None else predicted_n / force_n
+    ratio = counts.sum() / truth.sum() if predicted_n is None else predicted_n / reference.force_n
     return FrameResult(
         counts=counts,
         rmse_percent=100.0 * rmse / layout.full_scale_counts,
@@ -230,6 +217,7 @@ def evaluate_frame(
         regions=_regions(layout.phi(counts), least),
         force_error=float(ratio) - 1.0,
         coverage=coverage,
+        depth_rmse_mm=depth_rmse_mm,
     )
 
 
@@ -242,16 +230,25 @@ def predict_counts(
 
 
 def _predict(
-    run: CountsPredictor, image: np.ndarray, truth: np.ndarray, background: np.ndarray | None
-) -> tuple[np.ndarray, float | None, float | None]:
-    """Counts, force in newtons, and the share of the truth that the intervals cover."""
+    run: CountsPredictor,
+    image: np.ndarray,
+    reference: SimulatedReference,
+    background: np.ndarray | None,
+) -> tuple[np.ndarray, float | None, float | None, float | None]:
+    """Counts, force in newtons, the share of the true counts that the intervals cover, and the RMSE
+    of the depth in the contact, mm."""
     if not isinstance(run, FieldPredictor):
-        return predict_counts(run, image, background), None, None
-    estimate = run.estimate(image, background)
+        return predict_counts(run, image, background), None, None, None
+    contact = None
+    if run.predicts_contact:
+        estimate, contact = run.estimate_with_contact(image, background)
+        assert isinstance(contact, ContactEstimate)
+    else:
+        estimate = run.estimate(image, background)
     low, high = estimate.interval(REPORTED_LEVEL)
-    coverage = float(((low <= truth) & (truth <= high)).mean())
+    coverage = float(((low <= reference.counts) & (reference.counts <= high)).mean())
     force_n = None if estimate.force_n is None else float(estimate.force_n)
-    return estimate.counts.astype(float), force_n, coverage
+    return estimate.counts.astype(float), force_n, coverage, _depth_rmse_mm(contact, reference)
 
 
 def centroid_mm(run: CountsPredictor, counts: np.ndarray) -> np.ndarray:

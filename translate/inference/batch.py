@@ -276,12 +276,12 @@ def _translate(
                 counts[part], found = estimates[-1].counts, estimates[-1].ood_class
                 if names:
                     tactile, stds = run.dense_images(estimates[-1])
-            elif names:
-                counts[part], tactile = run.counts_and_tactile_images(pixels)
             else:
-                counts[part] = run.predict_pixels(pixels)
-            if not isinstance(run, FieldPredictor):
                 found = run.classify(pixels)
+                if names:
+                    counts[part], tactile = run.counts_and_tactile_images(pixels)
+                else:
+                    counts[part] = run.predict_pixels(pixels)
             classes += map(combined, own, found)
             if tactile is not None:
                 save = partial(_save_png, run, folder)
