@@ -34,9 +34,9 @@ from t2twin.translate.models import field as field_model
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import SCALE, FieldNet, grid_of, resampling_weights
+from t2twin.translate.training.batches import Batches
 from t2twin.translate.training.recalibrate import recalibrate
 from t2twin.translate.training.train import train
-from t2twin.translate.training.trainer import load_examples
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     MIN_STD,
@@ -464,8 +464,11 @@ def test_background_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) 
     preset = replace(PRESETS["field"]["smoke"], background_share=0.5)
     pairs = load_pairs(data_dir, "train", preset.size, False, with_dense_counts=True)
     batch = np.arange(len(pairs))
-    examples = load_examples(pairs, batch, preset, np.random.default_rng(0))
-    plain = load_examples(pairs, batch, preset, None)
+    batches = Batches(pairs, preset, torch.device("cpu"))
+    examples, plain = (
+        batches.examples(batch, np.random.default_rng(0)),
+        batches.examples(batch, None),
+    )
     assert examples.dense_counts is not None and examples.force_n is not None
     assert plain.dense_counts is not None and plain.force_n is not None
     replaced = (examples.images[:, :3] == examples.images[:, 3:]).flatten(1).all(dim=1)

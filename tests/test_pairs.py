@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from spots import write_spots
 
 from t2twin.translate.data.images import augment
@@ -58,24 +59,25 @@ def test_subsets_of_subsets_stay_paired(data_dir: Path) -> None:
 
 
 def test_augmentation_is_mild_seeded_and_keeps_the_geometry(data_dir: Path) -> None:
-    pixels = load_pairs(data_dir, "train", 32, grey=True).images[:8].astype(np.float32) / 255.0
+    pixels = load_pairs(data_dir, "train", 32, grey=True).images[:8]
+    pixels = torch.from_numpy(pixels).float() / 255.0
     preset = PRESETS["touch2touch"]["cpu"]
     amounts = (preset.brightness, preset.contrast, preset.noise)
     once = augment(pixels, np.random.default_rng(0), *amounts)
-    assert np.array_equal(once, augment(pixels, np.random.default_rng(0), *amounts))
-    assert 0.0 < np.abs(once - pixels).mean() < 0.1
+    assert torch.equal(once, augment(pixels, np.random.default_rng(0), *amounts))
+    assert 0.0 < (once - pixels).abs().mean() < 0.1
     for before, after in zip(pixels, once, strict=True):
         assert np.corrcoef(before.ravel(), after.ravel())[0, 1] > 0.95
-    assert np.allclose(augment(pixels, np.random.default_rng(0), 0.0, 0.0, 0.0), pixels)
+    assert torch.allclose(augment(pixels, np.random.default_rng(0), 0.0, 0.0, 0.0), pixels)
 
 
 def test_drift_changes_the_level_and_gradient_of_the_background_frame_only() -> None:
-    pixels = np.full((500, 9, 9, 6), 0.5, np.float32)
+    pixels = torch.full((500, 9, 9, 6), 0.5)
     drifted = augment(pixels, np.random.default_rng(0), 0.0, 0.0, 0.0, 0.02)
-    assert np.array_equal(drifted[..., :3], pixels[..., :3])
-    change = drifted[..., 3:] / 0.5 - 1.0
+    assert torch.equal(drifted[..., :3], pixels[..., :3])
+    change = (drifted[..., 3:] / 0.5 - 1.0).numpy()
     assert change[:, 4, 4].std() == pytest.approx(0.02, rel=0.1)
     for gradient in (change[:, 8, 4] - change[:, 0, 4], change[:, 4, 8] - change[:, 4, 0]):
         assert gradient.std() == pytest.approx(0.02, rel=0.1)
     without_frame = augment(pixels[..., :3], np.random.default_rng(0), 0.0, 0.0, 0.0, 0.02)
-    assert np.array_equal(without_frame, pixels[..., :3])
+    assert torch.equal(without_frame, pixels[..., :3])

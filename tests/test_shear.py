@@ -32,8 +32,8 @@ from t2twin.translate.networks.field_net import (
 )
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, CONFIG, RunConfig
+from t2twin.translate.training.batches import Batches
 from t2twin.translate.training.train import train
-from t2twin.translate.training.trainer import load_examples
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     Errors,
@@ -113,7 +113,7 @@ def translator_of(data_dir: Path, pairs: Pairs, *, shear: bool) -> FieldTranslat
 
 def test_its_training_leaves_the_other_weights(moving_dataset: Path, tmp_path: Path) -> None:
     pairs = load_pairs(moving_dataset, "train", SMOKE.size, False, tmp_path, True)
-    batch = load_examples(pairs, np.arange(6), SMOKE, None)
+    batch = Batches(pairs, SMOKE, torch.device("cpu")).examples(np.arange(6), None)
     trained = []
     for shear in (False, True):
         translator = translator_of(moving_dataset, pairs, shear=shear)
@@ -166,7 +166,9 @@ def test_a_step_trains_the_shear_force(moving_dataset: Path, tmp_path: Path) -> 
     rms = np.sqrt(np.square(pairs.shear_n).mean())
     assert float(translator.network.shear_scale) == pytest.approx(rms, rel=1e-6)
     before = translator.network.shear.weights.weight.clone()
-    losses = translator.step(load_examples(pairs, np.arange(6), SMOKE, None))
+    losses = translator.step(
+        Batches(pairs, SMOKE, torch.device("cpu")).examples(np.arange(6), None)
+    )
     assert {"shear", "shear_spread"} <= losses.keys()
     assert not torch.equal(translator.network.shear.weights.weight, before)
     error = translator.shear_error(pairs)

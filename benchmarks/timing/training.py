@@ -117,15 +117,17 @@ def _measure(model: Model, data_dir: Path, folder: Path) -> dict[str, Any]:
 
 def _loading(preset: Preset, data_dir: Path) -> float:
     """Seconds in which t2twin has a batch ready, the median of a round's."""
+    import torch
+
     from t2twin.translate.data.pairs import load_pairs
-    from t2twin.translate.training.trainer import load_examples
+    from t2twin.translate.training.batches import Batches
 
     pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
-    rng = np.random.default_rng(0)
+    batches, rng = Batches(pairs, preset, torch.device("cpu")), np.random.default_rng(0)
     seconds = []
     for _ in range(MIN_STEPS):
         started = time.perf_counter()
-        load_examples(pairs, rng.permutation(len(pairs))[: preset.batch], preset, rng)
+        batches.examples(rng.permutation(len(pairs))[: preset.batch], rng)
         seconds.append(time.perf_counter() - started)
     return statistics.median(seconds)
 

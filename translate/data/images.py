@@ -22,6 +22,9 @@ RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
 RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)
 """Mean and standard deviation of ImageNet's channels, the usual normalization of ResNet18."""
 
+COLORS = 3
+"""Channels of a color image: red, green, blue."""
+
 WHITE_GREY = 255.0
 """Full scale of an image, grey levels."""
 
@@ -65,66 +68,72 @@ def to_pixels(image: Image.Image, size: int, grey: bool) -> np.ndarray:
 
 
 def augment(
-    pixels: np.ndarray,
+    pixels: torch.Tensor,
     rng: np.random.Generator,
     brightness: float,
     contrast: float,
     noise: float,
     drift: float = 0.0,
-) -> np.ndarray:
+) -> torch.Tensor:
     """Applies random gain, offset and pixel noise to a batch, as a camera and its lights vary.
 
     pixels: (B, S, S, c) float32 in [0, 1]. Other arguments: see Preset. With c = 6, the background
     frame has the gain and offset of its image, without noise, and with drift. Returns the same
-    shape, clipped.
+    shape, clipped. The pixel noise on a GPU is another than on a CPU.
     """
+
+    def normal(*shape: int) -> torch.Tensor:
+        return torch.from_numpy(rng.standard_normal(shape, dtype=np.float32)).to(pixels.device)
+
+    images = pixels.shape[0]
     if drift > 0:
-        pixels = np.concatenate([pixels[..., :3], _drifted(pixels[..., 3:], rng, drift)], axis=-1)
-    each = (pixels.shape[0], 1, 1, 1)
-    gain = 1.0 + contrast * rng.standard_normal(each, dtype=np.float32)
-    offset = brightness * rng.standard_normal(each, dtype=np.float32)
+        frames = pixels[..., COLORS:]
+        level, down, right = drift * normal(3, images, 1, 1, frames.shape[-1])
+        across = torch.from_numpy(np.linspace(-0.5, 0.5, pixels.shape[1], dtype=np.float32))
+        across = across.to(pixels.device)[:, None]
+        drifted = frames * (1.0 + level + down * across[:, None] + right * across)
+        pixels = torch.cat([pixels[..., :COLORS], drifted], dim=-1)
+    gain = 1.0 + contrast * normal(images, 1, 1, 1)
+    offset = brightness * normal(images, 1, 1, 1)
     jittered = (pixels - 0.5) * gain + (0.5 + offset)
     if noise > 0:
-        image = jittered[..., : len(RGB_MEAN)]
-        image += np.float32(noise) * standard_normal(rng, image.shape)
-    return jittered.clip(0.0, 1.0)
+        image = jittered[..., :COLORS]
+        image += noise * _white_noise(rng, image)
+    return jittered.clamp(0.0, 1.0)
 
 
-def _drifted(frames: np.ndarray, rng: np.random.Generator, drift: float) -> np.ndarray:
-    """Background frames, (B, S, S, 3 or 0), with other levels and gradients of each color."""
-    across = np.linspace(-0.5, 0.5, frames.shape[1], dtype=np.float32)[:, None]
-    level, down, right = drift * rng.standard_normal(
-        (3, len(frames), 1, 1, frames.shape[-1]), dtype=np.float32
-    )
-    return frames * (1.0 + level + down * across[:, None] + right * across)
+def _white_noise(rng: np.random.Generator, like: torch.Tensor) -> torch.Tensor:
+    """Independent standard normal values in the shape and on the device of a tensor, float32."""
+    if like.device.type == "cpu":
+        return torch.from_numpy(standard_normal(rng, tuple(like.shape)))
+    generator = torch.Generator(like.device).manual_seed(int(rng.integers(2**63)))
+    return torch.randn(like.shape, generator=generator, device=like.device)
 
 
-def to_input(pixels: np.ndarray) -> torch.Tensor:
+def to_input(pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
     """The input of the networks.
 
     pixels: (B, S, S, c) float32 in [0, 1]: grey, RGB, or RGB followed by the background frame
     (c = 6). Returns (B, c, S, S) float32, channels last in memory: grey in [-1, 1], RGB normalized.
     """
     if pixels.shape[-1] == 1:
-        scaled = 2.0 * pixels - 1.0
-    else:
-        images, side, columns, channels = pixels.shape
-        rows = pixels.reshape(images, side, columns * channels)  # NumPy is slow on a last axis of 3
-        times = rows.shape[-1] // len(RGB_MEAN)
-        scaled = (rows - np.tile(RGB_MEAN, times)) / np.tile(RGB_STD, times)
-    return torch.from_numpy(scaled.reshape(pixels.shape)).permute(0, 3, 1, 2)
+        return to_scaled(pixels)
+    images, side, columns, channels = pixels.shape
+    rows = torch.as_tensor(pixels).reshape(images, side, columns * channels)
+    times = rows.shape[-1] // COLORS  # a last axis of 3 is slow
+    mean, std = (
+        torch.from_numpy(np.tile(each, times)).to(rows.device) for each in (RGB_MEAN, RGB_STD)
+    )
+    return ((rows - mean) / std).reshape(pixels.shape).permute(0, 3, 1, 2)
 
 
-def to_scaled(pixels: np.ndarray) -> torch.Tensor:
+def to_scaled(pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
     """Pictures of any channels, (B, S, S, c) float32 in [0, 1], as (B, c, S, S) in [-1, 1]."""
-    return torch.from_numpy(2.0 * pixels - 1.0).permute(0, 3, 1, 2)
+    return (2.0 * torch.as_tensor(pixels) - 1.0).permute(0, 3, 1, 2)
 
 
 Images = np.ndarray | Sequence[np.ndarray]
 """One image, a batch, or a list of images, as `image_list` takes them."""
-
-COLORS = 3
-"""Channels of a color image: red, green, blue."""
 
 ONE = "an image of shape (h, w) or (h, w, 3)"
 EXPECTED = f"{ONE}, a batch of shape (B, h, w, 3) or (B, h, w, 1), or a list of images"

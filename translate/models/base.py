@@ -61,7 +61,7 @@ class Translator(ABC):
         self.predictor: nn.Module = self.average.module if self.average else first
 
     @abstractmethod
-    def step(self, examples: Examples) -> dict[str, float]:
+    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
         """Takes one optimizer step on a batch of pairs. Returns the losses by name."""
 
     @abstractmethod
@@ -72,7 +72,7 @@ class Translator(ABC):
         predictor is in evaluation mode afterwards.
         """
 
-    def to_input(self, pixels: np.ndarray) -> torch.Tensor:
+    def to_input(self, pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
         """The network's input, (B, c, S, S), of pictures, (B, S, S, c) float32 in [0, 1]."""
         return to_input(pixels)
 

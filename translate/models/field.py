@@ -218,7 +218,7 @@ class FieldTranslator(CountsTranslator):
                 rms_n = float(np.sqrt(np.square(pairs.shear_n).mean()))
                 network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
 
-    def step(self, examples: Examples) -> dict[str, float]:
+    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
         """One step on the errors of dense counts and force and the likelihoods of their spreads.
 
         Returns the losses by name: errors divided by the standard deviation, likelihoods in nats.
@@ -236,7 +236,7 @@ class FieldTranslator(CountsTranslator):
                 outputs = network(images, network.predicts_contact)
             loss, losses = training_loss(network, outputs, examples, self.full_scale)
         self.descend(loss, self.network, *self.optimizers)
-        return {name: float(each.detach()) for name, each in losses.items()}
+        return {name: each.detach() for name, each in losses.items()}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
         """See CountsTranslator. images: (B, 3, S, S), or (B, 6, S, S) with background frames."""

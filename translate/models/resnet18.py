@@ -26,7 +26,7 @@ class ResNet18Translator(CountsTranslator):
         super().__init__(preset, info, device, bf16, {"resnet18": self.network})
         self.optimizers = {"resnet18": adamw(self.network.parameters(), preset)}
 
-    def step(self, examples: Examples) -> dict[str, float]:
+    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
         """One step on L3, the mean squared error of the counts as a fraction of full scale.
 
         images: (B, 3, S, S) normalized. Returns the loss by name.
@@ -36,7 +36,7 @@ class ResNet18Translator(CountsTranslator):
         targets = examples.targets.to(self.device) / self.full_scale
         loss = functional.mse_loss(predicted.float(), targets)
         self.descend(loss, self.network, "resnet18")
-        return {"l3": float(loss.detach())}
+        return {"l3": loss.detach()}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
         """See CountsTranslator. images: (B, 3, S, S)."""

@@ -114,11 +114,11 @@ class Pix2Pix(Translator):
         """The generator's outputs in evaluation mode. (B, c, S, S) -> (B, c', S, S), [-1, 1]."""
         return self.outputs(inputs).float()
 
-    def to_input(self, pixels: np.ndarray) -> torch.Tensor:
+    def to_input(self, pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
         """See Translator. (B, c, S, S) in [-1, 1]."""
         return to_scaled(pixels)
 
-    def pix2pix_step(self, inputs: torch.Tensor, targets: torch.Tensor) -> dict[str, float]:
+    def pix2pix_step(self, inputs: torch.Tensor, targets: torch.Tensor) -> dict[str, torch.Tensor]:
         """One step of the discriminator, then one of the generator.
 
         inputs, targets: (B, c, S, S) and (B, c', S, S), in [-1, 1]. Returns the losses by name.
@@ -131,11 +131,11 @@ class Pix2Pix(Translator):
         loss = 0.5 * (_adversarial(real_logits, 1.0) + _adversarial(generated_logits, 0.0))
         self.descend(loss, self.discriminator, "discriminator")
         losses = self._generator_step(inputs, targets, generated)
-        return {"discriminator": float(loss.detach()), **losses}
+        return {"discriminator": loss.detach(), **losses}
 
     def _generator_step(
         self, inputs: torch.Tensor, targets: torch.Tensor, generated: torch.Tensor
-    ) -> dict[str, float]:
+    ) -> dict[str, torch.Tensor]:
         """Minimizes the adversarial loss, L1 and, with a weight, the soft IoU loss."""
         self.discriminator.requires_grad_(False)
         with self.precision():
@@ -148,7 +148,7 @@ class Pix2Pix(Translator):
             total = total + self.iou_weight * losses["iou"]
         self.descend(total, self.generator, "generator")
         self.discriminator.requires_grad_(True)
-        return {name: float(loss.detach()) for name, loss in losses.items()}
+        return {name: loss.detach() for name, loss in losses.items()}
 
 
 def _adversarial(logits: torch.Tensor, label: float) -> torch.Tensor:
@@ -169,7 +169,7 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
         """(B, N) counts -> tactile images, (B, 1, S, S): -1 is zero, 1 is full scale."""
         return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
 
-    def step(self, examples: Examples) -> dict[str, float]:
+    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
         """See Translator. images: (B, c, S, S) in [-1, 1]."""
         targets = self.scaled_tactile_images(examples.targets.to(self.device))
         return self.pix2pix_step(examples.images.to(self.device), targets)
@@ -279,7 +279,7 @@ class ImageTranslator(Pix2Pix):
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         super().__init__(preset, info, device, bf16, channels_out=1 if preset.grey else COLORS)
 
-    def step(self, examples: Examples) -> dict[str, float]:
+    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
         """See Translator. images, targets: (B, c, S, S) in [-1, 1]."""
         return self.pix2pix_step(examples.images.to(self.device), examples.targets.to(self.device))
 

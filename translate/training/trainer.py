@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -13,11 +13,10 @@ from msgspec.structs import replace
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
-from t2twin.translate.data.images import COLORS, augment, to_input, to_scaled
-from t2twin.translate.data.pairs import Examples, ImageFile, Pairs
+from t2twin.translate.data.pairs import Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
-from t2twin.translate.models.presets import IMAGE_TO_COUNTS, Preset
+from t2twin.translate.models.presets import IMAGE_TO_COUNTS
 from t2twin.translate.networks.field_net import CONTACT, SHEAR
 from t2twin.translate.runs.checkpoint import (
     build,
@@ -28,6 +27,7 @@ from t2twin.translate.runs.checkpoint import (
 )
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, to_json, write_log
+from t2twin.translate.training.batches import Batches
 from t2twin.translate.uncertainty.ood import OODDetector, fit_ood_detector
 
 
@@ -87,8 +87,8 @@ def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
     return None
 
 
-VALIDATION_BATCH = 64
-"""Pairs in one batch of validation; bounds memory."""
+VALIDATION_BATCH = {"cpu": 64, "cuda": 256}
+"""Pairs in one batch of validation by the type of the device; bounds memory."""
 
 MIN_EPOCHS = 12
 """Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
@@ -121,6 +121,7 @@ class Trainer:
         self.config = config
         self.out_dir = out_dir
         self.pairs = pairs
+        self.data = Batches(pairs, config.preset, distributed.device())
         self.validation = validation
         self.rank = rank
         self.weights = weights
@@ -235,21 +236,23 @@ class Trainer:
                 group["lr"] = share * optimizer.defaults["lr"]
         for network in translator.networks.values():
             network.train()
-        sums, saved = dict(self.part.losses), time.perf_counter()
+        sums: dict[str, float | torch.Tensor] = dict(self.part.losses)
+        saved = time.perf_counter()
         first = self.part.steps
         for step, batch in enumerate(islice(self._batches(epoch), first, None), first):
             rng = np.random.default_rng([config.seed, epoch, step, 1 + self.rank])
             torch.manual_seed(int(rng.integers(2**63)))  # dropout
             losses = self._step(translator, batch[self.rank :: config.processes], rng)
             for name, loss in losses.items():
-                sums[name] = sums.get(name, 0.0) + loss
+                sums[name] = sums.get(name, 0.0) + loss.double()  # a GPU is not waited for
             bar.update()
             now = time.perf_counter()
             if config.processes == 1 and now - saved >= SAVE_SECONDS and step + 1 < self.steps:
-                part = EpochPart(step + 1, sums, now - started)
+                part = EpochPart(step + 1, _numbers(sums), now - started)
                 save_state(self.out_dir / LAST, translator, self.history, part)
                 saved = now
-        if not all(math.isfinite(loss) for loss in sums.values()):
+        losses = _numbers(sums)
+        if not all(map(math.isfinite, losses.values())):
             raise T2TwinError(
                 f"the loss is not finite in epoch {epoch + 1}; train again with a preset of a "
                 "lower learning rate"
@@ -264,7 +267,7 @@ class Trainer:
         return EpochRecord(
             epoch=epoch + 1,
             learning_rate=share * config.preset.learning_rate,
-            train={name: total / self.steps for name, total in sums.items()},
+            train={name: total / self.steps for name, total in losses.items()},
             val_rmse_counts=None if config.predicts_images else rmse,
             val_rmse_percent=100.0 * rmse / config.full_scale,
             seconds=distributed.largest(time.perf_counter() - started),
@@ -292,19 +295,16 @@ class Trainer:
         translator: Translator,
         batch: np.ndarray,
         rng: np.random.Generator,
-    ) -> dict[str, float]:
+    ) -> dict[str, torch.Tensor]:
         """One step on the pairs with these indices."""
-        # Augmentation is for images of the source; counts and targets stay as they are.
-        jitter = rng if self.pairs.pictures is None else None
-        preset, to_input = self.config.preset, translator.to_input
-        return translator.step(load_examples(self.pairs, batch, preset, jitter, to_input))
+        return translator.step(self.data.examples(batch, rng, translator.to_input))
 
     def _validate(self) -> float:
         """RMSE on the validation split, counts or grey levels; the processes share the pairs."""
         mine = np.arange(len(self.validation))[self.rank :: self.config.processes]
-        squares, values = 0.0, 0
-        for start in range(0, mine.size, VALIDATION_BATCH):
-            errors = self._errors(self.translator, mine[start : start + VALIDATION_BATCH])
+        squares, values, batch = 0.0, 0, VALIDATION_BATCH[self.translator.device.type]
+        for start in range(0, mine.size, batch):
+            errors = self._errors(self.translator, mine[start : start + batch])
             squares += float(np.square(errors).sum(dtype=float))
             values += errors.size
         return math.sqrt(distributed.total(squares) / distributed.total(values))
@@ -322,9 +322,9 @@ class Trainer:
         self._step(translator, mine, rng)
         started = time.perf_counter()
         for _ in range(TIMED_STEPS):
-            self._step(translator, mine, rng)
+            _numbers(self._step(translator, mine, rng))  # waits for a GPU
         step_seconds = (time.perf_counter() - started) / TIMED_STEPS
-        few = np.arange(min(VALIDATION_BATCH, len(self.validation)))
+        few = np.arange(min(VALIDATION_BATCH[translator.device.type], len(self.validation)))
         started = time.perf_counter()
         self._errors(translator, few)
         image_seconds = (time.perf_counter() - started) / len(few)
@@ -363,36 +363,8 @@ def load_initial_weights(path: Path, translator: Translator) -> None:
         trained.load_state_dict(translator.predictor.state_dict())
 
 
-def load_examples(
-    pairs: Pairs,
-    batch: np.ndarray,
-    preset: Preset,
-    rng: np.random.Generator | None,
-    to_input: Callable[[np.ndarray], torch.Tensor] = to_input,
-) -> Examples:
-    """The pairs with these indices; with rng, augmented as the preset defines.
-
-    to_input: the translator's."""
-    batch = np.sort(batch)  # the order on disk
-    more = [
-        None if each is None else torch.from_numpy(each[batch].astype(np.float32))
-        for each in (pairs.dense_counts, pairs.force_n, pairs.shear_n, pairs.contact)
-    ]
-    pixels = pairs.inputs[batch].astype(np.float32) / 255.0
-    if rng is not None and preset.background_share and pairs.backgrounds is not None:
-        replaced = rng.random(len(batch)) < preset.background_share
-        pixels[replaced, ..., :COLORS] = pixels[replaced, ..., COLORS:]
-        for target in more:
-            if target is not None:
-                target[torch.from_numpy(replaced)] = 0.0
-    if rng is not None and (preset.brightness or preset.contrast or preset.noise or preset.drift):
-        pixels = augment(
-            pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
-        )
-    target = pairs.target[batch]
-    if isinstance(pairs.target, ImageFile):
-        return Examples(to_input(pixels), to_scaled(target.astype(np.float32) / 255.0), *more)
-    return Examples(to_input(pixels), torch.from_numpy(target), *more)
+def _numbers(losses: Mapping[str, float | torch.Tensor]) -> dict[str, float]:
+    return {name: float(loss) for name, loss in losses.items()}
 
 
 def steps_of_epoch(batches: int, budget: int) -> int:

@@ -1,0 +1,86 @@
+"""Batches of training pairs: those kept on a device are those that are read."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
+from t2twin.translate.models.presets import PRESETS, Model, Preset
+from t2twin.translate.runs.checkpoint import TRANSLATORS
+from t2twin.translate.training import batches
+from t2twin.translate.training.batches import Batches
+from t2twin.translate.training.train import train
+
+CPU = torch.device("cpu")
+
+
+def field_pairs(data_dir: Path, tmp_path: Path) -> tuple[Pairs, Preset]:
+    preset = replace(
+        PRESETS["field"]["smoke"], brightness=0.02, contrast=0.05, noise=0.01, background_share=0.3,
+        drift=0.02,
+    )  # fmt: skip
+    return load_pairs(data_dir, "train", preset.size, False, tmp_path, True), preset
+
+
+def test_kept_batches_are_those_that_are_read(
+    moving_dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pairs, preset = field_pairs(moving_dataset, tmp_path)
+    read = Batches(pairs, preset, CPU)
+    monkeypatch.setattr(batches, "_fit", lambda *_: True)
+    monkeypatch.setattr(batches, "COPIED", 4)
+    held = Batches(pairs, preset, CPU)
+    index = np.random.default_rng(0).permutation(len(pairs))[:4]
+    for rng in (None, np.random.default_rng(5)):
+        again = None if rng is None else np.random.default_rng(5)
+        for one, other in zip(vars(read.examples(index, rng)).values(),
+                              vars(held.examples(index, again)).values(), strict=True):  # fmt: skip
+            assert (one is None) == (other is None)
+            assert one is None or (one.dtype == torch.float32 and torch.equal(one, other))
+
+
+def test_a_batch_is_the_stored_pairs_as_the_networks_take_them(
+    moving_dataset: Path, tmp_path: Path
+) -> None:
+    pairs, preset = field_pairs(moving_dataset, tmp_path)
+    found = Batches(pairs, preset, CPU).examples(np.array([5, 1]), None)
+    mean, std = np.array([0.485, 0.456, 0.406] * 2), np.array([0.229, 0.224, 0.225] * 2)
+    expected = (pairs.inputs[np.array([1, 5])] / 255.0 - mean) / std
+    np.testing.assert_allclose(found.images.permute(0, 2, 3, 1), expected, atol=1e-5)
+    np.testing.assert_array_equal(found.targets, pairs.counts[[1, 5]])
+    assert found.dense_counts is not None and pairs.dense_counts is not None
+    np.testing.assert_array_equal(found.dense_counts, pairs.dense_counts[[1, 5]])
+
+
+def test_a_training_on_kept_pairs_is_the_same(
+    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("read", "kept"):
+        if name == "kept":
+            monkeypatch.setattr(batches, "_fit", lambda *_: True)
+        train("resnet18", data_dir, "smoke", tmp_path / name, epochs=1)
+    read, held = ((tmp_path / name / "best.safetensors").read_bytes() for name in ("read", "kept"))
+    assert read == held
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
+@pytest.mark.parametrize("model", ["touch2touch", "resnet18"])
+def test_a_step_on_a_gpu_is_that_on_a_cpu(data_dir: Path, tmp_path: Path, model: Model) -> None:
+    """Within the rounding of the convolutions; dropout of touch2touch differs."""
+    preset = replace(PRESETS[model]["smoke"], noise=0.0, brightness=0.02, contrast=0.05)
+    info = load_info(data_dir)
+    pairs = load_pairs(data_dir, "train", preset.size, preset.grey, tmp_path)
+    losses = []
+    for name in ("cpu", "cuda"):
+        device = torch.device(name)
+        torch.manual_seed(0)
+        translator = TRANSLATORS["counts"][model](preset, info, device, bf16=False)
+        examples = Batches(pairs, preset, device).examples(
+            np.arange(8), np.random.default_rng(0), translator.to_input
+        )
+        assert examples.images.device.type == name
+        losses.append({key: float(loss) for key, loss in translator.step(examples).items()})
+    assert losses[0] == pytest.approx(losses[1], rel=0.2 if model == "touch2touch" else 2e-3)
