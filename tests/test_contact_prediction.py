@@ -38,7 +38,7 @@ from t2twin.translate.models.field_readout import AllPredictions, FieldPredictio
 from t2twin.translate.networks.contact_head import ContactOutputs
 from t2twin.translate.networks.field_net import CONTACT, LIMITS, SCALE, FieldNet
 from t2twin.translate.runs.checkpoint import average_runs
-from t2twin.translate.runs.config import BEST, FRAME_CHECK, HOME, load_config
+from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, HOME, load_config
 from t2twin.translate.training.train import train
 from t2twin.translate.uncertainty.ood import OODClass
 
@@ -73,14 +73,29 @@ def few(products) -> Path:
     return products.make("few-maps", write_few)
 
 
-def write_alone(folder: Path, few: Path) -> None:
-    train("field", few, "cpu", folder, epochs=1, init_from="field", contact_alone=True)
+def write_plain(folder: Path) -> None:
+    shutil.copytree(HOME / "field", folder, dirs_exist_ok=True)
+    config = json.loads((folder / CONFIG).read_text())
+    config["data"].pop("has_contact", None)
+    (folder / CONFIG).write_text(json.dumps(config))
+    weights = load_file(folder / BEST)
+    save_file({n: each for n, each in weights.items() if not n.startswith(CONTACT)}, folder / BEST)
 
 
 @pytest.fixture(scope="module")
-def alone(few, products) -> Path:
-    """The pretrained run with layers of the contact, after one step."""
-    return products.make("contact-alone", lambda folder: write_alone(folder, few))
+def plain(products) -> Path:
+    """The pretrained run without layers of the contact."""
+    return products.make("plain", write_plain)
+
+
+def write_alone(folder: Path, few: Path, plain: Path) -> None:
+    train("field", few, "cpu", folder, epochs=1, init_from=plain, contact_alone=True)
+
+
+@pytest.fixture(scope="module")
+def alone(few, plain, products) -> Path:
+    """The same with new layers of the contact, after one step."""
+    return products.make("contact-alone", lambda folder: write_alone(folder, few, plain))
 
 
 @pytest.fixture(scope="module")
@@ -97,17 +112,17 @@ def _decoded(png: bytes) -> np.ndarray:
     return decode_png(png)
 
 
-def test_the_contact_alone_leaves_all_other_predictions_as_they_are(alone, images) -> None:
-    before, after = load_file(HOME / "field" / BEST), load_file(alone / BEST)
+def test_the_contact_alone_leaves_all_other_predictions_as_they_are(alone, plain, images) -> None:
+    before, after = load_file(plain / BEST), load_file(alone / BEST)
     assert all(name.startswith((CONTACT, SCALE)) for name in after.keys() - before.keys())
     for name, tensor in before.items():
         assert torch.equal(tensor.float(), after[name].float()), name
-    frame_checks = [(folder / FRAME_CHECK).read_bytes() for folder in (HOME / "field", alone)]
+    frame_checks = [(folder / FRAME_CHECK).read_bytes() for folder in (plain, alone)]
     assert frame_checks[0] == frame_checks[1]
-    theirs, ours = load_config(HOME / "field"), load_config(alone)
+    theirs, ours = load_config(plain), load_config(alone)
     assert ours.data.has_contact and ours.data.sha256 == theirs.data.sha256
     assert ours.contact_data not in (None, theirs.data.sha256)
-    of_field, of_alone = load("field", engine="torch"), load(alone, engine="torch")
+    of_field, of_alone = (load(run, engine="torch") for run in (plain, alone))
     frames, background = images
     expected, found = (run.estimate(frames, background) for run in (of_field, of_alone))
     for name in ("counts", "counts_std", "dense_counts", "force_n", "force_std_n", "shear_n"):
@@ -169,10 +184,10 @@ def test_onnx_files_predict_the_same_contact(alone, images, tmp_path) -> None:
     }
 
 
-def test_published_and_averaged_runs_keep_the_contact(alone, images, tmp_path) -> None:
+def test_published_and_averaged_runs_keep_the_contact(alone, plain, images, tmp_path) -> None:
     frames, background = images
     published = load(publish_pretrained(alone, home=tmp_path / "home"))
-    average_runs(HOME / "field", alone, 0.5, tmp_path / "mean")
+    average_runs(plain, alone, 0.5, tmp_path / "mean")
     average_runs(tmp_path / "mean", alone, 0.5, tmp_path / "again")
     expected = load(alone).contact(frames[0], background)
     for run in (published, load(tmp_path / "mean"), load(tmp_path / "again")):
@@ -181,9 +196,9 @@ def test_published_and_averaged_runs_keep_the_contact(alone, images, tmp_path) -
         assert found.force_n == pytest.approx(expected.force_n, rel=2e-3)
 
 
-def test_runs_without_it_name_the_training(images) -> None:
+def test_runs_without_it_name_the_training(plain, images) -> None:
     with pytest.raises(T2TwinError, match=r"does not predict the contact; train its layers with"):
-        load("field").contact(images[0][0])
+        load(plain).contact(images[0][0])
 
 
 def test_the_training_alone_refuses_what_it_cannot_start_from(few, data_dir, tmp_path) -> None:
@@ -241,19 +256,19 @@ def test_live_lines_have_the_contact(alone, images, tmp_path, capsys) -> None:
     assert line["contact"] == load(alone).contact(frames[0], background).summary()
 
 
-def test_the_studio_shows_the_contact(alone, images, tmp_path) -> None:
+def test_the_studio_shows_the_contact(alone, plain, images, tmp_path) -> None:
     frames, background = images
     translators = Translators()
-    translators.search([alone], below=tmp_path)
-    (found,) = translators.translate(frames[0], [translators.names[-1]], background)
+    translators.search([alone, plain], below=tmp_path)
+    names = [name for name in translators.names if name != "field"]
+    found, without = translators.translate(frames[0], names, background)
     contact, expected = found.contact, load(alone).contact(frames[0], background)
     assert contact is not None
     np.testing.assert_allclose(contact.depth_mm, expected.depth_mm, atol=1e-5)
     page = frame_html((frames[0], "a.png"), (background, "b.png"), [found])
     assert 'data-name="contact"' in page and f"{expected.largest_depth_mm:.2f}</td>" in page
-    (found,) = translators.translate(frames[0], ["field"], background)
-    assert found.contact is None
-    assert 'data-name="contact"' not in frame_html((frames[0], "a.png"), None, [found])
+    assert without.contact is None
+    assert 'data-name="contact"' not in frame_html((frames[0], "a.png"), None, [without])
 
 
 def prediction(pressure: torch.Tensor) -> ContactPrediction:

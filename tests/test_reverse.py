@@ -148,7 +148,7 @@ def test_jitter_is_not_put_on_what_is_drawn(
     seen = []
     step = ImageTranslator.step
 
-    def watched(self: ImageTranslator, examples: Examples) -> dict[str, float]:
+    def watched(self: ImageTranslator, examples: Examples) -> dict[str, torch.Tensor]:
         seen.append(examples.targets.numpy().copy())
         return step(self, examples)
 
