@@ -30,7 +30,7 @@ def test_kept_batches_are_those_that_are_read(
 ) -> None:
     pairs, preset = field_pairs(moving_dataset, tmp_path)
     read = Batches(pairs, preset, CPU)
-    monkeypatch.setattr(batches, "_fit", lambda *_: True)
+    monkeypatch.setattr(batches, "_fits", lambda *_: True)
     monkeypatch.setattr(batches, "COPIED", 4)
     held = Batches(pairs, preset, CPU)
     index = np.random.default_rng(0).permutation(len(pairs))[:4]
@@ -60,7 +60,7 @@ def test_a_training_on_kept_pairs_is_the_same(
 ) -> None:
     for name in ("read", "kept"):
         if name == "kept":
-            monkeypatch.setattr(batches, "_fit", lambda *_: True)
+            monkeypatch.setattr(batches, "_fits", lambda *_: True)
         train("resnet18", data_dir, "smoke", tmp_path / name, epochs=1)
     read, held = ((tmp_path / name / "best.safetensors").read_bytes() for name in ("read", "kept"))
     assert read == held

@@ -32,7 +32,7 @@ except ImportError as error:
 CONNECT_SECONDS = 20
 """Timeout of the connection to a scheduler, s."""
 
-LEAST_QUEUED = 64
+MIN_QUEUED = 64
 """Works that are submitted at a time, at least (assumed: threads may join a small cluster)."""
 
 COUNT_SECONDS = 5.0
@@ -82,7 +82,7 @@ def run(
         try:
             while True:
                 if monotonic() >= until:
-                    most = max(LEAST_QUEUED, QUEUED * _threads(client))
+                    most = max(MIN_QUEUED, QUEUED * _threads(client))
                     until = monotonic() + COUNT_SECONDS
                 while len(works) < most and (work := schedule.next()) is not None:
                     number = next(numbers)

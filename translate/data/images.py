@@ -79,7 +79,7 @@ def augment(
 
     pixels: (B, S, S, c) float32 in [0, 1]. Other arguments: see Preset. With c = 6, the background
     frame has the gain and offset of its image, without noise, and with drift. Returns the same
-    shape, clipped. The pixel noise on a GPU is another than on a CPU.
+    shape, clipped. The pixel noise on a GPU differs from that on a CPU.
     """
 
     def normal(*shape: int) -> torch.Tensor:

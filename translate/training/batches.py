@@ -40,13 +40,9 @@ class Batches:
         all_values: list[Values | None] = [
             pairs.inputs,
             pairs.target,
-            *(
-                None if each is None else each.astype(np.float32)
-                for each in (pairs.dense_counts, pairs.force_n, pairs.shear_n)
-            ),
-            pairs.contact,
+            *(pairs.dense_counts, pairs.force_n, pairs.shear_n, pairs.contact),
         ]
-        kept = _fit(all_values, len(pairs), device)
+        kept = _fits(all_values, len(pairs), device)
         self._inputs, self._target, *self._more = (
             None if each is None else _Column(each, len(pairs), device, kept) for each in all_values
         )
@@ -84,25 +80,32 @@ class Batches:
 
 
 class _Column:
-    """One value of P pairs: kept: on the device; or read from where it is."""
+    """One value of P pairs. kept: whether all are on the device; otherwise each batch is read."""
 
     def __init__(self, values: Values, pairs: int, device: torch.device, kept: bool) -> None:
         self.device, self.values, self.kept = device, values, None
         if kept:
             parts = (values[start : start + COPIED] for start in range(0, pairs, COPIED))
-            self.kept = torch.cat([torch.from_numpy(part).to(device) for part in parts])
+            self.kept = torch.cat([_tensor(part).to(device) for part in parts])
 
     def __getitem__(self, index: np.ndarray) -> torch.Tensor:
         """The values of pairs, on the device. index: (B,)."""
         if self.kept is not None:
             return self.kept[torch.from_numpy(index).to(self.device)]
-        return torch.from_numpy(self.values[index]).to(self.device)
+        return _tensor(self.values[index]).to(self.device)
 
 
-def _fit(all_values: list[Values | None], pairs: int, device: torch.device) -> bool:
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    """Pictures as uint8, contact maps as float16, other values as float32."""
+    if values.dtype not in (np.uint8, np.float16):
+        values = values.astype(np.float32, copy=False)
+    return torch.from_numpy(values)
+
+
+def _fits(all_values: list[Values | None], pairs: int, device: torch.device) -> bool:
     """Whether the device is a GPU whose free memory holds values of P pairs."""
     if device.type != "cuda":
         return False
-    bytes_each = sum(each[:1].nbytes for each in all_values if each is not None)
+    bytes_each = sum(_tensor(each[:1]).nbytes for each in all_values if each is not None)
     free, _ = torch.cuda.mem_get_info(device)
     return pairs * bytes_each <= KEPT_SHARE * free

@@ -244,7 +244,7 @@ class Trainer:
             torch.manual_seed(int(rng.integers(2**63)))  # dropout
             losses = self._step(translator, batch[self.rank :: config.processes], rng)
             for name, loss in losses.items():
-                sums[name] = sums.get(name, 0.0) + loss.double()  # a GPU is not waited for
+                sums[name] = sums.get(name, 0.0) + loss.double()  # does not wait for a GPU
             bar.update()
             now = time.perf_counter()
             if config.processes == 1 and now - saved >= SAVE_SECONDS and step + 1 < self.steps:
