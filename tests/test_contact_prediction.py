@@ -342,15 +342,16 @@ def small_network() -> FieldNet:
     return FieldNet(x, y, VIEW_MM, 64, 16, predicts_contact=True)
 
 
-def test_the_decoder_changes_no_other_weights_and_learns_from_any_image() -> None:
-    network = small_network()
-    outputs = network(torch.randn(2, 6, 64, 64), True)
-    assert {each.shape for each in outputs.contact} == {(2, 32, 32)}
-    torch.stack([each.sum() for each in outputs.contact]).sum().backward()
+@pytest.mark.parametrize("alone", [False, True])
+def test_the_decoder_trains_the_encoder_unless_it_is_trained_alone(alone: bool) -> None:
+    network, images = small_network(), torch.randn(2, 6, 64, 64)
+    contact = network.contact_outputs(images) if alone else network(images, True).contact
+    assert {each.shape for each in contact} == {(2, 32, 32)}
+    torch.stack([each.sum() for each in contact]).sum().backward()
+    trained = (CONTACT,) if alone else (CONTACT, "encoder")
     for name, weight in network.named_parameters():
-        assert (weight.grad is not None) == name.startswith(CONTACT), name
-    plain = network(torch.randn(2, 6, 64, 64))
-    assert plain.contact is None
+        assert (weight.grad is not None) == name.startswith(trained), name
+    assert network(images).contact is None
 
 
 def test_calibrated_intervals_cover_what_they_promise() -> None:

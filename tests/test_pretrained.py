@@ -83,8 +83,8 @@ def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monk
     with pytest.raises(T2TwinError, match=r"there is no run \./field"):
         resolve_run("./field")
     assert resolve_run(versioned("field")) == HOME / "field"
-    with pytest.raises(T2TwinError, match=r"no run field@1; this t2twin contains field@2"):
-        resolve_run("field@1")
+    with pytest.raises(T2TwinError, match=r"no run field@2; this t2twin contains field@3"):
+        resolve_run("field@2")
 
 
 def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:

@@ -44,8 +44,6 @@ COVER = {
 RATE_HZ = 10.0
 """Readings per second of the CySkin."""
 
-_LAYER = ("elastomer", "pitch_mm")
-
 
 def converted(content: dict[str, Any]) -> dict[str, Any]:
     """The content of an info.json of format 1 with the keys of format 2; format remains 1."""

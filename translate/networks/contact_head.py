@@ -2,8 +2,7 @@
 
 A small feature pyramid (Lin et al. 2017): it adds the maps of a ResNet18 and fine maps of its own,
 from the coarsest to the finest, which has half the side of the image.
-The maps of the encoder are detached, so that the decoder does not change the encoder's other
-predictions and can be trained after them.
+Its gradients train the encoder too, if both are trained together.
 
 Shape letters: B batch, S image side, an even number, H = S / 2 side of the predicted maps.
 """
@@ -69,7 +68,7 @@ class ContactHead(nn.Module):
 
     def forward(self, inputs: torch.Tensor, maps: tuple[torch.Tensor, ...]) -> ContactOutputs:
         """inputs: (B, 6, S, S), of the encoder. maps: its outputs, S / 2 to S / 32 wide."""
-        *skips, found = [each.detach() for each in maps]
+        *skips, found = maps
         pixels = self.pixels(inputs)
         fine = self.fine(pixels + self.place(_places(pixels)))
         more = (None, None, self.coarser(fine), fine)

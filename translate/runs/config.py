@@ -184,7 +184,7 @@ HOME = Path(__file__).parents[1] / "weights"
 DEFAULT_RUN = "field"
 """The pretrained run that commands, `load` and the studio use by default."""
 
-VERSIONS = {"field": 2}
+VERSIONS = {"field": 3}
 """Versions of the pretrained runs, 1 unless given. Another training predicts other counts."""
 
 
