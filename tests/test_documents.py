@@ -42,7 +42,7 @@ NOT_RUN = {
     "t2twin adapt": "takes an hour; tests/test_adapt.py",
     "t2twin calibrate --background background.png --presses": "tests/test_calibrate.py",
     "t2twin calibrate-uncertainty": "needs a trained field run; tests/test_field.py",
-    "t2twin evaluate runs/pretrained-4": "needs a training of hours",
+    "t2twin evaluate runs/contact-alone": "needs a training of hours",
     "t2twin live 0": "needs a camera",
     "t2twin live frames/ --run runs/mine": "needs a training of an hour",
     "t2twin slide hemisphere-4 --force-n 4 --dx-mm 2 --markers": "as one of docs/how-to/sliding.md",
