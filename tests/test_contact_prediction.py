@@ -77,6 +77,7 @@ def write_plain(folder: Path) -> None:
     shutil.copytree(HOME / "field", folder, dirs_exist_ok=True)
     config = json.loads((folder / CONFIG).read_text())
     config["data"].pop("has_contact", None)
+    config.pop("contact_info_sha256", None)
     (folder / CONFIG).write_text(json.dumps(config))
     weights = load_file(folder / BEST)
     save_file({n: each for n, each in weights.items() if not n.startswith(CONTACT)}, folder / BEST)

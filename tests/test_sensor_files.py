@@ -163,7 +163,10 @@ def digest(*arrays: Any) -> str:
 
 
 def test_the_default_pair_keeps_its_bytes(shapes):
-    """Those of x86-64 processors with AVX2. A change of the contact solver changes them."""
+    """Those of x86-64 processors with AVX-512 or with AVX2 alone, whose last digits differ.
+
+    A change of the contact solver changes them.
+    """
     sensors = SensorPair()
     found = {}
     for name, command in {
@@ -174,11 +177,17 @@ def test_the_default_pair_keeps_its_bytes(shapes):
         rng = np.random.default_rng(3) if name == "hemisphere-4" else None
         touch = sensors.press(shapes(name), command, rng)
         found[name] = (digest(touch.image), digest(touch.counts), digest(touch.dense_counts))
-    assert found == {
+    with_avx512 = {
         "square-1": ("353af00975b4d556", "94083469db5bb154", "1b3e4f10938fa150"),
         "hemisphere-4": ("2eee3214034620a8", "e2e4e4dbe3bff9d6", "7761d1183acd7d2b"),
         "pliers/jaw-tip": ("675cd0dd56260b48", "37f4c8053d17dab8", "c4744a3a6c9a676c"),
     }
+    with_avx2 = {
+        "square-1": ("4911d9ef59f58a12", "94083469db5bb154", "1b3e4f10938fa150"),
+        "hemisphere-4": ("655e3074ae9b548e", "e2e4e4dbe3bff9d6", "7761d1183acd7d2b"),
+        "pliers/jaw-tip": ("675cd0dd56260b48", "37f4c8053d17dab8", "9639b0d11bdf0811"),
+    }
+    assert found in (with_avx512, with_avx2)
 
 
 def test_a_sampled_unit_keeps_its_bytes():
