@@ -48,7 +48,7 @@ help:
 	@echo "make check       ruff, pyright, layers, import cycles, sizes of modules, sentences of the documents"
 	@echo "make wheel       sdist and wheel in dist/, checked and tried from an empty folder"
 	@echo "make wheel-demo  the demo of the wheel in dist/, in an empty folder   MINUTES= (3)"
-	@echo "make weights     the pretrained network as a zip file in dist/"
+	@echo "make weights     the pretrained networks as a zip file in dist/"
 	@echo "make check-files workflows, issue forms, citation and pre-commit against their schemas"
 	@echo "make docs        the documentation site, in build/site"
 	@echo "make clean       delete build products: caches of tools and of Python, build folders"
@@ -162,7 +162,7 @@ wheel-demo: setup
 
 weights:
 	mkdir -p dist
-	cd translate/weights && $(abspath $(BIN))/python -m zipfile -c $(CURDIR)/dist/t2twin-weights-field.zip field
+	cd translate/weights && $(abspath $(BIN))/python -m zipfile -c $(CURDIR)/dist/t2twin-weights.zip */
 
 check-files: .venv/release
 	$(SCHEMA) vendor.github-workflows .github/workflows/*.yml

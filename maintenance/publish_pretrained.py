@@ -1,7 +1,7 @@
 """Makes a pretrained run of a trained run and its evaluations.
 
     t2twin evaluate RUN --data data/paper --split both --out EVALUATION
-    python -m maintenance.publish_pretrained RUN EVALUATION
+    python -m maintenance.publish_pretrained NAME RUN EVALUATION
 
 Files that only training needs are left out. Trained weights are stored in half precision, three
 decimal digits; buffers keep their precision. The card contains the figures of the evaluations.
@@ -54,31 +54,35 @@ SPLITS = {"val": "new versions of primitives", "test": "hand tools"}
 """Shapes in the splits of the protocol."""
 
 
-def publish_pretrained(run_dir: Path, evaluations: Sequence[Path] = (), home: Path = HOME) -> Path:
-    """Writes a finished run to home/MODEL, and replaces an earlier one. Returns that folder.
+def publish_pretrained(
+    name: str, run_dir: Path, evaluations: Sequence[Path] = (), home: Path = HOME
+) -> Path:
+    """Writes a finished run to home/name, and replaces an earlier one. Returns that folder.
 
     evaluations: folders of `t2twin evaluate` with this run, for the card. Raises T2TwinError if
     run_dir is not a finished run, and for folders without an evaluation of it.
     """
     config = load_config(run_dir)
-    for name in (BEST, CARD, LOG):
-        if not (run_dir / name).is_file():
-            raise T2TwinError(f"{run_dir / name} is not there; the run has not finished")
+    for file in (BEST, CARD, LOG):
+        if not (run_dir / file).is_file():
+            raise T2TwinError(f"{run_dir / file} is not there; the run has not finished")
     card = (run_dir / CARD).read_text(encoding="utf-8")
-    card = card.replace(", preset ", f", {versioned(config.model)}, preset ", 1)
+    card = card.replace(", preset ", f", {versioned(name)}, preset ", 1)
+    card = card.replace(f'load("{run_dir.name}")', f'load("{name}")')
+    card = card.replace(f"--run {run_dir.name}`", f"--run {name}`")
     if (run_dir / AVERAGE).is_file():
         share = json.loads((run_dir / AVERAGE).read_text(encoding="utf-8"))["share"]
         card = card.replace(TRAINING, f"{TRAINING}\n{MEAN.format(share, 1.0 - share)}\n", 1)
     rows = [row for folder in evaluations for row in _rows(folder, config.data.sha256)]
-    folder = home / config.model
+    folder = home / name
     folder.mkdir(parents=True, exist_ok=True)
-    weights = {name: _halved(name, tensor) for name, tensor in load_file(run_dir / BEST).items()}
+    weights = {key: _halved(key, tensor) for key, tensor in load_file(run_dir / BEST).items()}
     with atomic_write(folder / BEST) as temporary:
         save_file(weights, temporary)
         temporary.chmod(0o644)  # safetensors restricts it to the owner
-    for name in (CONFIG, LOG, FRAME_CHECK):
-        if name != FRAME_CHECK or (run_dir / name).is_file():
-            shutil.copyfile(run_dir / name, folder / name)
+    for file in (CONFIG, LOG, FRAME_CHECK):
+        if file != FRAME_CHECK or (run_dir / file).is_file():
+            shutil.copyfile(run_dir / file, folder / file)
     with atomic_write(folder / CARD) as temporary:
         temporary.write_text(_with_figures(card, rows), encoding="utf-8")
     return folder
@@ -119,6 +123,7 @@ def _row_of(evaluation: Evaluation, sha256: str, folder: Path) -> ModelRow:
 
 if __name__ == "__main__":
     try:
-        print(publish_pretrained(Path(sys.argv[1]), [Path(folder) for folder in sys.argv[2:]]))
+        name, run, *evaluations = sys.argv[1:]
+        print(publish_pretrained(name, Path(run), [Path(folder) for folder in evaluations]))
     except T2TwinError as error:
         sys.exit(str(error))

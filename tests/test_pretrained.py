@@ -32,8 +32,8 @@ MAX_BYTES = 16_000_000
 
 def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatch) -> None:
     evaluate([runs[1]], data_dir, "val", tmp_path / "evaluation" / "val")
-    folder = publish_pretrained(runs[1], [tmp_path / "evaluation"], tmp_path / "home")
-    assert folder == tmp_path / "home" / "resnet18"
+    folder = publish_pretrained("mine", runs[1], [tmp_path / "evaluation"], tmp_path / "home")
+    assert folder == tmp_path / "home" / "mine"
     whole, half = runs[1] / BEST, folder / BEST
     assert half.stat().st_size < 0.52 * whole.stat().st_size
     kept = load_file(half)
@@ -44,11 +44,12 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
     pixels = np.random.default_rng(0).integers(0, 256, (4, 64, 64, 3), np.uint8)
     monkeypatch.setattr(run_config, "HOME", tmp_path / "home")
     monkeypatch.chdir(tmp_path)
-    by_name = load_run("resnet18").predict_pixels(pixels)
+    by_name = load_run("mine").predict_pixels(pixels)
     np.testing.assert_allclose(by_name, load_run(runs[1]).predict_pixels(pixels), atol=100)
     card = (folder / "README.md").read_text()
     assert re.search(r"\| .*, new versions of primitives \| [\d,]+ \| [\d.]+ \|", card)
-    assert "# ResNet18, resnet18@1, preset smoke" in card
+    assert "# ResNet18, mine@1, preset smoke" in card
+    assert 'load("mine").predict' in card and "--run mine`" in card
     assert card.index("## Measured") < card.index("## Limits")
 
 
@@ -61,7 +62,7 @@ def test_weights_are_averaged_and_the_card_has_the_share(runs, tmp_path) -> None
     for name, tensor in load_file(tmp_path / "mean" / BEST).items():
         expected = first[name] + 0.75 if tensor.is_floating_point() else first[name]
         torch.testing.assert_close(tensor, expected)
-    folder = publish_pretrained(tmp_path / "mean", home=tmp_path / "home")
+    folder = publish_pretrained("mine", tmp_path / "mean", home=tmp_path / "home")
     assert "0.75 times those described here, plus 0.25" in (folder / "README.md").read_text()
     with pytest.raises(T2TwinError, match="from 0 to 1"):
         average_runs(runs[1], later, 1.5, tmp_path / "other")
@@ -89,15 +90,15 @@ def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monk
 
 def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:
     with pytest.raises(T2TwinError, match="contains no evaluation"):
-        publish_pretrained(runs[0], [tmp_path], tmp_path / "home")
+        publish_pretrained("mine", runs[0], [tmp_path], tmp_path / "home")
     evaluate([runs[1]], data_dir, "val", tmp_path / "of-resnet18" / "val")
     (tmp_path / "of-resnet18" / "val" / "metrics.json").write_text("{}")
     with pytest.raises(T2TwinError, match=r"metrics\.json"):
-        publish_pretrained(runs[0], [tmp_path / "of-resnet18"], tmp_path / "home")
+        publish_pretrained("mine", runs[0], [tmp_path / "of-resnet18"], tmp_path / "home")
     unfinished = shutil.copytree(runs[0], tmp_path / "unfinished")
     (unfinished / BEST).unlink()
     with pytest.raises(T2TwinError, match="has not finished"):
-        publish_pretrained(unfinished, [], tmp_path / "home")
+        publish_pretrained("mine", unfinished, [], tmp_path / "home")
     assert not (tmp_path / "home").exists()
 
 

@@ -212,7 +212,7 @@ def adapt(
     the gel camera, by name or file. minutes: approximate duration of all steps on two cores, 1 to
     6000. model: trained with the preset cpu; a field run changes little from its initial run.
     init_from: run whose weights initialize the training; by default the pretrained run of the
-    model, if there is one and the sensor's images have the size of the default sensor's. workers:
+    model for images of the sensor's size, if there is one. workers:
     processes that press; by default one per core. report: receives progress messages. Raises
     T2TwinError, before anything is written, for invalid arguments and for a folder with other
     content.
@@ -300,9 +300,16 @@ def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) ->
     Raises T2TwinError for a run that is missing or of another model.
     """
     if init_from is None:
-        own, default = sensor.camera, SensorPair().camera.camera
-        is_of_size = (own.rows, own.columns) == (default.rows, default.columns)
-        return HOME / model if model in pretrained_runs() and is_of_size else None
+        size = (sensor.camera.rows, sensor.camera.columns)
+        configs = {HOME / name: load_config(HOME / name) for name in pretrained_runs()}
+        return next(
+            (
+                folder
+                for folder, config in configs.items()
+                if config.model == model and config.data.camera.image_shape[:2] == size
+            ),
+            None,
+        )
     return run_of_model(init_from, model)[0]
 
 

@@ -230,7 +230,8 @@ def export(
     """Export a trained run as an ONNX file, from pixels to counts and tactile images.
 
     Args:
-        out: Output file. Default: MODEL.onnx in RUN, for a pretrained run in the working directory.
+        out: Output file. Default: MODEL.onnx in RUN; for a pretrained run NAME.onnx in the working
+            directory.
         force: Replace an existing file.
     """
     from t2twin.core.files import check_new_file
@@ -244,8 +245,10 @@ def export(
     use_all_cores()
     loaded = load_run(options.name, options.layout)
     if out is None:
-        folder = Path() if loaded.run_dir.parent == HOME else loaded.run_dir
-        out = folder / f"{loaded.config.model}.onnx"
+        folder = loaded.run_dir
+        is_pretrained = folder.parent == HOME
+        out = Path(folder.name) if is_pretrained else folder / loaded.config.model
+        out = out.with_suffix(".onnx")
         check_new_file(out, force)
     difference = export_onnx(loaded, out)
     print(f"counts differ by at most {difference:.3f} from PyTorch's on random images")
