@@ -16,6 +16,9 @@ from t2twin.sim.touch import Touch
 
 SUFFIX = ".rrd"
 
+MM_PER_M = 1000.0
+"""Unit of depth images, mm."""
+
 
 class RerunLog:
     """A recording that is written to a file while it grows.
@@ -56,10 +59,17 @@ class RerunLog:
             self._number(f"{sensor}/shear_n", float(np.hypot(*contact.shear_n)))
             self._number(f"{sensor}/slip_share", contact.slip_share)
 
-    def prediction(self, time_s: float, image: np.ndarray, line: dict[str, Any]) -> None:
+    def prediction(
+        self,
+        time_s: float,
+        image: np.ndarray,
+        line: dict[str, Any],
+        depth_mm: np.ndarray | None = None,
+    ) -> None:
         """Record an image and the prediction of `t2twin live` from it.
 
-        image: (h, w, 3) or (h, w) uint8. line: the values of a line of `t2twin live`.
+        image: (h, w, 3) or (h, w) uint8. line: the values of a line of `t2twin live`. depth_mm:
+        (h, w) predicted depth of the gel's surface, mm.
         """
         self._stream.set_time("time", duration=time_s)
         self._image("image", image)
@@ -72,6 +82,10 @@ class RerunLog:
         for name in ("largest_depth_mm", "area_mm2", "force_in_view_n"):
             if name in line.get("contact", {}):
                 self._number(f"prediction/contact/{name}", line["contact"][name])
+
+        if depth_mm is not None:
+            depth = self._rerun.DepthImage(np.maximum(depth_mm, 0), meter=MM_PER_M)
+            self._stream.log("prediction/contact/depth", depth)
 
     def close(self) -> None:
         """Write what is not yet in the file."""

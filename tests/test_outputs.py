@@ -20,6 +20,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.live.follow import published, recorded
 from t2twin.live.sources import Frame
 from t2twin.rerun_log import RerunLog
+from t2twin.translate.inference.contact import ContactEstimate
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LINE = {"frame": 0, "counts": [1, 2, 3], "force_n": 2.5}
@@ -31,7 +32,7 @@ def rerun(monkeypatch: pytest.MonkeyPatch) -> MagicMock:
     """A stand-in for Rerun, which is not installed for tests."""
     module = MagicMock(spec=ModuleType("rerun"))
     module.__spec__ = MagicMock()
-    for name in ("RecordingStream", "Image", "BarChart", "Scalars"):
+    for name in ("RecordingStream", "Image", "BarChart", "Scalars", "DepthImage"):
         setattr(module, name, MagicMock())
     monkeypatch.setitem(sys.modules, "rerun", module)
     return module
@@ -45,7 +46,7 @@ def test_subscribers_receive_each_line() -> None:
         subscriber.connect(address)
         subscriber.subscribe("")
         while not subscriber.poll(10):  # a subscription takes effect after a while
-            publish(FRAME, LINE)
+            publish(FRAME, LINE, None)
         assert json.loads(subscriber.recv()) == LINE
         context.destroy(linger=0)
 
@@ -71,11 +72,15 @@ def test_a_touch_is_recorded(rerun: MagicMock) -> None:
 
 
 def test_predictions_are_recorded_from_the_first_frame_on(rerun: MagicMock) -> None:
+    contact = MagicMock(spec=ContactEstimate, depth_mm=np.array([[-0.1, 0.7]]))
     with recorded(Path("live.rrd")) as record:
-        record(FRAME, LINE)
-        record(Frame(FRAME.image, 1, None, 3.5), LINE | {"contact": {"largest_depth_mm": 0.7}})
+        record(FRAME, LINE, None)
+        line = LINE | {"contact": {"largest_depth_mm": 0.7}}
+        record(Frame(FRAME.image, 1, None, 3.5), line, contact)
     logged = [call.args[0] for call in rerun.RecordingStream().log.call_args_list]
-    assert logged[-1] == "prediction/contact/largest_depth_mm"
+    assert logged[-2:] == ["prediction/contact/largest_depth_mm", "prediction/contact/depth"]
+    assert rerun.DepthImage.call_args.kwargs == {"meter": 1000.0}
+    np.testing.assert_array_equal(rerun.DepthImage.call_args.args[0], [[0.0, 0.7]])
     times = [call.kwargs["duration"] for call in rerun.RecordingStream().set_time.call_args_list]
     assert times == [0.0, 2.5]
 

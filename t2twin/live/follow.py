@@ -17,6 +17,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.live.sources import Frame, LatestFrame, Report, Source
 from t2twin.rerun_log import RerunLog
 from t2twin.translate.inference.batch import ood_entry
+from t2twin.translate.inference.contact import ContactEstimate
 from t2twin.translate.inference.field_predictor import NO_BACKGROUND, FieldPredictor
 from t2twin.translate.inference.predictor import CountsPredictor, require
 from t2twin.translate.uncertainty.ood import classify_frame, combined, unlike
@@ -28,8 +29,8 @@ MAX_LATENCIES = 100_000
 """Number of latencies kept for the final report, half an hour at 60 Hz; limits memory."""
 
 
-Output = Callable[[Frame, dict[str, Any]], object]
-"""Receives a frame and the values of its line."""
+Output = Callable[[Frame, dict[str, Any], ContactEstimate | None], object]
+"""Receives a frame, the values of its line and the contact, if the run predicts it."""
 
 
 @dataclass
@@ -73,7 +74,7 @@ def follow(
 
     report: receives messages for the user. max_frames: number of lines after which it ends.
     background: background frame of the sensor for a field run, (h, w, 3) or (h, w) uint8, of any
-    size. outputs: receive each frame and the values of its line too.
+    size. outputs: receive each frame, the values of its line, and the contact too.
     Raises T2TwinError if the source fails, and for a background frame with another model.
     """
     translate = _translator(run, background, report)
@@ -91,13 +92,13 @@ def follow(
                     waiting = True
                 continue
             last, waiting = frame.number, False
-            values = translate(frame.image)
+            values, contact = translate(frame.image)
             now_s = time.perf_counter()
             latency_ms = 1e3 * (now_s - frame.arrived_s)
             line = _place(frame, latency_ms) | values
             write(json.dumps(line))
             for output in outputs:
-                output(frame, line)
+                output(frame, line, contact)
             throughput.translated, throughput.received = throughput.translated + 1, latest.read
             throughput.latencies_ms.append(latency_ms)
             if not values["in_distribution"] and not warned:
@@ -115,20 +116,21 @@ def follow(
 
 def _translator(
     run: CountsPredictor, background: np.ndarray | None, report: Report
-) -> Callable[[np.ndarray], dict[str, Any]]:
-    """A function from an image to the predicted values of its line. Arguments: as for `follow`."""
+) -> Callable[[np.ndarray], tuple[dict[str, Any], ContactEstimate | None]]:
+    """A function from an image to the predicted values of its line, and the contact if it is
+    predicted. Arguments: as for `follow`."""
     if background is not None:
         require(run, FieldPredictor, "a background frame")
     elif isinstance(run, FieldPredictor):
         report(NO_BACKGROUND)
 
-    def translate(image: np.ndarray) -> dict[str, Any]:
+    def translate(image: np.ndarray) -> tuple[dict[str, Any], ContactEstimate | None]:
         if isinstance(run, FieldPredictor):
             return _of_field(run, image, background)
         pixels = run.pixels_of(image)
         own = classify_frame(image, run.config.data.camera.aspect)
         found = combined(own, *run.classify(pixels))
-        return {"counts": _whole(run.predict_pixels(pixels)[0])} | ood_entry(found)
+        return {"counts": _whole(run.predict_pixels(pixels)[0])} | ood_entry(found), None
 
     translate(np.zeros((run.config.preset.size,) * 2, np.uint8))  # the first one is slow
     return translate
@@ -136,21 +138,22 @@ def _translator(
 
 def _of_field(
     run: FieldPredictor, image: np.ndarray, background: np.ndarray | None
-) -> dict[str, Any]:
-    """Predicted values of a line, of a field run."""
+) -> tuple[dict[str, Any], ContactEstimate | None]:
+    """Predicted values of a line, of a field run, and the contact if it is predicted."""
     contact: Any = None  # one, of one image
     if run.predicts_contact:
         estimate, contact = run.estimate_with_contact(image, background)
     else:
         estimate = run.estimate(image, background)
     forces = {"force_n": estimate.force_n, "force_std_n": estimate.force_std_n}
-    return {
+    values = {
         "counts": _whole(estimate.counts),
         "counts_std": _whole(estimate.counts_std),
         **{name: round(float(value), 3) for name, value in forces.items() if value is not None},
         **({} if contact is None else {"contact": contact.summary()}),
         **ood_entry(estimate.ood_class),
     }
+    return values, contact
 
 
 def _place(frame: Frame, latency_ms: float) -> dict[str, Any]:
@@ -189,7 +192,7 @@ def published(address: str) -> Iterator[Output]:
                 f"--zmq {address} cannot be bound: {error.strerror}; expected an address such as "
                 "tcp://127.0.0.1:5555"
             ) from error
-        yield lambda frame, line: socket.send_string(json.dumps(line))
+        yield lambda frame, line, contact: socket.send_string(json.dumps(line))
     finally:
         context.destroy(linger=0)  # messages that are not sent are dropped
 
@@ -210,10 +213,11 @@ def recorded(file: Path) -> Iterator[Output]:
     """Records images and predictions for the viewer of Rerun, within the block; see RerunLog."""
     began_s: float | None = None
 
-    def record(frame: Frame, line: dict[str, Any]) -> None:
+    def record(frame: Frame, line: dict[str, Any], contact: ContactEstimate | None) -> None:
         nonlocal began_s
         began_s = frame.arrived_s if began_s is None else began_s
-        log.prediction(frame.arrived_s - began_s, frame.image, line)
+        depth_mm = None if contact is None else contact.depth_mm
+        log.prediction(frame.arrived_s - began_s, frame.image, line, depth_mm)
 
     with closing(RerunLog(file)) as log:
         yield record
