@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 BENCHMARK = Benchmark(
     module="benchmarks.networks.sensor_matrix",
     measures="Errors of translation between every two bundled sensors.",
-    minutes=300,
+    minutes=150,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
         Figure("largest_of_nearest.val", most=1.0),
@@ -51,9 +51,8 @@ SCALE, PRESET = "small", "cpu"
 MODELS = {"counts": "resnet18", "image": "touch2touch"}
 """Models by value of the target."""
 
-STEPS = {"counts": 2400, "image": 800}
-"""Steps of each training by value of the target (assumed: 100 and 33 epochs, 20 and 6 minutes of
-one core)."""
+STEPS = 800
+"""Steps of each training (assumed: 33 epochs, about 7 minutes of one core)."""
 
 SEED = 0
 SPLITS = ("val", "test")
@@ -124,7 +123,7 @@ def _make(one: str, other: str, data: Path, run: Path, direction: str, out: Path
         make_dataset(data, SCALE, SEED, workers=1, sensors=sensors)
     role = direction.rpartition("-")[2]
     value = read_info(data).values[role]
-    train(MODELS[value], data, PRESET, run, SEED, steps=STEPS[value], direction=direction)
+    train(MODELS[value], data, PRESET, run, SEED, steps=STEPS, direction=direction)
     evaluate_splits([run], data, "both", out)
 
 
