@@ -604,7 +604,7 @@ def test_the_onnx_file_says_the_same(run: FieldPredictor, frame, tmp_path) -> No
     names = [output.name for output in session.get_outputs()]
     assert names == [
         "counts", "tactile_images", "counts_std", "dense_counts", "dense_counts_std",
-        "force_n", "force_std_n"
+        "force_n", "force_std_n", "frame_features"
     ]  # fmt: skip
     for given, estimated in (
         ({}, run.estimate([frame, frame[::-1]])),

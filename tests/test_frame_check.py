@@ -12,33 +12,43 @@ from t2twin.core.errors import T2TwinError
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import require
-from t2twin.translate.networks.frame_check import CLASSES, SIDE, FrameCheck
+from t2twin.translate.networks.frame_check import CLASSES, FrameCheck, features_of
 from t2twin.translate.runs.checkpoint import load_frame_check, save_weights
 from t2twin.translate.runs.config import FRAME_CHECK, HOME
 from t2twin.translate.training import fit_frame_check as fitting
-from t2twin.translate.training.fit_frame_check import Frames
-from t2twin.translate.training.wrong_frames import ALTERATIONS, FORWARD
+from t2twin.translate.training.wrong_frames import ALTERATIONS, FORWARD, wrong_frame
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
 
+def test_features_are_means_and_deviations_of_the_channels():
+    slope = torch.arange(6.0)[:, None].expand(2, 1, 6, 6)
+    steps = torch.zeros(2, 1, 2, 2)
+    steps[:, :, 0] = 6.0
+    found = features_of([slope, steps], 6)
+    cells = np.repeat([0.5, 2.5, 4.5], 3)
+    expected = np.log1p([2.5, np.arange(6).std(), 3.0, 3.0, *cells])
+    np.testing.assert_allclose(found, [expected, expected], rtol=1e-6)
+
+
+def test_a_check_of_an_earlier_version_uses_the_features_that_it_knows():
+    check = FrameCheck(2).eval()
+    features = torch.rand(3, 5)
+    assert torch.equal(check(features), check(features[:, :2]))
+
+
 def test_a_frame_is_wrong_above_the_limit_of_its_kind():
-    check = FrameCheck().eval()
-    check.limits.copy_(torch.tensor([0.0, torch.inf]))
-    images = torch.randn(4, 6, 96, 96)
+    check = FrameCheck(2)
     with torch.no_grad():
-        check.layers[-1].bias[0] = 100.0
-        assert check.classify(images[:, :3]) == [CLASSES[0]] * 4
-        check.layers[-1].bias[[0, 3]] = torch.tensor([-100.0, 100.0])
-    assert check.classify(images[:, :3]) == [CLASSES[3]] * 4
-    assert check.classify(images) == [CLASSES[0]] * 4  # below the other limit
-
-
-def test_a_check_sees_the_light_and_its_difference_from_the_background():
-    check, images = FrameCheck().eval(), torch.randn(2, 6, 64, 64)
-    fine = images + torch.tensor([0.5, -0.5]).repeat(32)  # its mean over a pixel of the check is 0
-    torch.testing.assert_close(check(fine), check(images), atol=1e-4, rtol=1e-4)
-    images[:, 3:] = images[:, :3]
-    torch.testing.assert_close(check(images), check(images[:, :3]))
+        check.limits.copy_(torch.tensor([0.0, torch.inf]))
+        for layer in (check.hidden, check.logits):
+            layer.weight.zero_()
+            layer.bias.zero_()
+        check.hidden.weight[0, 0] = 1.0
+        check.logits.weight[3, 0] = 9.0
+        check.logits.bias[1:] = -9.0
+    features = torch.tensor([[-1.0, 0.0], [2.0, 0.0]])
+    assert check.classify(features, False) == [CLASSES[0], CLASSES[3]]
+    assert check.classify(features, True) == [CLASSES[0]] * 2
 
 
 def test_wrong_frames_are_what_their_class_says():
@@ -47,7 +57,8 @@ def test_wrong_frames_are_what_their_class_says():
     for kind, transform in FORWARD.items():
         undone = INVERSE_TRANSFORMS[kind](transform(frame[None]))
         np.testing.assert_array_equal(undone[0], frame)
-    assert {*FORWARD} == {*INVERSE_TRANSFORMS}
+    kinds = {wrong_frame(frame, rng)[1] for _ in range(60)}
+    assert kinds == {*INVERSE_TRANSFORMS, OODClass.OTHER}
     for alter in ALTERATIONS:
         found = alter(frame, rng)
         assert found.dtype == np.uint8 and found.shape[-1] == 3
@@ -80,42 +91,13 @@ def test_a_run_gets_a_check_that_its_predictions_use(
         run.classify_frames(even)
 
 
-def frames_of(rng: np.random.Generator, units: int) -> Frames:
-    """Frames that are red above, green at the left, and blue at the right, of some units."""
-    down, across = np.meshgrid(*[np.linspace(-1.0, 1.0, SIDE)] * 2, indexing="ij")
-    light = np.stack([-down, -across, across], axis=-1)
-    right = light + 0.1 * rng.standard_normal((400, SIDE, SIDE, 3))
-    others = rng.standard_normal((100, SIDE, SIDE, 3))
-    number = np.arange(400) % units
-    behind = right + number[:, None, None, None] / units
-    origins = np.arange(0, 400, 4)
-    return Frames(*(each.astype(np.float32) for each in (right, behind, others)), origins, number)
-
-
-@pytest.mark.parametrize("units", [1, 40])
-def test_a_check_names_frames_of_units_that_it_has_not_seen(units):
-    frames = frames_of(np.random.default_rng(0), units)
-    check, fresh = fitting.trained(frames, 0), frames_of(np.random.default_rng(1), units)
-    assert torch.isfinite(check.limits).all()
-
-    def named(images: np.ndarray) -> list[OODClass]:
-        return check.classify(torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2))))
-
-    right = np.concatenate([fresh.right, fresh.backgrounds], axis=-1)
-    for each in (fresh.right, right):
-        assert named(each).count(OODClass.IN_DISTRIBUTION) >= 380
-    for kind, transform in FORWARD.items():
-        assert named(transform(fresh.right)).count(kind) >= 390, kind
-    assert named(fresh.others).count(OODClass.OTHER) >= 95
-
-
-def test_a_subset_keeps_what_its_frames_are_made_of():
-    frames = frames_of(np.random.default_rng(0), 7)
-    part = frames.subset(frames.units % 2 == 0)
-    assert len(part.right) == (frames.units % 2 == 0).sum() and not (part.units % 2).any()
-    for wrong, origin in zip(part.others, part.origins, strict=True):
-        before = int(np.flatnonzero((frames.others == wrong).all(axis=(1, 2, 3)))[0])
-        np.testing.assert_array_equal(part.right[origin], frames.right[frames.origins[before]])
+def test_the_frames_of_a_single_unit_are_enough():
+    rng = np.random.default_rng(0)
+    right, wrong = (torch.from_numpy(rng.normal(n, 1.0, (600, 4))).float() for n in (0.0, 9.0))
+    kinds = np.full(600, CLASSES.index(OODClass.OTHER))
+    check = fitting._trained([fitting._Part([[right, wrong]], kinds, [b"unit"] * 600)], 0)
+    assert check.classify(right, False).count(OODClass.IN_DISTRIBUTION) >= 590
+    assert check.classify(wrong, False) == [OODClass.OTHER] * 600
 
 
 def test_the_pretrained_run_names_turned_frames_without_a_background():

@@ -18,6 +18,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.data.images import (
+    COLORS,
     ONE,
     Images,
     check_pixels,
@@ -27,14 +28,9 @@ from t2twin.translate.data.images import (
 )
 from t2twin.translate.data.pairs import Pictures
 from t2twin.translate.inference.contact import ContactEstimate, contacts_of
-from t2twin.translate.inference.predictor import (
-    CountsPredictor,
-    NotPredicted,
-    Outputs,
-    parts_of,
-)
+from t2twin.translate.inference.predictor import CountsPredictor, NotPredicted, Outputs
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.field_readout import FieldPrediction
+from t2twin.translate.models.field_readout import FEATURES, FieldPrediction
 from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.uncertainty.estimate import Estimate
@@ -59,19 +55,23 @@ class FieldPredictor(CountsPredictor):
     PREDICTS: ClassVar[str] = "counts with uncertainty"
     RUNS: ClassVar[str] = "a field run"
 
-    def _classified(self, pixels: np.ndarray) -> list[OODClass]:
-        classes, inside = super()._classified(pixels), OODClass.IN_DISTRIBUTION
-        if self._frame_check is None:
+    def classify(self, pixels: np.ndarray) -> list[OODClass]:
+        """See CountsPredictor. A run with a frame check uses it too."""
+        self._check_pixels(pixels)
+        needed = self._frame_check is not None
+        outputs = self._outputs(pixels, with_features=True) if needed else {}
+        return self._classified(pixels, outputs)
+
+    def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
+        classes, inside = super()._classified(pixels, outputs), OODClass.IN_DISTRIBUTION
+        if self._frame_check is None or not len(pixels):
             return classes
-        found = [
-            each
-            for part in parts_of(len(pixels))
-            for each in self._frame_check.classify(to_input(pixels[part] / np.float32(255.0)))
-        ]
+        features = torch.from_numpy(outputs[FEATURES])
+        found = self._frame_check.classify(features, pixels.shape[-1] > COLORS)
         return [b if a == inside else a for a, b in zip(classes, found, strict=True)]
 
-    def _in_torch(self, inputs: torch.Tensor, with_contact: bool) -> Outputs:
-        found = self.translator.predict_all(inputs, with_contact)
+    def _in_torch(self, inputs: torch.Tensor, with_contact: bool, with_features: bool) -> Outputs:
+        found = self.translator.predict_all(inputs, with_contact, with_features)
         return {name: each.cpu().numpy() for name, each in found.named().items()}
 
     @cached_property
@@ -139,8 +139,10 @@ class FieldPredictor(CountsPredictor):
         result has the classes of `classify`."""
         self._check_pixels(pixels)
         _check_some(len(pixels))
-        outputs = self._outputs(pixels, progress)
-        return self._estimate(outputs, self._classified(pixels[:]) if classified else None)
+        outputs, classes = self._outputs(pixels, progress, False, classified), None
+        if classified:
+            classes = self._classified(pixels[:], outputs)
+        return self._estimate(outputs, classes)
 
     def _estimate(self, outputs: Outputs, classes: list[OODClass] | None) -> Estimate:
         return Estimate(

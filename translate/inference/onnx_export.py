@@ -15,6 +15,7 @@ A field run also has
              dense_counts, dense_counts_std    (B, F) float32, counts, at their places
              force_n, force_std_n    (B,) float32, N, of a run trained on several forces
              shear_n, shear_std_n    (B, 2) float32, N, of a run trained on motion
+             frame_features  (B, n) float32, for the frame check
              depth_mm, pressure_kpa, their standard deviations depth_std_mm and pressure_std_kpa,
              and the probability of contact    (B, H, H) float32, and center_mm, center_std_mm
              (B, 2) float32, of a run that predicts the contact
@@ -27,7 +28,7 @@ B is free. The metadata of the file contain the model, its preset, and the layou
 and full scale.
 
 Shape letters: c channels, S image side of the run, N taxels, F places of the dense counts, R rows,
-C columns, H side of the contact maps.
+C columns, n features, H side of the contact maps.
 """
 
 import hashlib

@@ -34,6 +34,7 @@ from t2twin.translate.data.images import (
 from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures
 from t2twin.translate.data.sides import TactilePictures
 from t2twin.translate.models.base import CountsTranslator, Translator
+from t2twin.translate.models.field_readout import FEATURES
 from t2twin.translate.models.presets import IMAGE_TO_COUNTS
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.ood import (
@@ -144,29 +145,33 @@ class CountsPredictor(TrainedTranslator):
     ) -> tuple[Outputs, list[OODClass]]:
         """Predictions and (B,) classes of checked images, in one pass."""
         pixels = self._pixels(frames, background)
-        outputs = self._outputs(pixels, None, with_contact)
-        return outputs, self._own_classes(frames, background, self._classified(pixels))
+        outputs = self._outputs(pixels, None, with_contact, with_features=True)
+        return outputs, self._own_classes(frames, background, self._classified(pixels, outputs))
 
     def _outputs(
         self,
         pixels: np.ndarray | Pictures | ImageFile,
         progress: str | None = None,
         with_contact: bool = False,
+        with_features: bool = False,
     ) -> Outputs:
-        """Predictions for checked pixels. with_contact: whether they contain it."""
+        """Predictions for checked pixels. with_contact, with_features: whether they contain these,
+        if the run has them."""
         found = []
         for part in parts_of(len(pixels), progress):
             batch = pixels[part]
             outputs = self._compute(batch, with_contact)
             if outputs is None:
                 inputs = to_input(batch.astype(np.float32) / 255.0)
-                outputs = self._in_torch(inputs, with_contact)
+                outputs = self._in_torch(inputs, with_contact, with_features)
+            elif not with_features:
+                outputs.pop(FEATURES, None)
             found.append(outputs)
         if not found:
             return {COUNTS: np.empty((0, self.config.data.array.x_mm.size), np.float32)}
         return {name: np.concatenate([each[name] for each in found]) for name in found[0]}
 
-    def _in_torch(self, inputs: torch.Tensor, with_contact: bool) -> Outputs:
+    def _in_torch(self, inputs: torch.Tensor, with_contact: bool, with_features: bool) -> Outputs:
         """As `_outputs`, for one batch."""
         return {COUNTS: self.translator.predict(inputs).cpu().numpy()}
 
@@ -224,10 +229,10 @@ class CountsPredictor(TrainedTranslator):
         with their background frames, if they have them.
         """
         self._check_pixels(pixels)
-        return self._classified(pixels)
+        return self._classified(pixels, {})
 
-    def _classified(self, pixels: np.ndarray) -> list[OODClass]:
-        """As `classify`, for checked pixels."""
+    def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
+        """As `classify`. outputs: predictions for the pixels."""
         images, inside = pixels[..., :3], OODClass.IN_DISTRIBUTION
         classes = like_training(self.config, images)
         if pixels.shape[-1] <= images.shape[-1]:
@@ -334,6 +339,6 @@ def like_training(config: RunConfig, images: np.ndarray) -> list[OODClass]:
     return config.ood_detector.classify(images)
 
 
-def parts_of(size: int, progress: str | None = None) -> list[slice] | Progress:
+def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
     parts = [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
     return parts if progress is None else Progress(parts, desc=progress, unit="batch")

@@ -246,18 +246,27 @@ class FieldTranslator(CountsTranslator):
         """All predictions. images: as for `predict`."""
         return self.predict_all(images).field
 
-    def predict_all(self, images: torch.Tensor, with_contact: bool = False) -> AllPredictions:
-        """The predictions of one pass. images: as for `predict`. with_contact: whether they
-        contain it."""
+    def predict_all(
+        self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
+    ) -> AllPredictions:
+        """The predictions of one pass. images: as for `predict`. with_contact, with_features:
+        whether they contain these."""
         self.predictor.eval()
         with torch.inference_mode():
             with self.precision():
-                outputs = self.predictor(self._with_frame(images), with_contact)
+                outputs = self.predictor(self._with_frame(images), with_contact, with_features)
             contact = None
             if outputs.contact is not None:
                 has_frame = torch.tensor(images.shape[1] > COLORS, device=self.device)
                 contact = self.contact_readout(outputs.contact, has_frame)
-            return AllPredictions(self.readout(outputs), contact)
+            return AllPredictions(self.readout(outputs), outputs.features, contact)
+
+    def frame_features(self, images: torch.Tensor) -> torch.Tensor:
+        """(B, n) features for the frame check, by the encoder alone. images: as for `predict`."""
+        self.predictor.eval()
+        with torch.inference_mode(), self.precision():
+            maps = self.predictor.encoded(self._with_frame(images))
+            return self.predictor.frame_features(maps)
 
     def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
         """The outputs of the contact's layers. images: as for `predict`."""

@@ -45,18 +45,25 @@ class FieldPrediction(NamedTuple):
 
 
 class AllPredictions(NamedTuple):
-    """The predictions of one pass for B images. contact: None unless it is wanted."""
+    """The predictions of one pass for B images.
+
+    features: (B, n), for the frame check, and contact: None unless they are wanted.
+    """
 
     field: FieldPrediction
+    features: torch.Tensor | None
     contact: ContactPrediction | None
 
     def named(self) -> dict[str, torch.Tensor]:
         """What is predicted, by the names in NAMES."""
-        parts = [*self.field, *(self.contact or ())]
+        parts = [*self.field, self.features, *(self.contact or ())]
         return {name: each for name, each in zip(NAMES, parts, strict=False) if each is not None}
 
 
-NAMES = (*FieldPrediction._fields, *ContactPrediction._fields)
+FEATURES = "frame_features"
+"""Name of the features for the frame check."""
+
+NAMES = (*FieldPrediction._fields, FEATURES, *ContactPrediction._fields)
 """Names of all predictions, in order."""
 
 
@@ -209,10 +216,10 @@ class FromPixels(nn.Module):
 
     def forward(self, pixels: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
         both = [(each - self.mean) / self.std for each in (pixels, background.expand_as(pixels))]
-        outputs = self.network(torch.cat(both, dim=1), self.contact is not None)
+        outputs = self.network(torch.cat(both, dim=1), self.contact is not None, True)
         is_own = (background - self.mean_frame).abs().amax() > SAME_FRAME
         contact = None if self.contact is None else self.contact(outputs.contact, is_own)
-        found = AllPredictions(self.readout(outputs), contact)
+        found = AllPredictions(self.readout(outputs), outputs.features, contact)
         counts, *others = found.named().values()
         return counts, self.dense_image(found.field.dense_counts), *others
 

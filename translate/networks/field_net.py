@@ -17,6 +17,7 @@ Shape letters: B batch, S image side, H side after a reduction, W windows along 
 D columns of E places, G numbers of the vector. F = D * E.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.networks.contact_head import ContactHead, ContactOutputs
+from t2twin.translate.networks.frame_check import features_of
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
 from t2twin.translate.networks.spread import with_minimum
 from t2twin.translate.uncertainty.calibration import (
@@ -219,7 +221,8 @@ class FieldOutputs(NamedTuple):
     mean, log_spread: (B, F), field as a fraction of full scale, and logarithm of its raw spread.
     force, force_log_spread: (B,), standardized logarithm of the force, and the same of its spread.
     shear, shear_log_spread: (B, 2), standardized shear force along x and y, and logarithm of its
-    raw spread; None if it is not predicted. contact: only if it is wanted.
+    raw spread; None if it is not predicted. contact, and features, (B, n), for the frame check:
+    only if they are wanted.
     """
 
     mean: torch.Tensor
@@ -229,6 +232,7 @@ class FieldOutputs(NamedTuple):
     shear: torch.Tensor | None = None
     shear_log_spread: torch.Tensor | None = None
     contact: ContactOutputs | None = None
+    features: torch.Tensor | None = None
 
 
 class FieldNet(nn.Module):
@@ -288,7 +292,7 @@ class FieldNet(nn.Module):
         super().__init__()
         self.grid = grid_of(x_mm)
         self.encoder = ResNet18(0, filters, channels=6)
-        cells = -(-size // 32)
+        cells, self.first_side = -(-size // 32), -(-size // 2)
         self.pooled = max(n for n in range(1, MAX_POOLED + 1) if cells % n == 0)
         self.pool = nn.AvgPool2d(cells // self.pooled) if cells > self.pooled else nn.Identity()
         width, vector = 2 * filters, 8 * filters
@@ -333,6 +337,14 @@ class FieldNet(nn.Module):
             self.register_buffer(LIMITS, torch.zeros(2))
         self.scale = SpreadScale(x_mm, y_mm, view_mm, self.grid, size)
 
+    def encoded(self, images: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """The encoder's maps. images: as for `forward`."""
+        return self.encoder.maps(_encoder_input(images))
+
+    def frame_features(self, maps: Sequence[torch.Tensor]) -> torch.Tensor:
+        """(B, n) features for the frame check. maps: the encoder's."""
+        return features_of(maps, self.first_side)
+
     def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
         """The contact alone. images: as for `forward`."""
         with torch.no_grad():
@@ -340,9 +352,11 @@ class FieldNet(nn.Module):
             maps = self.encoder.maps(inputs)
         return self.contact(inputs, maps)
 
-    def forward(self, images: torch.Tensor, with_contact: bool = False) -> FieldOutputs:
-        """images: (B, 6, S, S), normalized, each with its background frame. with_contact: whether
-        the outputs contain it."""
+    def forward(
+        self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
+    ) -> FieldOutputs:
+        """images: (B, 6, S, S), normalized, each with its background frame. with_contact,
+        with_features: whether the outputs contain these."""
         inputs = _encoder_input(images)
         maps = self.encoder.maps(inputs)
         fine, coarse, last = maps[-3:]
@@ -362,6 +376,7 @@ class FieldNet(nn.Module):
             self.force(vector).float()[:, 0],
             with_minimum(MIN_FORCE_SPREAD, self.force_spread(detached).float()[:, 0]),
             contact=self.contact(inputs, maps) if with_contact else None,
+            features=self.frame_features(maps) if with_features else None,
         )
         if not self.training:
             outputs = self._scaled(outputs, images)

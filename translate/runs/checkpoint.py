@@ -121,13 +121,11 @@ def load_frame_check(run_dir: Path) -> FrameCheck | None:
     if not path.is_file():
         return None
     try:
-        check = FrameCheck()
-        check.load_state_dict(load_file(path))
-    except (SafetensorError, RuntimeError):
-        raise T2TwinError(
-            f"{path} is not a frame check of this version; remove it, or write another with "
-            f"`t2twin calibrate-uncertainty {run_dir} --data DATASET`"
-        ) from None
+        weights = load_file(path)
+        check = FrameCheck(weights["center"].numel())
+        check.load_state_dict(weights)
+    except (SafetensorError, RuntimeError, KeyError):
+        raise T2TwinError(f"{path} is not a frame check; remove it, or train again") from None
     return check
 
 

@@ -1,12 +1,13 @@
 """Trains the frame check of a field run (networks.frame_check) on the frames of a dataset.
 
-Right frames, and wrong ones made of them, are given with the unit's background frame and without.
-A right frame with another unit's background frame is wrong too. The limits are set on units that
-the check was not trained on.
+Right frames, and wrong ones made of them, are each given with the unit's background frame and with
+the run's mean frame. A right frame with another unit's background frame is wrong too. The limits
+are set on units that the check was not trained on.
 
-Shape letters: R right frames, W wrong frames, H side of the check's images.
+Shape letters: R right frames, n features.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -15,7 +16,6 @@ import numpy as np
 import torch
 from PIL import Image
 from torch import nn
-from torch.nn import functional
 
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
@@ -24,74 +24,57 @@ from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import to_input, to_pixels
 from t2twin.translate.data.pairs import has_backgrounds
-from t2twin.translate.networks.frame_check import (
-    CLASSES,
-    SIDE,
-    WITHOUT,
-    FrameCheck,
-    scores,
-)
-from t2twin.translate.runs.checkpoint import save_weights
-from t2twin.translate.runs.config import FRAME_CHECK, load_config
-from t2twin.translate.training.wrong_frames import FORWARD, other_frame
+from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.networks.frame_check import CLASSES, WITH, WITHOUT, FrameCheck, scores
+from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
+from t2twin.translate.runs.config import BEST, FRAME_CHECK, load_config
+from t2twin.translate.training.wrong_frames import wrong_frame
 from t2twin.translate.uncertainty.ood import OODClass
 
-MAX_FRAMES = 15_000
-"""Right frames that the check is trained on, at most (assumed: a few minutes of two cores)."""
+MAX_FRAMES = 5000
+"""Right frames that the check is trained on, at most (assumed: a few minutes of a core)."""
 
 MIN_FRAMES = 300
 """Right frames without which a run has no check (assumed)."""
 
-OTHERS_EVERY = 3
-"""Right frames for each wrong one that is no transform (assumed: these are slow to make)."""
-
 MAX_SHARDS = 40
 """Shards that they are read from, at most (assumed)."""
 
-SHARES = {"transformed": 0.35, "other": 0.1, "other unit": 0.06}
-"""Shares of the wrong frames of a batch, without background frame less the last (assumed)."""
+OTHER_UNIT_SHARE = 0.12
+"""Share of the wrong frames that are right but for their background frame (assumed)."""
 
-WITH_SHARE = 0.4
-"""Share of the batches with background frames (assumed: these are easier)."""
-
-HELD_OUT_SHARE = 0.15
+HELD_OUT_SHARE = 0.2
 """Share of the units that the limits are set on."""
 
 MIN_UNITS = 10
 """Units below which frames are held out, and not units (assumed)."""
 
-REFUSED_SHARE = 0.003
-"""Share of these units' right frames that is above a limit (assumed: less than one percent, as
-other statistics refuse some too)."""
+REFUSED_SHARES = (0.003, 0.003)
+"""Share of these units' right frames that is above the limits, without and with a background frame
+(assumed: less than one percent, as other statistics refuse some too)."""
 
-EPOCHS, BATCH, LEARNING_RATE, WEIGHT_DECAY = 20, 128, 4e-3, 0.1
+EPOCHS, BATCH, LEARNING_RATE, WEIGHT_DECAY = 30, 128, 2e-3, 0.1
 """Of the training (assumed)."""
 
-GAIN, NOISE = 0.1, 0.02
-"""Standard deviations of the gain of a frame and of noise on its normalized pixels (assumed)."""
+MIN_SCALE = 0.01
+"""Minimum standard deviation of a feature (assumed)."""
+
+BATCH_SIZE = 64
+"""Frames whose features are computed together; bounds memory."""
 
 
 @dataclass(frozen=True)
-class Frames:
-    """Frames for a check, float32, normalized, channels last.
+class _Part:
+    """Right frames of a shard, and a wrong one made of each.
 
-    right: (R, H, H, 3). backgrounds: (R, H, H, 3) of their units; None without. others: (W, H, H,
-    3) wrong frames that are no transforms. origins: (W,) the right frames that these are made of.
-    units: (R,) number of the unit of a right frame.
+    features: (R, n) of right and of wrong frames, without and, if there are any, with background
+    frames. kinds: (R,) index of the wrong frames' classes. units: (R,) SHA-256 of the background
+    frames, or of the frames without.
     """
 
-    right: np.ndarray
-    backgrounds: np.ndarray | None
-    others: np.ndarray
-    origins: np.ndarray
-    units: np.ndarray
-
-    def subset(self, keep: np.ndarray) -> "Frames":
-        """Those of the right frames where keep, (R,) bool, is true."""
-        kept, places = keep[self.origins], np.cumsum(keep) - 1
-        backgrounds = None if self.backgrounds is None else self.backgrounds[keep]
-        origins = places[self.origins[kept]]
-        return Frames(self.right[keep], backgrounds, self.others[kept], origins, self.units[keep])
+    features: list[list[torch.Tensor]]
+    kinds: np.ndarray
+    units: list[bytes]
 
 
 def complete(run_dir: Path, data_dir: Path) -> None:
@@ -101,7 +84,7 @@ def complete(run_dir: Path, data_dir: Path) -> None:
 
 
 def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
-    """Writes the frame check of a field run; False for too few frames.
+    """Writes the frame check of a field run with finished weights; False for too few frames.
 
     data_dir: a dataset of the run's gel camera, whose train split is used. Raises T2TwinError for
     a dataset that cannot be read.
@@ -109,122 +92,104 @@ def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
     info, config = read_info(data_dir), load_config(run_dir)
     if info.pairs["train"] < MIN_FRAMES:
         return False
-    frames = _read(data_dir, info, config.preset.size, np.random.default_rng(config.seed))
-    save_weights(run_dir / FRAME_CHECK, trained(frames, config.seed))
+    translator = build(config)
+    assert isinstance(translator, FieldTranslator)
+    load_weights(run_dir / BEST, translator.predictor)
+    size, rng = config.preset.size, np.random.default_rng(config.seed)
+    shards = split_shards(info, "train")
+    chosen = np.unique(np.linspace(0, len(shards) - 1, MAX_SHARDS).astype(int))
+    each = -(-MAX_FRAMES // chosen.size)
+    bar = Progress(chosen, desc="frame check", unit="shard")
+    parts = [_part(translator, size, data_dir, shards[n], info, each, rng) for n in bar]
+    save_weights(run_dir / FRAME_CHECK, _trained(parts, config.seed))
     return True
 
 
-def _read(data_dir: Path, info: DatasetInfo, size: int, rng: np.random.Generator) -> Frames:
-    """Right frames of a dataset, evenly spread, and wrong ones. size: of the run's images."""
-    shards = split_shards(info, "train")
-    chosen = np.unique(np.linspace(0, len(shards) - 1, MAX_SHARDS).astype(int))
-    limit = -(-MAX_FRAMES // chosen.size)
+def _part(
+    translator: FieldTranslator, size: int, data_dir: Path, shard: str, info: DatasetInfo,
+    limit: int, rng: np.random.Generator,
+) -> _Part:  # fmt: skip
+    """At most `limit` right frames of a shard, evenly spread. size: of the run's images."""
     columns = [IMAGE, BACKGROUND] if has_backgrounds(info) else [IMAGE]
-    right, backgrounds, others, origins, units = [], [], [], [], []
-    behind: dict[bytes, np.ndarray] = {}  # of the last shards' units
-    for number in Progress(chosen, desc="frame check", unit="shard"):
-        stored = [
-            list(iter_images(data_dir, shards[number], column(info.role_of(IMAGE), name)))
-            for name in columns
-        ]
-        count = len(stored[0])
-        for row in np.unique(np.linspace(0, count - 1, min(limit, count)).astype(int)):
-            frame, background = decode_png(stored[0][row]), stored[-1][row]
-            if len(right) % OTHERS_EVERY == 0:
-                origins.append(len(right))
-                others.append(_small(other_frame(frame, rng), size))
-            right.append(_small(frame, size))
-            units.append(sha256(background).digest())
-            if len(stored) > 1:
-                if units[-1] not in behind:
-                    behind[units[-1]] = _small(decode_png(background), size)
-                backgrounds.append(behind[units[-1]])
-    return Frames(
-        np.stack(right),
-        np.stack(backgrounds) if backgrounds else None,
-        np.stack(others),
-        np.array(origins),
-        np.unique(units, return_inverse=True)[1],
-    )
+    stored = [
+        list(iter_images(data_dir, shard, column(info.role_of(IMAGE), name))) for name in columns
+    ]
+    count = len(stored[0])
+    rows = np.unique(np.linspace(0, count - 1, min(limit, count)).astype(int))
+    images, *own = [[pngs[row] for row in rows] for pngs in stored]
+    units = [sha256(png).digest() for png in (own[0] if own else images)]
+    frames = [decode_png(png) for png in images]
+    wrong, kinds = zip(*(wrong_frame(frame, rng) for frame in frames), strict=True)
+    classes = np.array([CLASSES.index(kind) for kind in kinds])
+    right, altered = _pixels(frames, size), _pixels(wrong, size)
+    found = [[_features(translator, each) for each in (right, altered)]]
+    if own:
+        backgrounds = _pixels([decode_png(png) for png in own[0]], size)
+        others = rng.permutation(len(frames))
+        differs = np.array([units[n] != units[other] for n, other in enumerate(others)])
+        is_other = differs & (rng.random(len(frames)) < OTHER_UNIT_SHARE)
+        classes[is_other] = CLASSES.index(OODClass.UNLIKE_BACKGROUND)
+        altered[is_other] = right[is_other]
+        behind = backgrounds[np.where(is_other, others, np.arange(len(frames)))]
+        both = ((right, backgrounds), (altered, behind))
+        found.append([_features(translator, np.concatenate(each, axis=-1)) for each in both])
+    return _Part(found, classes, units)
 
 
-def _small(frame: np.ndarray, size: int) -> np.ndarray:
-    """(H, H, 3): what the check sees of a frame, (h, w, 3) uint8."""
-    pixels = to_pixels(Image.fromarray(frame), size, grey=False)
-    inputs = to_input(pixels[None].astype(np.float32) / 255.0)
-    return functional.adaptive_avg_pool2d(inputs, SIDE)[0].permute(1, 2, 0).numpy()
+def _pixels(frames: Sequence[np.ndarray], size: int) -> np.ndarray:
+    return np.stack([to_pixels(Image.fromarray(frame), size, grey=False) for frame in frames])
 
 
-def trained(frames: Frames, seed: int) -> FrameCheck:
+def _features(translator: FieldTranslator, pixels: np.ndarray) -> torch.Tensor:
+    parts = [pixels[start : start + BATCH_SIZE] for start in range(0, len(pixels), BATCH_SIZE)]
+    inputs = (to_input(part.astype(np.float32) / 255.0) for part in parts)
+    return torch.cat([translator.frame_features(each).cpu() for each in inputs])
+
+
+def _trained(parts: Sequence[_Part], seed: int) -> FrameCheck:
     """The check, with its limits."""
-    units = frames.units
+    _, units = np.unique([unit for part in parts for unit in part.units], return_inverse=True)
     if units.max() < MIN_UNITS:  # frames of the same units are held out then
         units = np.arange(units.size)
-    rng = np.random.default_rng(seed)
-    order = rng.permutation(units.max() + 1)
-    held_out = np.isin(units, order[: max(1, round(HELD_OUT_SHARE * order.size))])
+    kinds = np.concatenate([part.kinds for part in parts])
+    order = np.random.default_rng(seed).permutation(units.max() + 1)
+    own = ~np.isin(units, order[: max(1, round(HELD_OUT_SHARE * order.size))])
+    features = [
+        [torch.cat([part.features[mode][n] for part in parts]) for n in (0, 1)]
+        for mode in range(len(parts[0].features))
+    ]
+    inputs, classes = [], []
+    for mode, (right, wrong) in enumerate(features):
+        # Without a background frame, one of another unit cannot be seen.
+        seen = kinds != CLASSES.index(OODClass.UNLIKE_BACKGROUND)
+        used = own if mode == WITH else own & seen
+        inputs += [right[torch.from_numpy(own)], wrong[torch.from_numpy(used)]]
+        classes += [torch.zeros(own.sum(), dtype=torch.int64), torch.from_numpy(kinds[used])]
+    check = FrameCheck(features[WITHOUT][0].shape[1])
+    right = features[WITHOUT][0][torch.from_numpy(own)]
+    check.center.copy_(right.mean(dim=0))
+    check.scale.copy_(right.std(dim=0).clamp(min=MIN_SCALE))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        check = FrameCheck()
-        _train(check, frames.subset(~held_out), rng)
+        for layer in (check.hidden, check.logits):
+            layer.reset_parameters()
+        _train(check, torch.cat(inputs), torch.cat(classes))
     check.eval()
-    right = frames.subset(held_out)
-    inputs = [_inputs(right.right, None)]
-    if right.backgrounds is not None:
-        inputs.append(_inputs(right.right, right.backgrounds))
     with torch.inference_mode():
-        for mode, each in enumerate(inputs, start=WITHOUT):
-            check.limits[mode] = torch.quantile(scores(check(each)), 1.0 - REFUSED_SHARE)
+        for mode, (right, _) in enumerate(features):
+            found = scores(check(right[torch.from_numpy(~own)]))
+            check.limits[mode] = torch.quantile(found, 1.0 - REFUSED_SHARES[mode])
     return check
 
 
-def _train(check: FrameCheck, frames: Frames, rng: np.random.Generator) -> None:
-    batches = max(1, len(frames.right) // BATCH)
-    optimizer = torch.optim.AdamW(check.parameters(), weight_decay=WEIGHT_DECAY)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, LEARNING_RATE, EPOCHS * batches, pct_start=0.2
-    )
+def _train(check: FrameCheck, inputs: torch.Tensor, classes: torch.Tensor) -> None:
+    optimizer = torch.optim.AdamW(check.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    steps = EPOCHS * -(-len(inputs) // BATCH)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
     check.train()
-    for _ in Progress(range(EPOCHS), desc="frame check", unit="epoch"):
-        for rows in np.array_split(rng.permutation(len(frames.right)), batches):
-            inputs, classes = _batch(frames, rows, rng)
+    for _ in range(EPOCHS):
+        for batch in torch.randperm(len(inputs)).split(BATCH):
             optimizer.zero_grad()
-            nn.functional.cross_entropy(check(inputs), classes).backward()
+            nn.functional.cross_entropy(check(inputs[batch]), classes[batch]).backward()
             optimizer.step()
             schedule.step()
-
-
-def _batch(
-    frames: Frames, rows: np.ndarray, rng: np.random.Generator
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Inputs and classes of a batch: right frames of these rows, part of which become wrong."""
-    images, backgrounds = frames.right[rows], None
-    if frames.backgrounds is not None and rng.random() < WITH_SHARE:
-        backgrounds = frames.backgrounds[rows]
-    classes = np.zeros(rows.size, np.int64)
-    ends = np.cumsum(list(SHARES.values()))
-    drawn = np.searchsorted(ends, rng.random(rows.size), side="right")
-    kinds = rng.integers(len(FORWARD), size=rows.size)
-    for number, (kind, transform) in enumerate(FORWARD.items()):
-        here = (drawn == 0) & (kinds == number)
-        images[here] = transform(images[here])
-        classes[here] = CLASSES.index(kind)
-    here = drawn == 1
-    wrong = rng.integers(len(frames.others), size=here.sum())
-    images[here], classes[here] = frames.others[wrong], CLASSES.index(OODClass.OTHER)
-    if backgrounds is not None and frames.backgrounds is not None:
-        backgrounds[here] = frames.backgrounds[frames.origins[wrong]]
-        another = rng.integers(len(frames.right), size=rows.size)
-        here = (drawn == 2) & (frames.units[another] != frames.units[rows])
-        backgrounds[here] = frames.backgrounds[another[here]]
-        classes[here] = CLASSES.index(OODClass.UNLIKE_BACKGROUND)
-    gain = 1.0 + GAIN * rng.standard_normal((rows.size, 1, 1, 1), np.float32)
-    images = gain * images + NOISE * rng.standard_normal(images.shape, np.float32)
-    return _inputs(images, backgrounds), torch.from_numpy(classes)
-
-
-def _inputs(images: np.ndarray, backgrounds: np.ndarray | None) -> torch.Tensor:
-    """(B, 3 or 6, H, H) of images, (B, H, H, 3)."""
-    parts = [images] if backgrounds is None else [images, backgrounds]
-    both = np.concatenate(parts, axis=-1)
-    return torch.from_numpy(np.ascontiguousarray(both.transpose(0, 3, 1, 2)))

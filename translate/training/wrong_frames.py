@@ -14,6 +14,9 @@ from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 Alter = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 """Makes a wrong frame of a right one, (h, w, 3) uint8."""
 
+TRANSFORM_SHARE = 0.5
+"""Share of the wrong frames that are transformed (assumed: the most frequent mistake of users)."""
+
 FORWARD = INVERSE_TRANSFORMS | {
     OODClass.ROTATED_LEFT: INVERSE_TRANSFORMS[OODClass.ROTATED_RIGHT],
     OODClass.ROTATED_RIGHT: INVERSE_TRANSFORMS[OODClass.ROTATED_LEFT],
@@ -21,13 +24,17 @@ FORWARD = INVERSE_TRANSFORMS | {
 """The transforms themselves; only the rotations are not their own inverse."""
 
 
-def other_frame(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A wrong frame that is no transform, (h, w, 3) uint8 of any h and w.
+def wrong_frame(frame: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, OODClass]:
+    """A wrong frame, (h, w, 3) uint8 of any h and w, and its class.
 
     frame: a right one, (h, w, 3) uint8.
     """
+    if rng.random() < TRANSFORM_SHARE:
+        kinds = list(FORWARD)
+        kind = kinds[rng.integers(len(kinds))]
+        return np.ascontiguousarray(FORWARD[kind](frame[None])[0]), kind
     alter = ALTERATIONS[rng.integers(len(ALTERATIONS))]
-    return np.ascontiguousarray(alter(frame, rng))
+    return np.ascontiguousarray(alter(frame, rng)), OODClass.OTHER
 
 
 def cropped(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
