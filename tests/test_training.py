@@ -183,6 +183,10 @@ def test_finished_run_does_nothing_again(
     assert "is finished" in capsys.readouterr().out
     after = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
     assert after == before
+    card = (tmp_path / "README.md").read_text()
+    (tmp_path / "README.md").unlink()  # as after a kill just before it is written
+    train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
+    assert (tmp_path / "README.md").read_text() == card
 
 
 def test_stops_early_and_keeps_the_best(

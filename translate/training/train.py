@@ -42,7 +42,7 @@ from t2twin.translate.models.presets import (
     is_reverse,
 )
 from t2twin.translate.networks.contact_head import side_of_maps
-from t2twin.translate.runs.card import write_card
+from t2twin.translate.runs.card import CARD, write_card
 from t2twin.translate.runs.checkpoint import has_bf16, load_history, translator_class
 from t2twin.translate.runs.config import (
     BEST,
@@ -177,7 +177,7 @@ def _run(
         if reason is not None:
             result = training_result(out_dir, history, reason)
             if rank == 0:
-                _add_frame_check(config, out_dir, data_dir, weights)
+                _complete(config, out_dir, data_dir, weights)
                 print(f"{out_dir} is finished: {result.summary}. Nothing to do.")
             return result
         with locked(out_dir) if rank == 0 else nullcontext():
@@ -185,16 +185,16 @@ def _run(
             pairs, validation = _load_in_turn(data_dir, out_dir, config, rank, reverse)
             result = Trainer(config, out_dir, pairs, validation, rank, weights).run()
             if rank == 0:
-                _add_frame_check(config, out_dir, data_dir, weights)
                 write_card(out_dir, data_dir)
+                _complete(config, out_dir, data_dir, weights)
             return result
 
 
-def _add_frame_check(
-    config: RunConfig, out_dir: Path, data_dir: Path, weights: Path | None
-) -> None:
-    """Gives a finished field run its frame check: if the contact alone was trained, that of the run
-    with the initial weights."""
+def _complete(config: RunConfig, out_dir: Path, data_dir: Path, weights: Path | None) -> None:
+    """Gives a finished run what it lacks: its card, and a field run its frame check. If the contact
+    alone was trained, this is that of the run with the initial weights."""
+    if not (out_dir / CARD).is_file():
+        write_card(out_dir, data_dir)
     if config.contact_data is None:
         complete(out_dir, data_dir)
     elif weights is not None and (weights.parent / FRAME_CHECK).is_file():
