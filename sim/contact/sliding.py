@@ -122,7 +122,8 @@ def advance(
             nonlocal tolerance
             pressure = 1e-3 * normal.pressure_kpa[window]
             wanted = follows - spread - dome
-            shear, converged = _friction(layer, friction * pressure, wanted, guess, tolerance)
+            limit = layer.limit_mpa(friction, pressure)
+            shear, converged = _friction(layer, limit, wanted, guess, tolerance)
             tolerance = TOLERANCE  # the first call predicts
             return shear, follows, converged
 
@@ -235,13 +236,9 @@ def _step(
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
-    correction = None
-    if travel is not None:
-        correction = Correction(travel, unfolded(sheared, pitch) - predicted)
-    response = Response(
-        layer.middle, window, traction, normal.pressure_kpa, spread, parts, correction
-    )
-    motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=response)
+    correction = Correction(travel, unfolded(sheared, pitch) - predicted)
+    known = layer.middle, window, traction, normal.pressure_kpa, spread, parts, correction
+    motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=Response(*known))
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 
@@ -288,7 +285,7 @@ def _repeated(
     the correction, and a longer one has all of it.
     """
     known = start.response
-    if known is None or known.correction is None:
+    if known is None or known.correction is None or known.correction.travel_mm is None:
         return np.zeros((3, *pressure.shape))
     whole = np.zeros((5, *start.slip_mm.shape))
     whole[:2, *known.window], whole[2:, *known.window] = known.correction
