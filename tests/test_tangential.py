@@ -9,7 +9,7 @@ import t2twin
 from benchmarks.motion.slides_closed_forms import FORCE_N, torsion, twisted_ball
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.contact import pin_layout
+from t2twin.sim.contact import pin_layout, sliding
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import base_stress, cached_layer, compliance_mm_per_mpa
@@ -362,6 +362,37 @@ def test_only_a_touch_with_contact_can_slide():
     touch = twin.press("square-2", force_n=2.0)
     with pytest.raises(T2TwinError, match="the touch has no contact"):
         twin.slide(replace(touch, readings={}))
+
+
+def test_friction_does_not_increase_beyond_full_contact():
+    pressures = np.array([[0.5, 4.0, 8.0]]) * COVER.young_mpa
+    x = y = np.arange(20) * 0.5
+    for elastomer, most in ((COVER, 4.0), (replace(COVER, law="linear"), 8.0)):
+        layer = domed_layer(elastomer, x, y, np.ones((20, 20)))
+        expected = 0.7 * COVER.young_mpa * np.array([[0.5, 4.0, most]])
+        assert layer.limit_mpa(0.7, pressures) == pytest.approx(expected)
+
+
+def test_equal_steps_of_a_slide_repeat_the_correction_of_the_last(press, monkeypatch):
+    solved, solve = [], sliding.solve_bodies
+    monkeypatch.setattr(
+        sliding, "solve_bodies", lambda *a, **b: solved.append(None) or solve(*a, **b)
+    )
+
+    def slide(remembers):
+        contact = press("hemisphere-4")
+        solved.clear()
+        for _ in range(6):
+            contact = advance(contact, 0.2, 0.0, 0.0, 4.0, 1.0)
+            assert contact.settled and contact.motion is not None
+            if not remembers:
+                contact = replace(contact, motion=replace(contact.motion, response=None))
+        return len(solved), contact
+
+    (fewer, found), (more, expected) = slide(True), slide(False)
+    assert fewer < 0.8 * more
+    difference = np.linalg.norm(found.shear_kpa - expected.shear_kpa)
+    assert difference < 0.03 * np.linalg.norm(expected.shear_kpa)
 
 
 @pytest.mark.parametrize("excess_mm", [-0.5, 0.3])

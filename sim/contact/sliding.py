@@ -28,7 +28,14 @@ from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.tangential.displacements import is_small, means, moved, unfolded
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
 from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
-from t2twin.sim.contact.types import Contact, Motion, PressCommand, Response, SurfaceShift
+from t2twin.sim.contact.types import (
+    Contact,
+    Correction,
+    Motion,
+    PressCommand,
+    Response,
+    SurfaceShift,
+)
 
 RELAXATION = 0.8
 """Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
@@ -58,9 +65,9 @@ WINDOW_CELLS, KEPT_CELLS = 4, 2
 """Cells around the contact in which a step computes the displacement by shear, and the least number
 with which it keeps the last step's window (assumed)."""
 
-PREDICTION_TOLERANCE = 3e-3
+PREDICTION_TOLERANCE = 1e-2
 """As t2twin.sim.contact.tangential.traction.TOLERANCE, of the traction under the pressure before a
-step, from which the step starts (assumed)."""
+step, from which the step starts (assumed: 3e-3 takes more time and saves no round)."""
 
 MAX_FRICTION = 5.0
 """Largest allowed coefficient of friction (assumed: above any rubber's on a dry solid)."""
@@ -115,7 +122,8 @@ def advance(
             nonlocal tolerance
             pressure = 1e-3 * normal.pressure_kpa[window]
             wanted = follows - spread - dome
-            shear, converged = _friction(layer, friction * pressure, wanted, guess, tolerance)
+            limit = layer.limit_mpa(friction, pressure)
+            shear, converged = _friction(layer, limit, wanted, guess, tolerance)
             tolerance = TOLERANCE  # the first call predicts
             return shear, follows, converged
 
@@ -160,12 +168,14 @@ def _outside(contact: Contact, window: Window) -> np.ndarray:
 
 class _Start(NamedTuple):
     """Where the rounds of a step start: at a contact near the solution, with a traction and the
-    displacement by shear that it causes, (2 or 3, rows, columns) of a window. dome_mm: the part of
-    the dome. moves: by which the bodies have moved since that contact, see solve_bodies."""
+    displacement by shear that it causes, (2 or 3, rows, columns) of a window. predicted_mm: that
+    displacement without the correction of the last step. dome_mm: the part of the dome. moves: by
+    which the bodies have moved since that contact, see solve_bodies."""
 
     near: Contact
     shear_mpa: np.ndarray
     seen_mm: np.ndarray
+    predicted_mm: np.ndarray
     dome_mm: np.ndarray
     moves: np.ndarray | None
 
@@ -188,8 +198,9 @@ def _step(
     layer = contact.shear_layer.window(window)
     lateral = _lateral_mm(_response(contact, start, layer, window))
     follows, friction = drive(contact, layer, lateral, window)
-    normal, shear, seen, dome, moves = _predicted(
-        contact, start, earlier, friction, layer, window, prescribed
+    travel = None if prescribed else follows - lateral
+    normal, shear, seen, predicted, dome, moves = _predicted(
+        contact, start, earlier, friction, layer, window, travel
     )
     converged, acceleration = False, Anderson(seen.size)
     possible, reference, verify = np.zeros_like(seen), seen, not seen.any()
@@ -225,8 +236,9 @@ def _step(
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
-    response = Response(layer.middle, window, traction, normal.pressure_kpa, spread, parts)
-    motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=response)
+    correction = Correction(travel, unfolded(sheared, pitch) - predicted)
+    known = layer.middle, window, traction, normal.pressure_kpa, spread, parts, correction
+    motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=Response(*known))
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 
@@ -237,9 +249,13 @@ def _predicted(
     friction: Friction,
     layer: DomedLayer,
     window: Window,
-    prescribed: bool,
+    travel: np.ndarray | None,
 ) -> _Start:
-    """The start of a step's rounds, from the contact before or an earlier result; see _step."""
+    """The start of a step's rounds, from the contact before or an earlier result; see _step.
+
+    travel: (2, rows, columns) motion of the shape along the surface in the step, mm; None where the
+    forces are prescribed.
+    """
     near, motion = contact, start
     if earlier is not None and earlier.motion is not None:
         near, motion = earlier, earlier.motion
@@ -247,13 +263,35 @@ def _predicted(
     dome, spread = known.parts_mm[1, :2], known.spread_mm
     shear, follows, _ = friction(near, spread, dome, motion.shear_mpa[:, *window])
     seen, over, moves = layer.response_mm(shear), _nearest_body(near, window), None
-    if near is contact and prescribed:
+    if near is contact and travel is None:
         by_mm = means(follows - seen[:2] - spread, pressure, over)
         seen = moved(seen, by_mm, near.pitch_mm, over)
-    seen = unfolded(seen, near.pitch_mm)
+    predicted = seen = unfolded(seen, near.pitch_mm)
     if near is contact:
         moves = means(follows - seen[:2] - spread, pressure, over)
-    return _Start(near, shear, seen, dome, moves)
+        if travel is not None:
+            more = _repeated(start, travel, pressure, window)
+            seen = unfolded(seen + moved(more, moves, near.pitch_mm, over), near.pitch_mm)
+    return _Start(near, shear, seen, predicted, dome, moves)
+
+
+def _repeated(
+    start: Motion, travel: np.ndarray, pressure: np.ndarray, window: Window
+) -> np.ndarray:
+    """(3, rows, columns) the correction of the last step's prediction, mm, as far as this step
+    repeats the motion of the last one.
+
+    travel: see _predicted. pressure: (rows, columns). A step in another direction has no part of
+    the correction, and a longer one has all of it.
+    """
+    known = start.response
+    if known is None or known.correction is None or known.correction.travel_mm is None:
+        return np.zeros((3, *pressure.shape))
+    whole = np.zeros((5, *start.slip_mm.shape))
+    whole[:2, *known.window], whole[2:, *known.window] = known.correction
+    before, more = whole[:2, *window], whole[2:, *window]
+    square, product = ((pressure * before * each).sum() for each in (before, travel))
+    return more * np.clip(product / square, 0.0, 1.0) if square > 0 else 0.0 * more
 
 
 def _lateral_mm(response: Response) -> np.ndarray:

@@ -7,7 +7,7 @@ with y, the column index with x.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -136,13 +136,22 @@ class PinState:
     side_mm: np.ndarray
 
 
+class Correction(NamedTuple):
+    """Error of a step's prediction, in a window of the grid, mm. travel_mm: (2, rows, columns)
+    motion of the shape along the surface in the step, None where the forces were prescribed.
+    values_mm: (3, rows, columns) displacement by shear, less the predicted one."""
+
+    travel_mm: np.ndarray | None
+    values_mm: np.ndarray
+
+
 @dataclass(frozen=True)
 class Response:
     """Displacement of the surface by one pressure and traction, in a window of the grid, mm.
 
     layer: the layer that responds. shear_mpa, pressure_kpa: the arrays of the contact. spread_mm:
     (2, rows, columns) by the pressure. parts_mm: (2, 3, rows, columns) by the traction, see
-    DomedLayer.parts_mm.
+    DomedLayer.parts_mm. correction: of the prediction of the step that led to it, if there was one.
     """
 
     layer: ShearLayer
@@ -151,6 +160,7 @@ class Response:
     pressure_kpa: np.ndarray
     spread_mm: np.ndarray
     parts_mm: np.ndarray
+    correction: Correction | None = None
 
 
 @dataclass(frozen=True)
@@ -324,8 +334,9 @@ class Contact:
         """(ny, nx) bool: where the shape slips, the traction being at the limit of friction."""
         if self.motion is None:
             return np.zeros(self.pressure_kpa.shape, bool)
-        limit = (1 - AT_LIMIT) * self.motion.friction * self.pressure_kpa
-        return (self.pressure_kpa > 0) & (np.hypot(*self.shear_kpa) >= limit)
+        limit = self.shear_layer.limit_mpa(self.motion.friction, 1e-3 * self.pressure_kpa)
+        sizes = np.hypot(*self.motion.shear_mpa)
+        return (self.pressure_kpa > 0) & (sizes >= (1 - AT_LIMIT) * limit)
 
     @property
     def slip_share(self) -> float:

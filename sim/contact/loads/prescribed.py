@@ -97,16 +97,16 @@ class PrescribedLoads:
             calls += 1
             owner = owner_of(normal, names)[window]
             pressure = 1e-3 * normal.pressure_kpa[window] * (owner >= 0)
-            friction = self.friction[owner]
             if calls == 1:  # a prediction, from the pressure of the contact before
                 pressure = self._rescaled(pressure, owner, contact.pitch_mm)
+            limit = layer.limit_mpa(self.friction[owner], pressure)
             traction, follows = np.zeros_like(guess), lateral_mm.copy()
-            if not (friction * pressure).any():
+            if not limit.any():
                 return traction, follows, True
             near = window_around(dilated(pressure > 0, 1))
             part = (slice(None), *near)
             bodies = _Bodies(
-                self.loads, owner[near], pressure[near], (friction * pressure)[near],
+                self.loads, owner[near], pressure[near], limit[near],
                 (axes[0][near[1]], axes[1][near[0]]), contact.pitch_mm,
             )  # fmt: skip
             wanted = lateral_mm[part] - spread[part] - dome[part]

@@ -21,10 +21,13 @@ from t2twin.sim.contact.tangential.kernels import Kernels, shear_kernels, smooth
 MAX_TRANSFORMS = 20
 """Windows whose transforms are kept (assumed: those of a few paths)."""
 
-MAX_SPREADING = 4.0
-"""Pressure, over Young's modulus, above which a stiffening layer is not displaced further along its
-surface (assumed: it is compressed to a third there). A linear response would displace the surface
-around a tip by several cells."""
+FULL_PRESSURE = 4.0
+"""Pressure, over Young's modulus, above which neither the friction of a stiffening layer nor its
+displacement along the surface increases (assumed: it is compressed to a third there). Friction is
+proportional to the area of real contact, which pressure does not increase beyond full contact
+(Trejo, Fretigny and Chateauminois, arXiv 1701.08013). A linear response would displace the surface
+around a tip by several cells, and under an edge that is pressed almost through by several
+thicknesses."""
 
 THICKNESS_STEP_MM = 0.25
 """Thicknesses at the middle of a contact with a domed layer are rounded to this, mm, so that few
@@ -102,7 +105,8 @@ class DomedLayer:
     Each place responds as a layer of its thickness, to first order in the difference from the
     thickness at the middle of the contact. middle: the layer of that thickness. slope: change of
     its response per mm of thickness; None for a flat layer. excess_mm: (rows, columns) thickness
-    above that of the middle. max_mpa: largest pressure that displaces it along its surface.
+    above that of the middle. max_mpa: pressure above which neither friction nor the displacement
+    along its surface increases.
     """
 
     middle: ShearLayer
@@ -113,6 +117,10 @@ class DomedLayer:
     def window(self, window: Window) -> "DomedLayer":
         """The same layer on a part of the grid."""
         return replace(self, excess_mm=self.excess_mm[window])
+
+    def limit_mpa(self, friction: float | np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray:
+        """The largest traction that friction can carry under a pressure, (rows, columns), MPa."""
+        return friction * np.minimum(pressure_mpa, self.max_mpa)
 
     def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
         """See ShearLayer.response_mm."""
@@ -146,7 +154,7 @@ def domed_layer(
     thickness = _thickness_mm(elastomer, x_mm.tobytes(), y_mm.tobytes())
     middle = float((pressure * thickness).sum() / pressure.sum())
     middle = max(round(middle / THICKNESS_STEP_MM), 2) * THICKNESS_STEP_MM
-    most = np.inf if elastomer.law == "linear" else MAX_SPREADING * elastomer.young_mpa
+    most = np.inf if elastomer.law == "linear" else FULL_PRESSURE * elastomer.young_mpa
     if np.ptp(thickness) == 0:
         layer = cached_shear_layer(elastomer, elastomer.thickness_mm, pitch, shape)
         return DomedLayer(layer, None, thickness, most)
