@@ -87,8 +87,10 @@ def loaded_contact(
                 reasons[error.shape] = NO_SURFACE
             else:
                 chosen[error.shape] = following
-    for name, (_, share, is_wider) in chosen.items():
-        known = reasons.get(name), TANGENTIAL if share < 1.0 else None, THIN if is_wider else None
+    for name, (load, share, is_wider) in chosen.items():
+        lacking = np.array(load.shear_n) - _read_n(contact, name)[:2]
+        is_eased = share < 1.0 or (name in reasons and _is_much(lacking, np.array(load.shear_n)))
+        known = reasons.get(name), TANGENTIAL if is_eased else None, THIN if is_wider else None
         if any(known):
             reasons[name] = "; ".join(filter(None, known))
     return contact, _notices(contact, bodies, reasons)
@@ -143,11 +145,7 @@ def _notices(
     for body in bodies:
         lacking = body.wrench.force_n - _read_n(contact, body.name)
         normal, tangential = (
-            size > max(READ_SHARE * of, READ_N)
-            for size, of in (
-                (abs(lacking[2]), abs(body.wrench.force_n[2])),
-                (np.hypot(*lacking[:2]), np.hypot(*body.wrench.force_n[:2])),
-            )
+            _is_much(lacking[part], body.wrench.force_n[part]) for part in np.s_[2:, :2]
         )
         if normal or tangential:
             settled = SHARED if normal else TANGENTIAL
@@ -159,6 +157,11 @@ def _notices(
         elif contact is not None and not contact.settled:
             found.append(Notice(body.name, SMALL if contact.smaller_than_grid else UNSETTLED))
     return found
+
+
+def _is_much(lacking_n: np.ndarray, of_n: np.ndarray) -> bool:
+    """Whether a part of a force that is not read is named."""
+    return bool(np.linalg.norm(lacking_n) > max(READ_SHARE * np.linalg.norm(of_n), READ_N))
 
 
 def _read_n(contact: Contact | None, name: str) -> np.ndarray:
