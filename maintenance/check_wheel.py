@@ -22,7 +22,7 @@ from t2twin.core.errors import T2TwinError
 DIST = Path("dist")
 """Folder of the wheel and the sdist."""
 
-MAX_BYTES = 20 * 10**6
+MAX_BYTES = 30 * 10**6
 """Size limit of the wheel, bytes."""
 
 LINK = 0o120000

@@ -43,6 +43,7 @@ NOT_RUN = {
     "t2twin calibrate --background background.png --presses": "tests/test_calibrate.py",
     "t2twin calibrate-uncertainty": "needs a trained field run; tests/test_field.py",
     "t2twin evaluate runs/contact-alone": "needs a training of hours",
+    "t2twin evaluate runs/mini-1": "needs a training of an hour",
     "t2twin live 0": "needs a camera",
     "t2twin live frames/ --run runs/mine": "needs a training of an hour",
     "t2twin slide hemisphere-4 --force-n 4 --dx-mm 2 --markers": "as one of docs/how-to/sliding.md",
@@ -54,6 +55,7 @@ NOT_RUN = {
     "t2twin simdata --recipe union": "takes an hour",
     "t2twin simdata --recipe shipped": "takes hours",
     "t2twin simdata --recipe pretrained": "takes hours",
+    "t2twin simdata --recipe mini-1": "takes half an hour",
     "t2twin simdata --scale small": "takes minutes; tests/test_regression.py",
     "t2twin studio": "serves until Ctrl-C; tests/test_studio_server.py",
     "t2twin train field --data data/union": "needs this dataset; tests/test_field.py",
@@ -62,6 +64,7 @@ NOT_RUN = {
     "t2twin train field --data data/moving": "needs this dataset; tests/test_shear.py",
     "t2twin train field --data data/shipped": "needs hours; tests/test_field.py",
     "t2twin train field --data data/pretrained": "needs hours; tests/test_field.py",
+    "t2twin train field --data data/mini-1": "needs an hour; tests/test_field.py",
     "t2twin train touch2touch --direction": "needs data/paper; tests/test_training.py",
     "t2twin train touch2touch --data data/paper": "needs data/paper; tests/test_training.py",
 }
