@@ -187,7 +187,7 @@ def test_onnx_files_predict_the_same_contact(alone, images, tmp_path) -> None:
 
 def test_published_and_averaged_runs_keep_the_contact(alone, plain, images, tmp_path) -> None:
     frames, background = images
-    published = load(publish_pretrained(alone, home=tmp_path / "home"))
+    published = load(publish_pretrained("mine", alone, home=tmp_path / "home"))
     average_runs(plain, alone, 0.5, tmp_path / "mean")
     average_runs(tmp_path / "mean", alone, 0.5, tmp_path / "again")
     expected = load(alone).contact(frames[0], background)
