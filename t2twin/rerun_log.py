@@ -82,7 +82,6 @@ class RerunLog:
         for name in ("largest_depth_mm", "area_mm2", "force_in_view_n"):
             if name in line.get("contact", {}):
                 self._number(f"prediction/contact/{name}", line["contact"][name])
-
         if depth_mm is not None:
             depth = self._rerun.DepthImage(np.maximum(depth_mm, 0), meter=MM_PER_M)
             self._stream.log("prediction/contact/depth", depth)

@@ -115,9 +115,9 @@ def test_all_that_ships_is_small() -> None:
 def test_the_card_says_what_is_measured(name: str, products: Products) -> None:
     """Presses of hand tools, made anew, come to the card's figure for all of the protocol's."""
     card = (HOME / name / "README.md").read_text()
-    row = rf"\| {CARDS[name]}, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|"
-    told = re.search(row, card)
-    assert told is not None
+    pattern = rf"\| {CARDS[name]}, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|"
+    row = re.search(pattern, card)
+    assert row is not None
     run = require(load_run(name), FieldPredictor, "the test")
     source, target = run.config.data.camera.sensor, run.config.data.array.sensor
     assert source is not None and target is not None
@@ -130,9 +130,9 @@ def test_the_card_says_what_is_measured(name: str, products: Products) -> None:
     said = as_readings(run.estimate_pixels(pairs.inputs), read_info(tools))
     off = said.counts - pairs.counts
     percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.array.full_scale_counts
-    assert percent == pytest.approx(float(told[1]), rel=0.1)
+    assert percent == pytest.approx(float(row[1]), rel=0.1)
     held = 100.0 * uncertainty_metrics(said, pairs.counts, pairs.force_n).coverage_at(
         REPORTED_LEVEL
     )
-    assert held == pytest.approx(float(told[3]), abs=3.0)
-    print(percent, held, told.groups())
+    assert held == pytest.approx(float(row[3]), abs=3.0)
+    print(percent, held, row.groups())

@@ -212,10 +212,9 @@ def adapt(
     the gel camera, by name or file. minutes: approximate duration of all steps on two cores, 1 to
     6000. model: trained with the preset cpu; a field run changes little from its initial run.
     init_from: run whose weights initialize the training; by default the pretrained run of the
-    model for images of the sensor's size, if there is one. workers:
-    processes that press; by default one per core. report: receives progress messages. Raises
-    T2TwinError, before anything is written, for invalid arguments and for a folder with other
-    content.
+    model for images of the sensor's size, if there is one. workers: processes that press; by
+    default one per core. report: receives progress messages. Raises T2TwinError, before anything is
+    written, for invalid arguments and for a folder with other content.
     """
     gel_camera, camera = sensor_and_camera(sensor, camera)
     config = AdaptConfig(
@@ -301,15 +300,11 @@ def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) ->
     """
     if init_from is None:
         size = (sensor.camera.rows, sensor.camera.columns)
-        configs = {HOME / name: load_config(HOME / name) for name in pretrained_runs()}
-        return next(
-            (
-                folder
-                for folder, config in configs.items()
-                if config.model == model and config.data.camera.image_shape[:2] == size
-            ),
-            None,
-        )
+        for name in pretrained_runs():
+            config = load_config(HOME / name)
+            if config.model == model and config.data.camera.image_shape[:2] == size:
+                return HOME / name
+        return None
     return run_of_model(init_from, model)[0]
 
 

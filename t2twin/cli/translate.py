@@ -245,10 +245,9 @@ def export(
     use_all_cores()
     loaded = load_run(options.name, options.layout)
     if out is None:
-        folder = loaded.run_dir
+        folder, model = loaded.run_dir, loaded.config.model
         is_pretrained = folder.parent == HOME
-        out = Path(folder.name) if is_pretrained else folder / loaded.config.model
-        out = out.with_suffix(".onnx")
+        out = Path(f"{folder.name}.onnx") if is_pretrained else folder / f"{model}.onnx"
         check_new_file(out, force)
     difference = export_onnx(loaded, out)
     print(f"counts differ by at most {difference:.3f} from PyTorch's on random images")
