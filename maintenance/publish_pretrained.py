@@ -76,13 +76,14 @@ def publish_pretrained(
     rows = [row for folder in evaluations for row in _rows(folder, config.data.sha256)]
     folder = home / name
     folder.mkdir(parents=True, exist_ok=True)
-    weights = {key: _halved(key, tensor) for key, tensor in load_file(run_dir / BEST).items()}
-    with atomic_write(folder / BEST) as temporary:
-        save_file(weights, temporary)
-        temporary.chmod(0o644)  # safetensors restricts it to the owner
-    for file in (CONFIG, LOG, FRAME_CHECK):
+    for file in (BEST, FRAME_CHECK):
         if file != FRAME_CHECK or (run_dir / file).is_file():
-            shutil.copyfile(run_dir / file, folder / file)
+            weights = {key: _halved(key, each) for key, each in load_file(run_dir / file).items()}
+            with atomic_write(folder / file) as temporary:
+                save_file(weights, temporary)
+                temporary.chmod(0o644)  # safetensors restricts it to the owner
+    for file in (CONFIG, LOG):
+        shutil.copyfile(run_dir / file, folder / file)
     with atomic_write(folder / CARD) as temporary:
         temporary.write_text(_with_figures(card, rows), encoding="utf-8")
     return folder

@@ -56,6 +56,7 @@ NOT_RUN = {
     "t2twin simdata --recipe shipped": "takes hours",
     "t2twin simdata --recipe pretrained": "takes hours",
     "t2twin simdata --recipe mini-1": "takes half an hour",
+    "t2twin simdata --recipe new-light": "takes minutes; tests/test_recipe_datasets.py",
     "t2twin simdata --scale small": "takes minutes; tests/test_regression.py",
     "t2twin studio": "serves until Ctrl-C; tests/test_studio_server.py",
     "t2twin train field --data data/union": "needs this dataset; tests/test_field.py",

@@ -9,13 +9,22 @@ import torch
 
 import t2twin
 from t2twin.core.errors import T2TwinError
+from t2twin.translate.data.images import to_input
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import require
-from t2twin.translate.networks.frame_check import CLASSES, FrameCheck, features_of
+from t2twin.translate.networks.frame_check import (
+    CLASSES,
+    SIDE,
+    TRANSFORMED,
+    FrameCheck,
+    features_of,
+    scores,
+)
 from t2twin.translate.runs.checkpoint import load_frame_check, save_weights
-from t2twin.translate.runs.config import FRAME_CHECK, HOME
+from t2twin.translate.runs.config import FRAME_CHECK, HOME, load_config
 from t2twin.translate.training import fit_frame_check as fitting
+from t2twin.translate.training import fit_transform_net
 from t2twin.translate.training.wrong_frames import ALTERATIONS, FORWARD, wrong_frame
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
@@ -30,25 +39,39 @@ def test_features_are_means_and_deviations_of_the_channels():
     np.testing.assert_allclose(found, [expected, expected], rtol=1e-6)
 
 
-def test_a_check_of_an_earlier_version_uses_the_features_that_it_knows():
-    check = FrameCheck(2).eval()
-    features = torch.rand(3, 5)
-    assert torch.equal(check(features), check(features[:, :2]))
-
-
 def test_a_frame_is_wrong_above_the_limit_of_its_kind():
     check = FrameCheck(2)
     with torch.no_grad():
-        check.limits.copy_(torch.tensor([0.0, torch.inf]))
+        check.limits.copy_(torch.tensor([0.0, torch.inf, torch.inf]))
         for layer in (check.hidden, check.logits):
             layer.weight.zero_()
             layer.bias.zero_()
         check.hidden.weight[0, 0] = 1.0
         check.logits.weight[3, 0] = 9.0
         check.logits.bias[1:] = -9.0
-    features = torch.tensor([[-1.0, 0.0], [2.0, 0.0]])
-    assert check.classify(features, False) == [CLASSES[0], CLASSES[3]]
-    assert check.classify(features, True) == [CLASSES[0]] * 2
+    features, images = torch.tensor([[-1.0, 0.0], [2.0, 0.0]]), torch.zeros(2, 6, 64, 64)
+    assert check.classify(features, images[:, :3]) == [CLASSES[0], CLASSES[3]]
+    assert check.classify(features, images) == [CLASSES[0]] * 2
+
+
+def test_the_second_network_names_transforms_without_a_background_frame():
+    check, features = FrameCheck(2), torch.zeros(2, 2)
+    last = check.transforms.layers[-1]
+    assert isinstance(last, torch.nn.Linear)
+    with torch.no_grad():
+        for layer in (check.hidden, check.logits, last):
+            layer.weight.zero_()
+            layer.bias.zero_()
+        last.bias[2] = 5.0
+    images = torch.rand(2, 6, 96, 96)
+    assert check.classify(features, images[:, :3]) == [CLASSES[0]] * 2  # no limit yet
+    check.limits.copy_(torch.tensor([torch.inf, torch.inf, 0.0]))
+    assert check.classify(features, images[:, :3]) == [CLASSES[2]] * 2
+    assert check.classify(features, images) == [CLASSES[0]] * 2
+    check.limits[0] = -torch.inf  # both are wrong; noise is no transform
+    with torch.no_grad():
+        check.logits.bias[-1] = 9.0
+    assert check.classify(features, images[:, :3]) == [OODClass.OTHER] * 2
 
 
 def test_wrong_frames_are_what_their_class_says():
@@ -91,13 +114,41 @@ def test_a_run_gets_a_check_that_its_predictions_use(
         run.classify_frames(even)
 
 
+def colored(rng: np.random.Generator, number: int) -> np.ndarray:
+    """Frames that are red above, green at the left and blue at the right, with noise."""
+    down, across = np.meshgrid(*[np.linspace(-1.0, 1.0, SIDE)] * 2, indexing="ij")
+    light = 0.5 + 0.2 * np.stack([-down, -across, across], axis=-1)
+    noise = 0.1 * rng.standard_normal((number, SIDE, SIDE, 3))
+    return (light + noise).clip(0.0, 1.0).astype(np.float32)
+
+
+def test_transforms_of_fresh_frames_are_named(
+    moving_dataset: Path, monkeypatch: pytest.MonkeyPatch
+):
+    rng, check = np.random.default_rng(0), FrameCheck(2)
+    parts = {split: colored(rng, 300) for split in ("train", "val")}
+    monkeypatch.setattr(fit_transform_net, "_frames", lambda _, split, *__: parts[split])
+    config = load_config(HOME / "field")
+    fit_transform_net.fit_transform_net(check, config, moving_dataset, moving_dataset)
+    network, limit = check.transforms, check.limits[TRANSFORMED]
+    fresh = colored(rng, 200)
+    with torch.inference_mode():
+        assert (scores(network(to_input(fresh))) > limit).sum() <= 6
+        for kind in FORWARD:
+            logits = network(to_input(np.ascontiguousarray(FORWARD[kind](fresh))))
+            assert (scores(logits) > limit).all(), kind
+            assert (logits.argmax(dim=1) == CLASSES.index(kind)).all(), kind
+    assert list(FORWARD) == list(CLASSES[1 : 1 + len(FORWARD)])
+
+
 def test_the_frames_of_a_single_unit_are_enough():
     rng = np.random.default_rng(0)
     right, wrong = (torch.from_numpy(rng.normal(n, 1.0, (600, 4))).float() for n in (0.0, 9.0))
     kinds = np.full(600, CLASSES.index(OODClass.OTHER))
     check = fitting._trained([fitting._Part([[right, wrong]], kinds, [b"unit"] * 600)], 0)
-    assert check.classify(right, False).count(OODClass.IN_DISTRIBUTION) >= 590
-    assert check.classify(wrong, False) == [OODClass.OTHER] * 600
+    images = torch.zeros(600, 3, 32, 32)
+    assert check.classify(right, images).count(OODClass.IN_DISTRIBUTION) >= 590
+    assert check.classify(wrong, images) == [OODClass.OTHER] * 600
 
 
 def test_the_pretrained_run_names_turned_frames_without_a_background():

@@ -27,7 +27,7 @@ from t2twin.translate.runs import config as run_config
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, HOME, pretrained_runs, resolve_run, versioned
 
-MAX_BYTES = 26_000_000
+MAX_BYTES = 28_000_000
 """Of all weights that ship together."""
 
 CARDS = {"field": "paper", "mini": "small"}

@@ -104,6 +104,7 @@ def test_what_ships_can_be_planned():
         "pretrained-3",
         "pretrained-4",
         "mini-1",
+        "new-light",
     }
     named = set(re.findall(r"[\w-]+", str(SimdataOptions.__doc__)))
     assert set(bundled_recipes()) <= named

@@ -16,15 +16,22 @@ from t2twin.translate.uncertainty.spread_scale import SpreadScale, fit_scale, sc
 PLACES, PRESSES = 4, 3000
 
 
-def known(presses: int = PRESSES) -> tuple[SpreadScale, Errors, torch.Tensor]:
+def known(
+    presses: int = PRESSES, colored: bool = False
+) -> tuple[SpreadScale, Errors, torch.Tensor]:
     """Presses with raw spreads of 1 % (force 0.1); half of the errors are three times as wide as
-    the others', and the light alone tells which."""
+    the others', and the light alone tells which: with colored, its color and not its level."""
     generator = torch.Generator().manual_seed(1)
     at = np.linspace(-9.0, 9.0, PLACES)
     scale = SpreadScale(at, at, (6.0, 8.0), (1, PLACES), 12)
     in_other_light = torch.rand(presses, generator=generator) < 0.5
     shift = torch.where(in_other_light, 1.0, 0.0)[:, None, None, None]
-    images = torch.rand(presses, 6, 12, 12, generator=generator) + shift
+    images = torch.rand(presses, 6, 12, 12, generator=generator)
+    if colored:
+        images[:, 3:4] += shift
+        images[:, 5:6] += 1.0 - shift
+    else:
+        images += shift
     share = torch.rand(presses, PLACES, generator=generator)
     force = torch.randn(presses, generator=generator)
     spread, of_force = torch.full((presses, PLACES), 0.01), torch.full((presses,), 0.1)
@@ -45,8 +52,9 @@ def test_unfitted_factors_are_one() -> None:
     assert torch.equal(found.force_spread, errors.force_spread)
 
 
-def test_intervals_cover_nine_tenths_in_each_light() -> None:
-    scale, errors, in_other_light = known()
+@pytest.mark.parametrize("colored", [False, True])
+def test_intervals_cover_nine_tenths_in_each_light(colored: bool) -> None:
+    scale, errors, in_other_light = known(colored=colored)
     fit_scale(scale, [errors])
     found = scaled(scale, errors)
     for part, width in ((in_other_light, 3.0), (~in_other_light, 1.0)):

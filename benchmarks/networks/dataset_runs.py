@@ -13,8 +13,7 @@ evaluations may be on one dataset.
 
 Field runs also have the coverage of 90 % intervals, overall and by tenths of the predicted standard
 deviation, and the sparsification gain: the decrease of the RMSE without the least certain fifth of
-the presses. It is listed with the gain without the fifth that has the largest errors and, of two
-field runs, the gain without the fifth on which they differ most.
+the presses. It is listed with the gain without the fifth that has the largest errors.
 """
 
 from __future__ import annotations
@@ -145,12 +144,6 @@ def _rankings(evaluation: Evaluation, predictions: Predictions) -> dict[str, dic
             "largest_gain_percent": _gain_percent(rmse, rmse),
             "uncertainty": msgspec.to_builtins(row.uncertainty),
         }
-    if len(rankings) == 2:
-        one, other = (predictions.by_model[name] for name in rankings)
-        disagreement = np.square(one - other).mean(axis=1)
-        for name, row in rankings.items():
-            rmse = predictions.rmse_counts(name)
-            row["gain_by_disagreement_percent"] = _gain_percent(rmse, disagreement)
     return rankings
 
 

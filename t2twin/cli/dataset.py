@@ -23,8 +23,8 @@ class SimdataOptions:
         workers: Number of processes; default: the number of cores.
         recipe: Instead of a scale, a recipe: a TOML file with shapes, places, forces and light, or
             the name of a bundled one. Bundled are paper, open, open-8n, union, unseen-forces,
-            forces, moving, contact, shipped, shipped-2, pretrained-3, pretrained-4 and
-            mini-1.
+            forces, moving, contact, shipped, shipped-2, pretrained-3, pretrained-4, mini-1
+            and new-light.
         seed: Random seed; default 0, or the recipe's. The same seed gives the same bytes.
         source: The first sensor: the name of a bundled one, or a .toml file; default digit, or the
             recipe's. `t2twin sensors` lists them.

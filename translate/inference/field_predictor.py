@@ -18,7 +18,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.data.images import (
-    COLORS,
     ONE,
     Images,
     check_pixels,
@@ -67,7 +66,7 @@ class FieldPredictor(CountsPredictor):
         if self._frame_check is None or not len(pixels):
             return classes
         features = torch.from_numpy(outputs[FEATURES])
-        found = self._frame_check.classify(features, pixels.shape[-1] > COLORS)
+        found = self._frame_check.classify(features, to_input(pixels / np.float32(255.0)))
         return [b if a == inside else a for a, b in zip(classes, found, strict=True)]
 
     def _in_torch(self, inputs: torch.Tensor, with_contact: bool, with_features: bool) -> Outputs:

@@ -59,7 +59,7 @@ from t2twin.translate.networks.contact_head import ContactOutputs
 from t2twin.translate.networks.field_net import CONTACT, SCALE, SHEAR, FieldNet, FieldOutputs
 from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
 from t2twin.translate.uncertainty.likelihood import negative_log_likelihood
-from t2twin.translate.uncertainty.spread_scale import fit_scale, scaled
+from t2twin.translate.uncertainty.spread_scale import fit_scale, part_of, scaled
 
 ABSOLUTE_WEIGHT = 0.1
 """Weight of the absolute error of the dense counts relative to the squared one, both divided by
@@ -303,8 +303,9 @@ class FieldTranslator(CountsTranslator):
             for pairs in chosen
             if pairs.backgrounds is not None
         ]
-        fit_scale(network.scale, errors)
-        found = fit_calibration([scaled(network.scale, each) for each in errors])
+        fit_scale(network.scale, [part_of(each, held_out=False) for each in errors])
+        held_out = (part_of(each, held_out=True) for each in errors)
+        found = fit_calibration([scaled(network.scale, each) for each in held_out])
         network.place_knots.copy_(found.place)
         network.press_knots.copy_(found.press)
         if predicts_force(network):

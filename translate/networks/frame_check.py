@@ -5,9 +5,10 @@ and on wrong frames made of them (Hendrycks et al. 2019, outlier exposure).
 
 In the light of any unit, features of right frames vary as much as those of mirrored ones. Their
 distance from the training images (Lee et al. 2018) detects 8 % of these without a background frame.
-This network detects 85 % (measured on units of the recipe `contact`).
+A second network therefore sees the frame itself at a low resolution. It names transformed frames
+without a background frame. With one, the first network and the image statistics name all of them.
 
-Shape letters: B images, n features, K classes.
+Shape letters: B images, S image side of the run, n features, K classes, T transforms.
 """
 
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from t2twin.translate.data.images import COLORS
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
 CLASSES = (
@@ -38,16 +40,24 @@ MAX_FEATURE = 8.0
 CELLS = 3
 """Cells along each side of the encoder's first map (assumed)."""
 
-WITHOUT, WITH = 0, 1
-"""Index of the limit without and with a background frame."""
+SIDE = 32
+"""Side of the second network's images, pixels (assumed: light and color are smooth)."""
+
+CHANNELS, WIDTH = (32, 48, 64), 128
+"""Channels of its convolutions, and width of its hidden layer (assumed)."""
+
+TRANSFORM_DROPOUT = 0.3
+"""Share of its values that is left out in training (assumed)."""
+
+WITHOUT, WITH, TRANSFORMED = 0, 1, 2
+"""Index of the limit without and with a background frame, and of the second network's."""
 
 
 def features_of(maps: Sequence[torch.Tensor], side: int) -> torch.Tensor:
     """(B, n): logarithms of mean and standard deviation of each channel of an encoder's maps, and
     of the means of the first map's channels in CELLS x CELLS cells.
 
-    The cells tell from where the light comes. With them, 51 % of frames that are upside down and
-    mirrored are detected without a background frame, without them 7 % (measured).
+    The cells tell from where the light comes.
 
     maps: (B, channels, rows, columns) each, not negative. side: rows of the first.
     """
@@ -60,10 +70,10 @@ def features_of(maps: Sequence[torch.Tensor], side: int) -> torch.Tensor:
 
 
 class FrameCheck(nn.Module):
-    """The network of an encoder with n features.
+    """Both networks, for an encoder with n features.
 
-    Buffers: center and scale, (n,), of the features of right frames; limits, (2,), scores above
-    which a frame is wrong, without and with a background frame.
+    Buffers: center and scale, (n,), of the features of right frames; limits, (3,), scores above
+    which a frame is wrong, without and with a background frame, and by the second network.
     """
 
     center: torch.Tensor
@@ -77,25 +87,66 @@ class FrameCheck(nn.Module):
         self.logits = nn.Linear(HIDDEN, len(CLASSES))
         self.register_buffer("center", torch.zeros(features))
         self.register_buffer("scale", torch.ones(features))
-        self.register_buffer("limits", torch.full((2,), torch.inf))
+        self.register_buffer("limits", torch.full((3,), torch.inf))
+        self.transforms = TransformNet()
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """(B, n) -> (B, K) logits. Checks of earlier versions use the first of the features."""
-        standardized = (features[:, : self.center.numel()] - self.center) / self.scale
+        """(B, n) -> (B, K) logits."""
+        standardized = (features - self.center) / self.scale
         hidden = self.hidden(standardized.clamp(-MAX_FEATURE, MAX_FEATURE)).relu()
         return self.logits(self.drop(hidden))
 
-    def classify(self, features: torch.Tensor, has_background: bool) -> list[OODClass]:
-        """(B,) classes of frames by their features."""
+    def classify(self, features: torch.Tensor, images: torch.Tensor) -> list[OODClass]:
+        """(B,) classes of frames. features: (B, n). images: (B, 3, S, S), or (B, 6, S, S) with
+        background frames, normalized."""
         self.eval()
         with torch.inference_mode():
             logits = self(features)
-        limit = self.limits[WITH if has_background else WITHOUT]
-        wrong = scores(logits) > limit
-        kinds = 1 + logits[:, 1:].argmax(dim=1)
+            has_background = images.shape[1] > COLORS
+            found = self._named(logits, WITH if has_background else WITHOUT)
+            if has_background:
+                return found
+            named = self._named(self.transforms(images), TRANSFORMED)
+        kept = (OODClass.IN_DISTRIBUTION, *INVERSE_TRANSFORMS)
+        return [
+            transform if kind in kept and transform != OODClass.IN_DISTRIBUTION else kind
+            for kind, transform in zip(found, named, strict=True)
+        ]
+
+    def _named(self, logits: torch.Tensor, which: int) -> list[OODClass]:
+        wrong, kinds = scores(logits) > self.limits[which], 1 + logits[:, 1:].argmax(dim=1)
         return [CLASSES[int(k) if bad else 0] for k, bad in zip(kinds, wrong, strict=True)]
 
 
+class TransformNet(nn.Module):
+    """The second network, of convolutions. Classes: the first T + 1 of CLASSES."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        first, second, third = CHANNELS
+        self.layers = nn.Sequential(
+            _block(COLORS, first, 5, 2),
+            _block(first, second, 3, 2),
+            _block(second, third, 3, 1),
+            nn.Flatten(),
+            nn.Dropout(TRANSFORM_DROPOUT),
+            nn.Linear(third * (SIDE // 4) ** 2, WIDTH),
+            nn.BatchNorm1d(WIDTH),
+            nn.ReLU(),
+            nn.Dropout(TRANSFORM_DROPOUT),
+            nn.Linear(WIDTH, 1 + len(INVERSE_TRANSFORMS)),
+        )
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """(B, 3, S, S) normalized images -> (B, T + 1) logits."""
+        return self.layers(functional.adaptive_avg_pool2d(images, SIDE))
+
+
+def _block(inputs: int, outputs: int, size: int, stride: int) -> nn.Sequential:
+    convolution = nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False)
+    return nn.Sequential(convolution, nn.BatchNorm2d(outputs), nn.ReLU())
+
+
 def scores(logits: torch.Tensor) -> torch.Tensor:
-    """(B,): logarithm of the odds of a wrong frame. logits: (B, K)."""
+    """(B,): logarithm of the odds of a wrong frame. logits: (B, K), or (B, T + 1)."""
     return logits[:, 1:].logsumexp(dim=1) - logits[:, 0]

@@ -125,7 +125,10 @@ def load_frame_check(run_dir: Path) -> FrameCheck | None:
         check = FrameCheck(weights["center"].numel())
         check.load_state_dict(weights)
     except (SafetensorError, RuntimeError, KeyError):
-        raise T2TwinError(f"{path} is not a frame check; remove it, or train again") from None
+        raise T2TwinError(
+            f"{path} is not a frame check of this version; remove it, and `t2twin "
+            f"calibrate-uncertainty {run_dir} --data DATASET` writes another"
+        ) from None
     return check
 
 

@@ -2,7 +2,7 @@
 
 Right frames, and wrong ones made of them, are each given with the unit's background frame and with
 the run's mean frame. A right frame with another unit's background frame is wrong too. The limits
-are set on units that the check was not trained on.
+are set on units that the check was not trained on. Its second network: fit_transform_net.
 
 Shape letters: R right frames, n features.
 """
@@ -28,6 +28,7 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.networks.frame_check import CLASSES, WITH, WITHOUT, FrameCheck, scores
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, FRAME_CHECK, load_config
+from t2twin.translate.training.fit_transform_net import fit_transform_net
 from t2twin.translate.training.wrong_frames import wrong_frame
 from t2twin.translate.uncertainty.ood import OODClass
 
@@ -101,7 +102,9 @@ def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
     each = -(-MAX_FRAMES // chosen.size)
     bar = Progress(chosen, desc="frame check", unit="shard")
     parts = [_part(translator, size, data_dir, shards[n], info, each, rng) for n in bar]
-    save_weights(run_dir / FRAME_CHECK, _trained(parts, config.seed))
+    check = _trained(parts, config.seed)
+    fit_transform_net(check, config, data_dir, run_dir)
+    save_weights(run_dir / FRAME_CHECK, check)
     return True
 
 
