@@ -16,6 +16,7 @@ from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.models.contact import ContactPrediction, ContactReadout
 from t2twin.translate.networks.field_net import KNOTS, FieldNet, FieldOutputs
 from t2twin.translate.uncertainty.calibration import interpolate_scale, standard_deviation
+from t2twin.translate.uncertainty.spread_scale import SAME_FRAME
 
 FORCE_OFFSET_N = 0.1
 """Added to a force before its logarithm is taken, N (assumed: the force is zero without contact,
@@ -180,10 +181,6 @@ def force_target(network: FieldNet, force_n: torch.Tensor) -> torch.Tensor:
     return (log_force(force_n) - mean) / std.clamp(min=MIN_FORCE_SCALE)
 
 
-SAME_FRAME = 1e-4
-"""Difference up to which a background frame is the mean frame: rounding errors."""
-
-
 class FromPixels(nn.Module):
     """The whole prediction in float32 on the CPU.
 
@@ -217,7 +214,7 @@ class FromPixels(nn.Module):
     def forward(self, pixels: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
         both = [(each - self.mean) / self.std for each in (pixels, background.expand_as(pixels))]
         outputs = self.network(torch.cat(both, dim=1), self.contact is not None, True)
-        is_own = (background - self.mean_frame).abs().amax() > SAME_FRAME
+        is_own = (both[1] - self.network.mean_frame).abs().amax() > SAME_FRAME
         contact = None if self.contact is None else self.contact(outputs.contact, is_own)
         found = AllPredictions(self.readout(outputs), outputs.features, contact)
         counts, *others = found.named().values()

@@ -36,8 +36,8 @@ TRANSFORMED_SHARE = 0.5
 """Share of the frames that are transformed (assumed)."""
 
 REFUSED_SHARE, MARGIN = 0.002, 1.5
-"""Share of the validation frames whose score is above the limit without the margin, and the margin
-that is added (assumed: without it, 2 % of used units' right frames are refused, with it none)."""
+"""Share of the validation frames above the limit, and a margin that is added (assumed). Without it,
+2 % of the right frames of used units are refused."""
 
 
 def fit_transform_net(check: FrameCheck, config: RunConfig, data_dir: Path, run_dir: Path) -> None:

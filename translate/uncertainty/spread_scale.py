@@ -39,6 +39,10 @@ counts, the error where nothing touches)."""
 LEAST_COLOR = 0.01
 """The same for differences of colors, in their standard deviations (assumed)."""
 
+SAME_FRAME = 1e-3
+"""Largest difference, normalized, up to which a background frame is the mean frame, that is, none
+was given (assumed: rounding errors)."""
+
 EDGE_MM = 1.5
 """Distance from the view's edge within which a place is at the edge, mm (assumed: most of the
 distance of neighboring places)."""
@@ -146,7 +150,7 @@ class SpreadScale(nn.Module):
             light.mean(dim=1), light.amin(dim=1), of_frame.mean(dim=1),
             touched.mean(dim=1), touched.amax(dim=1),
         ]  # fmt: skip
-        is_given = differences[1].abs().sum(dim=(1, 2, 3), keepdim=True) > 0
+        is_given = differences[1].abs().amax(dim=(1, 2, 3), keepdim=True) > SAME_FRAME
         own_light = torch.where(is_given, differences[1], differences[0])
         cells = functional.avg_pool2d(own_light, self.cell).flatten(1)
         return torch.stack(of_place, dim=2), torch.cat([torch.stack(of_press, dim=1), cells], dim=1)
