@@ -63,7 +63,8 @@ def measure(options: Namespace) -> dict[str, Any]:
 def _press(folder: Path) -> tuple[float, float]:
     """Wall and processor seconds of one call with its cache home in a folder."""
     environment = os.environ | {VARIABLE: str(folder / "cache")}
-    environment.pop("NUMBA_CACHE_DIR", None)
+    for name in ("NUMBA_CACHE_DIR", "PYTHONDONTWRITEBYTECODE"):  # as in a user's shell
+        environment.pop(name, None)
     command = [sys.executable, "-m", "t2twin", "press", SHAPE, "--out", str(folder / "press")]
     before, started = _processor_s(), time.perf_counter()
     subprocess.run(command, env=environment, check=True, capture_output=True)
