@@ -49,9 +49,9 @@ def test_a_frame_is_wrong_above_the_limit_of_its_kind():
         check.hidden.weight[0, 0] = 1.0
         check.logits.weight[3, 0] = 9.0
         check.logits.bias[1:] = -9.0
-    features, images = torch.tensor([[-1.0, 0.0], [2.0, 0.0]]), torch.zeros(2, 6, 64, 64)
-    assert check.classify(features, images[:, :3]) == [CLASSES[0], CLASSES[3]]
-    assert check.classify(features, images) == [CLASSES[0]] * 2
+    features, images = torch.tensor([[-1.0, 0.0], [2.0, 0.0]]), torch.zeros(2, 3, 64, 64)
+    assert check.classify(features, images) == [CLASSES[0], CLASSES[3]]
+    assert check.classify(features, None) == [CLASSES[0]] * 2
 
 
 def test_the_second_network_names_transforms_without_a_background_frame():
@@ -63,15 +63,15 @@ def test_the_second_network_names_transforms_without_a_background_frame():
             layer.weight.zero_()
             layer.bias.zero_()
         last.bias[2] = 5.0
-    images = torch.rand(2, 6, 96, 96)
-    assert check.classify(features, images[:, :3]) == [CLASSES[0]] * 2  # no limit yet
+    images = torch.rand(2, 3, 96, 96)
+    assert check.classify(features, images) == [CLASSES[0]] * 2  # no limit yet
     check.limits.copy_(torch.tensor([torch.inf, torch.inf, 0.0]))
-    assert check.classify(features, images[:, :3]) == [CLASSES[2]] * 2
-    assert check.classify(features, images) == [CLASSES[0]] * 2
-    check.limits[0] = -torch.inf  # both are wrong; noise is no transform
+    assert check.classify(features, images) == [CLASSES[2]] * 2
+    assert check.classify(features, None) == [CLASSES[0]] * 2
+    check.limits[0] = -torch.inf  # the first network names another kind, which stays
     with torch.no_grad():
         check.logits.bias[-1] = 9.0
-    assert check.classify(features, images[:, :3]) == [OODClass.OTHER] * 2
+    assert check.classify(features, images) == [OODClass.OTHER] * 2
 
 
 def test_wrong_frames_are_what_their_class_says():

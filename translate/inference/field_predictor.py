@@ -18,6 +18,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.data.images import (
+    COLORS,
     ONE,
     Images,
     check_pixels,
@@ -27,7 +28,12 @@ from t2twin.translate.data.images import (
 )
 from t2twin.translate.data.pairs import Pictures
 from t2twin.translate.inference.contact import ContactEstimate, contacts_of
-from t2twin.translate.inference.predictor import CountsPredictor, NotPredicted, Outputs
+from t2twin.translate.inference.predictor import (
+    CountsPredictor,
+    NotPredicted,
+    Outputs,
+    parts_of,
+)
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.field_readout import FEATURES, FieldPrediction
 from t2twin.translate.networks.frame_check import FrameCheck
@@ -65,8 +71,12 @@ class FieldPredictor(CountsPredictor):
         classes, inside = super()._classified(pixels, outputs), OODClass.IN_DISTRIBUTION
         if self._frame_check is None or not len(pixels):
             return classes
-        features = torch.from_numpy(outputs[FEATURES])
-        found = self._frame_check.classify(features, to_input(pixels / np.float32(255.0)))
+        features, found = torch.from_numpy(outputs[FEATURES]), []
+        for part in parts_of(len(pixels), None):
+            batch = pixels[part]
+            has_background = batch.shape[-1] > COLORS
+            images = None if has_background else to_input(batch / np.float32(255.0))
+            found += self._frame_check.classify(features[part], images)
         return [b if a == inside else a for a, b in zip(classes, found, strict=True)]
 
     def _in_torch(self, inputs: torch.Tensor, with_contact: bool, with_features: bool) -> Outputs:

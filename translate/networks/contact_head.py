@@ -49,7 +49,7 @@ class ContactHead(nn.Module):
         self.pixels = nn.Conv2d(6, filters, 4, 2, 1, bias=False)
         self.place = nn.Conv2d(5, filters, 1, bias=False)
         self.fine = nn.Sequential(nn.BatchNorm2d(filters), nn.ReLU())
-        self.coarser = _layer(filters, 2 * filters, 2)
+        self.coarser = convolution(filters, 2 * filters, 2)
         # Widths of the maps of sides S / 32 to S / 2: of the encoder's, and of the decoder's.
         theirs, own = (8, 4, 2, 1, 1), (8, 2, 2, 2, 1)
         steps = range(1, len(own))
@@ -59,8 +59,8 @@ class ContactHead(nn.Module):
         self.lateral = nn.ModuleList(
             nn.Conv2d(filters * theirs[n], filters * own[n], 1) for n in steps
         )
-        self.merged = nn.ModuleList(_layer(filters * own[n], filters * own[n]) for n in steps)
-        self.last = _layer(filters, filters)
+        self.merged = nn.ModuleList(convolution(filters * own[n], filters * own[n]) for n in steps)
+        self.last = convolution(filters, filters)
         self.mean = nn.Conv2d(filters, PLANES, 1)
         self.spread = nn.Sequential(
             nn.Conv2d(filters, filters // 2, 3, 1, 1), nn.ReLU(), nn.Conv2d(filters // 2, 2, 1)
@@ -98,7 +98,7 @@ def _places(maps: torch.Tensor) -> torch.Tensor:
     return torch.stack([x, y, x * x, x * y, y * y])[None]
 
 
-def _layer(channels: int, width: int, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(channels, width, 3, stride, 1, bias=False), nn.BatchNorm2d(width), nn.ReLU()
-    )
+def convolution(channels: int, width: int, stride: int = 1, size: int = 3) -> nn.Sequential:
+    """A convolution of an odd size, with normalization and rectification."""
+    layer = nn.Conv2d(channels, width, size, stride, size // 2, bias=False)
+    return nn.Sequential(layer, nn.BatchNorm2d(width), nn.ReLU())

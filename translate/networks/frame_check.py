@@ -18,6 +18,7 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.translate.data.images import COLORS
+from t2twin.translate.networks.contact_head import convolution
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
 CLASSES = (
@@ -96,20 +97,20 @@ class FrameCheck(nn.Module):
         hidden = self.hidden(standardized.clamp(-MAX_FEATURE, MAX_FEATURE)).relu()
         return self.logits(self.drop(hidden))
 
-    def classify(self, features: torch.Tensor, images: torch.Tensor) -> list[OODClass]:
-        """(B,) classes of frames. features: (B, n). images: (B, 3, S, S), or (B, 6, S, S) with
-        background frames, normalized."""
+    def classify(self, features: torch.Tensor, images: torch.Tensor | None) -> list[OODClass]:
+        """(B,) classes of frames; of two transforms, that of the second network.
+
+        features: (B, n). images: (B, 3, S, S), normalized, None for frames with background frames.
+        """
         self.eval()
         with torch.inference_mode():
-            logits = self(features)
-            has_background = images.shape[1] > COLORS
-            found = self._named(logits, WITH if has_background else WITHOUT)
-            if has_background:
-                return found
+            if images is None:
+                return self._named(self(features), WITH)
+            found = self._named(self(features), WITHOUT)
             named = self._named(self.transforms(images), TRANSFORMED)
-        kept = (OODClass.IN_DISTRIBUTION, *INVERSE_TRANSFORMS)
+        replaceable = CLASSES[: 1 + len(INVERSE_TRANSFORMS)]
         return [
-            transform if kind in kept and transform != OODClass.IN_DISTRIBUTION else kind
+            transform if kind in replaceable and transform != OODClass.IN_DISTRIBUTION else kind
             for kind, transform in zip(found, named, strict=True)
         ]
 
@@ -125,9 +126,9 @@ class TransformNet(nn.Module):
         super().__init__()
         first, second, third = CHANNELS
         self.layers = nn.Sequential(
-            _block(COLORS, first, 5, 2),
-            _block(first, second, 3, 2),
-            _block(second, third, 3, 1),
+            convolution(COLORS, first, stride=2, size=5),
+            convolution(first, second, stride=2),
+            convolution(second, third),
             nn.Flatten(),
             nn.Dropout(TRANSFORM_DROPOUT),
             nn.Linear(third * (SIDE // 4) ** 2, WIDTH),
@@ -140,11 +141,6 @@ class TransformNet(nn.Module):
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 3, S, S) normalized images -> (B, T + 1) logits."""
         return self.layers(functional.adaptive_avg_pool2d(images, SIDE))
-
-
-def _block(inputs: int, outputs: int, size: int, stride: int) -> nn.Sequential:
-    convolution = nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False)
-    return nn.Sequential(convolution, nn.BatchNorm2d(outputs), nn.ReLU())
 
 
 def scores(logits: torch.Tensor) -> torch.Tensor:

@@ -1,6 +1,6 @@
 """Trains the frame check's second network on the frames of a dataset, as they are and transformed.
 
-The transforms are drawn anew for each epoch. The limit is set on the validation split.
+Each epoch draws other transforms. The limit is set on the validation split.
 
 Shape letters: B images, S image side of the run.
 """

@@ -70,16 +70,16 @@ MIN_PRESSES = 500
 """Minimum number of held-out presses for a fit (assumed: fewer do not represent other presses)."""
 
 BLOCK, HELD_OUT_EVERY = 16, 3
-"""Consecutive presses, often of the same shapes, that are held out together, and every which of
-these blocks is (assumed). The calibration of the presses that the factors were fitted to would be
-too narrow for others (split conformal prediction, Lei et al. 2018)."""
+"""Presses of a block, which are often of the same shapes; one block of every three is held out
+(assumed). Knots of the presses that the factors were fitted to would be too narrow for others
+(split conformal prediction, Lei et al. 2018)."""
 
 STEPS, BATCH, RATE, WEIGHT_DECAY, SEED = 1400, 64, 0.01, 0.01, 0
 """Of the fit (assumed)."""
 
 CELL_DROPOUT = 0.5
-"""Share of the cells of the light that are left out in the fit (assumed: without it
-intervals are narrower in light that the fit has not seen)."""
+"""Share of the cells of the light that are left out in the fit (assumed). Without it, intervals are
+too narrow in light that the fit has not seen."""
 
 
 class SpreadScale(nn.Module):
