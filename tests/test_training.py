@@ -150,7 +150,8 @@ def test_bf16_trains_float32_weights_that_are_validated_in_float32(
     for bf16 in (True, False):
         translator = build(structs.replace(config, bf16=bf16))
         load_weights(tmp_path / "best.safetensors", translator.predictor)
-        rmse[bf16] = np.sqrt(np.square(translator.errors(pairs.inputs[:], pairs.counts)).mean())
+        pixels, counts = torch.from_numpy(pairs.inputs[:]), torch.from_numpy(pairs.counts)
+        rmse[bf16] = float(translator.errors(pixels, counts).square().mean().sqrt())
     [record] = records(tmp_path)
     assert record["val_rmse_counts"] == pytest.approx(rmse[False], rel=1e-6)
     assert record["val_rmse_counts"] != pytest.approx(rmse[True], rel=1e-6)
@@ -211,10 +212,16 @@ def test_stops_early_and_keeps_the_best(
 def test_minutes_bound_the_epochs(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Of a schedule over the epochs; a fixed rate is not planned, but stopped when time is over."""
     monkeypatch.setattr(Trainer, "_measure", lambda self: 20.0)
-    train("resnet18", data_dir, "smoke", tmp_path, minutes=1.1)
-    assert load_config(tmp_path).planned_epochs == 3
-    assert len(records(tmp_path)) == 3
+    smoke = PRESETS["resnet18"]["smoke"]
+    falling = replace(smoke, schedule="cosine")
+    train("resnet18", data_dir, falling, tmp_path / "cosine", minutes=1.1)
+    assert load_config(tmp_path / "cosine").planned_epochs == 3
+    assert len(records(tmp_path / "cosine")) == 3
+    outcome = train("resnet18", data_dir, smoke, tmp_path / "fixed", minutes=1e-6)
+    assert load_config(tmp_path / "fixed").planned_epochs == smoke.epochs
+    assert outcome.epochs == 1 and "minutes are over" in outcome.stop_reason
 
 
 def test_a_presets_steps_bound_the_epochs_unless_those_are_given(

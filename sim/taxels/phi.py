@@ -92,6 +92,7 @@ class Phi:
         # one, because it writes the batch image by image.
         self._forward = np.ascontiguousarray(matrix.toarray().T, dtype=np.float32)  # (N, R*C)
         self._backward = inverse  # (R*C, N), in double precision because of cancellation
+        self._tensors: dict[tuple[str, torch.device, torch.dtype], torch.Tensor] = {}
 
     @property
     def taxels(self) -> int:
@@ -139,6 +140,7 @@ class Phi:
         do not determine the counts.
         """
         phi = copy(self)
+        phi._tensors = {}
         phi._backward = np.zeros_like(self._backward)
         phi._backward[pixels] = _left_inverse(
             self.matrix[pixels],
@@ -149,17 +151,25 @@ class Phi:
 
     def to_torch(self, counts: torch.Tensor) -> torch.Tensor:
         """phi on tensors, differentiable. counts: (B, N). Returns (B, 1, R, C), same device."""
-        import torch
-
-        forward = torch.from_numpy(self._forward).to(counts.device, counts.dtype)
+        forward = self._matrix_like(counts, "forward")
         return (counts @ forward).view(-1, 1, *self.shape)
 
     def from_torch(self, images: torch.Tensor) -> torch.Tensor:
         """phi^-1 on tensors, differentiable. images: (B, 1, R, C). Returns (B, N), same device."""
+        backward = self._matrix_like(images, "backward")
+        return images.reshape(images.shape[0], -1) @ backward
+
+    def _matrix_like(self, values: torch.Tensor, name: str) -> torch.Tensor:
+        """The matrix "forward" or "backward" on the device and of the type of values, which keeps
+        it, because a copy to a GPU takes longer than the product."""
         import torch
 
-        backward = torch.from_numpy(self._backward).to(images.device, images.dtype)
-        return images.reshape(images.shape[0], -1) @ backward
+        key = (name, values.device, values.dtype)
+        if key not in self._tensors:
+            with torch.inference_mode(False):  # so that it is differentiable later
+                matrix = torch.from_numpy(getattr(self, f"_{name}"))
+                self._tensors[key] = matrix.to(values.device, values.dtype)
+        return self._tensors[key]
 
 
 def barycentric(

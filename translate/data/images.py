@@ -83,14 +83,14 @@ def augment(
     """
 
     def normal(*shape: int) -> torch.Tensor:
-        return torch.from_numpy(rng.standard_normal(shape, dtype=np.float32)).to(pixels.device)
+        return on_device(rng.standard_normal(shape, dtype=np.float32), pixels.device)
 
     images = pixels.shape[0]
     if drift > 0:
         frames = pixels[..., COLORS:]
         level, down, right = drift * normal(3, images, 1, 1, frames.shape[-1])
-        across = torch.from_numpy(np.linspace(-0.5, 0.5, pixels.shape[1], dtype=np.float32))
-        across = across.to(pixels.device)[:, None]
+        across = on_device(np.linspace(-0.5, 0.5, pixels.shape[1], dtype=np.float32), pixels.device)
+        across = across[:, None]
         drifted = frames * (1.0 + level + down * across[:, None] + right * across)
         pixels = torch.cat([pixels[..., :COLORS], drifted], dim=-1)
     gain = 1.0 + contrast * normal(images, 1, 1, 1)
@@ -110,6 +110,11 @@ def _white_noise(rng: np.random.Generator, like: torch.Tensor) -> torch.Tensor:
     return torch.randn(like.shape, generator=generator, device=like.device)
 
 
+def on_device(values: np.ndarray, device: torch.device) -> torch.Tensor:
+    """A few values on a device, without waiting for what it computes."""
+    return torch.from_numpy(values).to(device, non_blocking=True)
+
+
 def to_input(pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
     """The input of the networks.
 
@@ -121,9 +126,7 @@ def to_input(pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
     images, side, columns, channels = pixels.shape
     rows = torch.as_tensor(pixels).reshape(images, side, columns * channels)
     times = rows.shape[-1] // COLORS  # a last axis of 3 is slow
-    mean, std = (
-        torch.from_numpy(np.tile(each, times)).to(rows.device) for each in (RGB_MEAN, RGB_STD)
-    )
+    mean, std = (on_device(np.tile(each, times), rows.device) for each in (RGB_MEAN, RGB_STD))
     return ((rows - mean) / std).reshape(pixels.shape).permute(0, 3, 1, 2)
 
 

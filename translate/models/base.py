@@ -21,7 +21,7 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
 from t2twin.sim.taxels.layout import Layout
-from t2twin.translate.data.images import to_input
+from t2twin.translate.data.images import WHITE_GREY, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.distributed import average_gradients
 from t2twin.translate.models.presets import Preset
@@ -36,10 +36,12 @@ class Translator(ABC):
     network. device: where the networks are; inputs are moved there. bf16: whether networks compute
     in bfloat16.
     learns_dense_counts: whether training needs pairs with the dense counts.
+    is_replayable: whether every step does the same, so that a GPU can replay a recorded one.
     """
 
     optimizers: dict[str, torch.optim.Optimizer]
     learns_dense_counts = False
+    is_replayable = True
 
     def __init__(
         self,
@@ -60,12 +62,23 @@ class Translator(ABC):
         self.average = weight_average(first, preset.averaged_part)
         self.predictor: nn.Module = self.average.module if self.average else first
 
-    @abstractmethod
     def step(self, examples: Examples) -> dict[str, torch.Tensor]:
-        """Takes one optimizer step on a batch of pairs. Returns the losses by name."""
+        """Takes one step on a batch of pairs. Returns the losses by name."""
+        losses = self.optimize(examples)
+        self.update_average()
+        return losses
 
     @abstractmethod
-    def errors(self, pixels: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
+        """The part of a step before the weight average. Returns the losses by name."""
+
+    def update_average(self) -> None:
+        """Adds the weights after a step to the weight average, if there is one."""
+        if self.average is not None:
+            self.average.update_parameters(next(iter(self.networks.values())))
+
+    @abstractmethod
+    def errors(self, pixels: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
         """Predictions minus targets, (B, n), in the unit of the target: counts or grey levels.
 
         pixels: (B, S, S, c), from 0 to 255. truth: (B, N) counts or (B, S, S, c) uint8. The
@@ -116,8 +129,16 @@ class Translator(ABC):
         average_gradients(network)
         for name in optimizers:
             self.optimizers[name].step()
-        if self.average is not None and network is next(iter(self.networks.values())):
-            self.average.update_parameters(network)
+
+    def set_rates(self, share: float) -> None:
+        """Sets the learning rates of all optimizers. share: factor of the initial ones."""
+        for optimizer in self.optimizers.values():
+            rate = share * optimizer.defaults["lr"]
+            for group in optimizer.param_groups:
+                if isinstance(group["lr"], torch.Tensor):
+                    group["lr"].fill_(rate)
+                else:
+                    group["lr"] = rate
 
     def precision(self) -> torch.autocast:
         """Context in which the networks compute.
@@ -162,9 +183,8 @@ class CountsTranslator(Translator):
         counts. Its networks are copies.
         """
 
-    def errors(self, pixels: np.ndarray, truth: np.ndarray) -> np.ndarray:
-        inputs = self.to_input(pixels.astype(np.float32) / 255.0)
-        return self.predict(inputs).cpu().numpy() - truth
+    def errors(self, pixels: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+        return self.predict(self.to_input(pixels.float() / WHITE_GREY)) - truth.to(self.device)
 
 
 def adamw(
@@ -172,15 +192,23 @@ def adamw(
 ) -> torch.optim.Optimizer:
     """AdamW (Loshchilov and Hutter 2019) for the weights of a network, or of a part of it.
 
-    rate_share: factor of the preset's learning rate.
+    rate_share: factor of the preset's learning rate. On a GPU, learning rates are tensors, so that
+    a recorded step can be replayed with another one.
     """
-    return torch.optim.AdamW(
+    weights = list(weights)
+    on_gpu = weights[0].is_cuda
+    optimizer = torch.optim.AdamW(
         weights,
         preset.learning_rate * rate_share,
         (preset.beta1, preset.beta2),
         weight_decay=preset.weight_decay,
+        capturable=on_gpu,
         fused=True,  # five times as fast on a CPU
     )
+    if on_gpu:
+        for group in optimizer.param_groups:
+            group["lr"] = torch.tensor(group["lr"], device=weights[0].device)
+    return optimizer
 
 
 def weight_average(network: nn.Module, part: float) -> AveragedModel | None:

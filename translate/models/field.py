@@ -159,6 +159,7 @@ class FieldTranslator(CountsTranslator):
 
     predictor: FieldNet
     learns_dense_counts = reads_any_layout = True
+    is_replayable = False  # mirrors features at random
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         array = info.array
@@ -218,7 +219,7 @@ class FieldTranslator(CountsTranslator):
                 rms_n = float(np.sqrt(np.square(pairs.shear_n).mean()))
                 network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
 
-    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
+    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
         """One step on the errors of dense counts and force and the likelihoods of their spreads.
 
         Returns the losses by name: errors divided by the standard deviation, likelihoods in nats.

@@ -45,6 +45,9 @@ MAX_BATCH, MAX_EPOCHS = 65_536, 1_000_000
 """Maxima of settings (assumed, as those of Preset: more than a machine trains in a month), so that
 a damaged file cannot allocate all memory."""
 
+FIXED: Literal["fixed"] = "fixed"
+"""The schedule of a constant learning rate."""
+
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -89,7 +92,7 @@ class Preset:
     patience: Annotated[int, Meta(ge=0)]
     steps: Annotated[int, Meta(ge=0)] = 0
     beta2: Decay = 0.999
-    schedule: Literal["fixed", "cosine"] = "fixed"
+    schedule: Literal["fixed", "cosine"] = FIXED
     l1_weight: NotNegative = 0.0
     iou_weight: NotNegative = 0.0
     discriminator_share: NotNegative = 1.0

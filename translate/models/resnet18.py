@@ -26,7 +26,7 @@ class ResNet18Translator(CountsTranslator):
         super().__init__(preset, info, device, bf16, {"resnet18": self.network})
         self.optimizers = {"resnet18": adamw(self.network.parameters(), preset)}
 
-    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
+    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
         """One step on L3, the mean squared error of the counts as a fraction of full scale.
 
         images: (B, 3, S, S) normalized. Returns the loss by name.

@@ -169,7 +169,7 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
         """(B, N) counts -> tactile images, (B, 1, S, S): -1 is zero, 1 is full scale."""
         return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
 
-    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
+    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
         """See Translator. images: (B, c, S, S) in [-1, 1]."""
         targets = self.scaled_tactile_images(examples.targets.to(self.device))
         return self.pix2pix_step(examples.images.to(self.device), targets)
@@ -279,7 +279,7 @@ class ImageTranslator(Pix2Pix):
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         super().__init__(preset, info, device, bf16, channels_out=1 if preset.grey else COLORS)
 
-    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
+    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
         """See Translator. images, targets: (B, c, S, S) in [-1, 1]."""
         return self.pix2pix_step(examples.images.to(self.device), examples.targets.to(self.device))
 
@@ -287,8 +287,7 @@ class ImageTranslator(Pix2Pix):
         """(B, c, S, S) in [-1, 1] -> images, (B, S, S, c), grey levels, not rounded."""
         return (self.generate(inputs).permute(0, 2, 3, 1) + 1.0) * (WHITE_GREY / 2.0)
 
-    def errors(self, pixels: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    def errors(self, pixels: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
         """See Translator. (B, S * S * c), grey levels."""
-        inputs = self.to_input(pixels.astype(np.float32) / 255.0)
-        images = self.predict_images(inputs).cpu().numpy()
-        return (images - truth).reshape(len(pixels), -1)
+        images = self.predict_images(self.to_input(pixels.float() / WHITE_GREY))
+        return (images - truth.to(self.device)).reshape(len(pixels), -1)

@@ -9,13 +9,20 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from t2twin.translate.data.images import COLORS, augment, to_input, to_scaled
+from t2twin.translate.data.images import (
+    COLORS,
+    WHITE_GREY,
+    augment,
+    on_device,
+    to_input,
+    to_scaled,
+)
 from t2twin.translate.data.pairs import Examples, ImageFile, Pairs, Pictures
 from t2twin.translate.models.presets import Preset
 
-KEPT_SHARE = 0.5
-"""Largest share of a GPU's free memory that the pairs may take (assumed: the rest is for the
-networks)."""
+KEPT_SHARE = 0.4
+"""Largest share of a GPU's free memory that the pairs of one split may take (assumed: with two, a
+third is left for the networks)."""
 
 COPIED = 4096
 """Pairs that are copied to a GPU at a time; bounds memory."""
@@ -60,11 +67,11 @@ class Batches:
         assert self._inputs is not None and self._target is not None
         batch = np.sort(batch)  # the order on disk
         more = [None if each is None else each[batch].float() for each in self._more]
-        pixels, preset = self._inputs[batch].float() / 255.0, self.preset
+        pixels, preset = self._inputs[batch].float() / WHITE_GREY, self.preset
         if rng is not None and self.is_augmented:
             if preset.background_share and self.has_frames:
                 drawn = rng.random(len(batch)) < preset.background_share
-                replaced = torch.from_numpy(np.flatnonzero(drawn)).to(pixels.device)
+                replaced = on_device(np.flatnonzero(drawn), pixels.device)
                 pixels[replaced, ..., :COLORS] = pixels[replaced, ..., COLORS:]
                 for target in more:
                     if target is not None:
@@ -75,8 +82,17 @@ class Batches:
                 )
         target = self._target[batch]
         if self.predicts_images:
-            target = to_scaled(target.float() / 255.0)
+            target = to_scaled(target.float() / WHITE_GREY)
         return Examples(to_input(pixels), target, *more)
+
+    def readings(self, batch: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+        """The stored pictures and targets of pairs, on the device.
+
+        batch: their indices, (B,). Returns (B, S, S, c) uint8, and (B, N) counts or (B, S, S, c)
+        uint8.
+        """
+        assert self._inputs is not None and self._target is not None
+        return self._inputs[batch], self._target[batch]
 
 
 class _Column:
@@ -91,7 +107,7 @@ class _Column:
     def __getitem__(self, index: np.ndarray) -> torch.Tensor:
         """The values of pairs, on the device. index: (B,)."""
         if self.kept is not None:
-            return self.kept[torch.from_numpy(index).to(self.device)]
+            return self.kept[on_device(index, self.device)]
         return _tensor(self.values[index]).to(self.device)
 
 

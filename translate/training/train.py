@@ -84,7 +84,7 @@ def train(
 
     model: "touch2touch", "resnet18" or "field". preset: a name (models.presets), or a Preset.
     out_dir: folder of the run. epochs: maximum epochs, by default the preset's. minutes: maximum
-    minutes; the epochs, and with them the learning rate's schedule, are planned to fit. steps:
+    minutes; the epochs are planned to fit if the learning rate's schedule depends on them. steps:
     maximum steps in place of the preset's, rounded to whole epochs; a larger number adapts the
     preset (`for_steps`). init_from: another run, whose best weights are the initial weights,
     at a lower learning rate. direction: "source-to-target" of the dataset, or "target-to-source";

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -13,10 +13,10 @@ from msgspec.structs import replace
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
-from t2twin.translate.data.pairs import Pairs
+from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
-from t2twin.translate.models.presets import IMAGE_TO_COUNTS
+from t2twin.translate.models.presets import FIXED, IMAGE_TO_COUNTS
 from t2twin.translate.networks.field_net import CONTACT, SHEAR
 from t2twin.translate.runs.checkpoint import (
     build,
@@ -28,6 +28,7 @@ from t2twin.translate.runs.checkpoint import (
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, to_json, write_log
 from t2twin.translate.training.batches import Batches
+from t2twin.translate.training.captured_step import EAGER_STEPS, CapturedStep
 from t2twin.translate.uncertainty.ood import OODDetector, fit_ood_detector
 
 
@@ -102,6 +103,9 @@ SAVE_SECONDS = 600.0
 """Time between two saved states within an epoch, seconds (assumed: a state of the largest network
 takes a few seconds to write)."""
 
+Step = Callable[[Examples], dict[str, torch.Tensor]]
+"""A step on a batch, which returns the losses by name."""
+
 TIMED_STEPS = 3
 """Steps of the time estimate, after one that is not counted."""
 
@@ -123,6 +127,7 @@ class Trainer:
         self.pairs = pairs
         self.data = Batches(pairs, config.preset, distributed.device())
         self.validation = validation
+        self.validation_data = Batches(validation, config.preset, distributed.device())
         self.rank = rank
         self.weights = weights
         most = min(config.preset.batch, len(pairs))
@@ -156,6 +161,7 @@ class Trainer:
             self.translator.prepare(self.pairs)
             if self.rank == 0:
                 self.config.save(self.out_dir)
+        self.step = self._step_of(self.translator)
         self._announce(epoch_seconds)
         self._train()
         reason = stop_reason(self.config, self.history)
@@ -172,13 +178,16 @@ class Trainer:
         return fit_ood_detector(self.pairs.images)
 
     def _planned_epochs(self, epoch_seconds: float) -> int:
-        """The user's number of epochs or the preset's; with a limit in minutes, those that fit."""
+        """The user's number of epochs or the preset's.
+
+        With a limit in minutes, those that fit, if the learning rate's schedule depends on it.
+        """
         config, planned = self.config, self.config.planned_epochs
         if config.steps is not None:
             planned = round(config.steps / self.steps)
         elif config.epochs is None and config.preset.steps:
             planned = min(planned, round(config.preset.steps / self.steps))
-        if config.minutes is not None:
+        if config.minutes is not None and config.preset.schedule != FIXED:
             planned = min(planned, int(config.minutes * 60 / epoch_seconds))
         return max(1, planned)
 
@@ -231,9 +240,7 @@ class Trainer:
         started = time.perf_counter() - self.part.seconds
         config, translator = self.config, self.translator
         share = _learning_rate_share(config, epoch)
-        for optimizer in translator.optimizers.values():
-            for group in optimizer.param_groups:
-                group["lr"] = share * optimizer.defaults["lr"]
+        translator.set_rates(share)
         for network in translator.networks.values():
             network.train()
         sums: dict[str, float | torch.Tensor] = dict(self.part.losses)
@@ -242,7 +249,7 @@ class Trainer:
         for step, batch in enumerate(islice(self._batches(epoch), first, None), first):
             rng = np.random.default_rng([config.seed, epoch, step, 1 + self.rank])
             torch.manual_seed(int(rng.integers(2**63)))  # dropout
-            losses = self._step(translator, batch[self.rank :: config.processes], rng)
+            losses = self.step(self._examples(translator, batch, rng))
             for name, loss in losses.items():
                 sums[name] = sums.get(name, 0.0) + loss.double()  # does not wait for a GPU
             bar.update()
@@ -290,14 +297,17 @@ class Trainer:
                 current, order = data_pass, rng.permutation(len(self.pairs))
             yield order[place * self.batch : (place + 1) * self.batch]
 
-    def _step(
-        self,
-        translator: Translator,
-        batch: np.ndarray,
-        rng: np.random.Generator,
-    ) -> dict[str, torch.Tensor]:
-        """One step on the pairs with these indices."""
-        return translator.step(self.data.examples(batch, rng, translator.to_input))
+    def _step_of(self, translator: Translator) -> Step:
+        """What takes a step of a translator: on a GPU of its own, a recorded one where possible."""
+        on_gpu = translator.device.type == "cuda" and self.config.processes == 1
+        return CapturedStep(translator) if on_gpu and translator.is_replayable else translator.step
+
+    def _examples(
+        self, translator: Translator, batch: np.ndarray, rng: np.random.Generator
+    ) -> Examples:
+        """This process's part of the pairs with these indices."""
+        mine = batch[self.rank :: self.config.processes]
+        return self.data.examples(mine, rng, translator.to_input)
 
     def _validate(self) -> float:
         """RMSE on the validation split, counts or grey levels; the processes share the pairs."""
@@ -305,24 +315,24 @@ class Trainer:
         squares, values, batch = 0.0, 0, VALIDATION_BATCH[self.translator.device.type]
         for start in range(0, mine.size, batch):
             errors = self._errors(self.translator, mine[start : start + batch])
-            squares += float(np.square(errors).sum(dtype=float))
-            values += errors.size
+            squares += float(errors.square().sum(dtype=torch.float64))
+            values += errors.numel()
         return math.sqrt(distributed.total(squares) / distributed.total(values))
 
-    def _errors(self, translator: Translator, index: np.ndarray) -> np.ndarray:
+    def _errors(self, translator: Translator, index: np.ndarray) -> torch.Tensor:
         """(b, n) errors of predictions in float32, of the validation pairs with these indices."""
-        inputs, truth = self.validation.inputs[index], self.validation.target[index]
-        return translator.in_float32().errors(inputs, truth)
+        return translator.in_float32().errors(*self.validation_data.readings(index))
 
     def _measure(self) -> float:
         """Estimated seconds per epoch, from a few steps of other networks."""
         translator = build(self.config)
         rng = np.random.default_rng(self.config.seed)
-        mine = np.arange(self.batch)[self.rank :: self.config.processes]
-        self._step(translator, mine, rng)
+        step, batch = self._step_of(translator), np.arange(self.batch)
+        for _ in range(1 if step == translator.step else 1 + EAGER_STEPS):
+            _numbers(step(self._examples(translator, batch, rng)))
         started = time.perf_counter()
         for _ in range(TIMED_STEPS):
-            _numbers(self._step(translator, mine, rng))  # waits for a GPU
+            _numbers(step(self._examples(translator, batch, rng)))  # waits for a GPU
         step_seconds = (time.perf_counter() - started) / TIMED_STEPS
         few = np.arange(min(VALIDATION_BATCH[translator.device.type], len(self.validation)))
         started = time.perf_counter()
@@ -335,7 +345,9 @@ class Trainer:
         if self.rank > 0:
             return
         config, done = self.config, len(self.history)
-        left = config.planned_epochs - done
+        seconds = (config.planned_epochs - done) * epoch_seconds
+        if config.minutes is not None:
+            seconds = min(seconds, 60 * config.minutes)
         resumes = ""
         if done or self.part.steps:
             resumes = f" resumes after step {self.part.steps:,} of epoch {done + 1:,};"
@@ -346,7 +358,7 @@ class Trainer:
             f"validated on {len(self.validation)}, {config.planned_epochs} epochs of {self.steps} "
             f"steps, {config.precision} on {self.translator.device.type}, "
             f"{config.processes} process(es) of {torch.get_num_threads()} thread(s). "
-            f"At most {left * epoch_seconds / 60:.1f} minutes; it stops after "
+            f"At most {seconds / 60:.1f} minutes; it stops after "
             f"{config.preset.patience} epochs without a better validation.",
             flush=True,
         )
@@ -399,6 +411,6 @@ class _Log:
 def _learning_rate_share(config: RunConfig, epoch: int) -> float:
     """Factor of the learning rate in an epoch (from 0): 1, or a half cosine that reaches zero after
     the last epoch."""
-    if config.preset.schedule == "fixed":
+    if config.preset.schedule == FIXED:
         return 1.0
     return 0.5 * (1.0 + math.cos(math.pi * epoch / config.planned_epochs))

@@ -14,6 +14,7 @@ Shape letters: B images, S image side, c channels, K = CELLS * CELLS * c values.
 from collections import Counter
 from collections.abc import Callable, Sequence
 from enum import StrEnum
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -296,8 +297,8 @@ def _correlation(one: np.ndarray, other: np.ndarray) -> float:
 def _cell_means(pixels: np.ndarray) -> np.ndarray:
     """(B, K): means over a grid of cells."""
     ends = np.linspace(0, pixels.shape[1], CELLS + 1).astype(int)
-    sums = np.add.reduceat(pixels.astype(np.float64), ends[:-1], axis=1)
-    sums = np.add.reduceat(sums, ends[:-1], axis=2)
+    rows = [pixels[:, a:b].sum(axis=1, dtype=np.uint32) for a, b in pairwise(ends)]
+    sums = np.add.reduceat(np.stack(rows, axis=1), ends[:-1], axis=2)
     sizes = np.diff(ends)
     means = sums / (sizes[:, None, None] * sizes[None, :, None])
     return means.reshape(len(pixels), CELLS * CELLS * pixels.shape[-1])
