@@ -59,7 +59,7 @@ FORCE_MARGIN = 1.15
 BAR_WIDTH = 0.12
 """Width of a color bar, relative to an image."""
 
-PANEL_IN, WIDEST_IN, TITLES_IN, BAR_IN, DIFFERENCE_BAR_IN = 2.06, 2.5, 0.44, 0.6, 0.3
+PANEL_IN, WIDEST_IN, TITLE_IN, BAR_IN, DIFFERENCE_BAR_IN = 2.06, 2.5, 0.22, 0.6, 0.3
 """Largest height and width of a panel, height of the titles, widths of the color bars, inches."""
 
 
@@ -207,8 +207,9 @@ def panels_image(panels: Sequence[Panel], phi: Phi, layout: Layout) -> bytes:
     bars = BAR_IN + DIFFERENCE_BAR_IN * any(one.is_difference for one in panels)
     aspects = [panel.aspect for panel in panels]
     height = min(PANEL_IN, WIDEST_IN / max(aspects))
+    lines = 1 + max(panel.title.count("\n") for panel in panels)
     draw = partial(draw_panels, panels=panels, phi=phi, layout=layout)
-    return figure("png", height * sum(aspects) + bars, height + TITLES_IN, draw)
+    return figure("png", height * sum(aspects) + bars, height + lines * TITLE_IN, draw)
 
 
 def extent_mm(phi: Phi) -> tuple[float, float, float, float]:

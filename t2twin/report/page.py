@@ -108,10 +108,12 @@ def name_of(model: str) -> str:
 
 def shape_name(shape: str) -> str:
     """Displayed name of a shape: one line; a long name is shortened in the middle."""
-    name = printable(shape)
-    if len(name) <= MAX_NAME:
-        return name
-    return f"{name[: MAX_NAME - NAME_END - 1]}…{name[-NAME_END:]}"
+    return shortened(printable(shape), MAX_NAME)
+
+
+def shortened(name: str, most: int) -> str:
+    """A name of at most this number of characters, shortened in the middle."""
+    return name if len(name) <= most else f"{name[: most - NAME_END - 1]}…{name[-NAME_END:]}"
 
 
 def forces_text(forces_n: np.ndarray) -> str:

@@ -13,7 +13,15 @@ from t2twin.core.tables import Table
 from t2twin.report import dataset_report, pairs, run_charts
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.figures import Panel, panels_image
-from t2twin.report.page import KIND_NAMES, SPLIT_NAMES, listed, name_of, write_page
+from t2twin.report.page import (
+    KIND_NAMES,
+    MAX_NAME,
+    SPLIT_NAMES,
+    listed,
+    name_of,
+    shortened,
+    write_page,
+)
 from t2twin.sim.dataset.info import SensorInfo
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.predictions import bundled_in_own_light
@@ -236,11 +244,13 @@ def sample_image(report: ReportData, split: str, row: int) -> bytes:
     image, truth = report.image(split, row), phi(predictions.truth[row])
     panels = [Panel(f"X\n{report.camera_name}", image)]
     for name, run in report.runs.items():
-        predicted, title = phi(predictions.by_model[name][row]), name_of(name)
+        predicted = phi(predictions.by_model[name][row])
+        model, _, folder = name_of(name).partition(" ")
+        lines = f"{model}\n{shortened(folder, MAX_NAME)}" if folder else model
         if run.reads_any_layout:
-            panels.append(Panel(f"{title}\ngenerated", run.tactile_images([image])[0]))
+            panels.append(Panel(f"{lines}\ngenerated", run.tactile_images([image])[0]))
         error = predictions.rmse_counts(name)[row]
-        panels.append(Panel(f"φ(Ŷ) {title}\n{report.counts(error)} counts", predicted))
+        panels.append(Panel(f"φ(Ŷ) {lines}\n{report.counts(error)} counts", predicted))
         panels.append(Panel("φ(Ŷ) − I\n", predicted - truth, is_difference=True))
     panels.append(Panel("I = φ(Y)\ntrue", truth))
     return panels_image(panels, phi, report.array.layout)

@@ -154,7 +154,7 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             beta1=0.5,  # Isola et al. 2017
             l1_weight=100.0,  # Isola et al. 2017
             epochs=200,  # Isola et al. 2017, most of their datasets
-            patience=20,  # assumed
+            patience=20,  # assumed: within 24 epochs, 6 brought nothing better at most
             bf16=True,  # 2.3 times as fast on two cores (measured)
         ),
         "cpu": replace(
@@ -191,7 +191,7 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             learning_rate=1e-3,  # Grella et al. 2023, fixed
             beta1=0.9,  # assumed: Adam's default; the paper names no optimizer
             epochs=200,  # assumed
-            patience=20,  # assumed
+            patience=20,  # assumed: within 46 epochs, 10 brought nothing better at most
             bf16=True,  # twice as fast on two cores (measured)
         ),
         "cpu": RESNET18_CPU,

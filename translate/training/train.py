@@ -6,8 +6,8 @@
 
 A stopped training resumes from its last saved state, with the result of an uninterrupted one:
 order, dropout and augmentation of each step depend on (seed, epoch, step). The number of threads
-changes the order of sums and thereby the last digits. The processes of torchrun share each batch,
-each on its own GPU if the machine has GPUs.
+changes the order of sums and thereby the last digits. On a GPU every training differs in these.
+The processes of torchrun share each batch, each on its own GPU if the machine has GPUs.
 """
 
 import math
