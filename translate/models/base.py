@@ -13,6 +13,7 @@ of a tactile image.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from copy import copy
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -30,16 +31,14 @@ from t2twin.translate.models.presets import Preset
 class Translator(ABC):
     """The networks of one model with their optimizers, as training and checkpoints need them.
 
-    networks: all trained networks by name, the predicting one first. optimizers: by the names of
-    their networks or of parts of them. average: the weight average of the first network, if the
-    preset has one. predictor: the network used for prediction, `average.module` or the first
-    network. device: where the networks are; inputs are moved there. bf16: whether networks compute
-    in bfloat16.
+    networks: all trained networks by name, the predicting one first. average: the weight average of
+    the first network, if the preset has one. predictor: the network used for prediction,
+    `average.module` or the first network. device: where the networks are; inputs are moved there.
+    bf16: whether networks compute in bfloat16.
     learns_dense_counts: whether training needs pairs with the dense counts.
     is_replayable: whether every step does the same, so that a GPU can replay a recorded one.
     """
 
-    optimizers: dict[str, torch.optim.Optimizer]
     learns_dense_counts = False
     is_replayable = True
 
@@ -51,6 +50,7 @@ class Translator(ABC):
         bf16: bool,
         networks: dict[str, nn.Module],
     ) -> None:
+        self.preset = preset
         self.info = info
         self.full_scale = info.target.full_scale
         self.device = device
@@ -61,6 +61,19 @@ class Translator(ABC):
         first = next(iter(networks.values()))
         self.average = weight_average(first, preset.averaged_part)
         self.predictor: nn.Module = self.average.module if self.average else first
+
+    @cached_property
+    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """By the names of their networks or of parts of them.
+
+        Made on first use: torch imports its compiler for the first one, which takes as long as to
+        import torch, and a prediction needs none.
+        """
+        return self.make_optimizers()
+
+    @abstractmethod
+    def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """New optimizers of all weights that are trained, as `optimizers` names them."""
 
     def step(self, examples: Examples) -> dict[str, torch.Tensor]:
         """Takes one step on a batch of pairs. Returns the losses by name."""

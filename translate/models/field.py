@@ -173,23 +173,24 @@ class FieldTranslator(CountsTranslator):
             bool(info.has_shear), bool(info.has_contact),
         )  # fmt: skip
         super().__init__(preset, info, device, bf16, {"field": self.network})
-        weights = [*self.network.named_parameters()]
-        own = [each for name, each in weights if not name.startswith((SHEAR, CONTACT, SCALE))]
-        self.optimizers = {"field": adamw(own, preset)}
-        if self.network.predicts_shear:
-            self.optimizers[SHEAR] = adamw(self.network.shear.parameters(), preset, NEW_RATE_SHARE)
-        if self.network.predicts_contact:
-            weights = self.network.contact.parameters()
-            self.optimizers[CONTACT] = adamw(weights, preset, NEW_RATE_SHARE)
+        self.is_contact_alone = False
+
+    def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """See Translator."""
+        network, preset, found = self.network, self.preset, {}
+        if network.predicts_contact:
+            found[CONTACT] = adamw(network.contact.parameters(), preset, NEW_RATE_SHARE)
+        if self.is_contact_alone:
+            return found
+        if network.predicts_shear:
+            found = {SHEAR: adamw(network.shear.parameters(), preset, NEW_RATE_SHARE)} | found
+        others = (SHEAR, CONTACT, SCALE)
+        own = [each for name, each in network.named_parameters() if not name.startswith(others)]
+        return {"field": adamw(own, preset)} | found
 
     def train_contact_alone(self) -> None:
         """Leaves the weights and the calibration of everything but the contact as they are."""
-        self.optimizers = {CONTACT: self.optimizers[CONTACT]}
-
-    @property
-    def is_contact_alone(self) -> bool:
-        """Whether the contact's layers alone are trained."""
-        return list(self.optimizers) == [CONTACT]
+        self.is_contact_alone = True
 
     def prepare(self, pairs: Pairs) -> None:
         """Sets the mean frame, and the scales of the outputs if loaded weights lack them."""

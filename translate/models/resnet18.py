@@ -24,7 +24,10 @@ class ResNet18Translator(CountsTranslator):
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         self.network = ResNet18(info.array.x_mm.size, preset.filters)
         super().__init__(preset, info, device, bf16, {"resnet18": self.network})
-        self.optimizers = {"resnet18": adamw(self.network.parameters(), preset)}
+
+    def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """See Translator."""
+        return {"resnet18": adamw(self.network.parameters(), self.preset)}
 
     def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
         """One step on L3, the mean squared error of the counts as a fraction of full scale.

@@ -103,7 +103,11 @@ class Pix2Pix(Translator):
         self.discriminator = PatchGAN(channels_in + channels_out, preset.filters)
         networks = {"generator": self.generator, "discriminator": self.discriminator}
         super().__init__(preset, info, device, bf16, networks)
-        self.optimizers = {
+
+    def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
+        """See Translator."""
+        preset = self.preset
+        return {
             "generator": adamw(self.generator.parameters(), preset),
             "discriminator": adamw(
                 self.discriminator.parameters(), preset, preset.discriminator_share
