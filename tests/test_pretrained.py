@@ -74,6 +74,10 @@ def test_weights_are_averaged_and_the_card_has_the_share(runs, tmp_path) -> None
         average_runs(runs[1], later, 0.5, tmp_path / "mean")
     with pytest.raises(T2TwinError, match="different networks"):
         average_runs(runs[0], later, 0.5, tmp_path / "other")
+    (later / "README.md").unlink()
+    with pytest.raises(T2TwinError, match=r"README\.md does not exist; .* finished its training"):
+        average_runs(runs[1], later, 0.5, tmp_path / "other")
+    assert not (tmp_path / "other").exists()
 
 
 def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monkeypatch) -> None:

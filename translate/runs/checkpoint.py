@@ -269,8 +269,11 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
     weights = []
     for run in (earlier, later):
         load_config(run)
-        if not (run / BEST).is_file():
-            raise T2TwinError(f"{run / BEST} does not exist; the run has not finished an epoch")
+        for name, unfinished in ((BEST, "an epoch"), (CARD, "its training")):
+            if not (run / name).is_file():
+                raise T2TwinError(
+                    f"{run / name} does not exist; the run has not finished {unfinished}"
+                )
         weights.append(load_file(run / BEST))
     first, last = weights
     for part, scale in ((SHEAR, "shear_scale"), (CONTACT, "contact_scale")):

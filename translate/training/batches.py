@@ -101,8 +101,11 @@ class _Column:
     def __init__(self, values: Values, pairs: int, device: torch.device, kept: bool) -> None:
         self.device, self.values, self.kept = device, values, None
         if kept:
-            parts = (values[start : start + COPIED] for start in range(0, pairs, COPIED))
-            self.kept = torch.cat([_tensor(part).to(device) for part in parts])
+            one = _tensor(values[:1])
+            self.kept = torch.empty((pairs, *one.shape[1:]), dtype=one.dtype, device=device)
+            for start in range(0, pairs, COPIED):
+                part = slice(start, start + COPIED)
+                self.kept[part] = _tensor(values[part])
 
     def __getitem__(self, index: np.ndarray) -> torch.Tensor:
         """The values of pairs, on the device. index: (B,)."""
