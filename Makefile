@@ -15,10 +15,10 @@ SHIPPED ?=
 export PYTHONDONTWRITEBYTECODE :=
 
 BIN := .venv/bin
-# A dataset and its runs go by the name of their recipe.
+# A dataset and its runs go by the name of their recipe, and runs of another preset by that too.
 NAME = $(or $(basename $(notdir $(RECIPE))),$(SCALE))
 DATA = data/$(NAME)
-RUNS = runs/$(NAME)
+RUNS = runs/$(NAME)$(if $(filter cpu,$(PRESET)),,-$(PRESET))
 WORKERS_FLAG := $(if $(WORKERS),--workers $(WORKERS))
 MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -278,6 +279,17 @@ def test_both_splits_at_once(
     question = "Is resnet18 worse on the novel objects than on validation?\n"
     answer = said.partition(question)[2].splitlines()[0].split()
     assert answer[:2] == ["resnet18", "undecided"]
+    assert "evaluate two runs alone" not in said
+
+
+def test_findings_of_several_runs_of_a_model_are_said_to_be_missing(
+    runs: list[Path], data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(runs[1], tmp_path / "again")
+    given = map(str, [*runs, tmp_path / "again"])
+    main(["evaluate", *given, "--data", str(data_dir), "--out", str(tmp_path / "out")])
+    said = capsys.readouterr().out
+    assert "compare one run of touch2touch with one of ResNet18; evaluate two runs alone" in said
 
 
 def test_predictions_do_not_depend_on_the_batch(runs: list[Path], data_dir: Path) -> None:

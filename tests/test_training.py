@@ -230,8 +230,10 @@ def test_a_presets_steps_bound_the_epochs_unless_those_are_given(
     preset = replace(PRESETS["resnet18"]["smoke"], steps=9)  # 4 steps an epoch
     train("resnet18", data_dir, preset, tmp_path / "steps")
     train("resnet18", data_dir, preset, tmp_path / "epochs", epochs=3)
-    planned = [load_config(tmp_path / name).planned_epochs for name in ("steps", "epochs")]
-    assert planned == [2, 3]
+    train("resnet18", data_dir, "smoke", tmp_path / "many", steps=50_000_000, minutes=1e-6)
+    names = ("steps", "epochs", "many")
+    planned = [load_config(tmp_path / name).planned_epochs for name in names]
+    assert planned == [2, 3, 1_000_000]
 
 
 def test_cosine_falls_from_the_rate_towards_zero(data_dir: Path, tmp_path: Path) -> None:
@@ -360,8 +362,9 @@ def test_bad_asking_is_refused(data_dir: Path, tmp_path: Path) -> None:
         train("unet", data_dir, "smoke", tmp_path)
     with pytest.raises(T2TwinError, match="paper, cpu, smoke"):
         train("resnet18", data_dir, "huge", tmp_path)
-    with pytest.raises(T2TwinError, match="at least 1"):
-        train("resnet18", data_dir, "smoke", tmp_path, epochs=0)
+    for epochs in (0, 1_000_001):
+        with pytest.raises(T2TwinError, match="it must be from 1 to 1,000,000"):
+            train("resnet18", data_dir, "smoke", tmp_path, epochs=epochs)
     with pytest.raises(T2TwinError, match="steps is 0; it must be from 1"):
         train("resnet18", data_dir, "smoke", tmp_path, steps=0)
     with pytest.raises(T2TwinError, match="epochs and steps are both given"):

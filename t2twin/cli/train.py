@@ -35,7 +35,8 @@ def train(
         out: Folder of the run. Default: runs/MODEL, or runs/MODEL-DIRECTION.
         seed: Seed of weights, order, dropout and augmentation.
         epochs: Maximum epochs. Default: the preset's.
-        minutes: Maximum minutes; the epochs are planned to fit.
+        minutes: Maximum minutes. The epochs are planned to fit; with a fixed learning rate, the
+            epoch in which they are over is the last.
         steps: Maximum steps, rounded to whole epochs. Default: the preset's.
         init_from: Run of the same model, whose weights are the initial weights.
         direction: Of the dataset's sensors; image-to-counts and counts-to-image are for a gel

@@ -15,7 +15,6 @@ from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import (
     KIND_NAMES,
-    MAX_NAME,
     SPLIT_NAMES,
     listed,
     name_of,
@@ -54,6 +53,9 @@ TRANSDUCER = {
     "b_per_kpa": "b = {:g}/kPa",
 }
 """Constants of a transducer (t2twin.sim.taxels.transducer.TransducerTable), in words."""
+
+MAX_TITLE = 14
+"""Largest number of characters of a run's folder in a title of a sample (assumed: fits a panel)."""
 
 QUANTILES = {"val": (0.1, 0.5, 0.9, 1.0), "test": (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)}
 """Quantiles of the error at which samples are shown."""
@@ -246,7 +248,7 @@ def sample_image(report: ReportData, split: str, row: int) -> bytes:
     for name, run in report.runs.items():
         predicted = phi(predictions.by_model[name][row])
         model, _, folder = name_of(name).partition(" ")
-        lines = f"{model}\n{shortened(folder, MAX_NAME)}" if folder else model
+        lines = f"{model}\n{shortened(folder, MAX_TITLE)}" if folder else model
         if run.reads_any_layout:
             panels.append(Panel(f"{lines}\ngenerated", run.tactile_images([image])[0]))
         error = predictions.rmse_counts(name)[row]

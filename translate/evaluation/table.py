@@ -15,7 +15,7 @@ from t2twin.translate.evaluation.baselines import (
     NEAREST_NEIGHBOR,
     NOISE_FLOOR,
 )
-from t2twin.translate.evaluation.findings import DIFFERENCES, gap_between
+from t2twin.translate.evaluation.findings import DIFFERENCES, RESNET18, TOUCH2TOUCH, gap_between
 from t2twin.translate.evaluation.image_errors import MEAN_IMAGE
 from t2twin.translate.evaluation.records import (
     Evaluation,
@@ -85,7 +85,18 @@ def results_text(evaluations: Evaluations) -> str:
         tables.append(figures_table({split: one}, columns))
         tables += force_tables({split: one})
     tables += findings_table(evaluations, gap_between(evaluations))
-    return "\n\n".join(map(text, tables)) + "\n"
+    return "\n\n".join([*map(text, tables), *_without_findings(evaluations)]) + "\n"
+
+
+def _without_findings(evaluations: Evaluations) -> list[str]:
+    """A sentence if there are several runs of the models that the findings compare."""
+    models = {name.partition(" ")[0] for one in evaluations.values() for name in one.runs}
+    if not {TOUCH2TOUCH, RESNET18} <= models or any(one.paired for one in evaluations.values()):
+        return []
+    return [
+        "The paper's findings compare one run of touch2touch with one of ResNet18; evaluate two "
+        "runs alone for them."
+    ]
 
 
 def results_markdown(evaluations: Evaluations) -> str:

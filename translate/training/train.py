@@ -33,6 +33,7 @@ from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.models import distributed
 from t2twin.translate.models.presets import (
     GENERATES,
+    MAX_EPOCHS,
     SOURCE_TO_TARGET,
     Model,
     Preset,
@@ -84,15 +85,15 @@ def train(
 
     model: "touch2touch", "resnet18" or "field". preset: a name (models.presets), or a Preset.
     out_dir: folder of the run. epochs: maximum epochs, by default the preset's. minutes: maximum
-    minutes; the epochs are planned to fit if the learning rate's schedule depends on them. steps:
-    maximum steps in place of the preset's, rounded to whole epochs; a larger number adapts the
-    preset (`for_steps`). init_from: another run, whose best weights are the initial weights,
-    at a lower learning rate. direction: "source-to-target" of the dataset, or "target-to-source";
-    for a gel camera and a taxel array also "image-to-counts" and "counts-to-image". Images are
-    validated by the RMSE of their pixels; from images they are predicted in color, if the preset is
-    a name. iou_weight: weight of the soft IoU loss (models.touch2touch), by default the preset's.
-    contact_alone: train only the contact's layers of a field run, on those of init_from, whose
-    other predictions stay.
+    minutes. The epochs are planned to fit if the learning rate's schedule depends on them; else the
+    epoch in which time is over is the last. steps: maximum steps in place of the preset's, rounded
+    to whole epochs; a larger number adapts the preset (`for_steps`). init_from: another run, whose
+    best weights are the initial weights, at a lower learning rate. direction: "source-to-target" of
+    the dataset, or "target-to-source"; for a gel camera and a taxel array also "image-to-counts"
+    and "counts-to-image". Images are validated by the RMSE of their pixels; from images they are
+    predicted in color, if the preset is a name. iou_weight: weight of the soft IoU loss
+    (models.touch2touch), by default the preset's. contact_alone: train only the contact's layers of
+    a field run, on those of init_from, whose other predictions stay.
     Raises T2TwinError for arguments that are invalid or do not fit together, and an init_from of
     another kind. It also does for an unreadable dataset, a folder with another run, and a loss that
     is not finite.
@@ -280,10 +281,10 @@ def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, 
         raise T2TwinError(f"steps is {steps}; it must be from 1 to {MAX_STEPS:,}")
     if steps is not None and epochs is not None:
         raise T2TwinError("epochs and steps are both given; expected at most one of them")
-    if epochs is not None and epochs < 1:
-        raise T2TwinError(f"epochs is {epochs}; it must be at least 1")
+    if epochs is not None and not 1 <= epochs <= MAX_EPOCHS:
+        raise T2TwinError(f"epochs is {epochs}; it must be from 1 to {MAX_EPOCHS:,}")
     if minutes is not None and not (minutes > 0 and math.isfinite(minutes)):
-        raise T2TwinError(f"minutes is {minutes:g}; it must be more than 0")
+        raise T2TwinError(f"minutes is {minutes:g}; it must be more than 0 and finite")
     check_seed(seed)
 
 
@@ -326,7 +327,7 @@ def find_weights(run: str | Path, model: str, preset: Preset, data: DataInfo) ->
     theirs, places = config.preset, config.data
     direction, ours = places.direction, data.direction
     for difference, differs in (
-        (f"a {direction} run, not {ours}", direction != ours),
+        (f"a run of another direction, {direction}, not {ours}", direction != ours),
         (
             f"a run of {theirs.size} pixels, base width {theirs.filters}, and preset {preset.name} "
             f"has {preset.size} and {preset.filters}",

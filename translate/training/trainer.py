@@ -16,7 +16,7 @@ from t2twin.core.progress import Progress
 from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
-from t2twin.translate.models.presets import FIXED, IMAGE_TO_COUNTS
+from t2twin.translate.models.presets import FIXED, IMAGE_TO_COUNTS, MAX_EPOCHS
 from t2twin.translate.networks.field_net import CONTACT, SHEAR
 from t2twin.translate.runs.checkpoint import (
     build,
@@ -189,7 +189,7 @@ class Trainer:
             planned = min(planned, round(config.preset.steps / self.steps))
         if config.minutes is not None and config.preset.schedule != FIXED:
             planned = min(planned, int(config.minutes * 60 / epoch_seconds))
-        return max(1, planned)
+        return min(max(1, planned), MAX_EPOCHS)
 
     def _train(self) -> None:
         done = len(self.history) * self.steps + self.part.steps
@@ -347,7 +347,7 @@ class Trainer:
         config, done = self.config, len(self.history)
         seconds = (config.planned_epochs - done) * epoch_seconds
         if config.minutes is not None:
-            seconds = min(seconds, 60 * config.minutes)
+            seconds = min(seconds, 60 * config.minutes + epoch_seconds)
         resumes = ""
         if done or self.part.steps:
             resumes = f" resumes after step {self.part.steps:,} of epoch {done + 1:,};"
