@@ -1,4 +1,4 @@
-"""A replayed step on a GPU is the step that it was recorded from."""
+"""A replayed step on a GPU equals the step that was captured."""
 
 from dataclasses import replace
 

@@ -36,7 +36,7 @@ class Translator(ABC):
     `average.module` or the first network. device: where the networks are; inputs are moved there.
     bf16: whether networks compute in bfloat16.
     learns_dense_counts: whether training needs pairs with the dense counts.
-    is_replayable: whether every step does the same, so that a GPU can replay a recorded one.
+    is_replayable: whether every step does the same, so that a GPU can replay a captured one.
     """
 
     learns_dense_counts = False
@@ -206,7 +206,7 @@ def adamw(
     """AdamW (Loshchilov and Hutter 2019) for the weights of a network, or of a part of it.
 
     rate_share: factor of the preset's learning rate. On a GPU, learning rates are tensors, so that
-    a recorded step can be replayed with another one.
+    a captured step can be replayed with another one.
     """
     weights = list(weights)
     on_gpu = weights[0].is_cuda

@@ -1,7 +1,7 @@
-"""A translator's step on a GPU, recorded once and replayed.
+"""A translator's step on a GPU, captured once and replayed.
 
 A step of the published ResNet18 launches about a thousand kernels, and launching one takes longer
-than most of them compute. A recorded step, a CUDA graph, launches all of them at once. It reads its
+than most of them compute. A captured step, a CUDA graph, launches all of them at once. It reads its
 batch and its learning rates from the same tensors every time.
 """
 
@@ -11,7 +11,7 @@ from t2twin.translate.data.pairs import Examples
 from t2twin.translate.models.base import Translator
 
 EAGER_STEPS = 3
-"""Steps before the recording, in which the optimizers make their state and convolutions choose
+"""Steps before the capture, in which the optimizers make their state and convolutions choose
 their algorithms (as CUDA graphs need them)."""
 
 
@@ -30,16 +30,16 @@ class CapturedStep:
         """One step. The returned losses are overwritten by the next one."""
         if self.eager > 0:
             self.eager -= 1
-            losses = self._optimize_aside(examples)
+            losses = self._optimize_on_side_stream(examples)
         else:
             if self.graph is None:
-                self._record(examples)
+                self._capture(examples)
             losses = self._replay(examples)
         self.translator.update_average()
         return losses
 
-    def _optimize_aside(self, examples: Examples) -> dict[str, torch.Tensor]:
-        """A step on another stream, as before a recording."""
+    def _optimize_on_side_stream(self, examples: Examples) -> dict[str, torch.Tensor]:
+        """A step on another stream, which PyTorch recommends before a capture."""
         stream, own = torch.cuda.Stream(), torch.cuda.current_stream()
         stream.wait_stream(own)
         with torch.cuda.stream(stream):
@@ -47,8 +47,8 @@ class CapturedStep:
         own.wait_stream(stream)
         return losses
 
-    def _record(self, examples: Examples) -> None:
-        """Records a step on copies of a batch, without taking it."""
+    def _capture(self, examples: Examples) -> None:
+        """Captures a step on copies of a batch, without executing it."""
         kept = {name: each.clone() for name, each in vars(examples).items() if each is not None}
         self.batch = list(kept.values())
         self.graph = torch.cuda.CUDAGraph()

@@ -298,7 +298,7 @@ class Trainer:
             yield order[place * self.batch : (place + 1) * self.batch]
 
     def _step_of(self, translator: Translator) -> Step:
-        """What takes a step of a translator: on a GPU of its own, a recorded one where possible."""
+        """The function of a step; captured on a GPU with one process if it can be replayed."""
         on_gpu = translator.device.type == "cuda" and self.config.processes == 1
         return CapturedStep(translator) if on_gpu and translator.is_replayable else translator.step
 
