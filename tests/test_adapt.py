@@ -38,12 +38,13 @@ from t2twin.sim.taxels.layout import load_layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.runs.config import HOME
 from t2twin.translate.training.train import train
+from t2twin.translate.uncertainty.ood import OODClass
 
 FULL_SCALE = 40_000.0
 BLACK = np.zeros((320, 240, 3), np.uint8)
 
 
-def fake_run(counts) -> Any:
+def fake_run(counts, kind=OODClass.IN_DISTRIBUTION) -> Any:
     layout = load_layout("cyskin-20")
     array = SimpleNamespace(
         x_mm=layout.x_mm, y_mm=layout.y_mm, full_scale_counts=FULL_SCALE,
@@ -54,6 +55,7 @@ def fake_run(counts) -> Any:
         SimpleNamespace(
             config=SimpleNamespace(data=SimpleNamespace(array=array)),
             predict=lambda image, background: counts,
+            classify_frames=lambda image, background: [kind],
         ),
     )
 
@@ -86,8 +88,10 @@ def test_each_score_reacts_to_its_own_error():
         fake_run(bump(0.0, -16.0) + bump(0.0, 16.0)), BLACK, reference_of(truth), BLACK
     )
     assert apart.regions == 2
+    other = evaluate_frame(fake_run(truth, OODClass.OTHER), BLACK, reference_of(truth), BLACK)
+    assert AdaptationScores.of([harder, other]).refused == 1
     scores = AdaptationScores.of([harder, apart])
-    assert scores.single_region == 1
+    assert (scores.single_region, scores.refused) == (1, 0)
     assert scores.rmse_percent == pytest.approx(
         np.sqrt((harder.rmse_percent**2 + apart.rmse_percent**2) / 2)
     )
@@ -105,24 +109,32 @@ def test_the_reference_has_the_pose_found_in_the_frame(tmp_path):
         np.testing.assert_allclose(middle, pose[:2], atol=2.0)
 
 
-def candidate(run_dir, real, simulated):
-    scores = [AdaptationScores(rmse, 0.1, 7, 0.05, 90.0) for rmse in (real, simulated)]
+def candidate(run_dir, real, simulated, refused=0):
+    scores = [
+        AdaptationScores(rmse, 0.1, 7, 0.05, 90.0, refused=refused) for rmse in (real, simulated)
+    ]
     return Candidate(run_dir, cast(Any, None), [], RunScores(*scores, background_counts=0.0))
 
 
 @pytest.mark.parametrize(
-    ("real", "simulated", "kept"),
-    [(0.7, 0.4, TRAINED), (0.9, 0.4, INITIAL), (0.7, 0.6, INITIAL), (0.8, 0.5, INITIAL)],
+    ("real", "simulated", "refused", "kept"),
+    [
+        (0.7, 0.4, 1, TRAINED),
+        (0.9, 0.4, 1, INITIAL),
+        (0.7, 0.6, 1, INITIAL),
+        (0.8, 0.5, 1, INITIAL),
+        (0.7, 0.4, 2, INITIAL),
+    ],
 )
-def test_the_more_accurate_run_is_published(tmp_path, real, simulated, kept):
+def test_the_more_accurate_run_is_published(tmp_path, real, simulated, refused, kept):
     folders = {name: tmp_path / name for name in (TRAINED, INITIAL)}
     for name, folder in folders.items():
         folder.mkdir()
         (folder / "best.safetensors").write_text(name)
         (folder / "README.md").write_text(f"# {name}\n\n## Limits\n")
-    runs = {TRAINED: candidate(folders[TRAINED], real, simulated)}
+    runs = {TRAINED: candidate(folders[TRAINED], real, simulated, refused)}
     assert choose(runs) == TRAINED
-    runs[INITIAL] = candidate(folders[INITIAL], 0.8, 0.5)
+    runs[INITIAL] = candidate(folders[INITIAL], 0.8, 0.5, 1)
     assert choose(runs) == kept
     for _ in range(2):  # an interrupted adaptation publishes again
         publish(runs, kept, tmp_path / "field")

@@ -1,28 +1,34 @@
 """Frames that are not touches of a run's sensor are named, without a background frame too."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from msgspec import structs
 
 import t2twin
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.store import read_info, split_shards
 from t2twin.translate.data.images import to_input
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import require
+from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.networks.frame_check import (
     CLASSES,
     SIDE,
     TRANSFORMED,
+    WITHOUT,
     FrameCheck,
     features_of,
     scores,
 )
-from t2twin.translate.runs.checkpoint import load_frame_check, save_weights
-from t2twin.translate.runs.config import FRAME_CHECK, HOME, load_config
+from t2twin.translate.runs.checkpoint import build, load_frame_check, save_weights
+from t2twin.translate.runs.config import FRAME_CHECK, HOME, RunConfig, load_config
 from t2twin.translate.training import fit_frame_check as fitting
 from t2twin.translate.training import fit_transform_net
 from t2twin.translate.training.wrong_frames import ALTERATIONS, FORWARD, wrong_frame
@@ -114,6 +120,28 @@ def test_a_run_gets_a_check_that_its_predictions_use(
         run.classify_frames(even)
 
 
+def test_near_units_are_not_other_units_and_drift(moving_dataset: Path) -> None:
+    config, info = load_config(HOME / "field"), read_info(moving_dataset)
+    assert info.recipe is not None
+    light = structs.replace(info.recipe.light, optics="unit.npz")
+    near = replace(info, recipe=structs.replace(info.recipe, light=light))
+    drifting = structs.replace(config, preset=replace(config.preset, drift=0.2))
+    translator, [shard, *_] = build(config), split_shards(info, "train")
+    assert isinstance(translator, FieldTranslator)
+
+    def part(config: RunConfig, info: DatasetInfo) -> fitting._Part:
+        rng = np.random.default_rng(0)
+        return fitting._part(translator, config, moving_dataset, shard, info, 100, rng)
+
+    other = CLASSES.index(OODClass.UNLIKE_BACKGROUND)
+    plain, of_one, moved = part(config, info), part(config, near), part(drifting, near)
+    assert other in plain.kinds and other not in of_one.kinds
+    (without, _), (behind, _) = plain.features
+    (same, _), (drifted, _) = moved.features
+    torch.testing.assert_close(same, without)
+    assert (drifted - behind).abs().max() > 0.01
+
+
 def colored(rng: np.random.Generator, number: int) -> np.ndarray:
     """Frames that are red above, green at the left and blue at the right, with noise."""
     down, across = np.meshgrid(*[np.linspace(-1.0, 1.0, SIDE)] * 2, indexing="ij")
@@ -148,6 +176,7 @@ def test_the_frames_of_a_single_unit_are_enough():
     check = fitting._trained([fitting._Part([[right, wrong]], kinds, [b"unit"] * 600)], 0)
     images = torch.zeros(600, 3, 32, 32)
     assert check.classify(right, images).count(OODClass.IN_DISTRIBUTION) >= 590
+    assert check.limits[WITHOUT] == 0.0  # not that of the rightmost of frames that are all right
     assert check.classify(wrong, images) == [OODClass.OTHER] * 600
 
 

@@ -137,6 +137,8 @@ def _is_right(page: Page, last: dict[str, float]) -> bool:
         x_mm=state.x_mm,
         y_mm=state.y_mm,
         yaw_deg=state.yaw_deg,
+        tilt_x_deg=state.tilt_x_deg,
+        tilt_y_deg=state.tilt_y_deg,
         seed=state.seed,
         scale=state.scale,
     )

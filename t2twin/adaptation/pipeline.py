@@ -282,11 +282,12 @@ def _check(
 def _train(config: AdaptConfig) -> None:
     """Writes the trained run, and of a field run the mean with the initial one."""
     trained, minutes = config.out / TRAINING / config.model, TRAINING_SHARE * config.minutes
+    is_kept = config.trained_dir == trained
     train(
         config.model, config.out / DATA, config.preset, trained, minutes=minutes,
-        init_from=config.init_from,
+        init_from=config.init_from, frame_check=is_kept,
     )  # fmt: skip
-    if config.init_from is None or config.trained_dir == trained:
+    if config.init_from is None or is_kept:
         return
     shutil.rmtree(config.trained_dir, ignore_errors=True)  # of an interrupted adaptation
     average_runs(config.init_from, trained, TRAINED_SHARE, config.trained_dir)

@@ -5,7 +5,8 @@ array, pressed at the position and depth that the optics found in each frame.
 
 The trained run and the one that initialized its training are evaluated on the same held-out
 presses. The trained run is kept if its RMSE is lower on the real frames and also on their simulated
-frames; one of the two may be lower by chance.
+frames; one of the two may be lower by chance. It must not refuse more of the real frames, which are
+all touches of the unit.
 """
 
 import shutil
@@ -33,6 +34,7 @@ from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.models.contact import CONTACT_KPA
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG
+from t2twin.translate.uncertainty.ood import OODClass
 
 REGION_SHARE = 0.2
 """Contact threshold of a tactile image, as a share of its maximum (assumed)."""
@@ -73,6 +75,7 @@ class FrameResult:
     of the predicted force; of a run without a predicted force, relative error of the summed counts.
     coverage: share of the taxels whose 90 % interval covers the reference, None without intervals.
     depth_rmse_mm: RMSE of the gel's depth in the contact, None if the run does not predict it.
+    refused: whether the run's out-of-distribution detection names the frame unlike its images.
     """
 
     counts: np.ndarray
@@ -82,6 +85,7 @@ class FrameResult:
     force_error: float
     coverage: float | None = None
     depth_rmse_mm: float | None = None
+    refused: bool = False
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,7 @@ class AdaptationScores:
     presses with exactly one predicted contact region. force_error: median absolute relative error.
     interval_coverage_percent: counts within their 90 % intervals, None without intervals.
     depth_rmse_mm: median RMSE of the gel's depth in the contact, None if it is not predicted.
+    refused: presses whose frame the run refuses.
     """
 
     rmse_percent: float
@@ -109,6 +114,7 @@ class AdaptationScores:
     force_error: float
     interval_coverage_percent: float | None
     depth_rmse_mm: float | None = None
+    refused: int = 0
 
     @classmethod
     def of(cls, results: Sequence[FrameResult]) -> "AdaptationScores":
@@ -121,6 +127,7 @@ class AdaptationScores:
             force_error=float(np.median([abs(result.force_error) for result in results])),
             interval_coverage_percent=100.0 * float(np.mean(covered)) if covered else None,
             depth_rmse_mm=float(np.median(depths)) if depths else None,
+            refused=sum(result.refused for result in results),
         )
 
 
@@ -205,7 +212,8 @@ def evaluate_frame(
     `evaluate_frames`.
     """
     layout, truth = run.config.data.array, reference.counts
-    counts, predicted_n, coverage, depth_rmse_mm = _predict(run, image, reference, background)
+    own = background if isinstance(run, FieldPredictor) else None
+    counts, predicted_n, coverage, depth_rmse_mm = _predict(run, image, reference, own)
     rmse = float(np.sqrt(np.mean((counts - truth) ** 2)))
     least = MIN_CONTACT_SHARE * layout.full_scale_counts
     apart_mm = centroid_mm(run, counts) - centroid_mm(run, truth)
@@ -218,6 +226,7 @@ def evaluate_frame(
         force_error=float(ratio) - 1.0,
         coverage=coverage,
         depth_rmse_mm=depth_rmse_mm,
+        refused=run.classify_frames(image, own) != [OODClass.IN_DISTRIBUTION],
     )
 
 
@@ -312,7 +321,8 @@ def choose(candidates: Mapping[str, Candidate]) -> str:
         getattr(trained, frames).rmse_percent < getattr(initial.scores, frames).rmse_percent
         for frames in ("real", "simulated")
     )
-    return TRAINED if is_better else INITIAL
+    refuses_more = trained.real.refused > initial.scores.real.refused
+    return TRAINED if is_better and not refuses_more else INITIAL
 
 
 def publish(candidates: Mapping[str, Candidate], kept: str, out_dir: Path) -> None:

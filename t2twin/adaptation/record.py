@@ -174,6 +174,7 @@ def _summary(result: AdaptationResult, run: CountsPredictor) -> dict[str, Any]:
             f"{100 * scores.force_error:.0f}",
             f"{scores.single_region}",
             "" if scores.depth_rmse_mm is None else f"{scores.depth_rmse_mm:.3f}",
+            f"{scores.refused}",
         ]
         for run, each in result.runs.items()
         for name, scores in (
@@ -181,7 +182,7 @@ def _summary(result: AdaptationResult, run: CountsPredictor) -> dict[str, Any]:
             (f"{run} run, simulated frames", each.simulated),
         )
     ]
-    heads = ["", "RMSE, %", "centroid, mm", "force error, %", "one region", "depth, mm"]
+    heads = ["", "RMSE, %", "centroid, mm", "force error, %", "one region", "depth, mm", "refused"]
     least = MIN_CONTACT_SHARE * run.config.data.array.full_scale_counts
     return {"table": Table(heads, {"": rows}), "min_contact_counts": least}
 

@@ -233,7 +233,7 @@ def _print(result: "AdaptationResult") -> None:
             f"full scale (simulated frames {scores.simulated.rmse_percent:.2f}, zero counts "
             f"{result.zero_rmse_percent:.2f}), centroid error {real.centroid_mm:.1f} mm, force "
             f"error {100 * real.force_error:.0f} %, {real.single_region} with a single contact "
-            f"region{coverage}{depth}; largest count on the background frame "
-            f"{scores.background_counts:.0f}"
+            f"region{coverage}{depth}, {real.refused} refused; largest count on the background "
+            f"frame {scores.background_counts:.0f}"
         )
-    print(f"kept: the {result.kept} run, the more accurate one")
+    print(f"kept: the {result.kept} run")

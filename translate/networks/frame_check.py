@@ -50,6 +50,10 @@ CHANNELS, WIDTH = (32, 48, 64), 128
 TRANSFORM_DROPOUT = 0.3
 """Share of its values that is left out in training (assumed)."""
 
+LEAST_LIMIT = 0.0
+"""Smallest limit of a score, the logarithm of the odds: no frame is refused that is more likely
+right than wrong."""
+
 WITHOUT, WITH, TRANSFORMED = 0, 1, 2
 """Index of the limit without and with a background frame, and of the second network's."""
 

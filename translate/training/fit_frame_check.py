@@ -1,8 +1,10 @@
 """Trains the frame check of a field run (networks.frame_check) on the frames of a dataset.
 
 Right frames, and wrong ones made of them, are each given with the unit's background frame and with
-the run's mean frame. A right frame with another unit's background frame is wrong too. The limits
-are set on units that the check was not trained on. Its second network: fit_transform_net.
+the run's mean frame. The background frame drifts as in the training of the run. A right frame with
+another unit's background frame is wrong too, unless all units are near that of one optics file,
+whose own light drifts as much. The limits are set on units that the check was not trained on. Its
+second network: fit_transform_net.
 
 Shape letters: R right frames, n features.
 """
@@ -22,12 +24,19 @@ from t2twin.core.progress import Progress
 from t2twin.sim.dataset.columns import BACKGROUND, IMAGE, column
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
-from t2twin.translate.data.images import to_input, to_pixels
+from t2twin.translate.data.images import augment, to_input, to_pixels
 from t2twin.translate.data.pairs import has_backgrounds
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.networks.frame_check import CLASSES, WITH, WITHOUT, FrameCheck, scores
+from t2twin.translate.networks.frame_check import (
+    CLASSES,
+    LEAST_LIMIT,
+    WITH,
+    WITHOUT,
+    FrameCheck,
+    scores,
+)
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
-from t2twin.translate.runs.config import BEST, FRAME_CHECK, load_config
+from t2twin.translate.runs.config import BEST, FRAME_CHECK, RunConfig, load_config
 from t2twin.translate.training.fit_transform_net import fit_transform_net
 from t2twin.translate.training.wrong_frames import wrong_frame
 from t2twin.translate.uncertainty.ood import OODClass
@@ -96,12 +105,12 @@ def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
     translator = build(config)
     assert isinstance(translator, FieldTranslator)
     load_weights(run_dir / BEST, translator.predictor)
-    size, rng = config.preset.size, np.random.default_rng(config.seed)
+    rng = np.random.default_rng(config.seed)
     shards = split_shards(info, "train")
     chosen = np.unique(np.linspace(0, len(shards) - 1, MAX_SHARDS).astype(int))
     each = -(-MAX_FRAMES // chosen.size)
     bar = Progress(chosen, desc="frame check", unit="shard")
-    parts = [_part(translator, size, data_dir, shards[n], info, each, rng) for n in bar]
+    parts = [_part(translator, config, data_dir, shards[n], info, each, rng) for n in bar]
     check = _trained(parts, config.seed)
     fit_transform_net(check, config, data_dir, run_dir)
     save_weights(run_dir / FRAME_CHECK, check)
@@ -109,10 +118,11 @@ def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
 
 
 def _part(
-    translator: FieldTranslator, size: int, data_dir: Path, shard: str, info: DatasetInfo,
+    translator: FieldTranslator, config: RunConfig, data_dir: Path, shard: str, info: DatasetInfo,
     limit: int, rng: np.random.Generator,
 ) -> _Part:  # fmt: skip
-    """At most `limit` right frames of a shard, evenly spread. size: of the run's images."""
+    """At most `limit` right frames of a shard, evenly spread. config: of the run."""
+    size, drift = config.preset.size, config.preset.drift
     columns = [IMAGE, BACKGROUND] if has_backgrounds(info) else [IMAGE]
     stored = [
         list(iter_images(data_dir, shard, column(info.role_of(IMAGE), name))) for name in columns
@@ -130,13 +140,30 @@ def _part(
         backgrounds = _pixels([decode_png(png) for png in own[0]], size)
         others = rng.permutation(len(frames))
         differs = np.array([units[n] != units[other] for n, other in enumerate(others)])
+        differs &= not _is_of_one_unit(info)
         is_other = differs & (rng.random(len(frames)) < OTHER_UNIT_SHARE)
         classes[is_other] = CLASSES.index(OODClass.UNLIKE_BACKGROUND)
         altered[is_other] = right[is_other]
         behind = backgrounds[np.where(is_other, others, np.arange(len(frames)))]
         both = ((right, backgrounds), (altered, behind))
-        found.append([_features(translator, np.concatenate(each, axis=-1)) for each in both])
+        found.append([_features(translator, _drifted(*each, drift, rng)) for each in both])
     return _Part(found, classes, units)
+
+
+def _is_of_one_unit(info: DatasetInfo) -> bool:
+    """Whether the light of all units is near that of one optics file."""
+    return info.recipe is not None and info.recipe.light.optics is not None
+
+
+def _drifted(
+    images: np.ndarray, backgrounds: np.ndarray, drift: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(R, S, S, 6) uint8: images and their background frames, with the drift of `augment`."""
+    both = np.concatenate([images, backgrounds], axis=-1)
+    if drift == 0:
+        return both
+    varied = augment(torch.from_numpy(both / np.float32(255.0)), rng, 0.0, 0.0, 0.0, drift)
+    return (varied * 255.0).round().to(torch.uint8).numpy()
 
 
 def _pixels(frames: Sequence[np.ndarray], size: int) -> np.ndarray:
@@ -181,7 +208,8 @@ def _trained(parts: Sequence[_Part], seed: int) -> FrameCheck:
     with torch.inference_mode():
         for mode, (right, _) in enumerate(features):
             found = scores(check(right[torch.from_numpy(~own)]))
-            check.limits[mode] = torch.quantile(found, 1.0 - REFUSED_SHARES[mode])
+            limit = torch.quantile(found, 1.0 - REFUSED_SHARES[mode])
+            check.limits[mode] = limit.clamp(min=LEAST_LIMIT)
     return check
 
 

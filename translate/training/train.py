@@ -80,6 +80,7 @@ def train(
     direction: str = SOURCE_TO_TARGET,
     iou_weight: float | None = None,
     contact_alone: bool = False,
+    frame_check: bool = True,
 ) -> TrainingResult:
     """Trains a translator on a dataset, or resumes a stopped training.
 
@@ -93,7 +94,8 @@ def train(
     and "counts-to-image". Images are validated by the RMSE of their pixels; from images they are
     predicted in color, if the preset is a name. iou_weight: weight of the soft IoU loss
     (models.touch2touch), by default the preset's. contact_alone: train only the contact's layers of
-    a field run, on those of init_from, whose other predictions stay.
+    a field run, on those of init_from, whose other predictions stay. frame_check: whether a field
+    run gets its frame check, which takes minutes; without one it refuses fewer wrong frames.
     Raises T2TwinError for arguments that are invalid or do not fit together, and an init_from of
     another kind. It also does for an unreadable dataset, a folder with another run, and a loss that
     is not finite.
@@ -126,7 +128,8 @@ def train(
         processes=distributed.process_count(),
         init_from=None if weights is None else sha256_of(weights),
     )
-    return _run(structs.replace(config, **kept), data_dir, out_dir, weights, reverse)
+    config = structs.replace(config, **kept)
+    return _run(config, data_dir, out_dir, weights, reverse, frame_check)
 
 
 def _kept(
@@ -159,11 +162,13 @@ def _kept(
 
 
 def _run(
-    config: RunConfig, data_dir: Path, out_dir: Path, weights: Path | None, reverse: bool
-) -> TrainingResult:
+    config: RunConfig, data_dir: Path, out_dir: Path, weights: Path | None, reverse: bool,
+    frame_check: bool,
+) -> TrainingResult:  # fmt: skip
     """Trains the run of a configuration, unless out_dir contains it finished.
 
-    weights: initial ones, None for random ones. reverse: as for `load_pairs`.
+    weights: initial ones, None for random ones. reverse: as for `load_pairs`. frame_check: as for
+    `train`.
     """
     distributed.use_all_cores()
     distributed.keep_memory()
@@ -178,7 +183,7 @@ def _run(
         if reason is not None:
             result = training_result(out_dir, history, reason)
             if rank == 0:
-                _complete(config, out_dir, data_dir, weights)
+                _complete(config, out_dir, data_dir, weights, frame_check)
                 print(f"{out_dir} is finished: {result.summary}. Nothing to do.")
             return result
         with locked(out_dir) if rank == 0 else nullcontext():
@@ -187,15 +192,19 @@ def _run(
             result = Trainer(config, out_dir, pairs, validation, rank, weights).run()
             if rank == 0:
                 write_card(out_dir, data_dir)
-                _complete(config, out_dir, data_dir, weights)
+                _complete(config, out_dir, data_dir, weights, frame_check)
             return result
 
 
-def _complete(config: RunConfig, out_dir: Path, data_dir: Path, weights: Path | None) -> None:
+def _complete(
+    config: RunConfig, out_dir: Path, data_dir: Path, weights: Path | None, frame_check: bool
+) -> None:
     """Gives a finished run what it lacks: its card, and a field run its frame check. If the contact
     alone was trained, this is that of the run with the initial weights."""
     if not (out_dir / CARD).is_file():
         write_card(out_dir, data_dir)
+    if not frame_check:
+        return
     if config.contact_data is None:
         complete(out_dir, data_dir)
     elif weights is not None and (weights.parent / FRAME_CHECK).is_file():
