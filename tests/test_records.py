@@ -50,6 +50,16 @@ def test_verification_plans_primitives_that_are_not_on_the_grid() -> None:
     assert list(planned_shards(info).values()) == batches
 
 
+@pytest.mark.parametrize("only", [("circle-1", "square-2"), ("square-2",), ("wrench/ring",)])
+def test_verification_plans_the_shapes_to_which_a_dataset_is_restricted(
+    only: tuple[str, ...],
+) -> None:
+    recipe = load_recipe("pretrained-3")
+    batches = plan(recipe, only)
+    context = ShardContext(recipe, SensorPair(), "", None)
+    assert list(planned_shards(build_info(context, None, batches, only)).values()) == batches
+
+
 @pytest.fixture(scope="module")
 def config() -> RunConfig:
     layout = load_layout()

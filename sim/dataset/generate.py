@@ -70,6 +70,7 @@ MADE_WITH = {
     "source": "another source or options of it",
     "target": "another target or options of it",
     "shapes": "other presses on the grid",
+    "only": "other shapes",
     "pairs": "other pairs",
     "recipe": "another recipe",
     "files": "other solids",
@@ -139,13 +140,20 @@ def make_dataset(
     context = ShardContext(
         recipe, sensors, str(folder), None if kept is None else str(kept.absolute())
     )
-    info = build_info(context, scale, batches)
+    only = None if set(shapes) == set(catalogue.NAMES) else tuple(shapes)
+    info = build_info(context, scale, batches, only)
     with locked(folder):
         return _make_dataset(context, batches, info, workers or cores(), scheduler)
 
 
-def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -> DatasetInfo:
-    """The info of a dataset without shards."""
+def build_info(
+    context: ShardContext,
+    scale: str | None,
+    batches: list[Batch],
+    only: tuple[str, ...] | None = None,
+) -> DatasetInfo:
+    """The info of a dataset without shards. only: the primitives and tools of the batches, None for
+    all."""
     recipe, sensors = context.recipe, context.sensors
     of_files = [batch for batch in batches if recipe.parts[batch.part].shapes not in NAMED]
     solids = sorted({path for batch in of_files for path in batch.shapes})
@@ -163,6 +171,7 @@ def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -
         seed=recipe.seed,
         recipe=recipe,
         shapes=on_grid,
+        only=only,
         shape_code=code_digest(has_random),
         files={path: sha256_of(Path(path)) for path in solids} or None,
     )

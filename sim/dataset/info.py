@@ -137,8 +137,9 @@ class DatasetInfo:
     existing ones, by path below the dataset's folder.
 
     The others are optional. seed, recipe, shapes, shape_code: of a simulated dataset. recipe is its
-    recipe; shapes has the indices of each shape's presses on the grid. shape_code is a digest of
-    the code and libraries of the shapes' surfaces. scale: of a dataset of the protocol. origin: of
+    recipe; shapes has the indices of each shape's presses on the grid. only: the primitives and
+    tools to which it is restricted. shape_code is a digest of the code and libraries of the shapes'
+    surfaces. scale: of a dataset of the protocol. origin: of
     an imported one. files: sha256 of the users' solids, by path.
 
     Raises ValueError for fields that contradict each other.
@@ -156,6 +157,7 @@ class DatasetInfo:
     origin: str | None = None
     recipe: Recipe | None = None
     shapes: dict[str, tuple[Count, ...]] | None = None
+    only: tuple[str, ...] | None = None
     shape_code: str | None = None
     files: dict[str, str] | None = None
 

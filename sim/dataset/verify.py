@@ -91,18 +91,21 @@ def _files(folder: Path, info: DatasetInfo, planned: set[str]) -> Iterator[Fault
 def planned_shards(info: DatasetInfo) -> dict[str, Batch]:
     """The planned shards of a simulated dataset by path; none of an imported one.
 
-    Of the primitives and tools on a grid, those whose presses info.json lists.
+    Of the primitives and tools, those to which info.json restricts it, and on a grid those whose
+    presses it lists.
     """
     recipe, shapes = info.recipe, info.shapes
     if recipe is None or shapes is None:
         return {}
-    on_grid = {part.shapes for part in recipe.parts if part.place == "grid"}
-    names = tuple(
-        name
-        for name in catalogue.NAMES
-        if name in shapes
-        or ("primitives" if name in catalogue.PRIMITIVES else "tools") not in on_grid
-    )
+    names = info.only
+    if names is None:
+        on_grid = {part.shapes for part in recipe.parts if part.place == "grid"}
+        names = tuple(
+            name
+            for name in catalogue.NAMES
+            if name in shapes
+            or ("primitives" if name in catalogue.PRIMITIVES else "tools") not in on_grid
+        )
     return {batch.path: batch for batch in plan(recipe, names)}
 
 
