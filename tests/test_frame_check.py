@@ -56,11 +56,11 @@ def test_a_frame_is_wrong_above_the_limit_of_its_kind():
         check.logits.weight[3, 0] = 9.0
         check.logits.bias[1:] = -9.0
     features, images = torch.tensor([[-1.0, 0.0], [2.0, 0.0]]), torch.zeros(2, 3, 64, 64)
-    assert check.classify(features, images) == [CLASSES[0], CLASSES[3]]
-    assert check.classify(features, None) == [CLASSES[0]] * 2
+    assert check.classify(features, images, False) == [CLASSES[0], CLASSES[3]]
+    assert check.classify(features, images, True) == [CLASSES[0]] * 2
 
 
-def test_the_second_network_names_transforms_without_a_background_frame():
+def test_the_second_network_names_transforms():
     check, features = FrameCheck(2), torch.zeros(2, 2)
     last = check.transforms.layers[-1]
     assert isinstance(last, torch.nn.Linear)
@@ -70,14 +70,14 @@ def test_the_second_network_names_transforms_without_a_background_frame():
             layer.bias.zero_()
         last.bias[2] = 5.0
     images = torch.rand(2, 3, 96, 96)
-    assert check.classify(features, images) == [CLASSES[0]] * 2  # no limit yet
+    assert check.classify(features, images, False) == [CLASSES[0]] * 2  # no limit yet
     check.limits.copy_(torch.tensor([torch.inf, torch.inf, 0.0]))
-    assert check.classify(features, images) == [CLASSES[2]] * 2
-    assert check.classify(features, None) == [CLASSES[0]] * 2
+    for has_background in (False, True):
+        assert check.classify(features, images, has_background) == [CLASSES[2]] * 2
     check.limits[0] = -torch.inf  # the first network names another kind, which stays
     with torch.no_grad():
         check.logits.bias[-1] = 9.0
-    assert check.classify(features, images) == [OODClass.OTHER] * 2
+    assert check.classify(features, images, False) == [OODClass.OTHER] * 2
 
 
 def test_wrong_frames_are_what_their_class_says():
@@ -142,6 +142,15 @@ def test_near_units_are_not_other_units_and_drift(moving_dataset: Path) -> None:
     assert (drifted - behind).abs().max() > 0.01
 
 
+def test_a_frame_that_is_wrong_as_its_background_frame_is_named() -> None:
+    twin, run = t2twin.Twin(), require(load_run(HOME / "field"), FieldPredictor, "the test")
+    frame, background = twin.press("hemisphere-2", force_n=5.0, seed=0).image, twin.background
+    assert run.classify_frames(frame, background) == [OODClass.IN_DISTRIBUTION]
+    for kind in (OODClass.MIRRORED, OODClass.UPSIDE_DOWN_MIRRORED, OODClass.BLUE_FIRST):
+        wrong, behind = (FORWARD[kind](each[None])[0].copy() for each in (frame, background))
+        assert run.classify_frames(wrong, behind) != [OODClass.IN_DISTRIBUTION], kind
+
+
 def colored(rng: np.random.Generator, number: int) -> np.ndarray:
     """Frames that are red above, green at the left and blue at the right, with noise."""
     down, across = np.meshgrid(*[np.linspace(-1.0, 1.0, SIDE)] * 2, indexing="ij")
@@ -175,9 +184,9 @@ def test_the_frames_of_a_single_unit_are_enough():
     kinds = np.full(600, CLASSES.index(OODClass.OTHER))
     check = fitting._trained([fitting._Part([[right, wrong]], kinds, [b"unit"] * 600)], 0)
     images = torch.zeros(600, 3, 32, 32)
-    assert check.classify(right, images).count(OODClass.IN_DISTRIBUTION) >= 590
+    assert check.classify(right, images, False).count(OODClass.IN_DISTRIBUTION) >= 590
     assert check.limits[WITHOUT] == 0.0  # not that of the rightmost of frames that are all right
-    assert check.classify(wrong, images) == [OODClass.OTHER] * 600
+    assert check.classify(wrong, images, False) == [OODClass.OTHER] * 600
 
 
 def test_the_pretrained_run_names_turned_frames_without_a_background():

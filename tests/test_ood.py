@@ -62,9 +62,17 @@ def test_how_a_picture_is_wrong_is_told():
         "on its other side": np.rot90(pixels[0]),
         "black": pixels[0] // 32,
         "overexposed": np.clip(pixels[0].astype(int) + 170, 0, 255).astype(np.uint8),
+        "without color": _grey(pixels[0]),
         "of another light or sensor": pixels[0][..., [1, 2, 0]],
     }
     assert known.classify(np.array(list(wrong.values()))) == list(wrong)
+    of_grey_light = fit_ood_detector(_grey(pixels))
+    assert of_grey_light is not None
+    assert of_grey_light.classify(_grey(pixels[:1])) == ["in distribution"]
+
+
+def _grey(pixels: np.ndarray) -> np.ndarray:
+    return np.repeat(pixels.mean(axis=-1, keepdims=True), 3, axis=-1).astype(np.uint8)
 
 
 def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 BENCHMARK = Benchmark(
     module="benchmarks.networks.adaptation",
     measures="Predictions for frames of a real DIGIT before and after an adaptation to it.",
-    minutes=220,
+    minutes=100,
     sources=("primitives_cad", "sim", "t2twin/adaptation", "translate"),
     figures=(
         Figure("pretrained.mean_rmse_percent", "%"),
@@ -48,8 +48,8 @@ BENCHMARK = Benchmark(
 
 BACKGROUND = "background.png"
 
-MINUTES = (20, 60)
-"""Durations of the adaptations: the default, and a long one."""
+MINUTES = (20,)
+"""Durations of the adaptations: the default."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:

@@ -3,10 +3,10 @@
     python -m benchmarks.networks.wrong_frames --data data/sampled-units --frames FRAMES
 
 The dataset of 200 sampled units is made first if it is missing. Each of its frames is given as it
-is, and changed in each of the ways in the table, with the unit's background frame and without. Of
-these, a page of text and dead leaves (Lee, Mumford and Huang 2001, a model of photographs) are no
-kinds of frames that the run's frame check was trained on. FRAMES is a folder of real frames, see
-benchmark `real`; without it they are left out.
+is, and changed in each of the ways in the table. It has the unit's background frame, the same
+changed in the same way, or none. Of these ways, a page of text and dead leaves (Lee, Mumford and
+Huang 2001, a model of photographs) are no kinds of frames that the run's frame check was trained
+on. FRAMES is a folder of real frames, see benchmark `real`; without it they are left out.
 """
 
 from __future__ import annotations
@@ -37,9 +37,11 @@ BENCHMARK = Benchmark(
         Figure("right.without_percent", "%", most=1.0),
         Figure("mean.with_percent", "%", least=95.0),
         Figure("mean.without_percent", "%", least=95.0),
+        Figure("mean.both_percent", "%"),
         Figure("other_unit.with_percent", "%", least=95.0),
         Figure("wrong.*.with_percent", "%"),
         Figure("wrong.*.without_percent", "%"),
+        Figure("wrong.*.both_percent", "%"),
         Figure("real.*.with_percent", "%"),
         Figure("real.*.without_percent", "%"),
     ),
@@ -78,7 +80,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         for name in (IMAGE, BACKGROUND)
     )
     wrong = {name: _named(run, alter, frames, backgrounds) for name, alter in kinds().items()}
-    modes = ("with_percent", "without_percent")
+    modes = ("with_percent", "without_percent", "both_percent")
     means = {mode: float(np.mean([each[mode] for each in wrong.values()])) for mode in modes}
     found: dict[str, Any] = {"frames": len(frames), "wrong": wrong, "mean": means}
     others = backgrounds[1:] + backgrounds[:1]
@@ -104,6 +106,7 @@ def kinds() -> dict[str, Alter]:
 
     return {str(kind): transform(undo) for kind, undo in ways.FORWARD.items()} | {
         "cropped": ways.cropped,
+        "grey": ways.grey,
         "defocused": ways.blurred,
         "saturated": ways.bright,
         "noise": ways.noise,
@@ -122,12 +125,19 @@ def _as_it_is(frame: np.ndarray, _: np.random.Generator) -> np.ndarray:
 def _named(
     run: FieldPredictor, alter: Alter, frames: Frames, backgrounds: Frames
 ) -> dict[str, float]:
-    """Share of frames that are named when altered, with and without background frame, %."""
-    rng = np.random.default_rng(0)
-    altered = [np.ascontiguousarray(alter(frame, rng)) for frame in frames]
+    """Share of frames that are named when altered, with and without background frame, and with one
+    that is altered in the same way, %."""
+    altered, behind = (
+        [
+            np.ascontiguousarray(alter(frame, np.random.default_rng((0, number))))
+            for number, frame in enumerate(each)
+        ]
+        for each in (frames, backgrounds)
+    )
     return {
         "with_percent": _share(run, altered, backgrounds),
         "without_percent": _share(run, altered, None),
+        "both_percent": _share(run, altered, behind),
     }
 
 

@@ -200,7 +200,7 @@ def adapt(
             values belong in its table forces.csv: file, force_n, depth_mm, ball_diameter_mm.
         ball_diameter_mm: Diameter of the ball, mm.
         out: Folder for the optics, the dataset, the run and the page index.html.
-        minutes: Approximate total duration on two cores.
+        minutes: Approximate duration on two cores, without the frame check and the evaluation.
         model: Model to train: field, resnet18 or touch2touch.
         init_from: Run whose weights initialize the training; the pretrained run unless given.
         workers: Processes that press at once; one per core unless given.

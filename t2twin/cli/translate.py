@@ -43,8 +43,8 @@ class PredictionOptions(RunOptions):
     Args:
         bf16: Compute in bfloat16 if the processor supports it: faster, counts differ by up to some
             hundreds.
-        background: Background frame of the same sensor, in the orientation of the images, for a
-            field run. Default: the mean background frame of its training.
+        background: Background frame of the same sensor, in the orientation of the training images,
+            for a field run. Default: the mean background frame of its training.
     """
 
     bf16: bool = False
@@ -69,7 +69,7 @@ def translate(
     other sensors writes counts.csv or predicted images.
 
     Args:
-        images: PNG or JPEG files of any size, grey or color, upright, or folders of such files. For
+        images: PNG or JPEG files of any size, upright and in color, or folders of such files. For
             a run from counts, CSV files with columns taxel_0, taxel_1 and so on, or NPY files.
         out: Output folder.
         png: Write no PNG files of the tactile images, which is faster.
@@ -183,16 +183,20 @@ def live(
 
     Args:
         source: Camera number, video file, or folder in which PNG or JPEG files appear.
-        turn_deg: Clockwise rotation of the frames into the orientation of the training images.
+        turn_deg: Clockwise rotation of the frames, not of the background frame, into the
+            orientation of the training images.
         frames: Number of frames after which the command ends; unlimited unless given.
         zmq: Address at which a ZeroMQ PUB socket publishes each line, such as tcp://127.0.0.1:5555.
         rerun: Recording of the frames and predictions for the viewer of Rerun.
     """
     from contextlib import ExitStack
 
+    import numpy as np
+
     from t2twin.core.errors import T2TwinError
     from t2twin.live.follow import follow, published, recorded
-    from t2twin.live.sources import open_background, open_source
+    from t2twin.live.sources import open_source
+    from t2twin.translate.data.images import open_image
     from t2twin.translate.inference.load import load
     from t2twin.translate.inference.predictor import CountsPredictor, require
     from t2twin.translate.models.distributed import use_all_cores
@@ -213,7 +217,7 @@ def live(
             lambda line: print(line, flush=True),
             _report,
             frames,
-            None if options.background is None else open_background(options.background, turn_deg),
+            None if options.background is None else np.asarray(open_image(options.background)),
             outputs,
         )
 

@@ -46,7 +46,7 @@ def install_handlers() -> None:
 def report_stop(number: int) -> int:
     """Print what running the command again does; returns the exit status of the signal."""
     resumes = len(sys.argv) > 1 and sys.argv[1] in RESUMING
-    effect = "continues from here" if resumes else "begins again"
+    effect = "continues from its last saved state" if resumes else "begins again"
     message = f"t2twin: stopped; the same command {effect}\n"
     with suppress(OSError):  # standard error is closed
         os.write(2, message.encode())  # not print, which the signal may have interrupted

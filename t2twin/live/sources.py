@@ -116,16 +116,6 @@ def open_source(name: str, turn_deg: int = 0, report: Report = _silent) -> Sourc
     return (each and replace(each, image=_rotated(each.image, turn_deg)) for each in frames)
 
 
-def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
-    """Reads a background frame, rotated like other frames: (h, w, 3) or (h, w) uint8.
-
-    Raises T2TwinError if the file cannot be read as an image.
-    """
-    from t2twin.translate.data.images import open_image  # imports torch
-
-    return _rotated(np.asarray(open_image(path)), turn_deg)
-
-
 def _opened_camera(number: str) -> Any:
     """A camera of this machine. Raises T2TwinError if it cannot be opened."""
     cv2 = _opencv()

@@ -183,7 +183,7 @@ def test_a_stopped_command_can_be_repeated(bench, number, moment):
     is_loading = not printed.strip() or (number == signal.SIGINT and "importlib" in printed)
     assert is_loading or "Traceback" not in printed
     if number != signal.SIGKILL and status > 0:
-        end = "continues from here" if bench.command.resumes else "begins again"
+        end = "continues from its last saved state" if bench.command.resumes else "begins again"
         assert is_loading or f"t2twin: stopped; the same command {end}" in printed, printed
         assert left_overs(box) == []
         assert bench.command.resumes or not (box / bench.command.out).exists()

@@ -74,9 +74,9 @@ class FieldPredictor(CountsPredictor):
         features, found = torch.from_numpy(outputs[FEATURES]), []
         for part in parts_of(len(pixels), None):
             batch = pixels[part]
+            images = to_input(batch[..., :COLORS] / np.float32(255.0))
             has_background = batch.shape[-1] > COLORS
-            images = None if has_background else to_input(batch / np.float32(255.0))
-            found += self._frame_check.classify(features[part], images)
+            found += self._frame_check.classify(features[part], images, has_background)
         return [b if a == inside else a for a, b in zip(classes, found, strict=True)]
 
     def _in_torch(self, inputs: torch.Tensor, with_contact: bool, with_features: bool) -> Outputs:

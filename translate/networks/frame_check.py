@@ -5,8 +5,8 @@ and on wrong frames made of them (Hendrycks et al. 2019, outlier exposure).
 
 In the light of any unit, features of right frames vary as much as those of mirrored ones. Their
 distance from the training images (Lee et al. 2018) detects 8 % of these without a background frame.
-A second network therefore sees the frame itself at a low resolution. It names transformed frames
-without a background frame. With one, the first network and the image statistics name all of them.
+A second network therefore sees the frame itself at a low resolution. It names transformed frames,
+also those whose background frame is transformed in the same way.
 
 Shape letters: B images, S image side of the run, n features, K classes, T transforms.
 """
@@ -101,16 +101,17 @@ class FrameCheck(nn.Module):
         hidden = self.hidden(standardized.clamp(-MAX_FEATURE, MAX_FEATURE)).relu()
         return self.logits(self.drop(hidden))
 
-    def classify(self, features: torch.Tensor, images: torch.Tensor | None) -> list[OODClass]:
+    def classify(
+        self, features: torch.Tensor, images: torch.Tensor, has_background: bool
+    ) -> list[OODClass]:
         """(B,) classes of frames; of two transforms, that of the second network.
 
-        features: (B, n). images: (B, 3, S, S), normalized, None for frames with background frames.
+        features: (B, n). images: (B, 3, S, S), normalized, without background frames.
+        has_background: whether the features are of frames with background frames.
         """
         self.eval()
         with torch.inference_mode():
-            if images is None:
-                return self._named(self(features), WITH)
-            found = self._named(self(features), WITHOUT)
+            found = self._named(self(features), WITH if has_background else WITHOUT)
             named = self._named(self.transforms(images), TRANSFORMED)
         replaceable = CLASSES[: 1 + len(INVERSE_TRANSFORMS)]
         return [

@@ -1,7 +1,8 @@
 """Trains the frame check of a field run (networks.frame_check) on the frames of a dataset.
 
 Right frames, and wrong ones made of them, are each given with the unit's background frame and with
-the run's mean frame. The background frame drifts as in the training of the run. A right frame with
+the run's mean frame. The background frame drifts as in the training of the run. That of a wrong
+frame may be altered in the same way. A right frame with
 another unit's background frame is wrong too, unless all units are near that of one optics file,
 whose own light drifts as much. The limits are set on units that the check was not trained on. Its
 second network: fit_transform_net.
@@ -49,6 +50,10 @@ MIN_FRAMES = 300
 
 MAX_SHARDS = 40
 """Shards that they are read from, at most (assumed)."""
+
+BOTH_SHARE = 0.5
+"""Share of the wrong frames whose background frame is altered in the same way (assumed: a user who
+mirrors, crops or reads the one in another way does so with the other)."""
 
 OTHER_UNIT_SHARE = 0.12
 """Share of the wrong frames that are right but for their background frame (assumed)."""
@@ -132,12 +137,14 @@ def _part(
     images, *own = [[pngs[row] for row in rows] for pngs in stored]
     units = [sha256(png).digest() for png in (own[0] if own else images)]
     frames = [decode_png(png) for png in images]
-    wrong, kinds = zip(*(wrong_frame(frame, rng) for frame in frames), strict=True)
+    seeds = rng.integers(2**32, size=len(frames)).tolist()
+    wrong, kinds = zip(*map(_altered, frames, seeds), strict=True)
     classes = np.array([CLASSES.index(kind) for kind in kinds])
     right, altered = _pixels(frames, size), _pixels(wrong, size)
     found = [[_features(translator, each) for each in (right, altered)]]
     if own:
-        backgrounds = _pixels([decode_png(png) for png in own[0]], size)
+        stills = [decode_png(png) for png in own[0]]
+        backgrounds = _pixels(stills, size)
         others = rng.permutation(len(frames))
         differs = np.array([units[n] != units[other] for n, other in enumerate(others)])
         differs &= not _is_of_one_unit(info)
@@ -145,9 +152,17 @@ def _part(
         classes[is_other] = CLASSES.index(OODClass.UNLIKE_BACKGROUND)
         altered[is_other] = right[is_other]
         behind = backgrounds[np.where(is_other, others, np.arange(len(frames)))]
+        is_both = ~is_other & (rng.random(len(frames)) < BOTH_SHARE)
+        for n in np.flatnonzero(is_both):
+            behind[n] = _pixels([_altered(stills[n], seeds[n])[0]], size)[0]
         both = ((right, backgrounds), (altered, behind))
         found.append([_features(translator, _drifted(*each, drift, rng)) for each in both])
     return _Part(found, classes, units)
+
+
+def _altered(frame: np.ndarray, seed: int) -> tuple[np.ndarray, OODClass]:
+    """A wrong frame of a right one; of the same seed, all are altered in the same way."""
+    return wrong_frame(frame, np.random.default_rng(seed))
 
 
 def _is_of_one_unit(info: DatasetInfo) -> bool:

@@ -38,7 +38,9 @@ def wrong_frame(frame: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray
 
 
 def cropped(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    rows, columns = (int(rng.uniform(0.4, 0.75) * side) for side in frame.shape[:2])
+    """A part of the same aspect, at any place."""
+    share = rng.uniform(0.4, 0.85)
+    rows, columns = (round(share * side) for side in frame.shape[:2])
     top, left = rng.integers(frame.shape[0] - rows), rng.integers(frame.shape[1] - columns)
     return frame[top : top + rows, left : left + columns]
 

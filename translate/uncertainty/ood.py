@@ -40,6 +40,11 @@ DARKEST_GREY = 12.0
 BRIGHT_GREY, BRIGHT_SHARE = 250, 0.3
 """An image is overexposed above this share of values of at least this grey level (assumed)."""
 
+COLORED_GREY, COLORLESS_GREY = 6.0, 3.0
+"""Median difference between the largest and the smallest color of a pixel, grey levels: of a mean
+training image from which its sensor has colors, and of an image below which it has none (assumed:
+the pretrained networks' mean images have 12 and 25, a grey image 0)."""
+
 BORDER_SHARE = 0.4
 """Share of the cells along the border, those closest to the background frame, that a contact does
 not change much (assumed)."""
@@ -90,6 +95,7 @@ class OODClass(StrEnum):
     ROTATED_RIGHT = "on its other side"
     BLACK = "black"
     OVEREXPOSED = "overexposed"
+    COLORLESS = "without color"
     BLUE_FIRST = "with blue before red"
     UNLIKE_BACKGROUND = "of another sensor than its background frame"
     NOISE = "noise"
@@ -148,11 +154,14 @@ class OODDetector(Struct, frozen=True):
         in-distribution; if several do, the one with the smallest distance.
         """
         inside = self.in_distribution(pixels)
+        is_colored = _color_grey(self.mean.reshape(CELLS**2, -1)) >= COLORED_GREY
         classes = [OODClass.IN_DISTRIBUTION if each else OODClass.OTHER for each in inside]
         for number, image in enumerate(pixels[:, None]):
             exposure = _exposure_class(image)
             if exposure is not None:
                 classes[number] = exposure
+            elif is_colored and _color_grey(image) < COLORLESS_GREY:
+                classes[number] = OODClass.COLORLESS
             elif not inside[number]:
                 distances = {
                     name: self.distances(undo(image))[0]
@@ -162,6 +171,11 @@ class OODDetector(Struct, frozen=True):
                 if distances[nearest] <= MAX_DISTANCE_RATIO * self.max_distance:
                     classes[number] = nearest
         return classes
+
+
+def _color_grey(values: np.ndarray) -> float:
+    """Median difference between the largest and the smallest of the last axis."""
+    return float(np.median(values.max(axis=-1) - values.min(axis=-1)))
 
 
 def _exposure_class(image: np.ndarray) -> OODClass | None:
