@@ -4,9 +4,9 @@
 
 The dataset of 200 sampled units is made first if it is missing. Each of its frames is given as it
 is, and changed in each of the ways in the table. It has the unit's background frame, the same
-changed in the same way, or none. Of these ways, a page of text and dead leaves (Lee, Mumford and
-Huang 2001, a model of photographs) are no kinds of frames that the run's frame check was trained
-on. FRAMES is a folder of real frames, see benchmark `real`; without it they are left out.
+changed in the same way, or none. The frame check of the run was not trained on two of these ways: a
+page of text, and dead leaves (Lee, Mumford and Huang 2001, a model of photographs). FRAMES is a
+folder of real frames, see benchmark `real`; without it they are left out.
 """
 
 from __future__ import annotations

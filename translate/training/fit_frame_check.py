@@ -52,8 +52,8 @@ MAX_SHARDS = 40
 """Shards that they are read from, at most (assumed)."""
 
 BOTH_SHARE = 0.5
-"""Share of the wrong frames whose background frame is altered in the same way (assumed: a user who
-mirrors, crops or reads the one in another way does so with the other)."""
+"""Share of the wrong frames whose background frame is altered in the same way (assumed: so are both
+of a user who mirrors or crops)."""
 
 OTHER_UNIT_SHARE = 0.12
 """Share of the wrong frames that are right but for their background frame (assumed)."""

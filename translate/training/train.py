@@ -94,8 +94,7 @@ def train(
     and "counts-to-image". Images are validated by the RMSE of their pixels; from images they are
     predicted in color, if the preset is a name. iou_weight: weight of the soft IoU loss
     (models.touch2touch), by default the preset's. contact_alone: train only the contact's layers of
-    a field run, on those of init_from, whose other predictions stay. frame_check: whether a field
-    run gets its frame check, which takes minutes; without one it refuses fewer wrong frames.
+    a field run, on those of init_from; all else stays. frame_check: whether a field run gets one.
     Raises T2TwinError for arguments that are invalid or do not fit together, and an init_from of
     another kind. It also does for an unreadable dataset, a folder with another run, and a loss that
     is not finite.
@@ -103,8 +102,7 @@ def train(
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     _check_limits(epochs, minutes, steps, seed)
     name, settings = find_model(model), for_steps(find_preset(model, preset), steps)
-    values = read_info(data_dir).values
-    reverse = is_reverse(direction, values["source"], values["target"])
+    reverse = is_reverse(direction, **read_info(data_dir).values)
     info = load_info(data_dir, reverse)
     check_direction(info.direction, name)
     if isinstance(preset, str) and info.source.value == info.target.value == IMAGE:
@@ -114,7 +112,6 @@ def train(
     if init_from is not None:
         weights = find_weights(init_from, model, settings, info)
         settings = replace(settings, learning_rate=WARM_START_SHARE * settings.learning_rate)
-    kept = _kept(contact_alone, model, init_from, info)
     config = RunConfig(
         model=model,
         preset=settings,
@@ -128,7 +125,7 @@ def train(
         processes=distributed.process_count(),
         init_from=None if weights is None else sha256_of(weights),
     )
-    config = structs.replace(config, **kept)
+    config = structs.replace(config, **_kept(contact_alone, model, init_from, info))
     return _run(config, data_dir, out_dir, weights, reverse, frame_check)
 
 
