@@ -50,8 +50,8 @@ CHANNELS, WIDTH = (32, 48, 64), 128
 TRANSFORM_DROPOUT = 0.3
 """Share of its values that is left out in training (assumed)."""
 
-LEAST_LIMIT = 0.0
-"""Smallest limit of a score, the logarithm of the odds: no frame is refused that is more likely
+MIN_LIMIT = 0.0
+"""Minimum limit of a score, the logarithm of the odds: no frame is refused that is more likely
 right than wrong."""
 
 WITHOUT, WITH, TRANSFORMED = 0, 1, 2
@@ -94,6 +94,16 @@ class FrameCheck(nn.Module):
         self.register_buffer("scale", torch.ones(features))
         self.register_buffer("limits", torch.full((3,), torch.inf))
         self.transforms = TransformNet()
+
+    def set_limit(
+        self, which: int, right: torch.Tensor, refused_share: float, margin: float = 0.0
+    ) -> None:
+        """Sets a limit from the scores of right frames.
+
+        which: its index. refused_share: share of the frames above the limit without the margin.
+        """
+        limit = torch.quantile(right, 1.0 - refused_share) + margin
+        self.limits[which] = limit.clamp(min=MIN_LIMIT)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         """(B, n) -> (B, K) logits."""

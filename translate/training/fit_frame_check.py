@@ -28,14 +28,7 @@ from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import augment, to_input, to_pixels
 from t2twin.translate.data.pairs import has_backgrounds
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.networks.frame_check import (
-    CLASSES,
-    LEAST_LIMIT,
-    WITH,
-    WITHOUT,
-    FrameCheck,
-    scores,
-)
+from t2twin.translate.networks.frame_check import CLASSES, WITH, WITHOUT, FrameCheck, scores
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, FRAME_CHECK, RunConfig, load_config
 from t2twin.translate.training.fit_transform_net import fit_transform_net
@@ -52,8 +45,8 @@ MAX_SHARDS = 40
 """Shards that they are read from, at most (assumed)."""
 
 BOTH_SHARE = 0.5
-"""Share of the wrong frames whose background frame is altered in the same way (assumed: so are both
-of a user who mirrors or crops)."""
+"""Share of the wrong frames whose background frame is altered in the same way (assumed: a
+user who mirrors or crops frames does so with both)."""
 
 OTHER_UNIT_SHARE = 0.12
 """Share of the wrong frames that are right but for their background frame (assumed)."""
@@ -147,7 +140,7 @@ def _part(
         backgrounds = _pixels(stills, size)
         others = rng.permutation(len(frames))
         differs = np.array([units[n] != units[other] for n, other in enumerate(others)])
-        differs &= not _is_of_one_unit(info)
+        differs &= not _has_one_light(info)
         is_other = differs & (rng.random(len(frames)) < OTHER_UNIT_SHARE)
         classes[is_other] = CLASSES.index(OODClass.UNLIKE_BACKGROUND)
         altered[is_other] = right[is_other]
@@ -161,11 +154,11 @@ def _part(
 
 
 def _altered(frame: np.ndarray, seed: int) -> tuple[np.ndarray, OODClass]:
-    """A wrong frame of a right one; of the same seed, all are altered in the same way."""
+    """A wrong frame made of a right one. One seed alters every frame in the same way."""
     return wrong_frame(frame, np.random.default_rng(seed))
 
 
-def _is_of_one_unit(info: DatasetInfo) -> bool:
+def _has_one_light(info: DatasetInfo) -> bool:
     """Whether the light of all units is near that of one optics file."""
     return info.recipe is not None and info.recipe.light.optics is not None
 
@@ -223,8 +216,7 @@ def _trained(parts: Sequence[_Part], seed: int) -> FrameCheck:
     with torch.inference_mode():
         for mode, (right, _) in enumerate(features):
             found = scores(check(right[torch.from_numpy(~own)]))
-            limit = torch.quantile(found, 1.0 - REFUSED_SHARES[mode])
-            check.limits[mode] = limit.clamp(min=LEAST_LIMIT)
+            check.set_limit(mode, found, REFUSED_SHARES[mode])
     return check
 
 

@@ -16,7 +16,6 @@ from t2twin.translate.data.images import augment, to_input
 from t2twin.translate.data.pairs import load_pairs, usable_cache
 from t2twin.translate.networks.frame_check import (
     CLASSES,
-    LEAST_LIMIT,
     SIDE,
     TRANSFORMED,
     FrameCheck,
@@ -60,8 +59,7 @@ def fit_transform_net(check: FrameCheck, config: RunConfig, data_dir: Path, run_
     check.transforms.eval()
     with torch.inference_mode():
         found = scores(check.transforms(to_input(held_out.astype(np.float32))))
-    limit = torch.quantile(found, 1.0 - REFUSED_SHARE) + MARGIN
-    check.limits[TRANSFORMED] = limit.clamp(min=LEAST_LIMIT)
+    check.set_limit(TRANSFORMED, found, REFUSED_SHARE, MARGIN)
 
 
 def _train(network: TransformNet, frames: np.ndarray, config: RunConfig) -> None:

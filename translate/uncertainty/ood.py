@@ -41,9 +41,9 @@ BRIGHT_GREY, BRIGHT_SHARE = 250, 0.3
 """An image is overexposed above this share of values of at least this grey level (assumed)."""
 
 COLORED_GREY, COLORLESS_GREY = 6.0, 3.0
-"""Median difference between the largest and the smallest color of a pixel, grey levels. From the
-first, a mean training image is that of a sensor with colors; below the second, an image has none
-(assumed). The pretrained networks' mean images have 12 and 25, a grey image 0."""
+"""Median difference between the largest and the smallest color of a pixel, grey levels. A
+sensor has colors if its mean training image has at least the first; an image below the second has
+none (assumed). The pretrained networks' mean images have 12 and 25, a grey image 0."""
 
 BORDER_SHARE = 0.4
 """Share of the cells along the border, those closest to the background frame, that a contact does
