@@ -155,10 +155,13 @@ def test_a_pretrained_run_for_the_size_of_the_images_is_the_initial_one(sensor, 
     assert pipeline._initial_run(None, "resnet18", camera) is None
 
 
-def briefly(model, data_dir, preset, out_dir, minutes, init_from):
+def briefly(model, data_dir, preset, out_dir, minutes, init_from, frame_check):
     """As many steps on every machine."""
     assert preset.drift > 0 and minutes == 0.5 and init_from == HOME / "field"
-    return train(model, data_dir, replace(preset, batch=8), out_dir, epochs=1, init_from=init_from)
+    return train(
+        model, data_dir, replace(preset, batch=8), out_dir, epochs=1, init_from=init_from,
+        frame_check=frame_check,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")

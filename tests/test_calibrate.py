@@ -13,7 +13,13 @@ from PIL import Image
 from benchmarks.optics.fitted_optics import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.calibrate.calibrate import _check_explains, calibrate, cut_and_paste, score
+from t2twin.sim.calibrate.calibrate import (
+    _check_explains,
+    calibrate,
+    cut_and_paste,
+    guess_light,
+    score,
+)
 from t2twin.sim.calibrate.fit import BallFit
 from t2twin.sim.calibrate.frames import (
     clean_background,
@@ -257,6 +263,21 @@ def test_frames_as_the_camera_has_them_are_turned_upright():
 def test_a_press_without_a_contact_is_named(copy, capsys):
     shutil.copy(copy / "background.png", copy / "press_07.png")
     assert "no contact is visible in press_07.png" in refused(copy, capsys)
+
+
+def test_frames_that_no_sensor_takes_are_named(copy, capsys):
+    path = copy / "press_04.png"
+    frame, shape = np.asarray(Image.open(path)), (ROWS, COLUMNS, 3)
+    wrong = {
+        "without color": np.repeat(frame.mean(axis=-1, keepdims=True), 3, axis=-1),
+        "black": frame // 32,
+        "noise": np.random.default_rng(0).integers(0, 256, shape),
+    }
+    for name, each in wrong.items():
+        save(each.astype(np.uint8), path)
+        assert f"press_04.png is {name}; expected frames" in refused(copy, capsys)
+        with pytest.raises(T2TwinError, match=f"press_04.png is {name}"):
+            guess_light(path)
 
 
 def test_too_few_presses_are_refused(copy, capsys):

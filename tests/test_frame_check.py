@@ -151,6 +151,27 @@ def test_a_frame_that_is_wrong_as_its_background_frame_is_named() -> None:
         assert run.classify_frames(wrong, behind) != [OODClass.IN_DISTRIBUTION], kind
 
 
+def test_a_force_that_no_training_image_has_is_named() -> None:
+    twin, run = t2twin.Twin(), require(load_run(HOME / "field"), FieldPredictor, "the test")
+    assert run.config.data.force_n == (0.4, 15.0)
+    strong, right, weak = (
+        twin.press("square-2", force_n=force_n, seed=0).image for force_n in (20.0, 5.0, 0.05)
+    )
+    found = run.estimate([strong, right, weak, twin.background], twin.background).ood_class
+    inside = OODClass.IN_DISTRIBUTION
+    assert found.tolist() == [OODClass.FORCE, inside, OODClass.FORCE, inside]
+
+
+def test_a_background_frame_that_shows_a_contact_is_named() -> None:
+    twin, run = t2twin.Twin(), require(load_run(HOME / "field"), FieldPredictor, "the test")
+    frame, touched = (
+        twin.press(shape, force_n=4.0, seed=0).image for shape in ("hemisphere-2", "square-2")
+    )
+    for _ in range(2):  # the second time the background frame is known
+        assert run.classify_frames(frame, touched) == [OODClass.TOUCHED_BACKGROUND]
+    assert run.classify_frames(frame, twin.background) == [OODClass.IN_DISTRIBUTION]
+
+
 def colored(rng: np.random.Generator, number: int) -> np.ndarray:
     """Frames that are red above, green at the left and blue at the right, with noise."""
     down, across = np.meshgrid(*[np.linspace(-1.0, 1.0, SIDE)] * 2, indexing="ij")

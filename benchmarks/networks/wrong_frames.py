@@ -39,6 +39,7 @@ BENCHMARK = Benchmark(
         Figure("mean.without_percent", "%", least=95.0),
         Figure("mean.both_percent", "%"),
         Figure("other_unit.with_percent", "%", least=95.0),
+        Figure("touched_background.with_percent", "%", least=95.0),
         Figure("wrong.*.with_percent", "%"),
         Figure("wrong.*.without_percent", "%"),
         Figure("wrong.*.both_percent", "%"),
@@ -54,6 +55,9 @@ BENCHMARK = Benchmark(
 
 RECIPE = Path(__file__).with_name("sampled-units.toml")
 
+TOUCHED_N = 1.0
+"""Force from which a frame is a wrong background frame (assumed), N."""
+
 LEAVES = 400
 """Disks of one image of dead leaves (assumed: they cover it)."""
 
@@ -62,7 +66,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.core.images import decode_png
     from t2twin.sim.dataset.columns import BACKGROUND, IMAGE, column
     from t2twin.sim.dataset.generate import make_dataset
-    from t2twin.sim.dataset.store import iter_images, read_info, split_shards
+    from t2twin.sim.dataset.store import iter_images, read_info, read_split, split_shards
     from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
     from t2twin.translate.inference.predictor import require
@@ -85,6 +89,10 @@ def measure(options: Namespace) -> dict[str, Any]:
     found: dict[str, Any] = {"frames": len(frames), "wrong": wrong, "mean": means}
     others = backgrounds[1:] + backgrounds[:1]
     found["other_unit"] = {"with_percent": _share(run, frames, others)}
+    forces_n = read_split(options.data, "train", ["force_n"])["force_n"].to_numpy()
+    touched = [index for index, force_n in enumerate(forces_n) if force_n >= TOUCHED_N]
+    swapped = ([each[index] for index in touched] for each in (backgrounds, frames))
+    found["touched_background"] = {"with_percent": _share(run, *swapped)}
     found["right"] = _named(run, _as_it_is, frames, backgrounds)
     if options.frames is not None:
         real = [np.asarray(Image.open(path)) for path in sorted(options.frames.glob("press_*.png"))]

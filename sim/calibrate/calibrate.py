@@ -17,9 +17,11 @@ from skimage.metrics import structural_similarity
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, write_json
+from t2twin.core.frame_faults import is_colored
 from t2twin.sim.calibrate.coverage import Coverage, coverage_of, coverage_picture
 from t2twin.sim.calibrate.fit import GAMMA, BallFit, Measurements, Presses
 from t2twin.sim.calibrate.frames import (
+    check_usable,
     clean_background,
     contact_patch,
     crop,
@@ -155,6 +157,9 @@ def read_inputs(
 ) -> Inputs:
     """Read the inputs of `calibrate`. Raises T2TwinError for invalid frames or numbers."""
     background_frame, frames, names = read_frames(background, presses, camera)
+    colored = is_colored(sensor.background_frame())
+    for name, frame in zip([background.name, *names], [background_frame, *frames], strict=True):
+        check_usable(frame, name, colored)
     measurements = read_measurements(presses, names, ball_diameter_mm, sensor)
     if tolerance is not None:
         check_tolerance(measurements, sensor, camera, tolerance.of(sensor))
@@ -435,6 +440,7 @@ def guess_light(
             f"the file of {own.name} has no {'table [units]' if own.spec.light.leds else 'LEDs'}, "
             "from which light is sampled for a background alone; give presses of a ball"
         )
+    check_usable(frame, str(background), is_colored(own.background_frame()))
     report(f"sampling {UNIT_COUNT} units of {own.name}, some seconds")
     return mean_light(sample_lights(frame, own, camera))
 

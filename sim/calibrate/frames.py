@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
+from t2twin.core.frame_faults import COLORLESS, NOISE, fault_of, is_noise
 from t2twin.core.images import MAX_FILE_BYTES, decode_image
 from t2twin.sim.optical.camera.noise import REACH, TAPS, Noise
 from t2twin.sim.optical.camera.pinhole import Camera
@@ -118,6 +119,15 @@ def upright_frame(frame: np.ndarray, camera: Camera) -> np.ndarray:
         return np.ascontiguousarray(frame)
     image = Image.fromarray(np.ascontiguousarray(frame))
     return np.array(image.resize((camera.columns, camera.rows), Image.Resampling.BOX))
+
+
+def check_usable(frame: np.ndarray, name: str, colored: bool) -> None:
+    """Raises T2TwinError for a frame that no gel camera takes. colored: whether its sensor has
+    colors."""
+    fault = NOISE if is_noise(frame) else fault_of(frame, colored)
+    if fault is not None:
+        light = "colored light" if fault == COLORLESS else "light"
+        raise T2TwinError(f"{name} is {fault}; expected frames of the sensor in its own {light}")
 
 
 def _size(frame: np.ndarray) -> str:

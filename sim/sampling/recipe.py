@@ -306,6 +306,18 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     @property
+    def force_range_n(self) -> tuple[float, float]:
+        """Smallest and largest force of its presses, N, before a path changes it."""
+        ends: list[float] = []
+        for part in self.parts:
+            force = part.force_n
+            if isinstance(force, ForceRange):
+                ends += force.low, force.high
+            else:
+                ends += force if isinstance(force, tuple) else (force,)
+        return min(ends), max(ends)
+
+    @property
     def has_more(self) -> bool:
         """Whether its pairs have more columns than the protocol's."""
         return (

@@ -103,7 +103,7 @@ def follow(
             throughput.latencies_ms.append(latency_ms)
             if not values["in_distribution"] and not warned:
                 warned = True
-                report(str(unlike([values["ood_class"]], str(run.run_dir))))
+                report(str(unlike([values["ood_class"]], run.run_dir.name)))
             if now_s - reported_s >= REPORT_EVERY_S:
                 reported_s = now_s
                 report(str(throughput))

@@ -246,7 +246,7 @@ class FolderSource:
     def _skip(self, name: str, version: _Version, reason: str) -> None:
         """Counts a frame that remains unreadable, and reports it at a limited rate."""
         self._done[name] = version
-        self._count, self._skipped = self._count + 1, self._skipped + 1
+        self._skipped += 1
         if time.monotonic() >= self._report_due_s:
             self._report_due_s = time.monotonic() + REPORT_EVERY_S
             frames = "frame" if self._skipped == 1 else "frames"

@@ -190,8 +190,9 @@ class DataInfo(Struct, frozen=True):
     """What a run has of its dataset: its two sides, and the SHA-256 of info.json.
 
     recipe: name of the recipe, None for imported pairs. train_pairs: number of training pairs.
-    has_shear, has_contact: whether the pairs contain the shear force and the contact maps of the
-    source; only present if true.
+    force_n: smallest and largest force of its presses, N; absent for imported pairs. has_shear,
+    has_contact: whether the pairs contain the shear force and the contact maps of the source; only
+    present if true.
     The part "data" of a run's config.json, in which some fields have other names.
     """
 
@@ -200,6 +201,7 @@ class DataInfo(Struct, frozen=True):
     target: Side
     recipe: str | None = None
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
+    force_n: tuple[float, float] | UnsetType = UNSET
     has_shear: bool | UnsetType = UNSET
     has_contact: bool | UnsetType = UNSET
 
@@ -250,6 +252,7 @@ def load_info(data_dir: Path, reverse: bool = False) -> DataInfo:
         *sides,
         recipe=info.recipe_name,
         train_pairs=info.pairs["train"],
+        force_n=UNSET if info.recipe is None else info.recipe.force_range_n,
         has_shear=True if moves else UNSET,
         has_contact=UNSET if info.sensors[_roles(reverse)[0]].contact_grid is None else True,
     )

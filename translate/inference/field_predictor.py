@@ -38,11 +38,17 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.field_readout import FEATURES, FieldPrediction
 from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.checkpoint import load_frame_check
-from t2twin.translate.uncertainty.estimate import Estimate
+from t2twin.translate.uncertainty.estimate import Estimate, half_width
 from t2twin.translate.uncertainty.ood import OODClass
 
 MAX_FIELDS = 100_000
 """Maximum number of arrays that one call samples (assumed: 90 MB with 216 places)."""
+
+FORCE_LEVEL = 0.9
+"""Probability of the interval of a force that is compared with those of the training (assumed)."""
+
+MAX_BACKGROUNDS = 64
+"""Background frames that a run remembers (assumed: 3 MB)."""
 
 NO_BACKGROUND = (
     "no background frame is given, which makes predictions less accurate; give an image of the "
@@ -77,7 +83,46 @@ class FieldPredictor(CountsPredictor):
             images = to_input(batch[..., :COLORS] / np.float32(255.0))
             has_background = batch.shape[-1] > COLORS
             found += self._frame_check.classify(features[part], images, has_background)
-        return [b if a == inside else a for a, b in zip(classes, found, strict=True)]
+        by_force = self._classes_by_force(pixels, outputs)
+        ways = zip(classes, found, by_force, strict=True)
+        return [next((each for each in way if each != inside), inside) for way in ways]
+
+    def _classes_by_force(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
+        """(B,) classes by the predicted forces of images and of their background frames.
+
+        A force is below the range of the training if its interval contains neither 0, as of a frame
+        without contact, nor the range. A background frame shows a contact if its force is in the
+        range, and its interval does not contain 0.
+        """
+        inside, known = OODClass.IN_DISTRIBUTION, self.config.data.force_n
+        if not known or outputs.get("force_n") is None:
+            return [inside] * len(pixels)
+        force_n, half = _force_and_half(outputs)
+        outside = (force_n > known[1]) | ((force_n - half > 0.0) & (force_n + half < known[0]))
+        found = [OODClass.FORCE if each else inside for each in outside]
+        if pixels.shape[-1] <= COLORS:
+            return found
+        touched = self._touched(pixels[..., COLORS:], known[0])
+        named = OODClass.TOUCHED_BACKGROUND
+        return [named if touch else each for each, touch in zip(found, touched, strict=True)]
+
+    def _touched(self, frames: np.ndarray, low_n: float) -> list[bool]:
+        """(B,) whether background frames, (B, S, S, 3) uint8, show a contact of low_n or more. A
+        frame that returns is predicted once."""
+        keys = [frame.tobytes() for frame in frames]
+        found = dict(self._seen_backgrounds)
+        new = {key: number for number, key in enumerate(keys) if key not in found}
+        if new:
+            force_n, half = _force_and_half(self._outputs(frames[list(new.values())]))
+            touched = (force_n > low_n) & (force_n > half)
+            found |= dict(zip(new, touched.tolist(), strict=True))
+            self._seen_backgrounds[:] = list(found.items())[-MAX_BACKGROUNDS:]
+        return [found[key] for key in keys]
+
+    @cached_property
+    def _seen_backgrounds(self) -> list[tuple[bytes, bool]]:
+        """Background frames of earlier images, and whether they show a contact."""
+        return []
 
     def _in_torch(self, inputs: torch.Tensor, with_contact: bool, with_features: bool) -> Outputs:
         found = self.translator.predict_all(inputs, with_contact, with_features)
@@ -220,3 +265,8 @@ def _check_some(images: int) -> None:
     """Raises T2TwinError without an image."""
     if not images:
         raise T2TwinError("there is no image to estimate; expected at least one")
+
+
+def _force_and_half(outputs: Outputs) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) predicted forces and half widths of their intervals at FORCE_LEVEL, N."""
+    return outputs["force_n"], half_width(FORCE_LEVEL) * outputs["force_std_n"]

@@ -179,14 +179,16 @@ class CountsPredictor(TrainedTranslator):
     def _compute(self) -> Compute:
         return (lambda *_: None) if self.engine is None else self.engine(self)
 
-    def tactile_images(self, images: Images) -> np.ndarray:
+    def tactile_images(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
         """Tactile images of images: (R, C) or (B, R, C) float32, counts.
 
         For touch2touch the predicted images, resized; for ResNet18 phi of the counts; for field the
-        interpolated dense counts. images: as for `predict`, with the same errors.
+        interpolated dense counts. Arguments, warning and errors: as for `predict`.
         """
         frames, is_one = image_list(images)
-        tactile = self.counts_and_tactile_images(self._pixels(frames))[1]
+        if warning := unlike(self.classify_frames(images, background), self.run_dir.name):
+            warnings.warn(warning, T2TwinWarning, stacklevel=2)
+        tactile = self.counts_and_tactile_images(self._pixels(frames, background))[1]
         return tactile[0] if is_one else tactile
 
     def counts_and_tactile_images(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

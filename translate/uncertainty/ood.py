@@ -20,6 +20,15 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct, field
 
+from t2twin.core.frame_faults import (
+    BLACK,
+    COLORLESS,
+    NOISE,
+    OVEREXPOSED,
+    fault_of,
+    is_colored,
+    is_noise,
+)
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import ImageFile
 
@@ -33,17 +42,6 @@ MAX_DISTANCE_RATIO = 1.5
 """Distance above which an image is out of distribution, divided by the largest distance of a
 training image (assumed). Measured at scale small: at most 0.9 for unseen shapes, at least 2.2 for a
 real DIGIT with its own light, at least 4 for rotated images."""
-
-DARKEST_GREY = 12.0
-"""Mean grey level below which an image is black (assumed: images have means of 70 to 135)."""
-
-BRIGHT_GREY, BRIGHT_SHARE = 250, 0.3
-"""An image is overexposed above this share of values of at least this grey level (assumed)."""
-
-COLORED_GREY, COLORLESS_GREY = 6.0, 3.0
-"""Median difference between the largest and the smallest color of a pixel, grey levels. A
-sensor has colors if its mean training image has at least the first; an image below the second has
-none (assumed). The pretrained networks' mean images have 12 and 25, a grey image 0."""
 
 BORDER_SHARE = 0.4
 """Share of the cells along the border, those closest to the background frame, that a contact does
@@ -65,10 +63,6 @@ PATTERN_PX = 96
 
 ASPECT_TOLERANCE = 0.02
 """Largest relative deviation of an image's width over its height (assumed: 5 px of 240)."""
-
-NOISE_GREY = 20.0
-"""Median difference of neighboring pixels above which an image is noise, grey levels (assumed:
-a camera's noise of 7 has 7)."""
 
 TRANSFORMED_SHARE = 0.5
 """An image is transformed if undoing the transform reduces that difference below this share of it
@@ -93,12 +87,14 @@ class OODClass(StrEnum):
     UPSIDE_DOWN_MIRRORED = "upside down and mirrored"
     ROTATED_LEFT = "on its side"
     ROTATED_RIGHT = "on its other side"
-    BLACK = "black"
-    OVEREXPOSED = "overexposed"
-    COLORLESS = "without color"
+    BLACK = BLACK
+    OVEREXPOSED = OVEREXPOSED
+    COLORLESS = COLORLESS
+    FORCE = "of a force that no training image has"
     BLUE_FIRST = "with blue before red"
     UNLIKE_BACKGROUND = "of another sensor than its background frame"
-    NOISE = "noise"
+    TOUCHED_BACKGROUND = "with a background frame that shows a contact"
+    NOISE = NOISE
     OTHER_ASPECT = "of another aspect ratio"
     OTHER = "of another light or sensor"
 
@@ -154,14 +150,12 @@ class OODDetector(Struct, frozen=True):
         in-distribution; if several do, the one with the smallest distance.
         """
         inside = self.in_distribution(pixels)
-        is_colored = _color_grey(self.mean.reshape(CELLS**2, -1)) >= COLORED_GREY
+        colored = is_colored(self.mean.reshape(CELLS**2, -1))
         classes = [OODClass.IN_DISTRIBUTION if each else OODClass.OTHER for each in inside]
         for number, image in enumerate(pixels[:, None]):
-            exposure = _exposure_class(image)
-            if exposure is not None:
-                classes[number] = exposure
-            elif is_colored and _color_grey(image) < COLORLESS_GREY:
-                classes[number] = OODClass.COLORLESS
+            fault = fault_of(image[0], colored)
+            if fault is not None:
+                classes[number] = OODClass(fault)
             elif not inside[number]:
                 distances = {
                     name: self.distances(undo(image))[0]
@@ -173,19 +167,6 @@ class OODDetector(Struct, frozen=True):
         return classes
 
 
-def _color_grey(values: np.ndarray) -> float:
-    """Median difference between the largest and the smallest of the last axis."""
-    return float(np.median(values.max(axis=-1) - values.min(axis=-1)))
-
-
-def _exposure_class(image: np.ndarray) -> OODClass | None:
-    """BLACK, OVEREXPOSED or None, for an image of any shape."""
-    if image.mean() < DARKEST_GREY:
-        return OODClass.BLACK
-    overexposed = (image >= BRIGHT_GREY).mean() > BRIGHT_SHARE
-    return OODClass.OVEREXPOSED if overexposed else None
-
-
 def classify_frame(
     frame: np.ndarray, aspect: float, background: np.ndarray | None = None
 ) -> OODClass:
@@ -194,9 +175,7 @@ def classify_frame(
     frame: (h, w, c) or (h, w) uint8. aspect: width over height of the sensor's images. background:
     its background frame; only its aspect is checked.
     """
-    left, right = frame[:, :-1], frame[:, 1:]
-    steps = np.maximum(left, right) - np.minimum(left, right)
-    if 2 * np.count_nonzero(steps > NOISE_GREY) > steps.size:  # their median is above
+    if is_noise(frame):
         return OODClass.NOISE
     both = (frame,) if background is None else (frame, background)
     ratios = [each.shape[1] / each.shape[0] / aspect for each in both]
@@ -218,7 +197,8 @@ def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) 
         f"{len(found)} of {len(classes)} images are unlike all training images of {run}{example} "
         f"({', '.join(f'{count} {name}' for name, count in counted)}); their counts are not "
         "reliable: expected upright frames, red before blue, not cropped, of the same "
-        "sensor in the same light, and its own background frame"
+        "sensor in the same light, its own background frame without contact, and forces of the "
+        "training"
     )
 
 
