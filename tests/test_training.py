@@ -292,7 +292,7 @@ def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> Non
     ]
     said = [process.communicate(timeout=180)[0] for process in processes]
     assert [process.returncode for process in processes] == [0, 0], said
-    assert "2 process(es)" in said[0]
+    assert "2 processes of" in said[0]
     assert "step" not in said[1]
     assert load_config(tmp_path).processes == 2
     log = records(tmp_path)

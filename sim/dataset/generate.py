@@ -21,6 +21,7 @@ from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.core.renamed import new_keywords
+from t2twin.core.words import counted
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape_cache import code_digest
 from t2twin.sim.contact.elastomer import elastomer_json
@@ -346,10 +347,10 @@ def _results(
     if scheduler is not None:
         from t2twin.sim.dataset import cluster
 
-        bar.write(f"{schedule.pairs} pairs to make on the cluster at {scheduler}")
+        bar.write(f"{counted(schedule.pairs, 'pair')} to make on the cluster at {scheduler}")
         return cluster.run(context, schedule, scheduler, info.versions, bar.update)
     workers = min(workers, schedule.length)
-    bar.write(f"{schedule.pairs} pairs to make with {workers} workers")
+    bar.write(f"{counted(schedule.pairs, 'pair')} to make with {counted(workers, 'worker')}")
     if context.recipe.light.renderer == "pyrender":
         bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
     return pool.run(context, schedule, workers, bar.update)
@@ -364,11 +365,12 @@ def summary(run: RunTiming) -> str:
     )
     busy = sum(run.stage_seconds.values()) / (run.workers * run.seconds)
     rejected = "".join(
-        f"{count} presses rejected and sampled again: {reason}\n"
+        f"{counted(count, 'press', 'presses')} rejected and sampled again: {reason}\n"
         for reason, count in run.rejected.items()
     )
     return (
-        f"{run.pairs} pairs in {run.seconds:.0f} s with {run.workers} workers: "
+        f"{counted(run.pairs, 'pair')} in {run.seconds:.0f} s with "
+        f"{counted(run.workers, 'worker')}: "
         f"{run.pairs / run.seconds:.1f} pairs/s, workers busy {100 * busy:.0f} % of the time\n"
         f"processor time of a pair, ms: {stages}; and {run.stage_seconds['shape']:.1f} s to load "
         f"the shapes\n{rejected}"

@@ -18,6 +18,7 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import SUFFIXES
+from t2twin.core.words import counted
 
 DEFAULT_HZ = 60.0
 """Frame rate of a video without a valid rate (assumed: that of many cameras)."""
@@ -249,8 +250,7 @@ class FolderSource:
         self._skipped += 1
         if time.monotonic() >= self._report_due_s:
             self._report_due_s = time.monotonic() + REPORT_EVERY_S
-            frames = "frame" if self._skipped == 1 else "frames"
-            self._report(f"{self._skipped} {frames} skipped so far; latest: {reason}")
+            self._report(f"{counted(self._skipped, 'frame')} skipped so far; latest: {reason}")
 
     def _listed(self) -> dict[str, _Version]:
         """Versions of the image files. Raises T2TwinError if the folder cannot be listed."""

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
+from t2twin.core.words import counted
 from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
@@ -55,8 +56,8 @@ class TrainingResult:
         grey = self.best_rmse_grey
         rmse = f"{self.best_rmse_counts:.0f} counts" if grey is None else f"{grey:.1f} grey levels"
         return (
-            f"{self.stop_reason}; the best of {self.epochs} epochs is {self.best_epoch}, with a "
-            f"validation RMSE of {rmse} ({self.best_rmse_percent:.2f} %)"
+            f"{self.stop_reason}; the best of {counted(self.epochs, 'epoch')} is "
+            f"{self.best_epoch}, with a validation RMSE of {rmse} ({self.best_rmse_percent:.2f} %)"
         )
 
 
@@ -81,7 +82,7 @@ def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
     if len(history) >= config.planned_epochs:
         return "all its epochs are done"
     if len(history) - best_epoch(history).epoch >= config.preset.patience:
-        return f"{config.preset.patience} epochs brought no better validation"
+        return f"{counted(config.preset.patience, 'epoch')} brought no better validation"
     seconds = sum(record.seconds for record in history)
     if config.minutes is not None and seconds >= 60 * config.minutes:
         return f"its {config.minutes:g} minutes are over"
@@ -354,12 +355,13 @@ class Trainer:
         direction = "" if config.direction == IMAGE_TO_COUNTS else f" {config.direction}"
         print(
             f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
-            f"{len(self.pairs)} pairs, "
-            f"validated on {len(self.validation)}, {config.planned_epochs} epochs of {self.steps} "
-            f"steps, {config.precision} on {self.translator.device.type}, "
-            f"{config.processes} process(es) of {torch.get_num_threads()} thread(s). "
+            f"{counted(len(self.pairs), 'pair')}, "
+            f"validated on {len(self.validation)}, {counted(config.planned_epochs, 'epoch')} of "
+            f"{counted(self.steps, 'step')}, {config.precision} on {self.translator.device.type}, "
+            f"{counted(config.processes, 'process', 'processes')} of "
+            f"{counted(torch.get_num_threads(), 'thread')}. "
             f"At most {seconds / 60:.1f} minutes; it stops after "
-            f"{config.preset.patience} epochs without a better validation.",
+            f"{counted(config.preset.patience, 'epoch')} without a better validation.",
             flush=True,
         )
 
