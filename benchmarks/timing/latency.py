@@ -1,4 +1,4 @@
-"""Time from one DIGIT frame to its counts on one core, as a live sensor needs it.
+"""Time from one frame to its counts on one core, as a live sensor needs it.
 
     python -m benchmarks.timing.latency
 
@@ -6,6 +6,9 @@ The input is a (320, 240, 3) uint8 array; the time includes resizing. All transl
 cpu and paper are timed with random weights, which do not change the time. `t2twin.load` uses ONNX
 Runtime here. The same run in PyTorch, and its unmodified network in PyTorch (batch norms not
 folded, contiguous, no_grad), are timed in turn on one thread.
+
+The pretrained runs are timed with a background frame, to counts, force and contact, with the
+classes of frames.
 """
 
 from __future__ import annotations
@@ -15,7 +18,8 @@ import statistics
 import tempfile
 import time
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +29,10 @@ from PIL import Image
 from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.cache_dir import VARIABLE
+from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.sensors.defaults import SOURCE
 from t2twin.sim.sensors.pair import SensorPair
+from t2twin.translate.runs.config import pretrained_runs
 
 if TYPE_CHECKING:
     from t2twin.translate.models.presets import Model, Preset
@@ -33,13 +40,15 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     module="benchmarks.timing.latency",
-    measures="Time from one DIGIT frame to its counts on one core, against PyTorch.",
+    measures="Time from one frame to its counts or contact on one core, against PyTorch.",
     minutes=2,
     sources=("sim/taxels", "translate"),
     figures=(
         Figure("presets.touch2touch-cpu.median_ms", "ms", most=30.0),
         Figure("presets.resnet18-cpu.median_ms", "ms", most=16.0),
         Figure("presets.field-cpu.median_ms", "ms", most=12.0),
+        Figure("presets.field-pretrained.median_ms", "ms", most=12.0),
+        Figure("presets.mini-pretrained.median_ms", "ms", most=12.0),
         Figure("presets.touch2touch-paper.median_ms", "ms"),
         Figure("presets.resnet18-paper.median_ms", "ms"),
         Figure("presets.*.p95_ms", "ms"),
@@ -75,8 +84,33 @@ def measure(options: Namespace) -> dict[str, Any]:
             f"{model}-{name}": _measure(model, PRESETS[model][name], frames)
             for model in MODELS
             for name in MEASURED
-        },
+        }
+        | {f"{name}-pretrained": _measure_contact(name) for name in pretrained_runs()},
     }
+
+
+def _measure_contact(name: str) -> dict[str, float]:
+    """Times of the contact by a pretrained run, from frames without contact of its sensor."""
+    from t2twin.sim.sensors.files import load_sensor
+    from t2twin.translate.inference.field_predictor import FieldPredictor
+    from t2twin.translate.inference.load import load
+    from t2twin.translate.inference.predictor import require
+
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ[VARIABLE] = folder
+        runs = {"": load(name, engine="onnx"), "torch_": load(name, engine="torch")}
+        sensor = load_sensor(runs[""].config.data.camera.sensor or SOURCE)
+        assert isinstance(sensor, GelCamera)
+        rng = np.random.default_rng(0)
+        frames = [sensor.background_frame(rng) for _ in range(ROUNDS + 2)]
+        ways = {
+            way: partial(
+                require(run, FieldPredictor, "the benchmark").estimate_with_contact,
+                background=frames[0],
+            )
+            for way, run in runs.items()
+        }
+        return _compared(ways, frames)
 
 
 def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, float]:
@@ -91,19 +125,28 @@ def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, floa
             "torch_": load(run_dir, engine="torch").predict,
             "plain_": _plain(config, run_dir),
         }
-        times: dict[str, list[float]] = {way: [] for way in ways}
-        for frame in frames:
-            for way, predict in ways.items():
-                started = time.perf_counter()
-                predict(frame)
-                times[way].append(1e3 * (time.perf_counter() - started))
+        return _compared(ways, frames)
+
+
+def _compared(
+    ways: Mapping[str, Callable[[np.ndarray], object]], frames: Iterable[np.ndarray]
+) -> dict[str, float]:
+    """Median times of the ways, taken in turn, and their ratios to the first, named "".
+
+    The first two frames are not counted.
+    """
+    times: dict[str, list[float]] = {way: [] for way in ways}
+    for frame in frames:
+        for way, predict in ways.items():
+            started = time.perf_counter()
+            predict(frame)
+            times[way].append(1e3 * (time.perf_counter() - started))
     counted = {way: sorted(each[2:]) for way, each in times.items()}
     medians = {way: statistics.median(each) for way, each in counted.items()}
     return {
         **{f"{way}median_ms": median for way, median in medians.items()},
         "p95_ms": counted[""][int(0.95 * len(counted[""]))],
-        "torch_ratio": medians["torch_"] / medians[""],
-        "plain_ratio": medians["plain_"] / medians[""],
+        **{f"{way}ratio": median / medians[""] for way, median in medians.items() if way},
     }
 
 

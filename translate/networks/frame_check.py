@@ -119,7 +119,8 @@ class FrameCheck(nn.Module):
         features: (B, n). images: (B, 3, S, S), normalized, without background frames.
         has_background: whether the features are of frames with background frames.
         """
-        self.eval()
+        if self.training:
+            self.eval()
         with torch.inference_mode():
             found = self._named(self(features), WITH if has_background else WITHOUT)
             named = self._named(self.transforms(images), TRANSFORMED)

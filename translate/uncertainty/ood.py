@@ -14,6 +14,7 @@ Shape letters: B images, S image side, c channels, K = CELLS * CELLS * c values.
 from collections import Counter
 from collections.abc import Callable, Sequence
 from enum import StrEnum
+from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated
 
@@ -73,6 +74,9 @@ STORED_DECIMALS = 3
 
 MIN_IMAGES = 100
 """Training images that the statistics need (assumed)."""
+
+MAX_BACKGROUNDS = 64
+"""Background frames whose cells and pattern are kept (assumed: 12 MB)."""
 
 BATCH_SIZE = 1024
 """Images in one batch; bounds memory."""
@@ -218,8 +222,8 @@ def compare_with_background(pixels: np.ndarray, frames: np.ndarray) -> list[OODC
 
 def _compare(image: np.ndarray, frame: np.ndarray) -> OODClass:
     """image, frame: (1, S, S, c)."""
-    cells, frame_cells = (_cell_means(each).reshape(1, CELLS, CELLS, -1) for each in (image, frame))
-    pattern, frame_pattern = _pattern(image), _pattern(frame)
+    cells, pattern = _cells_and_pattern(image.tobytes(), image.shape)
+    frame_cells, frame_pattern = _known_background(frame.tobytes(), frame.shape)
     undone = [undo(cells) for undo in INVERSE_TRANSFORMS.values()]
     difference, *others = _border_differences(np.concatenate([cells, *undone]), frame_cells)
     differences = dict(zip(INVERSE_TRANSFORMS, others, strict=True))
@@ -280,6 +284,15 @@ def _pattern(image: np.ndarray) -> np.ndarray:
         pattern -= grey[:, rows, columns]
     limit = 3.0 * 1.48 * np.median(np.abs(pattern), axis=(0, 1, 2))  # 1.48: of a Gaussian
     return np.clip(pattern, -limit, limit)
+
+
+def _cells_and_pattern(content: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """(1, CELLS, CELLS, c) means and the `_pattern` of an image, (1, S, S, c), by its bytes."""
+    image = np.frombuffer(content, np.uint8).reshape(shape)
+    return _cell_means(image).reshape(1, CELLS, CELLS, -1), _pattern(image)
+
+
+_known_background = lru_cache(MAX_BACKGROUNDS)(_cells_and_pattern)
 
 
 def _correlation(one: np.ndarray, other: np.ndarray) -> float:
