@@ -272,6 +272,8 @@ def test_many_states_are_read_at_the_same_time():
     for wrong, message in ((["digit"], "expected sensors"), (sensors, "twice")):
         with pytest.raises(T2TwinError, match=message):
             t2twin.read_all(wrong, [data, data])  # pyright: ignore[reportArgumentType]
+    with pytest.raises(T2TwinError, match=r"expected a list of them, such as \[data\]"):
+        t2twin.read_all(sensors, data)  # pyright: ignore[reportArgumentType]
 
 
 def test_contacts_at_the_side_are_named():
@@ -345,6 +347,15 @@ def test_wrong_models():
     ):
         with pytest.raises(T2TwinError, match=message):
             attached.read(wrong, data)
+
+
+def test_two_sensors_in_one_place_are_refused():
+    spec = scene()
+    t2twin.attach(spec, site="pad", sensor="digit", name="one")
+    with pytest.raises(T2TwinError, match="the sensor one is already mounted there"):
+        t2twin.attach(spec, site="pad", sensor="cyskin")
+    t2twin.attach(spec, site="pad", sensor="cyskin", pos=[0.03, 0, 0])
+    assert spec.body("cyskin/body") is not None
 
 
 def test_a_flex_is_refused():

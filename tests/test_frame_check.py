@@ -151,15 +151,14 @@ def test_a_frame_that_is_wrong_as_its_background_frame_is_named() -> None:
         assert run.classify_frames(wrong, behind) != [OODClass.IN_DISTRIBUTION], kind
 
 
-def test_a_force_that_no_training_image_has_is_named() -> None:
+def test_a_force_outside_the_training_is_named() -> None:
     twin, run = t2twin.Twin(), require(load_run(HOME / "field"), FieldPredictor, "the test")
     assert run.config.data.force_n == (0.4, 15.0)
-    strong, right, weak = (
-        twin.press("square-2", force_n=force_n, seed=0).image for force_n in (20.0, 5.0, 0.05)
-    )
-    found = run.estimate([strong, right, weak, twin.background], twin.background).ood_class
-    inside = OODClass.IN_DISTRIBUTION
-    assert found.tolist() == [OODClass.FORCE, inside, OODClass.FORCE, inside]
+    forces_n = {"square-2": (0.1, 25.0), "hemisphere-4": (0.1, 18.0), "random-12": (0.1, 30.0)}
+    for shape, outside in forces_n.items():
+        frames = [twin.press(shape, force_n=n, seed=3).image for n in (*outside, 0.5, 5.0)]
+        found = run.estimate([*frames, twin.background], twin.background).ood_class
+        assert found.tolist() == [OODClass.FORCE] * 2 + [OODClass.IN_DISTRIBUTION] * 3, shape
 
 
 def test_a_background_frame_that_shows_a_contact_is_named() -> None:
@@ -170,6 +169,8 @@ def test_a_background_frame_that_shows_a_contact_is_named() -> None:
     for _ in range(2):  # the second time the background frame is known
         assert run.classify_frames(frame, touched) == [OODClass.TOUCHED_BACKGROUND]
     assert run.classify_frames(frame, twin.background) == [OODClass.IN_DISTRIBUTION]
+    assert run.classify_frames(twin.background, frame) == [OODClass.TOUCHED_BACKGROUND]
+    assert run.shows_contact([frame, twin.background]) == [True, False]
 
 
 def colored(rng: np.random.Generator, number: int) -> np.ndarray:

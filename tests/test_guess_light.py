@@ -85,3 +85,14 @@ def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys
     for name in ("background", "leds_mm", "sizes_mm", "response"):
         np.testing.assert_array_equal(getattr(written, name), getattr(given, name))
     assert not (tmp_path / "out" / "optics.json").exists()
+
+
+def test_a_contact_in_the_background_is_named(tmp_path, capsys, monkeypatch):
+    few = functools.partial(sample_lights, count=FEW)
+    monkeypatch.setattr("t2twin.sim.calibrate.calibrate.sample_lights", few)
+    twin, path = t2twin.Twin(), tmp_path / "mine.png"
+    frames = twin.background, twin.press("hemisphere-2", force_n=4.0, seed=0).image
+    for frame, said in zip(frames, (False, True), strict=True):
+        Image.fromarray(frame).save(path)
+        main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])
+        assert (f"{path} shows a contact, by field" in capsys.readouterr().err) == said

@@ -47,8 +47,9 @@ BENCHMARK = Benchmark(
         Figure("presets.touch2touch-cpu.median_ms", "ms", most=30.0),
         Figure("presets.resnet18-cpu.median_ms", "ms", most=16.0),
         Figure("presets.field-cpu.median_ms", "ms", most=12.0),
-        Figure("presets.field-pretrained.median_ms", "ms", most=12.0),
-        Figure("presets.mini-pretrained.median_ms", "ms", most=12.0),
+        Figure("contact.field.median_ms", "ms", most=12.0),
+        Figure("contact.mini.median_ms", "ms", most=12.0),
+        Figure("contact.*.torch_ratio"),
         Figure("presets.touch2touch-paper.median_ms", "ms"),
         Figure("presets.resnet18-paper.median_ms", "ms"),
         Figure("presets.*.p95_ms", "ms"),
@@ -84,8 +85,8 @@ def measure(options: Namespace) -> dict[str, Any]:
             f"{model}-{name}": _measure(model, PRESETS[model][name], frames)
             for model in MODELS
             for name in MEASURED
-        }
-        | {f"{name}-pretrained": _measure_contact(name) for name in pretrained_runs()},
+        },
+        "contact": {name: _measure_contact(name) for name in pretrained_runs()},
     }
 
 

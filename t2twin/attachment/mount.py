@@ -51,6 +51,9 @@ CLEARANCE_M = 1e-3
 """Distance of the geom from the mount's far side, m (assumed: more than bodies at rest there sink
 in with MuJoCo's default contact)."""
 
+SAME_PLACE_M = 1e-6
+"""Distance of two bases below which they are in one place, m (assumed: rounding)."""
+
 START_M = 1e-4
 """Depth below the base at which a ray starts, m (assumed)."""
 
@@ -251,6 +254,7 @@ def _backing_m(
     mujoco.mju_quat2Mat(turn, quat)
     outer = place.xmat.reshape(3, 3)
     frame = Pose(outer @ turn.reshape(3, 3), place.xpos + outer @ pos)
+    _check_free(model, data, frame.position_m)
     geoms = np.flatnonzero(model.body_weldid[model.geom_bodyid] == model.body_weldid[body])
     half_x, half_y = 0.5e-3 * elastomer.width_mm, 0.5e-3 * elastomer.length_mm
     starts = [(2 * x * half_x, 2 * y * half_y, 0.0) for x in RAYS for y in RAYS]
@@ -261,6 +265,17 @@ def _backing_m(
         for start in starts
     ]
     return min(depths) if any(depths) else deepest_m
+
+
+def _check_free(model: "mujoco.MjModel", data: "mujoco.MjData", position_m: np.ndarray) -> None:
+    """Raises T2TwinError for a place where another sensor is mounted."""
+    for body in range(model.nbody):
+        name, _, part = model.body(body).name.rpartition("/")
+        if part == BODY and np.allclose(data.xpos[body], position_m, atol=SAME_PLACE_M):
+            raise T2TwinError(
+                f"the sensor {name} is already mounted there, and two sensors cannot share a "
+                "contact; take another site, body or pos"
+            )
 
 
 def _thickness_m(

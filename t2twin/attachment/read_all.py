@@ -33,6 +33,8 @@ def read_all(
     Raises T2TwinError for invalid arguments, and as `AttachedSensor.read`.
     """
     chosen = [sensors] if isinstance(sensors, AttachedSensor) else list(sensors)
+    if isinstance(states, mujoco.MjData):
+        raise T2TwinError("states is one mujoco.MjData; expected a list of them, such as [data]")
     states = list(states)
     for each in chosen:
         if not isinstance(each, AttachedSensor):

@@ -1,5 +1,6 @@
 """t2twin calibrate, t2twin adapt"""
 
+import sys
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -92,6 +93,7 @@ def calibrate(
     from t2twin.sim.calibrate.calibrate import guess_light
 
     camera = fit.camera(sensor)
+    _warn_of_contact(background, camera, sensor)
     if presses is None:
         if ball_diameter_mm is not None or fit != FitOptions(scale_px_per_mm=fit.scale_px_per_mm):
             raise T2TwinError(
@@ -116,6 +118,28 @@ def calibrate(
     print(f"written to {out}: optics.npz, for press and simdata as --optics;")
     print("optics.json, the printed results; optics_strip.png, the held-out presses:")
     print("real above, simulated below; optics_coverage.png, all presses and what they leave bare")
+
+
+def _warn_of_contact(background: Path, camera: "Camera", sensor: str) -> None:
+    """Warn if a pretrained run of the sensor finds a contact in the background frame.
+
+    Raises T2TwinError for a frame that cannot be read or has another size.
+    """
+    from t2twin.sim.calibrate.frames import read_frame, upright_frame
+    from t2twin.translate.inference.field_predictor import FieldPredictor
+    from t2twin.translate.inference.load import load_run
+    from t2twin.translate.runs.config import load_config, pretrained_runs, resolve_run
+
+    frame = upright_frame(read_frame(background), camera)
+    for name in pretrained_runs():
+        if load_config(resolve_run(name)).data.camera.sensor != sensor:
+            continue
+        run = load_run(name)
+        if isinstance(run, FieldPredictor) and run.shows_contact(frame)[0]:
+            print(
+                f"t2twin: {background} shows a contact, by {name}; expected a frame without",
+                file=sys.stderr,
+            )
 
 
 def _write(report: "OpticsReport", out: Path, sensor: str) -> None:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from t2twin.core.words import counted
+
 if TYPE_CHECKING:
     from t2twin.translate.inference.batch import TranslationResult
 
@@ -89,7 +91,7 @@ def translate(
         return
     if not _is_image_to_counts(options):
         readings = translate_readings(options.name, images, out, png)
-        print(f"{len(readings)} readings translated, written to {out}")
+        print(f"{counted(len(readings), 'reading')} translated, written to {out}")
         return
     files = find_images(images)
     result = translate_files(
@@ -116,15 +118,16 @@ def _translate_contacts(
     files = find_images(images)
     contacts = translate_contacts(options.name, files, out, options.background, png)
     for path, contact in list(zip(files, contacts, strict=True))[:MAX_PRINTED]:
-        print(f"{path}: {contact}")
+        print(f"{path}: {contact.words}")
     if len(files) > MAX_PRINTED:
         print(f"and {len(files) - MAX_PRINTED:,} more")
     print(f"written to {out}")
     if options.background is None:
         print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
     for note in dict.fromkeys(note for each in contacts for note in each.notes):
-        count = sum(note in each.notes for each in contacts)
-        print(f"t2twin: {count} of {len(contacts)} images: {note}", file=sys.stderr)
+        noted = [path for path, each in zip(files, contacts, strict=True) if note in each.notes]
+        part = f"{len(noted)} of {counted(len(files), 'image')}, such as {noted[0]}"
+        print(f"t2twin: {part}: {note}", file=sys.stderr)
 
 
 def _is_image_to_counts(options: PredictionOptions) -> bool:

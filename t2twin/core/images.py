@@ -88,7 +88,7 @@ def _opened(file: BinaryIO, formats: tuple[str, ...]) -> Image.Image:
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         raise T2TwinError(f"it has more than {MAX_PIXELS:,} pixels, the most allowed") from None
     except _ERRORS:
-        raise T2TwinError(f"it is no whole {' or '.join(formats)} image") from None
+        raise T2TwinError(f"it is not a complete {' or '.join(formats)} image") from None
     width, height = image.size
     if width * height > MAX_PIXELS:
         image.close()

@@ -29,7 +29,7 @@ from t2twin.translate.evaluation.records import (
 TOUCH2TOUCH, RESNET18 = "touch2touch", "resnet18"
 
 DIFFERENCES: dict[str, tuple[FigureName, str]] = {
-    "lower-error": ("rmse_counts", "Has ResNet18 the lower error?"),
+    "lower-error": ("rmse_counts", "Does ResNet18 have the lower error?"),
     "better-shape-ssim": ("ssim", "Does touch2touch keep the shape better, by SSIM?"),
     "better-shape-iou": ("contact_iou", "Does touch2touch keep the shape better, by contact IoU?"),
 }

@@ -42,13 +42,13 @@ class ContactEstimate:
 
     depth_mm, depth_std_mm: (R, C) float32 depth of the gel's surface, negative where it is raised,
     and its standard deviation. pressure_kpa, pressure_std_kpa: (R, C) float32, normal pressure; 0
-    outside the mask. probability: (R, C) float32 of contact. mask: (R, C) bool, whether it is at
-    least one half. force_n, force_std_n: force of the whole press, N; None if the run was trained
-    on presses of one force. center_mm, center_std_mm: (2,) center of pressure along x and y from
-    the middle of the view; not a number without contact. shear_n, shear_std_n: (2,) shear force
-    along x and y, N; None if the run was trained without. view_mm: half the width and half the
-    height of the view. at_edge: whether the mask reaches the edge of the view. ood_class: the
-    OODClass of the image.
+    outside the mask, but for interpolation along its edge. probability: (R, C) float32 of contact.
+    mask: (R, C) bool, whether it is at least one half. force_n, force_std_n: force of the whole
+    press, N; None if the run was trained on presses of one force. center_mm, center_std_mm: (2,)
+    center of pressure along x and y from the middle of the view; not a number without contact.
+    shear_n, shear_std_n: (2,) shear force along x and y, N; None if the run was trained without.
+    view_mm: half the width and half the height of the view. at_edge: whether the mask reaches the
+    edge of the view. ood_class: the OODClass of the image.
 
     Lengths, pressures and places are those of a unit with the view of the sensor's file.
     """
@@ -70,13 +70,18 @@ class ContactEstimate:
     shear_std_n: np.ndarray | None = None
 
     def __repr__(self) -> str:
+        return f"ContactEstimate({self.words})"
+
+    @property
+    def words(self) -> str:
+        """Depth, area, force, shear force and notes in words."""
         parts = [f"depth {self.largest_depth_mm:.3g} mm, area {self.area_mm2:.3g} mm2"]
         for name, value, std in (
             ("force", self.force_n, self.force_std_n), ("shear", self.shear_n, self.shear_std_n),
         ):  # fmt: skip
             if value is not None and std is not None:
                 parts.append(f"{name} {with_std(value, std)} N")
-        return f"ContactEstimate({'; '.join([*parts, *self.notes])})"
+        return "; ".join([*parts, *self.notes])
 
     @property
     def is_empty(self) -> bool:
@@ -86,7 +91,11 @@ class ContactEstimate:
     @property
     def notes(self) -> tuple[str, ...]:
         """What limits the estimate, in words; empty for none."""
-        found = [] if self.ood_class == OODClass.IN_DISTRIBUTION else [f"image {self.ood_class}"]
+        found = (
+            []
+            if self.ood_class == OODClass.IN_DISTRIBUTION
+            else [f"out of distribution ({self.ood_class})"]
+        )
         found += [EMPTY_NOTE] if self.is_empty else []
         return (*found, *([EDGE_NOTE] if self.at_edge else []))
 
@@ -106,7 +115,8 @@ class ContactEstimate:
         return float(1e-3 * self.pressure_kpa.mean() * 4.0 * self.view_mm[0] * self.view_mm[1])
 
     def summary(self) -> dict[str, Any]:
-        """The values that are not arrays of pixels, for JSON; None where there is none."""
+        """The values that are not arrays of pixels, for JSON. Without contact it has no center, and
+        what the run does not predict is None."""
         given = {name: getattr(self, name) for name in VALUES}
         values = {
             name: None if each is None else np.round(each.astype(float), 4).tolist()

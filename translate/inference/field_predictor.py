@@ -45,7 +45,11 @@ MAX_FIELDS = 100_000
 """Maximum number of arrays that one call samples (assumed: 90 MB with 216 places)."""
 
 FORCE_LEVEL = 0.9
-"""Probability of the interval of a force that is compared with those of the training (assumed)."""
+"""Probability of the interval of a force that must not contain 0 (assumed)."""
+
+NEAR_HIGHEST = 0.97
+"""Share of the training's highest force above which a predicted one may be of any higher force:
+`field` predicts 15 to 17 N for 20 N (assumed)."""
 
 MAX_BACKGROUNDS = 64
 """Background frames that a run remembers (assumed: 3 MB)."""
@@ -67,38 +71,58 @@ class FieldPredictor(CountsPredictor):
     RUNS: ClassVar[str] = "a field run"
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
-        """See CountsPredictor. A run with a frame check uses it too."""
+        """See CountsPredictor. A run with a frame check uses it too, and one that predicts forces
+        their range in the training."""
         self._check_pixels(pixels)
-        needed = self._frame_check is not None
-        outputs = self._outputs(pixels, with_features=True) if needed else {}
-        return self._classified(pixels, outputs)
+        return self._classified(pixels, self._outputs(pixels, with_features=True))
+
+    def shows_contact(self, images: Images) -> list[bool]:
+        """(B,) whether frames show a contact, as a background frame must not.
+
+        Arguments and errors: as for `predict`. False for a run that predicts no force.
+        """
+        pixels, known = self.pixels_of(images), self.config.data.force_n
+        return self._touched(pixels, known[0]) if known else [False] * len(pixels)
 
     def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
-        classes, inside = super()._classified(pixels, outputs), OODClass.IN_DISTRIBUTION
+        known, inside = super()._classified(pixels, outputs), OODClass.IN_DISTRIBUTION
+        found = []
+        ways = (
+            known,
+            self._classes_by_check(pixels, outputs),
+            self._classes_by_force(pixels, outputs),
+        )
+        for *others, by_force in zip(*ways, strict=True):
+            named = next((each for each in others if each != inside), inside)
+            is_vague = named in (inside, OODClass.OTHER, OODClass.UNLIKE_BACKGROUND)
+            found.append(by_force if is_vague and by_force != inside else named)
+        return found
+
+    def _classes_by_check(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
+        """(B,) classes by the run's frame check, if it has one."""
+        found: list[OODClass] = []
         if self._frame_check is None or not len(pixels):
-            return classes
-        features, found = torch.from_numpy(outputs[FEATURES]), []
+            return [OODClass.IN_DISTRIBUTION] * len(pixels)
+        features = torch.from_numpy(outputs[FEATURES])
         for part in parts_of(len(pixels), None):
             batch = pixels[part]
             images = to_input(batch[..., :COLORS] / np.float32(255.0))
             has_background = batch.shape[-1] > COLORS
             found += self._frame_check.classify(features[part], images, has_background)
-        by_force = self._classes_by_force(pixels, outputs)
-        ways = zip(classes, found, by_force, strict=True)
-        return [next((each for each in way if each != inside), inside) for way in ways]
+        return found
 
     def _classes_by_force(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
         """(B,) classes by the predicted forces of images and of their background frames.
 
-        A force is below the range of the training if its interval contains neither 0, as of a frame
-        without contact, nor the range. A background frame shows a contact if its force is in the
-        range, and its interval does not contain 0.
+        Predicted forces hardly exceed those of the training. A force is therefore outside from
+        NEAR_HIGHEST of the highest, and below the lowest if its interval does not contain 0, as
+        that of a frame without contact does.
         """
         inside, known = OODClass.IN_DISTRIBUTION, self.config.data.force_n
         if not known or outputs.get("force_n") is None:
             return [inside] * len(pixels)
         force_n, half = _force_and_half(outputs)
-        outside = (force_n > known[1]) | ((force_n - half > 0.0) & (force_n + half < known[0]))
+        outside = (force_n > NEAR_HIGHEST * known[1]) | ((force_n > half) & (force_n < known[0]))
         found = [OODClass.FORCE if each else inside for each in outside]
         if pixels.shape[-1] <= COLORS:
             return found
@@ -107,8 +131,8 @@ class FieldPredictor(CountsPredictor):
         return [named if touch else each for each, touch in zip(found, touched, strict=True)]
 
     def _touched(self, frames: np.ndarray, low_n: float) -> list[bool]:
-        """(B,) whether background frames, (B, S, S, 3) uint8, show a contact of low_n or more. A
-        frame that returns is predicted once."""
+        """(B,) whether frames, (B, S, S, 3) uint8, show a contact: the force is above low_n, and
+        its interval does not contain 0. A frame that returns is predicted once."""
         keys = [frame.tobytes() for frame in frames]
         found = dict(self._seen_backgrounds)
         new = {key: number for number, key in enumerate(keys) if key not in found}

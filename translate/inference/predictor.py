@@ -330,7 +330,7 @@ def not_predicted(
     """The error for a run of a kind, used for a purpose that needs runs of another kind."""
     name = config.model if config.direction == IMAGE_TO_COUNTS else config.direction
     return NotPredicted(
-        f"{run_dir} is a {name} run, which predicts {kind.PREDICTS}; {purpose} needs {needed}"
+        f"the run {run_dir} is {name}, which predicts {kind.PREDICTS}; {purpose} needs {needed}"
     )
 
 

@@ -30,6 +30,7 @@ from t2twin.core.frame_faults import (
     is_colored,
     is_noise,
 )
+from t2twin.core.words import counted
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import ImageFile
 
@@ -94,7 +95,7 @@ class OODClass(StrEnum):
     BLACK = BLACK
     OVEREXPOSED = OVEREXPOSED
     COLORLESS = COLORLESS
-    FORCE = "of a force that no training image has"
+    FORCE = "of a force at or beyond the limits of the training"
     BLUE_FIRST = "with blue before red"
     UNLIKE_BACKGROUND = "of another sensor than its background frame"
     TOUCHED_BACKGROUND = "with a background frame that shows a contact"
@@ -196,10 +197,12 @@ def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) 
     if not found:
         return None
     example = f", such as {names[found[0]]}" if names else ""
-    counted = Counter(classes[n] for n in found).most_common()
+    kinds = Counter(classes[n] for n in found).most_common()
+    verb = "is" if len(found) == 1 else "are"
     return (
-        f"{len(found)} of {len(classes)} images are unlike all training images of {run}{example} "
-        f"({', '.join(f'{count} {name}' for name, count in counted)}); their counts are not "
+        f"{len(found)} of {counted(len(classes), 'image')} {verb} unlike all training images of "
+        f"{run}{example} "
+        f"({', '.join(f'{count} {name}' for name, count in kinds)}); their predictions are not "
         "reliable: expected upright frames, red before blue, not cropped, of the same "
         "sensor in the same light, its own background frame without contact, and forces of the "
         "training"
