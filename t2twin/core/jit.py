@@ -141,7 +141,7 @@ class _MachineCode(FunctionCache):
                 self._release()
         if found is None and not _has_compiled:
             _has_compiled = True
-            _log.info("compiling numerical loops for their first use on this machine (up to a minute)")
+            _log.info("compiling numerical loops for their first use here, up to a minute")
         return found
 
     def _loaded(self, sig: Any, target_context: Any) -> Any:
