@@ -291,7 +291,9 @@ def test_contacts_at_the_side_are_named():
 
 def test_several_sensors_have_names_of_their_own():
     spec = scene()
-    sensors = [t2twin.attach(spec, site="pad", sensor="digit") for _ in range(2)]
+    sensors = [
+        t2twin.attach(spec, site="pad", sensor="digit", pos=[x_m, 0, 0]) for x_m in (0.0, 0.03)
+    ]
     named = t2twin.attach(spec, body="pedestal", sensor="digit", name="left")
     assert [each.name for each in (*sensors, named)] == ["digit", "digit-2", "left"]
     model = spec.compile()

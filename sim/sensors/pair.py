@@ -55,10 +55,12 @@ class SensorPair:
         for sensor in (self.source, self.target):
             own = {name: value for name, value in given.items() if name in sensor.OPTIONS}
             both.append(sensor.with_options(own) if own else sensor)
+        allowed = [name for sensor in both for name in sensor.OPTIONS]
         for name in given:
             if all(name not in sensor.OPTIONS for sensor in both):
                 raise T2TwinError(
-                    f"{name} is given, but neither {self.source.name} nor {self.target.name} has it"
+                    f"{name} is given, but neither {self.source.name} nor {self.target.name} has "
+                    f"it; they have {' and '.join(dict.fromkeys(allowed))}"
                 )
         return SensorPair(*both)
 

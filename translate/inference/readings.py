@@ -84,7 +84,10 @@ def read_counts(path: Path, array: ArraySide) -> np.ndarray:
     try:
         table, _ = read_csv(content)
     except ERRORS as error:
-        raise T2TwinError(f"{path} cannot be read as a CSV file ({error})") from error
+        raise T2TwinError(
+            f"{path} cannot be read as a CSV file ({error}); the run takes CSV or NPY files of "
+            f"{array.words}"
+        ) from error
     columns = [f"{TAXEL}{n}" for n in range(taxels)]
     missing = [name for name in columns if name not in table.column_names]
     more = f"{TAXEL}{taxels}"
