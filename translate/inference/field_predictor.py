@@ -47,6 +47,10 @@ MAX_FIELDS = 100_000
 FORCE_LEVEL = 0.9
 """Probability of the interval of a force that must not contain 0 (assumed)."""
 
+SURE = 3.0
+"""Half widths of its interval from which a low force is not 0 (assumed). Measured: at least 3.5 for
+0.1 and 0.2 N; at most 1.9 for frames of sampled units, without contact or with more than 0.4 N."""
+
 NEAR_HIGHEST = 0.97
 """Share of the training's highest force above which a predicted one may be of any higher force:
 `field` predicts 15 to 17 N for 20 N (assumed)."""
@@ -115,14 +119,16 @@ class FieldPredictor(CountsPredictor):
         """(B,) classes by the predicted forces of images and of their background frames.
 
         Predicted forces hardly exceed those of the training. A force is therefore outside from
-        NEAR_HIGHEST of the highest, and below the lowest if its interval does not contain 0, as
-        that of a frame without contact does.
+        NEAR_HIGHEST of the highest, and below the lowest if it is surely not 0, as of a frame
+        without contact.
         """
         inside, known = OODClass.IN_DISTRIBUTION, self.config.data.force_n
         if not known or outputs.get("force_n") is None:
             return [inside] * len(pixels)
         force_n, half = _force_and_half(outputs)
-        outside = (force_n > NEAR_HIGHEST * known[1]) | ((force_n > half) & (force_n < known[0]))
+        outside = (force_n > NEAR_HIGHEST * known[1]) | (
+            (force_n > SURE * half) & (force_n < known[0])
+        )
         found = [OODClass.FORCE if each else inside for each in outside]
         if pixels.shape[-1] <= COLORS:
             return found
