@@ -358,6 +358,9 @@ def test_two_sensors_in_one_place_are_refused():
         t2twin.attach(spec, site="pad", sensor="cyskin")
     t2twin.attach(spec, site="pad", sensor="cyskin", pos=[0.03, 0, 0])
     assert spec.body("cyskin/body") is not None
+    spec.worldbody.add_body(name="hand/body", pos=[0, 1, 0])  # no sensor
+    t2twin.attach(spec, body="hand/body", sensor="digit")
+    assert spec.body("digit/body") is not None
 
 
 def test_a_flex_is_refused():

@@ -237,7 +237,7 @@ def _backing_m(
 
     parent: name of the site or body of the mount. pos, quat: pose of the base on it.
     The mount's depth where there is nothing behind the base, and at most UNKNOWN_M for a spec that
-    is not complete.
+    is not complete. Raises T2TwinError where another sensor is mounted.
     """
     elastomer, deepest_m = device.elastomer, 1e-3 * device.mount.depth_mm
     try:
@@ -271,7 +271,9 @@ def _check_free(model: "mujoco.MjModel", data: "mujoco.MjData", position_m: np.n
     """Raises T2TwinError for a place where another sensor is mounted."""
     for body in range(model.nbody):
         name, _, part = model.body(body).name.rpartition("/")
-        if part == BODY and np.allclose(data.xpos[body], position_m, atol=SAME_PLACE_M):
+        frame = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{name}/{FRAME}")
+        is_sensor = part == BODY and frame >= 0 and model.site_bodyid[frame] == body
+        if is_sensor and np.allclose(data.xpos[body], position_m, rtol=0.0, atol=SAME_PLACE_M):
             raise T2TwinError(
                 f"the sensor {name} is already mounted there, and two sensors cannot share a "
                 "contact; take another site, body or pos"

@@ -86,7 +86,9 @@ class FieldPredictor(CountsPredictor):
         Arguments and errors: as for `predict`. False for a run that predicts no force.
         """
         pixels, known = self.pixels_of(images), self.config.data.force_n
-        return self._touched(pixels, known[0]) if known else [False] * len(pixels)
+        if not known or not self.translator.readout.predicts_force:
+            return [False] * len(pixels)
+        return self._touched(pixels, known[0])
 
     def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
         known, inside = super()._classified(pixels, outputs), OODClass.IN_DISTRIBUTION
