@@ -32,7 +32,6 @@ from t2twin.core.cache_dir import VARIABLE
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.translate.runs.config import pretrained_runs
 
 if TYPE_CHECKING:
     from t2twin.translate.models.presets import Model, Preset
@@ -74,6 +73,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     import torch
 
     from t2twin.translate.models.presets import MODELS, PRESETS
+    from t2twin.translate.runs.config import pretrained_runs
 
     torch.set_num_threads(1)
     frames = np.random.default_rng(0).integers(0, 256, (ROUNDS + 2, *FRAME), dtype=np.uint8)

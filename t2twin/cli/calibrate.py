@@ -93,13 +93,13 @@ def calibrate(
     from t2twin.sim.calibrate.calibrate import guess_light
 
     camera = fit.camera(sensor)
-    _warn_of_contact(background, camera, sensor)
     if presses is None:
         if ball_diameter_mm is not None or fit != FitOptions(scale_px_per_mm=fit.scale_px_per_mm):
             raise T2TwinError(
                 "--presses is missing, the folder of frames of the ball; the background alone "
                 "takes none of --ball-diameter-mm, --held-out and the tolerances"
             )
+        _warn_of_contact(background, camera, sensor)
         with locked(out):
             guess_light(background, camera, print, sensor).save(out / "optics.npz")
         print(f"written to {out}: optics.npz, for press and simdata as --optics. It has")
@@ -107,6 +107,7 @@ def calibrate(
         return
     if ball_diameter_mm is None:
         raise T2TwinError("--ball-diameter-mm is missing: that of the ball of --presses")
+    _warn_of_contact(background, camera, sensor)
     with locked(out):
         for name in FILES:  # before a fit, which takes minutes
             check_replaceable(out / name)

@@ -29,7 +29,7 @@ OPTICS = SPECS / "digit.npz"
 RUN: Files = {"run": Copy("resnet18"), "x.png": PNG}
 DATA: Files = {"data": Copy("data")}
 SHARD, WEIGHTS = "data/train/circle-1.parquet", "run/best.safetensors"
-UNTOUCHED = encoded(Image.new("RGB", (240, 320), (90, 90, 90)))
+UNTOUCHED = encoded(Image.new("RGB", (240, 320), (110, 90, 70)))
 FRAMES: Files = {
     "background.png": UNTOUCHED,
     **{f"presses/press_{number}.png": encoded(frame(number)) for number in range(8)},

@@ -75,10 +75,10 @@ class FieldPredictor(CountsPredictor):
     RUNS: ClassVar[str] = "a field run"
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
-        """See CountsPredictor. A run with a frame check uses it too, and one that predicts forces
-        their range in the training."""
+        """See CountsPredictor. A run with a frame check uses it too, and the predicted force."""
         self._check_pixels(pixels)
-        return self._classified(pixels, self._outputs(pixels, with_features=True))
+        needed = self._frame_check is not None
+        return self._classified(pixels, self._outputs(pixels, with_features=True) if needed else {})
 
     def shows_contact(self, images: Images) -> list[bool]:
         """(B,) whether frames show a contact, as a background frame must not.
@@ -118,14 +118,15 @@ class FieldPredictor(CountsPredictor):
         return found
 
     def _classes_by_force(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
-        """(B,) classes by the predicted forces of images and of their background frames.
+        """(B,) classes by the predicted forces of images and of their background frames, for a run
+        with a frame check: it needs many images, without which forces are not predicted well.
 
         Predicted forces hardly exceed those of the training. A force is therefore outside from
         NEAR_HIGHEST of the highest, and below the lowest if it is surely not 0, as of a frame
         without contact.
         """
         inside, known = OODClass.IN_DISTRIBUTION, self.config.data.force_n
-        if not known or outputs.get("force_n") is None:
+        if not known or self._frame_check is None or outputs.get("force_n") is None:
             return [inside] * len(pixels)
         force_n, half = _force_and_half(outputs)
         outside = (force_n > NEAR_HIGHEST * known[1]) | (
