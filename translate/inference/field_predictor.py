@@ -39,7 +39,7 @@ from t2twin.translate.models.field_readout import FEATURES, FieldPrediction
 from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.uncertainty.estimate import Estimate, half_width
-from t2twin.translate.uncertainty.ood import OODClass
+from t2twin.translate.uncertainty.ood import MAX_BACKGROUNDS, OODClass
 
 MAX_FIELDS = 100_000
 """Maximum number of arrays that one call samples (assumed: 90 MB with 216 places)."""
@@ -54,9 +54,6 @@ SURE = 3.0
 NEAR_HIGHEST = 0.97
 """Share of the training's highest force above which a predicted one may be of any higher force:
 `field` predicts 15 to 17 N for 20 N (assumed)."""
-
-MAX_BACKGROUNDS = 64
-"""Background frames that a run remembers (assumed: 3 MB)."""
 
 NO_BACKGROUND = (
     "no background frame is given, which makes predictions less accurate; give an image of the "
@@ -121,9 +118,9 @@ class FieldPredictor(CountsPredictor):
         """(B,) classes by the predicted forces of images and of their background frames, for a run
         with a frame check: it needs many images, without which forces are not predicted well.
 
-        Predicted forces hardly exceed those of the training. A force is therefore outside from
-        NEAR_HIGHEST of the highest, and below the lowest if it is surely not 0, as of a frame
-        without contact.
+        Predicted forces hardly exceed the training's highest force. Above NEAR_HIGHEST of it they
+        may be of any higher force. Below the lowest, only a force that is SURE not to be 0 counts:
+        frames without contact are in the training.
         """
         inside, known = OODClass.IN_DISTRIBUTION, self.config.data.force_n
         if not known or self._frame_check is None or outputs.get("force_n") is None:

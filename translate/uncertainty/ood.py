@@ -77,7 +77,7 @@ MIN_IMAGES = 100
 """Training images that the statistics need (assumed)."""
 
 MAX_BACKGROUNDS = 64
-"""Background frames whose cells and pattern are kept (assumed: 12 MB)."""
+"""Number of background frames whose results are kept (assumed: 15 MB)."""
 
 BATCH_SIZE = 1024
 """Images in one batch; bounds memory."""
@@ -225,8 +225,8 @@ def compare_with_background(pixels: np.ndarray, frames: np.ndarray) -> list[OODC
 
 def _compare(image: np.ndarray, frame: np.ndarray) -> OODClass:
     """image, frame: (1, S, S, c)."""
-    cells, pattern = _cells_and_pattern(image.tobytes(), image.shape)
-    frame_cells, frame_pattern = _known_background(frame.tobytes(), frame.shape)
+    cells, pattern = _cells_and_pattern(image)
+    frame_cells, frame_pattern = _of_background(frame.tobytes(), frame.shape)
     undone = [undo(cells) for undo in INVERSE_TRANSFORMS.values()]
     difference, *others = _border_differences(np.concatenate([cells, *undone]), frame_cells)
     differences = dict(zip(INVERSE_TRANSFORMS, others, strict=True))
@@ -289,13 +289,15 @@ def _pattern(image: np.ndarray) -> np.ndarray:
     return np.clip(pattern, -limit, limit)
 
 
-def _cells_and_pattern(content: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """(1, CELLS, CELLS, c) means and the `_pattern` of an image, (1, S, S, c), by its bytes."""
-    image = np.frombuffer(content, np.uint8).reshape(shape)
+def _cells_and_pattern(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(1, CELLS, CELLS, c) means of an image, (1, S, S, c) uint8, and its `_pattern`."""
     return _cell_means(image).reshape(1, CELLS, CELLS, -1), _pattern(image)
 
 
-_known_background = lru_cache(MAX_BACKGROUNDS)(_cells_and_pattern)
+@lru_cache(MAX_BACKGROUNDS)
+def _of_background(content: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """`_cells_and_pattern` of a background frame, given as the bytes and the shape of its array."""
+    return _cells_and_pattern(np.frombuffer(content, np.uint8).reshape(shape))
 
 
 def _correlation(one: np.ndarray, other: np.ndarray) -> float:
