@@ -164,6 +164,19 @@ def briefly(model, data_dir, preset, out_dir, minutes, init_from, frame_check):
     )  # fmt: skip
 
 
+def test_a_contact_in_the_background_is_named_before_the_first_step(unit, tmp_path, monkeypatch):
+    def stop(*_):
+        raise T2TwinError("stopped")
+
+    monkeypatch.setattr(pipeline, "_fit", stop)
+    touched = next(path for path in sorted(unit.glob("*.png")) if path.name != "background.png")
+    for background, names_it in ((unit / "background.png", False), (touched, True)):
+        said: list[str] = []
+        with pytest.raises(T2TwinError, match="stopped"):
+            adapt(background, unit, BALL_MM, tmp_path / background.stem, report=said.append)
+        assert (f"warning: {background} shows a contact, by field" in said[0]) == names_it
+
+
 @pytest.fixture(scope="module")
 def adapted_run(unit, tmp_path_factory):
     """An adaptation on few shapes."""

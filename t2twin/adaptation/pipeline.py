@@ -59,6 +59,7 @@ from t2twin.sim.optical.camera.pinhole import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.sim.sensors.pair import SensorPair
+from t2twin.translate.inference.background_contact import contact_warnings
 from t2twin.translate.models.presets import Preset, find_preset
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import HOME, load_config, pretrained_runs
@@ -231,6 +232,8 @@ def adapt(
     )
     out, digest = config.out, config.digest(inputs)
     fitted = _existing_fit(config, digest)
+    for warning in contact_warnings(inputs.background, str(config.background), config.source):
+        report(f"warning: {warning}")
     spent: dict[str, float] = {}  # minutes
     with locked(out):
         with _step("light", spent, report):

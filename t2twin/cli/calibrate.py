@@ -127,20 +127,11 @@ def _warn_of_contact(background: Path, camera: "Camera", sensor: str) -> None:
     Raises T2TwinError for a frame that cannot be read or has another size.
     """
     from t2twin.sim.calibrate.frames import read_frame, upright_frame
-    from t2twin.translate.inference.field_predictor import FieldPredictor
-    from t2twin.translate.inference.load import load_run
-    from t2twin.translate.runs.config import load_config, pretrained_runs, resolve_run
+    from t2twin.translate.inference.background_contact import contact_warnings
 
     frame = upright_frame(read_frame(background), camera)
-    for name in pretrained_runs():
-        if load_config(resolve_run(name)).data.camera.sensor != sensor:
-            continue
-        run = load_run(name)
-        if isinstance(run, FieldPredictor) and run.shows_contact(frame)[0]:
-            print(
-                f"t2twin: {background} shows a contact, by {name}; expected a frame without",
-                file=sys.stderr,
-            )
+    for warning in contact_warnings(frame, str(background), sensor):
+        print(f"t2twin: {warning}", file=sys.stderr)
 
 
 def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
