@@ -33,7 +33,7 @@ _TYPES = {
 }
 """JSON types by their name in msgspec's messages."""
 
-_BOUNDS = {">=": "at least", "<=": "at most", ">": "above", "<": "below", "of length": "of length"}
+_BOUNDS = {">=": "at least", "<=": "at most", ">": "above", "<": "below"}
 """Bounds by their sign in msgspec's messages."""
 
 MIN_SIMILARITY = 0.8
@@ -231,8 +231,8 @@ def _fault(error: msgspec.ValidationError, kind: type, place: str = "") -> str:
 def _bound(bound: str | None) -> str:
     if not bound:
         return ""
-    sign, _, value = bound.strip().rpartition(" ")
-    return f" {_BOUNDS.get(sign, sign)} {value}"
+    *words, sign, value = bound.split()
+    return " ".join(["", *words, _BOUNDS.get(sign, sign), value])
 
 
 def _field_names(kind: type) -> set[str]:
