@@ -313,7 +313,10 @@ def rejection_reason(touch: Touch) -> str | None:
     contacts = touch.contacts.values()
     if any(contact.bottomed for contact in contacts):
         return "on the base plate"
-    return None if all(contact.settled for contact in contacts) else "not settled"
+    if all(contact.settled for contact in contacts):
+        return None
+    smaller = any(contact.smaller_than_grid for contact in contacts)
+    return "smaller than the grid" if smaller else "not settled"
 
 
 def _touches(

@@ -8,6 +8,7 @@ import numpy as np
 from PIL import Image
 
 from t2twin.core.cache_dir import configure_matplotlib_dir
+from t2twin.core.images import encode_png
 from t2twin.core.templates import data_uri
 
 SEQUENTIAL, DIVERGING = "viridis", "RdBu_r"
@@ -46,7 +47,7 @@ def color_image_url(values: np.ndarray, high: float) -> str:
 
 def image_url(pixels: np.ndarray) -> str:
     """Data URL of a PNG of (h, w, 3) or (h, w) uint8."""
-    return data_url(Image.fromarray(pixels))
+    return data_uri(encode_png(pixels)) if pixels.ndim == 3 else data_url(Image.fromarray(pixels))
 
 
 @cache

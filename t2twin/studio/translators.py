@@ -198,13 +198,13 @@ class Translators:
         )
 
     def _load(self, name: str) -> "CountsPredictor":
-        from t2twin.translate.inference.load import load_run
+        from t2twin.translate.inference import load
 
         with self._loading:
             if name not in self._folders:
                 raise T2TwinError(f"there is no run {name!r}; reload the page")
             if name not in self._loaded:
-                run = load_run(self._folders[name])
+                run = load.load(self._folders[name])
                 black = np.zeros((320, 240, 3), np.uint8)
                 run.predict_pixels(run.pixels_of(black))  # warm-up: the first is slow
                 self._loaded[name] = run
