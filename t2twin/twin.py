@@ -15,6 +15,7 @@ from t2twin.core.renamed import new_keywords
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
+from t2twin.sim.contact.contact_notes import contact_notes
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import PressCommand, check_force
@@ -110,6 +111,8 @@ class Twin:
         the shape's origin, -30 to 30. A positive one lowers the side that is up, or to the right,
         in the image at yaw 0 into the sensors; the tilt turns with the yaw. seed: of the camera
         noise and the imperfections; None for neither.
+        Warns with T2TwinWarning of a contact that did not settle, is smaller than the grid, or
+        bottomed out, and of parts of the shape that are not pressed.
         Raises T2TwinError for an invalid shape, number or position.
         """
         rng = generator(seed)
@@ -117,7 +120,9 @@ class Twin:
         pose = x_mm, y_mm, yaw_deg, tilt_x_deg, tilt_y_deg
         command = press_command(solid, force_n, pose, depth_mm, self.sensors.source)
         warn_of_tilt(solid, command)
-        return self.sensors.press(solid, command, rng)
+        touch = self.sensors.press(solid, command, rng)
+        warn_of_contacts([touch])
+        return touch
 
     def slide(
         self,
@@ -140,6 +145,7 @@ class Twin:
 
         The contacts of the touches, such as `touch["digit"].contact`, have the tangential force
         shear_n, torque_nmm, slip_share, and the fields shear_kpa, slipping and motion.
+        Warns as `press` does, once of each limit.
         Raises T2TwinError for invalid numbers, for a touch without contact, and where the shape
         leaves a pad.
         """
@@ -158,6 +164,7 @@ class Twin:
             moved = slide_to(self.sensors, touch, command, friction)
             touch = self.sensors.with_readings(moved, rng, before=touch)
             touches.append(touch)
+        warn_of_contacts(touches)
         return touches
 
     def follow(
@@ -178,14 +185,16 @@ class Twin:
         row continues the one before. A row with force 0 lifts the shape off: its touch has no
         contact, and the next row with a force is a press without tangential traction.
         shape, scale, center, seed, tilt_x_deg, tilt_y_deg: as for `press`. friction: as for
-        `slide`.
+        `slide`. Warns as `slide` does.
         Raises T2TwinError for an invalid shape, path or number, and where the shape leaves a pad.
         """
         friction, rng = check_friction(friction), generator(seed)
         solid = load_shape(shape, scale, center)
         commands = path_commands(solid.name, path, tilt_rad=tilt_rad(tilt_x_deg, tilt_y_deg))
         warn_of_tilt(solid, commands[0])
-        return list(touches_along(self.sensors, solid, commands, friction, rng))
+        touches = list(touches_along(self.sensors, solid, commands, friction, rng))
+        warn_of_contacts(touches)
+        return touches
 
 
 def press(
@@ -303,6 +312,14 @@ def warn_of_tilt(shape: Shape, command: PressCommand) -> None:
     """Warn of what a shape does not show of the sides that a tilt turns up."""
     for note in command.tilted(shape).notes[len(shape.notes) :]:
         warnings.warn(note, T2TwinWarning, stacklevel=3)
+
+
+def warn_of_contacts(touches: Sequence[Touch]) -> None:
+    """Warn of what limits the contacts of touches, once of each limit."""
+    contacts = [pair for touch in touches for pair in touch.contacts.items()]
+    said = {f"{name}: {note}": None for name, each in contacts for note in contact_notes(each)}
+    for warning in said:
+        warnings.warn(warning, T2TwinWarning, stacklevel=3)
 
 
 def generator(seed: int | None) -> np.random.Generator | None:

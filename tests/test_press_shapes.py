@@ -7,9 +7,11 @@ import pytest
 import trimesh
 from kinds import COVER, COVER_PITCH_MM, GEL, GEL_PITCH_MM
 
+import t2twin
 from t2twin.cli.press import contact_summary
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.contact.contact_notes import BOTTOMED
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.types import PressCommand
@@ -97,6 +99,19 @@ def test_a_contact_smaller_than_the_grid_is_not_settled(solid, elastomer, pitch,
     assert contact.settled is resolved and contact.smaller_than_grid is not resolved
     assert ("smaller than the grid" in contact_summary("digit", contact)) is not resolved
     assert ("narrower than 0.5 x 0.2 mm" in "".join(shape.notes)) is not resolved
+
+
+def test_a_twin_warns_of_what_limits_a_contact(solid):
+    """A post of 0.4 mm on a plate, which touches too; then the same in a slide."""
+    low, twin = solid(box((12, 12, 1), (0, 0, 0)), box((2, 2, 0.4), (0, 0, 0.7))), t2twin.Twin()
+    with pytest.warns(t2twin.T2TwinWarning) as said:
+        touch = twin.press(low, force_n=20.0)
+    found = {str(each.message) for each in said}
+    bottomed = {name for name, each in touch.contacts.items() if each.bottomed}
+    assert found == {f"{name}: {BOTTOMED}" for name in bottomed} and "cyskin-20" in bottomed
+    with pytest.warns(t2twin.T2TwinWarning, match="bottomed out") as said:
+        twin.slide(touch, dx_mm=0.2, steps=2)
+    assert len(said) == len(bottomed)
 
 
 def test_a_needle_that_may_be_missed_is_named(solid):

@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from t2twin.attachment.contacts import READ_N, READ_SHARE, UNSTEADY, Push, Wrench
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+from t2twin.sim.contact.contact_notes import SMALL, UNSETTLED
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.loads.carry import carry
 from t2twin.sim.contact.loads.prescribed import Load, owner_of
@@ -40,8 +41,6 @@ TANGENTIAL = (
     "coefficient of friction"
 )
 LIGHT = f"it presses with less than {FORCE_RANGE_N[0]:g} N along the sensor's axis"
-UNSETTLED = "the contact did not settle, so its pressure and depth are approximate"
-SMALL = "the contact is smaller than the grid, so its pressure and depth are approximate"
 SHARED = "the bodies overlap, and share their pressure otherwise"
 """Reasons of notices."""
 

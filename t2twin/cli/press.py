@@ -403,43 +403,25 @@ def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
 
 def contact_summary(sensor: str, contact: "Contact") -> str:
     """One line about a contact."""
+    from t2twin.sim.contact.contact_notes import contact_notes
+
     line = (
         f"{sensor}: {contact.force_n:.2f} N at {contact.depth_mm:.3f} mm, "
         f"{contact.contact_area_mm2:.1f} mm2 in contact, {contact.milliseconds:.0f} ms"
     )
-    if contact.smaller_than_grid:
-        line += "; it is smaller than the grid, which does not resolve its pressure and depth"
-    elif not contact.settled:
-        line += "; it did not settle"
-    if contact.bottomed:
-        line += "; it bottomed out: the base plate (the lowest flat face) touched"
-    return line + _off_sensor(contact) + _off_map(contact)
+    return "; ".join([line, *_off_sensor(contact), *contact_notes(contact)])
 
 
-def _off_sensor(contact: "Contact") -> str:
-    """A note that the shape's middle lies off the sensor; empty where it does not."""
+def _off_sensor(contact: "Contact") -> list[str]:
+    """A note that the shape's middle lies off the sensor, if it does."""
     places = (contact.command.x_mm, contact.x_mm), (contact.command.y_mm, contact.y_mm)
     if all(abs(at) <= abs(axis).max() for at, axis in places):
-        return ""
+        return []
     half_x, half_y = (abs(axis).max() for _, axis in places)
-    return (
-        "; its middle lies off the sensor, whose soft layer reaches "
+    return [
+        "its middle lies off the sensor, whose soft layer reaches "
         f"{half_x:.1f} mm to each side and {half_y:.1f} mm up and down"
-    )
-
-
-def _off_map(contact: "Contact") -> str:
-    """A note that the sensor reaches parts of the shape beyond its height map, or an empty text."""
-    from t2twin.sim.contact.heights import reaches_beyond
-
-    shape = contact.command.tilted(contact.shape)
-    surface = shape.surface
-    reach_mm = max(surface.x_mm[-1], surface.y_mm[-1])
-    if not reaches_beyond(surface, contact.command, contact.x_mm, contact.y_mm) or (
-        abs(shape.triangles[0][:, :2]).max() <= reach_mm
-    ):
-        return ""
-    return f"; parts of the shape beyond {reach_mm:.0f} mm from its middle are not pressed"
+    ]
 
 
 def show(path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.contact_notes import contact_notes
 from t2twin.sim.touch import Touch
 from t2twin.studio.charts import (
     PERCENT,
@@ -334,19 +335,10 @@ def _contacts(result: PressResult) -> str:
 
 
 def _notes(touch: Touch) -> list[str]:
-    """Notes on a press: repairs of the mesh, and failures of the contact solver."""
-    notes = list(touch.shape.notes)
-    for name, contact in touch.contacts.items():
-        if contact.smaller_than_grid:
-            notes.append(f"The contact of {name} is smaller than the grid and not resolved.")
-        elif not contact.settled:
-            notes.append(f"The press on {name} did not converge.")
-        if contact.bottomed:
-            notes.append(
-                f"The press on {name} bottomed out: its base plate (the lowest flat face) is "
-                "in contact."
-            )
-    return notes
+    """Notes on a press: repairs of the mesh, and what limits the contacts."""
+    contacts = touch.contacts.items()
+    limits = [f"{name}: {note}." for name, each in contacts for note in contact_notes(each)]
+    return [*touch.shape.notes, *limits]
 
 
 def _listed(counts: np.ndarray) -> str:
