@@ -52,17 +52,17 @@ def read_rows(path: Path, kind: type[Record], what: str) -> tuple[Record, ...]:
                 f"{', '.join(table.column_names)}"
             )
     rows = zip(table.to_pylist(), (f"{path}, {place}" for place in places), strict=True)
-    return tuple(convert(_cells(row, at), kind, at) for row, at in rows)
+    needed = {field.name for field in known if field.default is MISSING}
+    return tuple(convert(_cells(row, at, needed), kind, at) for row, at in rows)
 
 
-def _cells(row: dict[str, Any], at: str) -> dict[str, Any]:
-    """The nonempty cells of a row. Raises T2TwinError for a number that is not finite."""
+def _cells(row: dict[str, Any], at: str, needed: set[str]) -> dict[str, Any]:
+    """The nonempty cells of a row. needed: columns that may not be empty. Raises T2TwinError for a
+    number that is not finite."""
     for name, value in row.items():
         if isinstance(value, float) and not isfinite(value):
-            raise T2TwinError(
-                f"{at}: {name} is {value}; it must be a finite number, or empty where it is not "
-                "known"
-            )
+            other = "" if name in needed else ", or empty where it is not known"
+            raise T2TwinError(f"{at}: {name} is {value}; it must be a finite number{other}")
     return {name: value for name, value in row.items() if value is not None}
 
 

@@ -27,6 +27,7 @@ from t2twin.core.renamed import NewAttributes
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
+from t2twin.sim.contact.contact_notes import contact_notes
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.types import TILT, Contact, PressCommand
 from t2twin.sim.optical.gel_camera import ImageReading
@@ -114,6 +115,19 @@ class Touch(NewAttributes):
         """The contacts there are, by sensor, the source's first."""
         of_all = {sensor: reading.contact for sensor, reading in self.readings.items()}
         return {sensor: contact for sensor, contact in of_all.items() if contact is not None}
+
+    @property
+    def notes(self) -> list[str]:
+        """What limits the contacts and readings, each with the sensor's name; empty for nothing.
+
+        A contact that did not settle, is smaller than the grid, bottomed out, or lies outside the
+        camera's view; parts of the shape off the sensor; taxels at full scale.
+        """
+        found = []
+        for name, each in self.readings.items():
+            limits = [] if each.contact is None else contact_notes(each.contact)
+            found += [f"{name}: {note}" for note in [*limits, *each.notes]]
+        return found
 
     def _first(self, kind: str) -> Reading | MaybeNone:
         """The reading of the first sensor of a kind; None without one."""
@@ -258,7 +272,7 @@ def _press_json(touch: Touch) -> dict[str, Any]:
         "yaw_rad": command.yaw_rad,
         **{name: getattr(command, name) for name in TILT},
         "commanded_force_n": command.force_n,
-        "notes": list(command.tilted(touch.shape).notes),
+        "notes": [*command.tilted(touch.shape).notes, *touch.notes],
         "versions": {name: installed_version(name) for name in VERSIONS},
     } | {
         sensor: {

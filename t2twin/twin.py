@@ -15,7 +15,6 @@ from t2twin.core.renamed import new_keywords
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
-from t2twin.sim.contact.contact_notes import contact_notes
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import PressCommand, check_force
@@ -111,8 +110,7 @@ class Twin:
         the shape's origin, -30 to 30. A positive one lowers the side that is up, or to the right,
         in the image at yaw 0 into the sensors; the tilt turns with the yaw. seed: of the camera
         noise and the imperfections; None for neither.
-        Warns with T2TwinWarning of a contact that did not settle, is smaller than the grid, or
-        bottomed out, and of parts of the shape that are not pressed.
+        Warns with T2TwinWarning of what limits the result: see `Touch.notes`.
         Raises T2TwinError for an invalid shape, number or position.
         """
         rng = generator(seed)
@@ -121,7 +119,7 @@ class Twin:
         command = press_command(solid, force_n, pose, depth_mm, self.sensors.source)
         warn_of_tilt(solid, command)
         touch = self.sensors.press(solid, command, rng)
-        warn_of_contacts([touch])
+        warn_of_limits([touch])
         return touch
 
     def slide(
@@ -164,7 +162,7 @@ class Twin:
             moved = slide_to(self.sensors, touch, command, friction)
             touch = self.sensors.with_readings(moved, rng, before=touch)
             touches.append(touch)
-        warn_of_contacts(touches)
+        warn_of_limits(touches)
         return touches
 
     def follow(
@@ -193,7 +191,7 @@ class Twin:
         commands = path_commands(solid.name, path, tilt_rad=tilt_rad(tilt_x_deg, tilt_y_deg))
         warn_of_tilt(solid, commands[0])
         touches = list(touches_along(self.sensors, solid, commands, friction, rng))
-        warn_of_contacts(touches)
+        warn_of_limits(touches)
         return touches
 
 
@@ -314,12 +312,10 @@ def warn_of_tilt(shape: Shape, command: PressCommand) -> None:
         warnings.warn(note, T2TwinWarning, stacklevel=3)
 
 
-def warn_of_contacts(touches: Sequence[Touch]) -> None:
-    """Warn of what limits the contacts of touches, once of each limit."""
-    contacts = [pair for touch in touches for pair in touch.contacts.items()]
-    said = {f"{name}: {note}": None for name, each in contacts for note in contact_notes(each)}
-    for warning in said:
-        warnings.warn(warning, T2TwinWarning, stacklevel=3)
+def warn_of_limits(touches: Sequence[Touch]) -> None:
+    """Warn of the notes of touches, once of each."""
+    for note in dict.fromkeys(note for touch in touches for note in touch.notes):
+        warnings.warn(note, T2TwinWarning, stacklevel=3)
 
 
 def generator(seed: int | None) -> np.random.Generator | None:

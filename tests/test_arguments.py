@@ -63,7 +63,7 @@ def test_bounds_are_named():
     ):
         with pytest.raises(T2TwinError, match=words):
             arguments.number(0, "x", low, high)
-    with pytest.raises(T2TwinError, match="0 of type int; expected a whole number of at least 1"):
+    with pytest.raises(T2TwinError, match="is 0; expected a whole number of at least 1"):
         arguments.whole_number(0, "n", low=1)
 
 

@@ -418,6 +418,33 @@ def test_a_body_sinks_in_as_deep_as_into_the_layer():
         assert sunk_mm == pytest.approx(touch.digit.depth_mm, abs=error_mm + 0.01)
 
 
+@pytest.mark.filterwarnings("ignore:cyskin. counts are clipped:t2twin.T2TwinWarning")
+def test_a_force_through_the_layer_onto_the_mount_is_named():
+    """Beyond its forces a fitted contact is too soft: a ball sinks through the layer."""
+    spec, force_n = scene(), 40.0
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    model, data = simulate(spec, -force_n)
+    attached.set_stiffness(model, data, "ball")
+    mujoco.mj_step(model, data, REST_STEPS)
+    with pytest.warns(T2TwinWarning, match="of ball not read: on the mount, through the soft"):
+        touch = attached.read(model, data)
+    (notice,) = touch.notices
+    assert notice.body == "ball" and notice.force_n[2] < -1.0
+    assert touch.cyskin.force_n - notice.force_n[2] == pytest.approx(force_n, rel=1e-3)
+
+
+def test_a_force_on_the_mount_beside_the_sensor_is_none_on_it():
+    spec = scene()
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    foot = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [0.002, 0, 0], "mass": 0.01}
+    under_m = RADIUS_M + 1e-3 * attached.elastomer.thickness_mm
+    spec.body("ball").add_geom(pos=[0.0175, 0, 0.002 - under_m], **foot)
+    model, data = simulate(spec)
+    touch = attached.read(model, data)
+    assert data.ncon == 2 and touch.cyskin.force_n < FORCE_N - 0.1 and not touch.notices
+
+
+@pytest.mark.filterwarnings("ignore:cyskin. counts are clipped:t2twin.T2TwinWarning")
 def test_a_force_above_the_largest_is_limited():
     spec = scene(mass=5.0)
     attached = t2twin.attach(spec, site="pad", sensor="cyskin")

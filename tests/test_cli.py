@@ -107,7 +107,7 @@ def test_press_leaves_its_scene_and_says_where_there_is_no_display(tmp_path, cap
 
 def test_press_says_that_a_shape_lies_off_the_sensor(capsys):
     run("press", "square-2", "--x-mm", "14", "--sensor", "digit", "--out", "out")
-    assert "its middle lies off the sensor" in capsys.readouterr().out
+    assert "the shape's middle lies off the sensor" in capsys.readouterr().out
     run("press", "square-2", "--x-mm", "3", "--sensor", "digit", "--out", "out")
     assert "off the sensor" not in capsys.readouterr().out
 

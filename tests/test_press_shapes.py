@@ -106,12 +106,32 @@ def test_a_twin_warns_of_what_limits_a_contact(solid):
     low, twin = solid(box((12, 12, 1), (0, 0, 0)), box((2, 2, 0.4), (0, 0, 0.7))), t2twin.Twin()
     with pytest.warns(t2twin.T2TwinWarning) as said:
         touch = twin.press(low, force_n=20.0)
-    found = {str(each.message) for each in said}
+    found = [str(each.message) for each in said]
     bottomed = {name for name, each in touch.contacts.items() if each.bottomed}
-    assert found == {f"{name}: {BOTTOMED}" for name in bottomed} and "cyskin-20" in bottomed
+    assert found == touch.notes == [f"{name}: {BOTTOMED}" for name in touch.contacts]
+    assert bottomed == set(touch.contacts)
     with pytest.warns(t2twin.T2TwinWarning, match="bottomed out") as said:
         twin.slide(touch, dx_mm=0.2, steps=2)
     assert len(said) == len(bottomed)
+
+
+@pytest.mark.parametrize(
+    ("command", "note"),
+    [
+        ({"force_n": 100.0}, "cyskin-20: counts are clipped at full scale, 40,000"),
+        ({"y_mm": 12.2, "force_n": 1.0}, "digit: the contact lies outside the camera's view"),
+        ({"x_mm": 10.0}, "digit: the shape's middle lies off the sensor, whose soft layer reaches"),
+        ({"x_mm": 2.0}, ""),
+    ],
+)
+def test_a_touch_names_what_limits_it(command, note):
+    touch = t2twin.Twin().sensors.press(
+        catalogue.load("hemisphere-4"),
+        PressCommand(
+            "hemisphere-4", **({"x_mm": 0.0, "y_mm": 0.0, "force_n": 4.0} | command), yaw_rad=0.0
+        ),
+    )
+    assert any(each.startswith(note) for each in touch.notes) == bool(note), touch.notes
 
 
 def test_a_needle_that_may_be_missed_is_named(solid):

@@ -339,7 +339,7 @@ def test_the_force_may_change_on_the_way():
         ({"dx_mm": np.nan}, "dx_mm is nan; expected a finite number"),
         ({"dy_mm": "1"}, "dy_mm is '1' of type str; expected a number"),
         ({"dyaw_deg": 1e3}, "dyaw_deg is 1000; expected a number"),
-        ({"steps": 0}, "steps is 0 of type int; expected a whole number"),
+        ({"steps": 0}, "steps is 0; expected a whole number"),
         ({"friction": -0.1}, "friction is -0.1; expected a number"),
         ({"force_n": 0.0}, "a force of 0 N cannot be pressed"),
         ({"seed": -1}, "seed"),

@@ -75,7 +75,7 @@ def solve_contact(
     try:
         return solve_bodies([(shape, command)], elastomer, pitch_mm, shift)
     except OffPadError as error:
-        place = f"{error}; --center puts the highest part of a file's shape there"
+        place = f"{error}; for a shape file, --center puts its highest part there"
         surface = command.tilted(shape).surface
         x_mm, y_mm = place_of_top(surface, command.yaw_rad)
         reach_mm = np.hypot(elastomer.width_mm, elastomer.length_mm) / 2

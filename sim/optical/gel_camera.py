@@ -280,6 +280,15 @@ class ImageReading:
     contact: Contact | None
     image: np.ndarray | None
 
+    @property
+    def notes(self) -> list[str]:
+        """What limits the reading, in words; empty for nothing."""
+        if self.contact is None:
+            return []
+        across, down = self.sensor.camera.is_seen(self.contact.x_mm, self.contact.y_mm, 0.0)
+        is_seen = self.contact.pressure_kpa[np.ix_(down, across)].any()
+        return [] if is_seen else ["the contact lies outside the camera's view"]
+
     @cached_property
     def markers_mm(self) -> np.ndarray:
         """(n, 2) x and y of the markers' centers on the deformed gel, mm.

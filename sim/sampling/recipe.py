@@ -120,7 +120,7 @@ class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
-            raise T2TwinError("force_n must have its low below its high")
+            raise T2TwinError(f"force_n is {self.low:g} to {self.high:g}; expected low below high")
         for first, last in self.leave_out:
             if not self.low < first < last < self.high:
                 raise T2TwinError("leave_out of force_n must lie within it, low before high")
@@ -166,12 +166,14 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         named = f"the part of {self.shapes} shapes"
-        if (self.shapes == RANDOM) != (self.count is not None):
-            raise T2TwinError(f"{named}: random shapes need count, other shapes must not have it")
-        if (self.place == "grid") == (self.presses is not None):
-            raise T2TwinError(
-                f"{named}: a distribution of place needs presses, the grid must not have it"
-            )
+        if self.shapes == RANDOM and self.count is None:
+            raise T2TwinError(f"{named}: count is missing, the number of random shapes")
+        if self.shapes != RANDOM and self.count is not None:
+            raise T2TwinError(f"{named}: count is for random shapes only")
+        if self.place != "grid" and self.presses is None:
+            raise T2TwinError(f"{named}: presses is missing, the number for each shape")
+        if self.place == "grid" and self.presses is not None:
+            raise T2TwinError(f"{named}: presses is for a distribution of place, not for the grid")
         if self.place == "grid" and self.shapes not in ("primitives", "tools"):
             raise T2TwinError(f"{named}: only primitives and tools have the protocol's grid")
         if self.place == "grid" and (self.background_share or self.val_share):

@@ -252,6 +252,13 @@ class CountsReading:
     counts: np.ndarray | None
     memory: np.ndarray | None = None
 
+    @property
+    def notes(self) -> list[str]:
+        """What limits the reading, in words; empty for nothing."""
+        full_scale = self.sensor.full_scale
+        is_clipped = self.counts is not None and self.counts.max() >= full_scale
+        return [f"counts are clipped at full scale, {full_scale:,.0f}"] if is_clipped else []
+
     @cached_property
     def tactile_image(self) -> np.ndarray:
         """(rows, columns) float32, counts: barycentric interpolation between the taxels.

@@ -33,6 +33,7 @@ notice (assumed)."""
 SIDE = "at the sensor's side"
 BACK = "at the sensor's back, from behind the sensor or from inside it"
 ADHESION = "pulling at the sensor"
+THROUGH = "on the mount, through the soft layer; make the contact with the sensor stiffer"
 """Places of forces that are not read."""
 
 UNSTEADY = (
@@ -204,7 +205,34 @@ def contact_forces(
         torque_nmm = MM_PER_M * sign * force[3:] @ axes + np.cross(at_mm, force_n)
         friction = float(contact.friction[0]) if contact.dim > 1 else 0.0
         found.setdefault(body, []).append((force_n, torque_nmm, at_mm, force[0], friction))
+    others += _through(model, data, geom, frame, set(found))
     return [_sum(body, found[body]) for body in sorted(found)], others
+
+
+def _through(
+    model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose, bodies: set[int]
+) -> list[Push]:
+    """Forces of bodies that press a sensor's geom on other geoms that are welded to it, at places
+    inside the sensor's geom: a soft contact lets bodies through.
+    """
+    welded = model.body_weldid[model.geom_bodyid]
+    is_own, is_theirs = welded == welded[geom], np.isin(welded, list(bodies))
+    is_own[geom] = False
+    contacts, force, found = data.contact, np.zeros(6), []
+    middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    rotation = data.geom_xmat[geom].reshape(3, 3)
+    first, second = contacts.geom.T
+    is_through = (is_own[first] & is_theirs[second]) | (is_own[second] & is_theirs[first])
+    for index in np.flatnonzero(is_through & (first >= 0) & (second >= 0)).tolist():
+        contact = contacts[index]
+        inside = (contact.pos - data.geom_xpos[geom]) @ rotation - middle
+        mujoco.mj_contactForce(model, data, index, force)
+        if force[0] <= 0 or (np.abs(inside) > half).any():
+            continue
+        sign, other = (1.0, first) if is_own[second[index]] else (-1.0, second)
+        force_n = sign * force[:3] @ contact.frame.reshape(3, 3) @ frame.rotation
+        found.append(Push(int(welded[other[index]]), THROUGH, force_n))
+    return found
 
 
 def sleeping_forces(

@@ -152,6 +152,7 @@ def _check_options(options: SimdataOptions) -> None:
 def _verify(folder: Path) -> int:
     """Check a dataset; returns the exit status."""
     import t2twin
+    from t2twin.core.words import counted
     from t2twin.sim.dataset.store import read_info
 
     faults = t2twin.verify_dataset(folder)
@@ -160,7 +161,8 @@ def _verify(folder: Path) -> int:
     info = read_info(folder)
     if faults:
         repair = "; the same `t2twin simdata` remakes only these" if info.is_simulated else ""
-        print(f"{folder} is damaged in {len({fault.part for fault in faults})} files{repair}")
+        damaged = counted(len({fault.part for fault in faults}), "file")
+        print(f"{folder} is damaged in {damaged}{repair}")
         return 1
     print(f"{folder} is complete: {_pairs(info)} pairs, {_size(folder, info)}")
     return 0

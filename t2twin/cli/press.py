@@ -2,6 +2,8 @@
 
 import math
 import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from t2twin.sim.contact.types import Contact, PressCommand
     from t2twin.sim.sensors.files import Sensor
     from t2twin.sim.sensors.pair import SensorPair
+    from t2twin.sim.touch import Touch
 
 
 def shapes() -> None:
@@ -320,7 +323,7 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     touch.save(folder)
     print_notes(shape)
     for name, contact in touch.contacts.items():
-        print(contact_summary(name, contact))
+        print("; ".join([contact_summary(name, contact), *touch[name].notes]))
     counts = {name: getattr(each, "counts", None) for name, each in touch.readings.items()}
     of_arrays = {name: values for name, values in counts.items() if values is not None}
     for name, values in of_arrays.items():
@@ -352,6 +355,8 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     log = None if options.rerun is None else RerunLog(options.rerun)
     if log is not None:
         touches = recorded(log, touches, 1e-3 * FRAME_MS)
+    said: Counter[str] = Counter()
+    touches = _noted(touches, said)
     rows = write_slide(
         folder, Progress(touches, total=len(commands), desc="slide", unit="step"), len(commands)
     )
@@ -362,7 +367,16 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
         contacts = [row for row in rows if f"{name}_shear_x_n" in row]
         if contacts:
             print(slide_summary(name, contacts))
+    for note, steps in said.items():
+        print(f"{note}; in {steps} of {len(commands)} touches")
     print(f"written to {folder}")
+
+
+def _noted(touches: "Iterable[Touch]", said: Counter[str]) -> "Iterator[Touch]":
+    """The same touches; counts their notes."""
+    for touch in touches:
+        said.update(touch.notes)
+        yield touch
 
 
 def _have_optics(sensors: "dict[str, Sensor]") -> bool:
@@ -389,16 +403,11 @@ def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
     x_n, y_n, torque_nmm = (
         round(end[f"{sensor}_{name}"], 2) + 0.0 for name in ("shear_x_n", "shear_y_n", "torque_nmm")
     )
-    line = (
+    return (
         f"{sensor}: step {end['step']}: tangential force {x_n:.2f} N right, {y_n:.2f} N down, "
         f"torque {torque_nmm:.2f} N mm, {100 * end[f'{sensor}_slip_share']:.0f} % of the contact "
         "slips"
     )
-    for name, what in (("settled", "did not settle"), ("bottomed", "bottomed out")):
-        found = sum(row[f"{sensor}_{name}"] != (name == "settled") for row in rows)
-        if found:
-            line += f"; {found} of {len(rows)} steps {what}"
-    return line
 
 
 def contact_summary(sensor: str, contact: "Contact") -> str:
@@ -409,19 +418,7 @@ def contact_summary(sensor: str, contact: "Contact") -> str:
         f"{sensor}: {contact.force_n:.2f} N at {contact.depth_mm:.3f} mm, "
         f"{contact.contact_area_mm2:.1f} mm2 in contact, {contact.milliseconds:.0f} ms"
     )
-    return "; ".join([line, *_off_sensor(contact), *contact_notes(contact)])
-
-
-def _off_sensor(contact: "Contact") -> list[str]:
-    """A note that the shape's middle lies off the sensor, if it does."""
-    places = (contact.command.x_mm, contact.x_mm), (contact.command.y_mm, contact.y_mm)
-    if all(abs(at) <= abs(axis).max() for at, axis in places):
-        return []
-    half_x, half_y = (abs(axis).max() for _, axis in places)
-    return [
-        "its middle lies off the sensor, whose soft layer reaches "
-        f"{half_x:.1f} mm to each side and {half_y:.1f} mm up and down"
-    ]
+    return "; ".join([line, *contact_notes(contact)])
 
 
 def show(path: Path) -> None:

@@ -57,7 +57,7 @@ def whole_number(value: object, name: str, low: int | None = None, high: int | N
     found = int(value)
     if (low is not None and found < low) or (high is not None and found > high):
         bounds = _between(-math.inf if low is None else low, math.inf if high is None else high)
-        raise _wrong(value, name, f"a whole number {bounds}")
+        raise T2TwinError(f"{name} is {found}; expected a whole number {bounds}")
     return found
 
 

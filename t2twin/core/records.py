@@ -7,7 +7,7 @@ import difflib
 import re
 import tomllib
 from codecs import BOM_UTF8
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
@@ -214,11 +214,13 @@ def _fault(error: msgspec.ValidationError, kind: type, place: str = "") -> str:
     if missing := re.fullmatch(r"Object missing required field `(.*)`", reason):
         return f"{f'{field}.' if field else ''}{missing[1]} is missing"
     if expected := re.fullmatch(r"Expected `([^`]*)`(?:, got `(.*)`)?( .*)?", reason):
-        kinds = " or ".join(_TYPES.get(kind, kind) for kind in expected[1].split(" | "))
+        named = [_TYPES.get(each, each) for each in expected[1].split(" | ") if each != "null"]
+        kinds = " or ".join(named) or "null"
         is_now = f"is {_TYPES.get(expected[2], expected[2])}; it " if expected[2] else ""
         return f"{name} {is_now}must be {kinds}{_bound(expected[3])}"
     if unknown := re.fullmatch(r"Invalid enum value (.*)", reason):
-        return f"{name} is {unknown[1]}, which is none of the allowed values"
+        allowed = ", ".join(map(str, _values(kind, re.sub(r"\[.*?]", "", name).split(".")[-1])))
+        return f"{name} is {unknown[1]}; allowed are {allowed}"
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", reason):
         near = nearest(unknown[1], sorted(_field_names(kind)))
         meant = hint(unknown[1]) or (f"; did you mean {near}?" if near else "")
@@ -237,16 +239,27 @@ def _bound(bound: str | None) -> str:
 
 def _field_names(kind: type) -> set[str]:
     """Names of all fields of a record, including nested ones."""
-    names, waiting = set(), [msgspec.inspect.type_info(kind)]
+    return {field.encode_name for field in _fields(kind)}
+
+
+def _values(kind: type, name: str) -> list[Any]:
+    """The values that all fields of this name may have, in a record and in nested ones."""
+    types = [field.type for field in _fields(kind) if field.encode_name == name]
+    parts = [part for each in types for part in getattr(each, "types", (each,))]
+    return [value for part in parts for value in getattr(part, "values", ())]
+
+
+def _fields(kind: type) -> Iterator[Any]:
+    """All fields of a record and of nested ones."""
+    waiting = [msgspec.inspect.type_info(kind)]
     while waiting:
         each = waiting.pop()
         for field in getattr(each, "fields", ()):
-            names.add(field.encode_name)
+            yield field
             waiting.append(field.type)
         waiting += [*getattr(each, "types", ()), *getattr(each, "item_types", ())]
         if (item := getattr(each, "item_type", None)) is not None:
             waiting.append(item)
-    return names
 
 
 def check_names(

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.contact_notes import contact_notes
 from t2twin.sim.touch import Touch
 from t2twin.studio.charts import (
     PERCENT,
@@ -153,7 +152,7 @@ def press_html(result: PressResult, scales: Scales, has_runs: bool, loading: boo
         parts += [_heading("Translation"), _paragraph(LOADING)]
     elif not has_runs:
         parts.append(_no_runs())
-    parts += [_contacts(result), *map(_paragraph, _notes(touch))]
+    parts += [_contacts(result), *map(_paragraph, [*touch.shape.notes, *touch.notes])]
     for name, each in touch.readings.items():
         if (values := getattr(each, "counts", None)) is not None:
             listed = f'<p><code class="counts">{_listed(values)}</code></p>'
@@ -332,13 +331,6 @@ def _contacts(result: PressResult) -> str:
             ["slipping area, %", *(f"{100 * each.slip_share:.0f}" for each in contacts)],
         ]
     return _heading("Contact") + _table(list(result.touch.contacts), rows, "contact")
-
-
-def _notes(touch: Touch) -> list[str]:
-    """Notes on a press: repairs of the mesh, and what limits the contacts."""
-    contacts = touch.contacts.items()
-    limits = [f"{name}: {note}." for name, each in contacts for note in contact_notes(each)]
-    return [*touch.shape.notes, *limits]
 
 
 def _listed(counts: np.ndarray) -> str:
