@@ -19,6 +19,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from t2twin.adaptation.real_frame_evaluation import (
     INITIAL,
     TRAINED,
@@ -232,8 +234,7 @@ def adapt(
     )
     out, digest = config.out, config.digest(inputs)
     fitted = _existing_fit(config, digest)
-    for warning in contact_warnings(inputs.background, str(config.background), config.source):
-        report(f"warning: {warning}")
+    _warn(config, inputs.background, report)
     spent: dict[str, float] = {}  # minutes
     with locked(out):
         with _step("light", spent, report):
@@ -351,6 +352,11 @@ def _quoted(text: str | Path) -> str:
     """A text in TOML's notation."""
     escaped = str(text).replace("\\", "\\\\").replace('"', '\\"')
     return f'"{escaped}"'
+
+
+def _warn(config: AdaptConfig, background: np.ndarray, report: Callable[[str], object]) -> None:
+    for warning in contact_warnings(background, str(config.background), config.source):
+        report(f"warning: {warning}")
 
 
 def _existing_fit(config: AdaptConfig, digest: str) -> FittedOptics | None:

@@ -200,7 +200,7 @@ class AttachedSensor:
         Contacts and poses are those at the beginning of the last step, as for MuJoCo's own sensors.
         The touch has the reading of this sensor alone. `sensor_to_world` is the
         sensor's pose. `notices` has each force of MuJoCo's contacts that the contact lacks by more
-        than 1 % and 0.01 N, with the reason; each reason and each note of the touch is also a
+        than 1 % and 0.01 N, with the reason. Each reason and each note of the touch is also a
         T2TwinWarning, once. An unchanged state gives the same touch again, as does each state
         before the next period of `rate_hz`. The tangential tractions continue those of the last
         reading of the same MjData,
