@@ -183,6 +183,7 @@ def test_a_body_thinner_than_a_cell_is_read(geom, sensor):
     assert touch.unread_n == 0
 
 
+@pytest.mark.filterwarnings("ignore:cyskin. counts are clipped:t2twin.T2TwinWarning")
 def test_a_tangential_load_that_the_layer_cannot_carry_is_named():
     """MuJoCo carries three times the normal force along x, on a ball that sinks in deeply."""
     spec, attached = scene(
