@@ -334,10 +334,19 @@ def _of_runs() -> Iterator[Case]:
     def with_dense_counts(**changed: object) -> Callable[[Path], object]:
         return edit(lambda text: json.dumps(json.loads(text) | changed).encode())
 
-    turned = with_dense_counts(direction="counts-to-image")
+    def swapped_sides(text: str) -> bytes:
+        content = json.loads(text)
+        data = content["data"]
+        data["source"], data["target"] = data["target"], data["source"]
+        return json.dumps(content).encode()
+
+    turned = edit(swapped_sides)
     files: Files = {"x.png": PNG, "run": Copy("touch2touch"), "run/config.json": turned}
-    for user in (*USERS, "live --run run {data}", "studio --run run"):
+    translate, evaluate, *others = USERS
+    for user in (*others, "live --run run {data}", "studio --run run"):
         yield Case(f"{user[:9]} with a reverse run", user, laid(files), "predicts images")
+    yield Case("translate an image to one", translate, laid(files), "files of counts of cyskin-20")
+    yield Case("evaluate a reverse run", evaluate, laid(files), fine=True)
     files = RUN | {"run/config.json": with_dense_counts(seed=1)}
     yield Case("another seed", AGAIN, laid(files), "another")
     yield Case("no run", AGAIN.replace("--out run", "--out data"), laid(DATA), "contains no run")

@@ -84,8 +84,9 @@ def read_counts(path: Path, array: ArraySide) -> np.ndarray:
     try:
         table, _ = read_csv(content)
     except ERRORS as error:
+        reason = "it is not text" if isinstance(error, UnicodeDecodeError) else error
         raise T2TwinError(
-            f"{path} cannot be read as a CSV file ({error}); the run takes CSV or NPY files of "
+            f"{path} cannot be read as a CSV file ({reason}); the run takes CSV or NPY files of "
             f"{array.words}"
         ) from error
     columns = [f"{TAXEL}{n}" for n in range(taxels)]
