@@ -85,11 +85,11 @@ DRIFT = 0.04
 0 to 8 % in the red of 21 presses of one real unit, 0 to 5 % in green, -2 to 2 % in blue)."""
 
 TRAINED_SHARE = 0.7
-"""Share of the trained weights in the mean with the initial ones. Of `field@3`, with shares of 0.35,
-0.5, 0.7 and 1, the RMSE on held-out frames of a real unit is 0.97, 0.97, 1.00 and 1.08 of the
-initial run's after 20 minutes, mean of three rotations of the frames, and 0.87, 0.81, 0.74 and 0.66
-on simulated frames of the same presses. With 0.7 it is 0.93 after 20 and 0.88 after 60 minutes,
-mean of two rotations (measured)."""
+"""Share of the trained weights in the mean with the initial ones. RMSE of `field@3` on held-out
+frames of a real unit with shares of 0.35, 0.5, 0.7 and 1, over that of the initial run: 0.97, 0.97,
+1.00 and 1.08 after 20 minutes, mean of three rotations of the frames. On simulated frames of the
+same presses it is 0.87, 0.81, 0.74 and 0.66. With 0.7 it is 0.93 after 20 and 0.88 after 60
+minutes, mean of two rotations (measured)."""
 
 SHAPES_PER_MINUTE = 90
 """Random shapes of the dataset per minute of the adaptation. Pressing them, four times each, takes
