@@ -217,7 +217,7 @@ def adapt(
     6000. model: trained with the preset cpu; a field run changes little from its initial run.
     init_from: run whose weights initialize the training; by default the pretrained run of the
     model for images of the sensor's size, if there is one. workers: processes that press; by
-    default one per core. report: receives progress messages. Raises T2TwinError, before anything is
+    default one per core. report: receives messages. Raises T2TwinError, before anything is
     written, for invalid arguments and for a folder with other content.
     """
     gel_camera, camera = sensor_and_camera(sensor, camera)
@@ -235,7 +235,7 @@ def adapt(
     )
     out, digest = config.out, config.digest(inputs)
     fitted = _existing_fit(config, digest)
-    _warn(config, inputs.background, report)
+    _warn_of_contact(config, inputs.background, report)
     spent: dict[str, float] = {}  # minutes
     with locked(out):
         with _step("light", spent, report):
@@ -355,7 +355,10 @@ def _quoted(text: str | Path) -> str:
     return f'"{escaped}"'
 
 
-def _warn(config: AdaptConfig, background: np.ndarray, report: Callable[[str], object]) -> None:
+def _warn_of_contact(
+    config: AdaptConfig, background: np.ndarray, report: Callable[[str], object]
+) -> None:
+    """Report a contact in the background frame."""
     for warning in contact_warnings(background, str(config.background), config.source):
         report(f"warning: {warning}")
 

@@ -215,6 +215,8 @@ def _through(
     """Forces of bodies that press a sensor's geom on other geoms that are welded to it, at places
     inside the sensor's geom: a soft contact lets bodies through.
     """
+    if not bodies:
+        return []
     welded = model.body_weldid[model.geom_bodyid]
     is_own, is_theirs = welded == welded[geom], np.isin(welded, list(bodies))
     is_own[geom] = False

@@ -246,7 +246,8 @@ def _values(kind: type, name: str) -> list[Any]:
     """The values that all fields of this name may have, in a record and in nested ones."""
     types = [field.type for field in _fields(kind) if field.encode_name == name]
     parts = [part for each in types for part in getattr(each, "types", (each,))]
-    return [value for part in parts for value in getattr(part, "values", ())]
+    values = [value for part in parts for value in getattr(part, "values", ())]
+    return list(dict.fromkeys(values))
 
 
 def _fields(kind: type) -> Iterator[Any]:
