@@ -334,7 +334,7 @@ def _of_runs() -> Iterator[Case]:
     def with_dense_counts(**changed: object) -> Callable[[Path], object]:
         return edit(lambda text: json.dumps(json.loads(text) | changed).encode())
 
-    def swapped_sides(text: str) -> bytes:
+    def swapped_sides(text: bytes) -> bytes:
         content = json.loads(text)
         data = content["data"]
         data["source"], data["target"] = data["target"], data["source"]
