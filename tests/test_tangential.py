@@ -10,6 +10,7 @@ from benchmarks.motion.slides_closed_forms import FORCE_N, torsion, twisted_ball
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact import pin_layout, sliding
+from t2twin.sim.contact.contact_notes import FAR_SHEARED, contact_notes
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import base_stress, cached_layer, compliance_mm_per_mpa
@@ -469,9 +470,27 @@ def test_a_tip_settles_between_two_sets_of_cells():
     start = PressCommand(shape.name, 0.6804239, -1.4767772, 4.4165892, 1.2738230)
     contact = solve_contact(shape, start, COVER, 0.5)
     for _ in range(6):
+        contact = replace(contact, settled=True)  # else each step has the state of those before
         contact = advance(contact, 0.08064944, 0.16800086, -0.00170563, 1.2738230, 1.2796767)
-    assert contact.settled or contact.smaller_than_grid
-    assert contact.equilibrium.converged
+        assert contact.settled or contact.smaller_than_grid
+        assert contact.equilibrium.converged
+
+
+def test_a_far_sheared_surface_is_named(press):
+    """The note compares the displacement with that without the limit on shortening."""
+    far = press("random-4322000000089", GEL, 0.25, 11.5)
+    for _ in range(4):
+        far = advance(far, -0.1, 0.1, -0.03, 11.5, 1.2)
+    assert far.motion is not None and FAR_SHEARED in contact_notes(far)
+    linear = far.shear_layer.response_mm(far.motion.shear_mpa)[:, *far.motion.response.window]
+    limited = unfolded(linear, far.pitch_mm)
+    change, size = (
+        np.average(np.hypot(*values[:2]), weights=far.pressure_kpa[far.motion.response.window])
+        for values in (limited - linear, limited)
+    )
+    assert far.motion.limited_share == pytest.approx(change / size, rel=1e-3)
+    ordinary = advance(press("hemisphere-4", GEL, 0.25, 4.0), 0.1, 0.0, 0.0, 4.0, 0.5)
+    assert ordinary.motion.limited_share == 0.0 and contact_notes(ordinary) == []
 
 
 def test_a_layout_returns_to_smaller_pins_only_where_they_are_clearly_fewer(monkeypatch):

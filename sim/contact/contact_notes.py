@@ -1,11 +1,17 @@
 """What limits a contact, in words."""
 
-from t2twin.sim.contact.heights import reaches_beyond
+from t2twin.sim.contact.heights import is_cut, reaches_beyond
 from t2twin.sim.contact.types import Contact
 
 UNSETTLED = "the contact did not settle, so its pressure and depth are approximate"
 SMALL = "the contact is smaller than the grid, so its pressure and depth are approximate"
 BOTTOMED = "the shape bottomed out: its base plate (the lowest flat face) is in contact"
+FAR_SHEARED = (
+    "the surface is sheared farther than the model holds, so its displacement is approximate"
+)
+
+FAR_SHARE = 0.2
+"""Motion.limited_share above which a contact has the note FAR_SHEARED (assumed)."""
 
 
 def contact_notes(contact: Contact) -> list[str]:
@@ -15,6 +21,8 @@ def contact_notes(contact: Contact) -> list[str]:
         found.append(SMALL)
     elif not contact.settled:
         found.append(UNSETTLED)
+    if contact.motion is not None and contact.motion.limited_share > FAR_SHARE:
+        found.append(FAR_SHEARED)
     if contact.bottomed:
         found.append(BOTTOMED)
     places = (contact.command.x_mm, contact.x_mm), (contact.command.y_mm, contact.y_mm)
@@ -25,12 +33,12 @@ def contact_notes(contact: Contact) -> list[str]:
             f"{half_x:.1f} mm to each side and {half_y:.1f} mm up and down"
         )
     shape = contact.command.tilted(contact.shape)
-    corners, reach_mm = shape.triangles[0], max(shape.surface.x_mm[-1], shape.surface.y_mm[-1])
-    if (
-        len(corners)
-        and reaches_beyond(shape.surface, contact.command, contact.x_mm, contact.y_mm)
-        and abs(corners[:, :2]).max() > reach_mm
+    # Only then its solid is needed, which is slow to make.
+    if is_cut(shape.surface) and reaches_beyond(
+        shape.surface, contact.command, contact.x_mm, contact.y_mm
     ):
-        beyond = f"beyond {reach_mm:.0f} mm from its middle"
-        found.append(f"parts of the shape {beyond} are not pressed")
+        corners, reach_mm = shape.triangles[0], max(shape.surface.x_mm[-1], shape.surface.y_mm[-1])
+        if len(corners) and abs(corners[:, :2]).max() > reach_mm:
+            beyond = f"beyond {reach_mm:.0f} mm from its middle"
+            found.append(f"parts of the shape {beyond} are not pressed")
     return found

@@ -1,7 +1,6 @@
 """Arithmetic of nested grids of square cells: windows, blocks, and values from cell means."""
 
 import numpy as np
-from scipy import ndimage
 
 from t2twin.core.jit import compiled
 
@@ -91,18 +90,41 @@ def center_values(fine: np.ndarray, per_side: int) -> np.ndarray:
     each axis. For one cell it is the mean less the second differences over 24.
     """
     if per_side == 1:
-        return fine - ndimage.laplace(fine, mode="nearest") / 24
-    for _ in range(2):  # along the first axis, transposed in between
-        fine = np.ascontiguousarray(fine)
-        after = np.arange(len(fine) // per_side) * per_side + per_side // 2
-        # The four cells around each center, moved inwards at a rim.
-        first = np.clip(after - 2, 0, len(fine) - 4)
-        weights = CENTER_WEIGHTS[after - 1 - first]
-        values = weights[:, :1] * fine[first]
-        for k in range(1, 4):
-            values += weights[:, k : k + 1] * fine[first + k]
-        fine = values.T
-    return fine
+        found = np.empty(fine.shape)
+        _without_curvature(fine, found)
+        return found
+    rows, columns = (length // per_side for length in fine.shape)
+    between, found = np.empty((rows, fine.shape[1])), np.empty((rows, columns))
+    _along_first_axis(fine, per_side, CENTER_WEIGHTS, between)
+    _along_first_axis(between.T, per_side, CENTER_WEIGHTS, found.T)
+    return found
+
+
+@compiled("void(f8[:, :], i8, f8[:, ::1], f8[:, :])", nogil=True)
+def _along_first_axis(fine, per_side, weights, values):
+    """Write the values between the two cells in the middle of each block of an even number."""
+    for i in range(values.shape[0]):
+        after = i * per_side + per_side // 2
+        # The four cells around the middle, moved inwards at a rim.
+        first = min(max(after - 2, 0), fine.shape[0] - 4)
+        own = weights[after - 1 - first]
+        for j in range(values.shape[1]):
+            value = 0.0
+            for k in range(4):
+                value += own[k] * fine[first + k, j]
+            values[i, j] = value
+
+
+@compiled("void(f8[:, :], f8[:, ::1])", nogil=True)
+def _without_curvature(means, centers):
+    """Write the means less the second differences over 24, which are one-sided at a rim."""
+    rows, columns = means.shape
+    for i in range(rows):
+        above, below = max(i - 1, 0), min(i + 1, rows - 1)
+        for j in range(columns):
+            left, right = max(j - 1, 0), min(j + 1, columns - 1)
+            around = means[above, j] + means[below, j] + means[i, left] + means[i, right]
+            centers[i, j] = means[i, j] - (around - 4 * means[i, j]) / 24
 
 
 @compiled("UniTuple(i8, 4)(b1[:, :])", nogil=True)

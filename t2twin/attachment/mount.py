@@ -21,6 +21,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.renamed import new_keywords
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.mujoco_pins import prepare_models
 from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.contact.spec import MountTable
 from t2twin.sim.optical.markers import Markers
@@ -115,6 +116,7 @@ def attach(
         spec.attach(own, site=place, prefix=prefix)
     else:
         spec.attach(own, frame=place.add_frame(), prefix=prefix)
+    prepare_models()
     return mounted
 
 

@@ -39,6 +39,16 @@ def is_small(
     return max(along_x, along_y) <= allowed and into <= DEFLECTION_SHARE * depth_mm
 
 
+def share_changed(values: np.ndarray, before: np.ndarray, weights: np.ndarray) -> float:
+    """Mean change along the surface from values before to values, over the mean of the values.
+
+    values, before: (2 or 3, rows, columns) displacements. weights: (rows, columns) of the means. 0
+    for a mean below COUPLING_TOLERANCE_MM.
+    """
+    change, size = ((np.hypot(*v[:2]) * weights).sum() for v in (values - before, values))
+    return float(change / size) if size > COUPLING_TOLERANCE_MM * weights.sum() else 0.0
+
+
 def means(values: np.ndarray, pressure: np.ndarray, over: list[np.ndarray]) -> np.ndarray:
     """Means of values along x and y, (2, rows, columns), weighted with the pressure, of each body,
     (bodies, 2). over: of each body, (rows, columns) bool, the cells nearest to it."""
