@@ -482,15 +482,18 @@ def test_a_far_sheared_surface_is_named(press):
     for _ in range(4):
         far = advance(far, -0.1, 0.1, -0.03, 11.5, 1.2)
     assert far.motion is not None and FAR_SHEARED in contact_notes(far)
-    linear = far.shear_layer.response_mm(far.motion.shear_mpa)[:, *far.motion.response.window]
+    assert far.motion.response is not None
+    window = far.motion.response.window
+    linear = far.shear_layer.response_mm(far.motion.shear_mpa)[:, *window]
     limited = unfolded(linear, far.pitch_mm)
     change, size = (
-        np.average(np.hypot(*values[:2]), weights=far.pressure_kpa[far.motion.response.window])
+        np.average(np.hypot(*values[:2]), weights=far.pressure_kpa[window])
         for values in (limited - linear, limited)
     )
     assert far.motion.limited_share == pytest.approx(change / size, rel=1e-3)
     ordinary = advance(press("hemisphere-4", GEL, 0.25, 4.0), 0.1, 0.0, 0.0, 4.0, 0.5)
-    assert ordinary.motion.limited_share == 0.0 and contact_notes(ordinary) == []
+    assert ordinary.motion is not None and ordinary.motion.limited_share == 0.0
+    assert contact_notes(ordinary) == []
 
 
 def test_a_layout_returns_to_smaller_pins_only_where_they_are_clearly_fewer(monkeypatch):
