@@ -15,6 +15,7 @@ change the simulation, so that each version of the code reads the same states.
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
+import gc
 import time
 import warnings
 from argparse import Namespace
@@ -169,6 +170,7 @@ def read_scene(sensor: str, name: str, seconds: float) -> tuple[dict[str, Any], 
             spent_ms = 1e3 * (time.thread_time() - start)
             if number < WARM_UP:
                 work.counts.clear()
+                gc.freeze()  # as the documents advise for a loop
                 continue
             contact = contact_of(touch)
             (away if contact is None else times).append(spent_ms)
