@@ -1,7 +1,8 @@
 """What limits a contact, in words."""
 
 from t2twin.sim.contact.heights import is_cut, reaches_beyond
-from t2twin.sim.contact.types import Contact
+from t2twin.sim.contact.tangential.displacements import is_far
+from t2twin.sim.contact.types import Contact, Motion
 
 UNSETTLED = "the contact did not settle, so its pressure and depth are approximate"
 SMALL = "the contact is smaller than the grid, so its pressure and depth are approximate"
@@ -9,9 +10,6 @@ BOTTOMED = "the shape bottomed out: its base plate (the lowest flat face) is in 
 FAR_SHEARED = (
     "the surface is sheared farther than the model holds, so its displacement is approximate"
 )
-
-FAR_SHARE = 0.2
-"""Motion.limited_share above which a contact has the note FAR_SHEARED (assumed)."""
 
 
 def contact_notes(contact: Contact) -> list[str]:
@@ -21,7 +19,7 @@ def contact_notes(contact: Contact) -> list[str]:
         found.append(SMALL)
     elif not contact.settled:
         found.append(UNSETTLED)
-    if contact.motion is not None and contact.motion.limited_share > FAR_SHARE:
+    if contact.motion is not None and _is_far_sheared(contact, contact.motion):
         found.append(FAR_SHEARED)
     if contact.bottomed:
         found.append(BOTTOMED)
@@ -42,3 +40,13 @@ def contact_notes(contact: Contact) -> list[str]:
             beyond = f"beyond {reach_mm:.0f} mm from its middle"
             found.append(f"parts of the shape {beyond} are not pressed")
     return found
+
+
+def _is_far_sheared(contact: Contact, motion: Motion) -> bool:
+    """Whether the mean shear strain is above 1, up to which the linear response is that of a rubber
+    (assumed), or the surface would shorten too much."""
+    known = motion.response
+    if known is None:
+        return False
+    weights, thickness_mm = contact.pressure_kpa[known.window], contact.elastomer.thickness_mm
+    return is_far(known.parts_mm.sum(axis=0), weights, contact.pitch_mm, thickness_mm)

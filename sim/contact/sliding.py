@@ -25,13 +25,7 @@ from t2twin.sim.contact.contact_solver import is_confirmed, solve_bodies
 from t2twin.sim.contact.grid import Window, dilated, window_around, window_shape
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.solver_loops import Anderson
-from t2twin.sim.contact.tangential.displacements import (
-    is_small,
-    means,
-    moved,
-    share_changed,
-    unfolded,
-)
+from t2twin.sim.contact.tangential.displacements import is_small, means, moved, unfolded
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
 from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
 from t2twin.sim.contact.types import (
@@ -224,10 +218,9 @@ def _step(
         shear, follows, found = friction(normal, spread, dome, shear)
         parts = layer.parts_mm(shear)
         sheared, dome = parts.sum(axis=0), parts[1, :2]
-        limited = unfolded(sheared, pitch)
         if not pressure.any() or _outside(normal, window).any():
             break  # the contact left the window
-        error = limited - seen
+        error = unfolded(sheared, pitch) - seen
         is_due = not averages or (late > 0 and late % AVERAGED_ROUNDS == 0)
         change = seen + error - reference if averages else error
         change = change / LATE_TOLERANCE if late >= 0 and prescribed else change
@@ -240,27 +233,13 @@ def _step(
             over = _nearest_body(normal, window)
             error = moved(seen + error, -means(error[:2], pressure, over), pitch, over) - seen
         seen = _corrected(seen, error, late, prescribed, acceleration)
-    traction = np.zeros_like(start.shear_mpa)
+    slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
+    slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
-    correction = Correction(travel, limited - predicted)
+    correction = Correction(travel, unfolded(sheared, pitch) - predicted)
     known = layer.middle, window, traction, normal.pressure_kpa, spread, parts, correction
-    motion = _motion(start, Response(*known), follows, share_changed(limited, sheared, pressure))
+    motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=Response(*known))
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
-
-
-def _motion(start: Motion, response: Response, follows: np.ndarray, limited_share: float) -> Motion:
-    """The motion after a step from a start. follows: (2, rows, columns) displacement of a surface
-    that sticks to the shape, mm."""
-    slip_mm, window = start.slip_mm.copy(), response.window
-    slip = np.hypot(*(follows - _lateral_mm(response)))
-    slip_mm[window] += slip * (response.pressure_kpa[window] > 0)
-    return replace(
-        start,
-        shear_mpa=response.shear_mpa,
-        slip_mm=slip_mm,
-        limited_share=limited_share,
-        response=response,
-    )
 
 
 def _predicted(

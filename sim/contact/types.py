@@ -169,14 +169,12 @@ class Motion:
 
     friction: coefficient of friction, (ny, nx) for several bodies. shear_mpa: (2, ny, nx) traction
     on the sensor along x and y. slip_mm: (ny, nx) length of the shape's path over the surface so
-    far. limited_share: of the mean displacement under the contact, how much `unfolded` has changed
-    in the last step. response: to the traction and the pressure, from which the next step starts.
+    far. response: to the traction and the pressure, from which the next step starts.
     """
 
     friction: Any
     shear_mpa: np.ndarray
     slip_mm: np.ndarray
-    limited_share: float = 0.0
     response: Response | None = field(default=None, repr=False, compare=False)
 
 

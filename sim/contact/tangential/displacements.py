@@ -18,11 +18,13 @@ more. Into the sensor: a share of the depth."""
 MIN_MOVE = 0.1
 """Motion of a contact, in cells, below which its displacement does not move with it (assumed)."""
 
-
 MAX_SHORTENING = 0.35
 """Largest shortening of the surface in one direction, as a share of its length. A rubber's surface
 that is shortened more forms creases instead (Hong, Zhao and Suo 2009, doi 10.1063/1.3211917: 0.35
 in plane strain). With this limit contacts settle under a body that sinks into most of a layer."""
+
+FAR_SHARE = 0.2
+"""Share of the displacement that MAX_SHORTENING may change without a note (assumed)."""
 
 
 def is_small(
@@ -39,14 +41,20 @@ def is_small(
     return max(along_x, along_y) <= allowed and into <= DEFLECTION_SHARE * depth_mm
 
 
-def share_changed(values: np.ndarray, before: np.ndarray, weights: np.ndarray) -> float:
-    """Mean change along the surface from values before to values, over the mean of the values.
+def is_far(
+    displacement_mm: np.ndarray, weights: np.ndarray, pitch_mm: float, far_mm: float
+) -> bool:
+    """Whether the mean displacement along the surface is above far_mm, or `unfolded` changes it by
+    a mean of FAR_SHARE of it.
 
-    values, before: (2 or 3, rows, columns) displacements. weights: (rows, columns) of the means. 0
-    for a mean below COUPLING_TOLERANCE_MM.
+    displacement_mm: (3, rows, columns). weights: (rows, columns) of the means.
     """
-    change, size = ((np.hypot(*v[:2]) * weights).sum() for v in (values - before, values))
-    return float(change / size) if size > COUPLING_TOLERANCE_MM * weights.sum() else 0.0
+    limited = unfolded(displacement_mm, pitch_mm)
+    size, change = (
+        float(np.average(np.hypot(*values[:2]), weights=weights))
+        for values in (limited, limited - displacement_mm)
+    )
+    return size > far_mm or change > max(FAR_SHARE * size, COUPLING_TOLERANCE_MM)
 
 
 def means(values: np.ndarray, pressure: np.ndarray, over: list[np.ndarray]) -> np.ndarray:
