@@ -120,9 +120,9 @@ class Touch(NewAttributes):
     def notes(self) -> list[str]:
         """What limits the contacts and readings, each with the sensor's name; empty for nothing.
 
-        Of a contact: it did not settle, is smaller than the grid, bottomed out, or lies outside the
-        camera's view. Of a shape: its middle lies off the sensor, or parts of it are not pressed.
-        Of counts: they are clipped at full scale.
+        Of a contact: it did not settle, is smaller than the grid, bottomed out, is sheared farther
+        than the model holds, or lies outside the camera's view. Of a shape: its middle lies off the
+        sensor, or parts of it are not pressed. Of counts: they are clipped at full scale.
         """
         found = []
         for name, each in self.readings.items():

@@ -21,6 +21,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset import generate, pool
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
@@ -370,6 +371,20 @@ def test_the_log_says_where_the_time_went(made):
     }  # which the protocol has not
     assert sum(record["stage_seconds"].values()) < 2 * record["seconds"]
     assert 50e6 < record["peak_memory_bytes"] < 24e9  # the worker has run other tests
+
+
+def test_pairs_with_notes_are_counted(tmp_path, shape_cache, capsys):
+    """Presses near the end of a long line have its middle off the sensor."""
+    shapes = ("line-sharp-1",)
+    make_dataset(tmp_path / "data", "small", shapes=shapes, workers=1, cache=shape_cache)
+    (log,) = [json.loads(line) for line in (tmp_path / "data" / LOG).read_text().splitlines()]
+    camera, rows = SensorPair().source, read_split(tmp_path / "data", "train")
+    x, y = (np.abs(rows[name].to_numpy()) for name in ("x_mm", "y_mm"))
+    contact = camera.press(catalogue.load("line-sharp-1"), PressCommand("", 0.0, 0.0, 0.0, 8.0))
+    off = (x > np.abs(contact.x_mm).max()) | (y > np.abs(contact.y_mm).max())
+    ((note, count),) = log["notes"].items()
+    assert count == off.sum() > 0 and note.startswith(f"{camera.name}: the shape's middle")
+    assert f"{count} pairs: {note}\n" in capsys.readouterr().out
 
 
 def test_a_pair_is_what_the_sensors_take(made, shapes):

@@ -87,7 +87,7 @@ class RunTiming:
 
     ended: the time, UTC, ISO 8601. seconds: of the whole run. stage_seconds: processor time of all
     pairs by stage. peak_memory_bytes: the sum of all processes' peaks. rejected: attempts at
-    presses that were rejected, by reason.
+    presses that were rejected, by reason. notes: pairs with each note of their touch.
     """
 
     ended: str
@@ -97,6 +97,7 @@ class RunTiming:
     stage_seconds: dict[str, float]
     peak_memory_bytes: int
     rejected: dict[str, int] = field(default_factory=dict)
+    notes: dict[str, int] = field(default_factory=dict)
 
 
 @new_keywords
@@ -306,7 +307,7 @@ def _make_shards(
     made = {path.name for path in (folder / GROUPS).glob("*")}
     schedule = Schedule([groups_of(context.recipe, batch) for batch in todo], made)
     start, new = time.monotonic(), {}
-    watch, peaks, rejected, pairs = Stopwatch(), {}, Counter(), 0
+    watch, peaks, rejected, notes, pairs = Stopwatch(), {}, Counter(), Counter(), 0
     with Progress(total=schedule.pairs, unit="pair", desc="simdata") as bar:
         results = _results(context, schedule, workers, scheduler, info, bar)
         with closing(results):  # an interrupt ends the workers here, not later
@@ -318,6 +319,7 @@ def _make_shards(
                 watch.add(result.watch)
                 pairs += result.pairs
                 rejected.update(result.rejected)
+                notes.update(result.notes)
                 peaks[result.process] = result.peak_memory
     busy = len(peaks)
     peaks[process_name()] = peak_memory()
@@ -329,6 +331,7 @@ def _make_shards(
         stage_seconds={stage: round(value, 3) for stage, value in watch.seconds.items()},
         peak_memory_bytes=sum(peaks.values()),
         rejected=dict(sorted(rejected.items())),
+        notes=dict(sorted(notes.items())),
     )
     print(summary(timing))
     _log(folder, timing)
@@ -368,12 +371,13 @@ def summary(run: RunTiming) -> str:
         f"{counted(count, 'press', 'presses')} rejected and sampled again: {reason}\n"
         for reason, count in run.rejected.items()
     )
+    notes = "".join(f"{counted(count, 'pair')}: {note}\n" for note, count in run.notes.items())
     return (
         f"{counted(run.pairs, 'pair')} in {run.seconds:.0f} s with "
         f"{counted(run.workers, 'worker')}: "
         f"{run.pairs / run.seconds:.1f} pairs/s, workers busy {100 * busy:.0f} % of the time\n"
         f"processor time of a pair, ms: {stages}; and {run.stage_seconds['shape']:.1f} s to load "
-        f"the shapes\n{rejected}"
+        f"the shapes\n{rejected}{notes}"
         f"peak memory of all processes together: {run.peak_memory_bytes / 2**30:.2f} GiB"
     )
 

@@ -167,7 +167,7 @@ class WorkResult:
 
     sha256: of the shard, None of a group. pairs: that were made here. watch: processor time by
     stage. process: name of the process. peak_memory: of the process so far, bytes. rejected:
-    attempts at presses that were rejected, by reason.
+    attempts at presses that were rejected, by reason. notes: pairs with each note of their touch.
     """
 
     sha256: str | None
@@ -176,6 +176,7 @@ class WorkResult:
     process: str
     peak_memory: int
     rejected: dict[str, int]
+    notes: dict[str, int]
 
 
 def make(work: Work, context: ShardContext, progress: Callable[[], object]) -> WorkResult:
@@ -185,14 +186,14 @@ def make(work: Work, context: ShardContext, progress: Callable[[], object]) -> W
     progress: called after each pair that is made. Raises T2TwinError as press_until_accepted does,
     and where a file cannot be written.
     """
-    watch, rejected, digest, pairs = Stopwatch(), Counter(), None, 0
+    watch, rejected, notes, digest, pairs = Stopwatch(), Counter(), Counter(), None, 0
     start = time.process_time()
     values: Values = dict(zip(ROLES, context.sensors.values, strict=True))
     schema = schema_of(values, context.recipe)
 
     def table(group: Group) -> pa.Table:
         nonlocal pairs
-        rows = list(_rows(group, context, watch, rejected, progress))
+        rows = list(_rows(group, context, watch, rejected, notes, progress))
         pairs += len(rows)
         return pa.Table.from_pylist(rows, schema=schema)
 
@@ -214,7 +215,8 @@ def make(work: Work, context: ShardContext, progress: Callable[[], object]) -> W
         trim_memory()
     # The rows are made while the shard is written; the rest of the time is the writing.
     watch.seconds["writing"] += time.process_time() - start - watch.total
-    return WorkResult(digest, pairs, watch, process_name(), peak_memory(), dict(rejected))
+    memory = process_name(), peak_memory()
+    return WorkResult(digest, pairs, watch, *memory, dict(rejected), dict(notes))
 
 
 def warm_up() -> None:
@@ -234,6 +236,7 @@ def _rows(
     context: ShardContext,
     watch: Stopwatch,
     rejected: Counter[str],
+    notes: Counter[str],
     progress: Callable[[], object],
 ) -> Iterator[dict[str, Any]]:
     """The rows of a group, shape by shape, path by path."""
@@ -268,6 +271,7 @@ def _rows(
                     with watch.running("motion"):
                         columns = columns | motion_row(touch, roles, path.index, friction)
                 with watch.running("encoding"):
+                    notes.update(touch.notes)
                     columns = row(touch, roles, index, batch.split) | columns
                 yield columns
                 progress()

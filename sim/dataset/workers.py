@@ -36,8 +36,9 @@ class Workers:
         self.pool = ProcessPoolExecutor(
             number, mp_context=spawn, initializer=_start, initargs=shared
         )
-        # If they cannot start, the first work raises the error again.
-        with blocked_signals(), suppress(BrokenProcessPool):
+        # If they cannot start, the first work raises the error again. One that starts while the
+        # pool breaks finds its pipes closed, a ValueError.
+        with blocked_signals(), suppress(BrokenProcessPool, ValueError):
             for _ in range(number):  # a process for each
                 self.pool.submit(_ready)
 
