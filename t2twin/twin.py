@@ -144,8 +144,8 @@ class Twin:
         The contacts of the touches, such as `touch["digit"].contact`, have the tangential force
         shear_n, torque_nmm, slip_share, and the fields shear_kpa, slipping and motion.
         Warns as `press` does, once of each limit.
-        Raises T2TwinError for invalid numbers, for a touch without contact, and where the shape
-        leaves a pad.
+        Raises T2TwinError for invalid numbers, for a touch without contact, where nothing changes,
+        and where the shape leaves a pad.
         """
         friction = check_friction(friction)
         if not arguments.instance(touch, "touch", Touch).contacts:
@@ -156,6 +156,8 @@ class Twin:
         rng = generator(seed)
         rows = straight_path(start, dx_mm, dy_mm, dyaw_deg, steps, force)
         commands = path_commands(start.shape, rows, tilt_rad=start.tilt_rad)[1:]
+        if not (dx_mm or dy_mm or dyaw_deg or force != start.force_n):
+            raise T2TwinError("nothing changes; give dx_mm, dy_mm, dyaw_deg or another force_n")
         self.sensors.check_over_pads(touch, commands[-1])
         touches = []
         for command in commands:

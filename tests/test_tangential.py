@@ -350,6 +350,7 @@ def test_the_force_may_change_on_the_way():
         ({"force_n": 0.0}, "a force of 0 N cannot be pressed"),
         ({"seed": -1}, "seed"),
         ({"dx_mm": 40.0}, "does not lie over the"),
+        ({"force_n": 2.0}, "nothing changes; give dx_mm"),
     ],
 )
 def test_a_wrong_slide_is_refused(arguments, sentence):

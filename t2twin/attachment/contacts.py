@@ -189,11 +189,9 @@ def contact_forces(
             raise T2TwinError(
                 f"a flex touches geom {model.geom(geom).name}; sensors read rigid bodies only"
             )
-        mujoco.mj_contactForce(model, data, index, force)
+        axes, force_n = _decoded(model, data, int(index), sign, frame, force)
         if force[0] == 0:
             continue
-        axes = contact.frame.reshape(3, 3) @ frame.rotation
-        force_n = sign * force[:3] @ axes
         body = int(model.body_weldid[model.geom_bodyid[other]])
         # MuJoCo's normal points from the first geom to the second, which the force acts on
         facing = -sign * axes[0, 2]
@@ -207,6 +205,24 @@ def contact_forces(
         found.setdefault(body, []).append((force_n, torque_nmm, at_mm, force[0], friction))
     others += _through(model, data, geom, frame, set(found))
     return [_sum(body, found[body]) for body in sorted(found)], others
+
+
+def _decoded(
+    model: "mujoco.MjModel",
+    data: "mujoco.MjData",
+    index: int,
+    sign: float,
+    frame: Pose,
+    force: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """A contact's axes in the sensor frame, (3, 3) rows, and its force on the sensor, (3,), N.
+
+    index: of the contact. sign: 1 where its second geom is the sensor's, else -1. force: (6,),
+    replaced by the contact's force and torque along its own axes.
+    """
+    mujoco.mj_contactForce(model, data, index, force)
+    axes = data.contact[index].frame.reshape(3, 3) @ frame.rotation
+    return axes, sign * force[:3] @ axes
 
 
 def _through(
@@ -228,11 +244,10 @@ def _through(
     for index in np.flatnonzero(is_through & (first >= 0) & (second >= 0)).tolist():
         contact = contacts[index]
         inside = (contact.pos - data.geom_xpos[geom]) @ rotation - middle
-        mujoco.mj_contactForce(model, data, index, force)
+        sign, other = (1.0, first) if is_own[second[index]] else (-1.0, second)
+        _, force_n = _decoded(model, data, index, sign, frame, force)
         if force[0] <= 0 or (np.abs(inside) > half).any():
             continue
-        sign, other = (1.0, first) if is_own[second[index]] else (-1.0, second)
-        force_n = sign * force[:3] @ contact.frame.reshape(3, 3) @ frame.rotation
         found.append(Push(int(welded[other[index]]), THROUGH, force_n))
     return found
 
