@@ -21,7 +21,7 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import locked, move_into, temporary_folder, write_csv
+from t2twin.core.files import check_own, locked, move_into, temporary_folder, write_csv
 from t2twin.core.machine import installed_version
 from t2twin.core.renamed import NewAttributes
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
@@ -42,6 +42,9 @@ Reading = ImageReading | CountsReading
 
 VERSIONS = ("t2twin", "mujoco", "numpy")
 """Packages whose versions press.json contains."""
+
+PRESS_JSON = "press.json"
+"""The file that each saved touch has."""
 
 MARKERS_CSV = "markers.csv"
 MARKER_COLUMNS = ("marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm")
@@ -215,14 +218,15 @@ class Touch(NewAttributes):
         return self.of_array.tractions
 
     def save(self, folder: str | Path) -> None:
-        """Write all files of the folder, or none.
+        """Write all files of the folder, or none; removes those of an earlier touch there.
 
-        Raises T2TwinError where the folder cannot be written.
+        Raises T2TwinError where the folder has other files or cannot be written.
         """
         folder = arguments.path(folder, "folder")
         with locked(folder), temporary_folder(folder, "press") as temporary:
+            check_own(folder, PRESS_JSON, "a press")
             content = json.dumps(_press_json(self), indent=1)
-            (temporary / "press.json").write_text(f"{content}\n")
+            (temporary / PRESS_JSON).write_text(f"{content}\n")
             mesh_file = scene.mesh_name(self.shape)
             if mesh_file is not None:
                 (temporary / mesh_file).write_bytes(binary_stl(*self.shape.triangles))
@@ -232,7 +236,22 @@ class Touch(NewAttributes):
                 reading.save(temporary, sensor)
             if self.markers is not None:
                 write_csv(temporary / MARKERS_CSV, MARKER_COLUMNS, marker_rows(self))
-            move_into(folder, sorted(temporary.iterdir()))
+            new = sorted(temporary.iterdir())
+            old = _files_of_touch(folder) - {path.name for path in new}
+            move_into(folder, new)
+            for name in old:
+                (folder / name).unlink(missing_ok=True)
+
+
+def _files_of_touch(folder: Path) -> set[str]:
+    """Names of the files that a touch in the folder may have, but those of sensors without
+    contact."""
+    found = {MARKERS_CSV, "shape.stl", "tactile_image.png", "tactile_picture.png"}
+    for path in folder.glob("contact_*.npz"):
+        sensor = path.stem.removeprefix("contact_")
+        found |= {path.name, scene_path(folder, sensor).name, f"{sensor}.png", f"{sensor}.json"}
+        found |= {f"tactile_image_{sensor}.png", f"tactile_picture_{sensor}.png"}
+    return found
 
 
 def marker_rows(touch: Touch) -> list[list[Any]]:

@@ -29,8 +29,8 @@ from PIL import Image
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import (
+    check_own,
     check_replaceable,
-    is_empty,
     locked,
     move_into,
     temporary_folder,
@@ -101,11 +101,7 @@ def write_slide(folder: Path, touches: Iterable[Touch], number: int) -> list[Row
     Raises T2TwinError for a folder with other files, or that cannot be written.
     """
     with locked(folder):
-        if not is_empty(folder) and not (folder / SLIDE_CSV).is_file():
-            raise T2TwinError(
-                f"{folder} is not empty, and its files are not of a slide; expected a new or empty "
-                "folder, or one of an earlier slide"
-            )
+        check_own(folder, SLIDE_CSV, "a slide")
         with temporary_folder(folder, "slide") as temporary:
             rows = _write(temporary, touches, number)
             _replace(folder, temporary)

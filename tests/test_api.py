@@ -2,11 +2,13 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import t2twin
+from t2twin.core.errors import T2TwinError
 
 PUBLIC = {
     "AttachedSensor", "Contact", "Elastomer", "Layout", "PressCommand", "Recipe", "Shape",
@@ -115,6 +117,21 @@ def test_another_layout_reads_the_same_touch():
     with pytest.warns(t2twin.T2TwinWarning, match="clipped at full scale"):  # pads of 3 mm
         touch = twin.press("hemisphere-2")
     assert touch.counts.shape == twin.layout.x_mm.shape == (63,)
+
+
+def test_a_saved_touch_replaces_an_earlier_one_and_nothing_else(tmp_path):
+    twin, folder = t2twin.Twin(), tmp_path / "out"
+    touch = twin.press("square-2", force_n=4.0)
+    touch.save(folder)
+    (folder / "mine.txt").write_text("mine")
+    replace(touch, readings={"digit": touch["digit"]}).save(folder)
+    assert {path.name for path in folder.iterdir()} == {
+        "press.json", "shape.stl", "digit.png", "contact_digit.npz", "scene_digit.xml", "mine.txt",
+    }  # fmt: skip
+    (tmp_path / "shape.stl").write_text("mine")
+    with pytest.raises(T2TwinError, match="its files are not of a press"):
+        touch.save(tmp_path)
+    assert (tmp_path / "shape.stl").read_text() == "mine"
 
 
 def test_a_touch_is_saved_as_the_command_writes_it(tmp_path):

@@ -6,6 +6,7 @@
 - A gripper that closes on objects and lifts them: MuJoCo's force, and what is read.
 - Random scenes: geoms and meshes, also hollow, thin and heavy ones, with explicit pairs, collision
   masks and sleep. MuJoCo's force on the sensor must be that of the touch and of its notices.
+  Contacts that are smaller than the grid (unresolved) or did not settle must have a note.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
@@ -43,6 +44,7 @@ from t2twin.attachment.sensor import NOTHING, AttachedSensor
 from t2twin.core.errors import T2TwinWarning
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.contact.contact_notes import SMALL, UNSETTLED
 from t2twin.sim.touch import Touch
 
 BENCHMARK = Benchmark(
@@ -61,12 +63,21 @@ BENCHMARK = Benchmark(
         Figure("random.lost", most=0),
         Figure("random.exceptions", most=0),
         Figure("random.warnings", most=0),
-        Figure("random.unsettled", most=0),
+        Figure("random.unresolved"),
+        Figure("random.unsettled", most=4),
+        Figure("random.unnamed", most=0),
     ),
     arguments=(Argument("--scenes", "random scenes", int, 2000, partial=True),),
 )
 
 SENSORS = ("digit", "cyskin")
+
+KINDS = ("exceptions", "warnings", "unresolved", "unsettled", "unnamed", "noticed", "lost")
+"""What is counted of random scenes."""
+
+LIMITS = (SMALL, UNSETTLED)
+"""Notes of a contact that is not settled."""
+
 GRAVITY = 9.81
 """m/s2"""
 
@@ -241,9 +252,7 @@ def forces_on(
 
 def random_scenes(count: int) -> dict[str, Any]:
     """Outcomes of random scenes, and those that failed."""
-    totals: Counter[str] = Counter(
-        dict.fromkeys(("exceptions", "warnings", "unsettled", "noticed", "lost"), 0)
-    )
+    totals: Counter[str] = Counter(dict.fromkeys(KINDS, 0))
     failures: list[dict[str, Any]] = []
     for tally, failed in in_processes(random_outcome, range(count), count, "random scenes"):
         totals.update(tally)
@@ -314,7 +323,12 @@ def random_scene(number: int) -> tuple[Counter[str], list[dict[str, Any]]]:
         tally["reads"] += 1
         tally["noticed"] += bool(touch.notices)
         contact = contact_of(touch)
-        tally["unsettled"] += contact is not None and not contact.settled
+        if contact is not None and not contact.settled:
+            kind = "unresolved" if contact.smaller_than_grid else "unsettled"
+            tally[kind] += 1
+            tally["unnamed"] += not any(limit in note for note in touch.notes for limit in LIMITS)
+            if kind == "unsettled":
+                failures.append({"scene": number, "time_s": data.time, "unsettled": str(contact)})
         tally["asleep"] += bool((data.tree_asleep >= 0).any())
         force_n = np.sum([*known.values(), np.zeros(3)], axis=0)
         lost_n = lost(touch, force_n, len(bodies))

@@ -241,6 +241,18 @@ def is_empty(folder: Path) -> bool:
     )
 
 
+def check_own(folder: Path, file: str, what: str) -> None:
+    """Raises T2TwinError for a folder with content other than an earlier result of the same kind.
+
+    file: that each such result has. what: it is, such as "a press".
+    """
+    if not is_empty(folder) and not (folder / file).is_file():
+        raise T2TwinError(
+            f"{folder} is not empty, and its files are not of {what}; expected a new or empty "
+            f"folder, or one of an earlier {what.split()[-1]}"
+        )
+
+
 def remove_leftovers(folder: Path, names: str = TEMPORARY_NAMES) -> None:
     """Remove the temporary files and folders of processes that no longer run."""
     for leftover in folder.glob(names):

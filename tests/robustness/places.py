@@ -21,7 +21,7 @@ WRITERS = {
     "import-pairs": "import-pairs pairs.csv --out", "calibrate": CALIBRATE.removesuffix(" out"),
 }  # fmt: skip
 BAD = ("file", "file/below", "/proc/1/nope", "/dev/null", "x" * 300)
-KEPT = ("convert", "import-pairs", "simdata", "train", "slide")
+KEPT = ("convert", "import-pairs", "simdata", "train", "press", "slide")
 """Commands that write to empty folders only."""
 
 TARGETS: Files = {
@@ -49,9 +49,12 @@ def cases() -> Iterator[Case]:
         yield Case(f"{name} to notes", f"{WRITERS[name]} taken", notes, "not empty")
     seeded = f"{WRITERS['simdata']} taken --seed 5"
     yield Case("simdata to another", seeded, laid({"taken": Copy("data")}), "another seed")
-    for file, make in (("digit.png", Path.mkdir), ("press.json", os.mkfifo)):
-        files = laid(INPUTS | {f"out/{file}": make})
-        yield Case(f"{file} is no file", f"{WRITERS['press']} out", files, f"{file} cannot be")
+    for file, make, says in (
+        ("digit.png", Path.mkdir, "digit.png cannot be"),
+        ("press.json", os.mkfifo, "not of a press"),
+    ):
+        files = laid(INPUTS | {"out/press.json": "{}", f"out/{file}": make})
+        yield Case(f"{file} is no file", f"{WRITERS['press']} out", files, says)
     export, targets = WRITERS["export"], laid(TARGETS)
     for says, places in NEVER.items():
         for place in places.split():
