@@ -183,7 +183,27 @@ def test_a_body_thinner_than_a_cell_is_read(geom, sensor):
     assert touch.unread_n == 0
 
 
-@pytest.mark.filterwarnings("ignore:cyskin. counts are clipped:t2twin.T2TwinWarning")
+@pytest.mark.parametrize(
+    "half_mm, named", [(0.15, []), (0.05, ["narrower than 0.2 mm"]), (0.02, ["0.25 mm wider"])]
+)
+@pytest.mark.filterwarnings("ignore:.*wider on each side", "ignore:.*narrower than 0.2 mm")
+def test_a_blade_is_read_alike_everywhere(half_mm, named):
+    """Its place between the points of the grid hardly matters."""
+    depths = []
+    for x_mm in np.arange(0.0, 0.5, 0.04):
+        spec, attached = scene(f"<geom type='box' size='{1e-3 * half_mm} .005 .004' mass='.5'/>")
+        spec.body("load").pos = [1e-3 * x_mm, 0.0, 0.0082]
+        touch = attached.read(*at_rest(spec))
+        reasons = [each.reason for each in touch.notices]
+        assert len(reasons) == len(named)
+        assert all(words in reason for words, reason in zip(named, reasons, strict=True))
+        depths.append(touch.digit.depth_mm)
+    assert max(depths) < (1.15 if half_mm == 0.02 else 1.02) * min(depths)
+
+
+@pytest.mark.filterwarnings(
+    "ignore:cyskin. counts are clipped:t2twin.T2TwinWarning", "ignore:.*sheared farther"
+)
 def test_a_tangential_load_that_the_layer_cannot_carry_is_named():
     """MuJoCo carries three times the normal force along x, on a ball that sinks in deeply."""
     spec, attached = scene(

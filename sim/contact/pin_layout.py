@@ -69,6 +69,10 @@ MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
 """Tolerated penetration of the shape's highest points outside the pins: in mm, or as a share of the
 depth where that is less."""
 
+BLADE_CELLS = 8
+"""Parts of a survey cell's side in which a shape is searched that no survey cell sees: finer than
+the pitch of the shape's map."""
+
 BETWEEN = 8
 """Points along a fine cell at which the first touch of a tilted shape is searched (assumed)."""
 
@@ -105,6 +109,11 @@ class Survey:
         self.footprint = footprint(shape.surface, command, x, y, shift=shift)
         self.gap_mm, self.peak_gap_mm = np.empty_like(rest), np.empty_like(rest)
         nearest = _gaps(rest, self.footprint.heights_mm, self.gap_mm)
+        if nearest > -NOTHING_MM / 2:  # perhaps a blade between the points that a cell looks at
+            finer = (_divided(axis, BLADE_CELLS) for axis in (x, y))
+            found = footprint(shape.surface, command, *finer, shift=shift)
+            self.footprint = found.coarsened(BLADE_CELLS)
+            nearest = _gaps(rest, self.footprint.heights_mm, self.gap_mm)
         if nearest > -NOTHING_MM / 2:
             half_x, half_y = layer.elastomer.width_mm / 2, layer.elastomer.length_mm / 2
             raise OffPadError(
@@ -154,6 +163,13 @@ class Survey:
             depth = winkler_depth_mm(self.gap_mm, force)
             touching = self.gap_mm < depth
         return touching, depth
+
+
+def _divided(axis_mm: np.ndarray, parts: int) -> np.ndarray:
+    """Centers of the parts of cells, from those of the cells."""
+    cell_mm = float(axis_mm[1] - axis_mm[0])
+    within = (np.arange(parts) - (parts - 1) / 2) * cell_mm / parts
+    return (axis_mm[:, None] + within).ravel()
 
 
 class PinLayout:

@@ -122,7 +122,7 @@ class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
         if not self.low < self.high:
             raise T2TwinError(f"force_n is {self.low:g} to {self.high:g}; expected low below high")
         for first, last in self.leave_out:
-            if not self.low < first < last < self.high:
+            if not self.low <= first < last <= self.high:
                 raise T2TwinError("leave_out of force_n must lie within it, low before high")
         if self.remaining_share() < MIN_FORCE_SHARE:
             raise T2TwinError(

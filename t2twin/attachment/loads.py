@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from t2twin.attachment.contacts import READ_N, READ_SHARE, UNSTEADY, Push, Wrench
+from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_notes import SMALL, UNSETTLED
 from t2twin.sim.contact.elastomer import Elastomer
@@ -24,6 +25,10 @@ MAX_FORCE_N = 0.9999 * FORCE_RANGE_N[1]
 WIDER_MM = SURVEY_MM / 2
 """Distance by which the outline of a body that the grid cannot resolve is moved outward, mm."""
 
+THIN_CELLS, NARROW_CELLS = 3, 4
+"""Widths of a body, in cells of its height map: below the first it is made wider, and below the
+second its width on the map depends on its place."""
+
 EASED = (1.0, 0.5, 0.25, 0.0)
 """Shares of a tangential load that are tried (assumed)."""
 
@@ -33,12 +38,16 @@ NO_SURFACE = (
     "it into convex geoms"
 )
 THIN = (
-    f"less than a cell of the sensor's grid is over the pad, so its surface is {WIDER_MM:g} mm "
-    "wider on each side; its depth and pressure are too small"
+    f"the sensor's grid does not resolve it, so its surface is {WIDER_MM:g} mm wider on each side; "
+    "its depth and pressure are too small"
+)
+NARROW = (
+    f"it is narrower than {NARROW_CELLS * PITCH_MM:g} mm, so its depth depends by up to a third on "
+    "its place on the sensor's grid"
 )
 TANGENTIAL = (
-    "the tangential load is more than friction and the soft layer can carry; take a smaller "
-    "coefficient of friction"
+    "the tangential load is more than friction and the soft layer can carry; a smaller load or a "
+    "larger contact is carried"
 )
 LIGHT = f"it presses with less than {FORCE_RANGE_N[0]:g} N along the sensor's axis"
 SHARED = "the bodies overlap, and share their pressure otherwise"
@@ -88,7 +97,8 @@ def loaded_contact(
                 chosen[error.shape] = following
     for name, (load, share, is_wider) in chosen.items():
         lacking = np.array(load.shear_n) - _read_n(contact, name)[:2]
-        is_eased = share < 1.0 or (name in reasons and _is_much(lacking, np.array(load.shear_n)))
+        is_much = _is_much(lacking, np.array(load.shear_n))
+        is_eased = share < 1.0 or (is_much and (name in reasons or is_wider))
         known = reasons.get(name), TANGENTIAL if is_eased else None, THIN if is_wider else None
         if any(known):
             reasons[name] = "; ".join(filter(None, known))
@@ -111,10 +121,13 @@ def _load(body: Body, shape: Shape, limit: float) -> Load:
 
 def _choices(load: Load) -> Iterator[tuple[Load, float, bool]]:
     """What is tried for a body: the load, its share of the tangential load, and whether the body is
-    wider."""
+    wider, as one is that covers less than a cell of the grid or is narrower than THIN_CELLS."""
+    surface = load.shape.surface
+    covered_mm2 = (surface.heights_mm > NOTHING_MM / 2).sum() * surface.pitch_mm**2
+    is_thin = covered_mm2 < SURVEY_MM**2 or _is_narrow(load.shape, THIN_CELLS)
     is_tangential = np.any(load.shear_n) or load.torque_nmm
     shares = EASED if is_tangential else (1.0, 0.0)  # the last begins without traction
-    for is_wider in (False, True):
+    for is_wider in (True,) if is_thin else (False, True):
         shape = _wider(load.shape) if is_wider else load.shape
         for share in shares:
             along_x, along_y = load.shear_n
@@ -146,16 +159,29 @@ def _notices(
         normal, tangential = (
             _is_much(lacking[part], body.wrench.force_n[part]) for part in np.s_[2:, :2]
         )
+        causes = [reasons[body.name]] if body.name in reasons else []
+        is_settled = contact is None or contact.settled
+        if not causes and ((normal and is_settled) or tangential):
+            causes.append(SHARED if normal else TANGENTIAL)
+        if contact is not None and not is_settled:
+            causes.append(SMALL if contact.smaller_than_grid else UNSETTLED)
         if normal or tangential:
-            settled = SHARED if normal else TANGENTIAL
-            other = settled if contact is None or contact.settled else UNSETTLED
-            reason = reasons.get(body.name, other)
-            found.append(Notice(body.name, reason, tuple(lacking.tolist())))
+            found.append(Notice(body.name, "; ".join(causes), tuple(lacking.tolist())))
         elif THIN in reasons.get(body.name, ""):
             found.append(Notice(body.name, THIN))
-        elif contact is not None and not contact.settled:
-            found.append(Notice(body.name, SMALL if contact.smaller_than_grid else UNSETTLED))
+        elif not is_settled:
+            found.append(Notice(body.name, causes[-1]))
+        elif body.shape is not None and _is_narrow(body.shape, NARROW_CELLS):
+            found.append(Notice(body.name, NARROW))
     return found
+
+
+def _is_narrow(shape: Shape, cells: int) -> bool:
+    """Whether no square of so many cells a side of a shape's height map is part of the shape."""
+    covered = shape.surface.heights_mm > NOTHING_MM / 2
+    for _ in range(cells - 1):
+        covered = covered[1:, 1:] & covered[1:, :-1] & covered[:-1, 1:] & covered[:-1, :-1]
+    return not covered.any()
 
 
 def _is_much(lacking_n: np.ndarray, of_n: np.ndarray) -> bool:

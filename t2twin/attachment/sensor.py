@@ -294,8 +294,10 @@ class AttachedSensor:
             state.reads += 1
             for each in notices:
                 self._warn(each.reason, str(each))
-            for note in touch[self.sensor].notes:
-                self._warn(note, note)
+            reasons = "; ".join(each.reason for each in notices)
+            for note in (each.removeprefix(f"{self.sensor}: ") for each in touch.notes):
+                if note not in reasons:
+                    self._warn(note, note)
         state.period = period
         return state.touch
 
