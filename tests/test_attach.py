@@ -419,6 +419,17 @@ def test_a_body_sinks_in_as_deep_as_into_the_layer():
         assert sunk_mm == pytest.approx(touch.digit.depth_mm, abs=error_mm + 0.01)
 
 
+def test_a_fit_for_several_points_is_named():
+    spec = scene(axes="z", gap_m=0.004)
+    box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [0.003, 0.003, RADIUS_M]}
+    spec.body("ball").add_geom(**box, mass=0.1)
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    model, data = simulate(spec)
+    assert data.ncon > 1
+    with pytest.warns(T2TwinWarning, match="points, but the fit is for one"):
+        attached.set_stiffness(model, data, "ball")
+
+
 @pytest.mark.filterwarnings("ignore:cyskin. counts are clipped:t2twin.T2TwinWarning")
 def test_a_force_through_the_layer_onto_the_mount_is_named():
     """Beyond its forces a fitted contact is too soft: a ball sinks through the layer."""

@@ -220,7 +220,8 @@ class AttachedSensor:
 
         Sets `geom_solref` and `geom_solimp` of the sensor's geom in the model, for a
         body that touches it at one point in its present pose over the sensor. data: as for `read`.
-        Friction cones must be elliptic. Several contact points share a force and sink in less.
+        Friction cones must be elliptic. Several contact points share a force and sink in less; a
+        warning says so for a body that already touches so.
         Returns the largest error of the depth at rest from 0.5 to 12 N, mm.
         Raises T2TwinError for an unknown body, one that is not over the sensor, and as `read`.
         """
@@ -234,6 +235,14 @@ class AttachedSensor:
         if model.opt.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
             raise T2TwinError("the model has pyramidal friction cones; expected elliptic ones")
         geom = elements.geom
+        of_body = model.geom_bodyid[data.contact.geom] == touching
+        points = int((of_body.any(axis=1) & (data.contact.geom == geom).any(axis=1)).sum())
+        if points > 1:
+            self._warn(
+                "points",
+                f"body {body} touches at {points} points, but the fit is for one; the body sinks "
+                "in less, and may bounce at time steps above 1 ms",
+            )
         bodies = [touching, model.geom_bodyid[geom]]
         inverse_mass = float(model.body_invweight0[bodies, 0].sum())
         found = fit_stiffness(shape, self.elastomer, self.device.pitch_mm, inverse_mass)
