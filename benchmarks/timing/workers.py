@@ -231,7 +231,7 @@ class _Answers(ProcessPoolExecutor):
 
 
 def _answer(*given: Any) -> WorkResult:
-    return WorkResult("0" * 64, 1, Stopwatch(), process_name(), 0, {})
+    return WorkResult("0" * 64, 1, Stopwatch(), process_name(), 0, {}, {})
 
 
 def simulated(schedule: Schedule, workers: int, times: Times) -> dict[str, float]:
