@@ -10,6 +10,7 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from t2twin.attachment.geometry import Region, body_surface
+from t2twin.attachment.rasterize import width_cells
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.sim.sensors.files import load_sensor
@@ -276,3 +277,13 @@ def test_a_signed_distance_field_has_its_mesh():
     )
     found = body_surface(model, data, BODY, FACING, data.geom_xpos[0], REGION)
     assert found is not None and found.z_mm == pytest.approx(-6.0, abs=0.05)
+
+
+def test_the_width_on_a_map_is_that_of_the_largest_square():
+    heights = np.full((12, 15), NOTHING_MM, np.float32)
+    assert width_cells(heights, 6) == 0
+    heights[2:5, 3:10] = 0.0
+    assert width_cells(heights, 6) == 3 and width_cells(heights, 2) == 2
+    heights[5:8, 8:12] = -1.0
+    heights[7:12, 0:5] = 0.0
+    assert width_cells(heights, 6) == 5

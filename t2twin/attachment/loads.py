@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from t2twin.attachment.contacts import READ_N, READ_SHARE, UNSTEADY, Push, Wrench
+from t2twin.attachment.rasterize import width_cells
 from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_notes import SMALL, UNSETTLED
@@ -124,7 +125,7 @@ def _choices(load: Load) -> Iterator[tuple[Load, float, bool]]:
     wider, as one is that covers less than a cell of the grid or is narrower than THIN_CELLS."""
     surface = load.shape.surface
     covered_mm2 = (surface.heights_mm > NOTHING_MM / 2).sum() * surface.pitch_mm**2
-    is_thin = covered_mm2 < SURVEY_MM**2 or _is_narrow(load.shape, THIN_CELLS)
+    is_thin = covered_mm2 < SURVEY_MM**2 or width_cells(surface.heights_mm, THIN_CELLS) < THIN_CELLS
     is_tangential = np.any(load.shear_n) or load.torque_nmm
     shares = EASED if is_tangential else (1.0, 0.0)  # the last begins without traction
     for is_wider in (True,) if is_thin else (False, True):
@@ -171,17 +172,11 @@ def _notices(
             found.append(Notice(body.name, THIN))
         elif not is_settled:
             found.append(Notice(body.name, causes[-1]))
-        elif body.shape is not None and _is_narrow(body.shape, NARROW_CELLS):
-            found.append(Notice(body.name, NARROW))
+        elif body.shape is not None:
+            heights = body.shape.surface.heights_mm
+            if width_cells(heights, NARROW_CELLS) < NARROW_CELLS:
+                found.append(Notice(body.name, NARROW))
     return found
-
-
-def _is_narrow(shape: Shape, cells: int) -> bool:
-    """Whether no square of so many cells a side of a shape's height map is part of the shape."""
-    covered = shape.surface.heights_mm > NOTHING_MM / 2
-    for _ in range(cells - 1):
-        covered = covered[1:, 1:] & covered[1:, :-1] & covered[:-1, 1:] & covered[:-1, :-1]
-    return not covered.any()
 
 
 def _is_much(lacking_n: np.ndarray, of_n: np.ndarray) -> bool:

@@ -197,3 +197,20 @@ def lower_to_top(heights, top, depth, used_rows, used_columns):
             used_columns[column] |= kept
             used |= kept
         used_rows[row] = used
+
+
+@compiled("i8(f4[:, :], i8)", nogil=True)
+def width_cells(heights, most):
+    """Side of the largest square of points of a map that a shape covers, at most `most`."""
+    sides, widest = np.zeros(heights.shape[1], np.int64), 0
+    for i in range(heights.shape[0]):
+        before = 0  # of the point above and to the left
+        for j in range(heights.shape[1]):
+            above, side = sides[j], 0
+            if heights[i, j] > NOTHING_MM / 2:
+                left = sides[j - 1] if j > 0 else 0
+                side = 1 + min(before, min(above, left))
+            before, sides[j], widest = above, side, max(widest, side)
+        if widest >= most:
+            return most
+    return widest
