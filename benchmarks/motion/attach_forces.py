@@ -50,7 +50,7 @@ from t2twin.sim.touch import Touch
 BENCHMARK = Benchmark(
     module="benchmarks.motion.attach_forces",
     measures="Forces of MuJoCo's contacts on attached sensors: read, named, or lost.",
-    minutes=55,
+    minutes=20,
     sources=("t2twin/attachment", "sim/contact", "primitives_cad"),
     figures=(
         Figure("drops.drops"),
