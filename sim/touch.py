@@ -123,9 +123,9 @@ class Touch(NewAttributes):
     def notes(self) -> list[str]:
         """What limits the contacts and readings, each with the sensor's name; empty for nothing.
 
-        Of a contact: it did not settle, is smaller than the grid, bottomed out, is sheared farther
-        than the model holds, or lies outside the camera's view. Of a shape: its middle lies off the
-        sensor, or parts of it are not pressed. Of counts: they are clipped at full scale.
+        Of a contact: it did not settle, is smaller than the grid, bottomed out, is sheared beyond
+        what the model describes, or lies outside the camera's view. Of a shape: its middle lies off
+        the sensor, or parts of it are not pressed. Of counts: they are clipped at full scale.
         """
         found = []
         for name, each in self.readings.items():
@@ -224,7 +224,7 @@ class Touch(NewAttributes):
         """
         folder = arguments.path(folder, "folder")
         with locked(folder), temporary_folder(folder, "press") as temporary:
-            check_own(folder, PRESS_JSON, "a press")
+            check_own(folder, PRESS_JSON, "press")
             content = json.dumps(_press_json(self), indent=1)
             (temporary / PRESS_JSON).write_text(f"{content}\n")
             mesh_file = scene.mesh_name(self.shape)
@@ -244,7 +244,7 @@ class Touch(NewAttributes):
 
 
 def _files_of_touch(folder: Path) -> set[str]:
-    """Names of the files that a touch in the folder may have, but those of sensors without
+    """Names of the files that a touch in the folder may have, except those of sensors without
     contact."""
     found = {MARKERS_CSV, "shape.stl", "tactile_image.png", "tactile_picture.png"}
     for path in folder.glob("contact_*.npz"):

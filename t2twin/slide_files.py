@@ -101,7 +101,7 @@ def write_slide(folder: Path, touches: Iterable[Touch], number: int) -> list[Row
     Raises T2TwinError for a folder with other files, or that cannot be written.
     """
     with locked(folder):
-        check_own(folder, SLIDE_CSV, "a slide")
+        check_own(folder, SLIDE_CSV, "slide")
         with temporary_folder(folder, "slide") as temporary:
             rows = _write(temporary, touches, number)
             _replace(folder, temporary)

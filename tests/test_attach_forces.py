@@ -202,7 +202,7 @@ def test_a_blade_is_read_alike_everywhere(half_mm, named):
 
 
 @pytest.mark.filterwarnings(
-    "ignore:cyskin. counts are clipped:t2twin.T2TwinWarning", "ignore:.*sheared farther"
+    "ignore:cyskin. counts are clipped:t2twin.T2TwinWarning", "ignore:.*sheared beyond"
 )
 def test_a_tangential_load_that_the_layer_cannot_carry_is_named():
     """MuJoCo carries three times the normal force along x, on a ball that sinks in deeply."""

@@ -64,7 +64,7 @@ BENCHMARK = Benchmark(
         Figure("random.exceptions", most=0),
         Figure("random.warnings", most=0),
         Figure("random.unresolved"),
-        Figure("random.unsettled", most=4),
+        Figure("random.unsettled", most=0),
         Figure("random.unnamed", most=0),
     ),
     arguments=(Argument("--scenes", "random scenes", int, 2000, partial=True),),

@@ -2,13 +2,13 @@
 
 from t2twin.sim.contact.heights import is_cut, reaches_beyond
 from t2twin.sim.contact.tangential.displacements import is_far
-from t2twin.sim.contact.types import Contact, Motion
+from t2twin.sim.contact.types import Contact
 
 UNSETTLED = "the contact did not settle, so its pressure and depth are approximate"
 SMALL = "the contact is smaller than the grid, so its pressure and depth are approximate"
 BOTTOMED = "the shape bottomed out: its base plate (the lowest flat face) is in contact"
 FAR_SHEARED = (
-    "the surface is sheared farther than the model holds, so its displacement is approximate"
+    "the surface is sheared beyond what the model describes, so its displacement is approximate"
 )
 
 
@@ -19,7 +19,7 @@ def contact_notes(contact: Contact) -> list[str]:
         found.append(SMALL)
     elif not contact.settled:
         found.append(UNSETTLED)
-    if contact.motion is not None and _is_far_sheared(contact, contact.motion):
+    if _is_far_sheared(contact):
         found.append(FAR_SHEARED)
     if contact.bottomed:
         found.append(BOTTOMED)
@@ -42,11 +42,11 @@ def contact_notes(contact: Contact) -> list[str]:
     return found
 
 
-def _is_far_sheared(contact: Contact, motion: Motion) -> bool:
+def _is_far_sheared(contact: Contact) -> bool:
     """Whether the mean shear strain is above 1, up to which the linear response is that of a rubber
     (assumed), or the surface would shorten too much."""
-    known = motion.response
-    if known is None:
+    if contact.motion is None or contact.motion.response is None:
         return False
+    known = contact.motion.response
     weights, thickness_mm = contact.pressure_kpa[known.window], contact.elastomer.thickness_mm
     return is_far(known.parts_mm.sum(axis=0), weights, contact.pitch_mm, thickness_mm)

@@ -70,8 +70,8 @@ MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
 depth where that is less."""
 
 BLADE_CELLS = 8
-"""Parts of a survey cell's side in which a shape is searched that no survey cell sees: finer than
-the pitch of the shape's map."""
+"""Parts of a survey cell's side in which a shape is searched that no survey cell sees. Their
+corners and centers are closer together than the points of a height map."""
 
 BETWEEN = 8
 """Points along a fine cell at which the first touch of a tilted shape is searched (assumed)."""

@@ -215,8 +215,9 @@ def make(work: Work, context: ShardContext, progress: Callable[[], object]) -> W
         trim_memory()
     # The rows are made while the shard is written; the rest of the time is the writing.
     watch.seconds["writing"] += time.process_time() - start - watch.total
-    memory = process_name(), peak_memory()
-    return WorkResult(digest, pairs, watch, *memory, dict(rejected), dict(notes))
+    return WorkResult(
+        digest, pairs, watch, process_name(), peak_memory(), dict(rejected), dict(notes)
+    )
 
 
 def warm_up() -> None:

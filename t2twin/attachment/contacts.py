@@ -180,7 +180,7 @@ def contact_forces(
     """
     found: dict[int, list[tuple]] = {}
     others: list[Push] = []
-    contacts, force = data.contact, np.zeros(6)
+    contacts = data.contact
     for index in np.flatnonzero((contacts.geom == geom).any(axis=1)):
         contact = contacts[int(index)]
         first, second = contact.geom
@@ -189,7 +189,7 @@ def contact_forces(
             raise T2TwinError(
                 f"a flex touches geom {model.geom(geom).name}; sensors read rigid bodies only"
             )
-        axes, force_n = _decoded(model, data, int(index), sign, frame, force)
+        force, axes, force_n = _decoded(model, data, int(index), sign, frame)
         if force[0] == 0:
             continue
         body = int(model.body_weldid[model.geom_bodyid[other]])
@@ -208,21 +208,17 @@ def contact_forces(
 
 
 def _decoded(
-    model: "mujoco.MjModel",
-    data: "mujoco.MjData",
-    index: int,
-    sign: float,
-    frame: Pose,
-    force: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """A contact's axes in the sensor frame, (3, 3) rows, and its force on the sensor, (3,), N.
+    model: "mujoco.MjModel", data: "mujoco.MjData", index: int, sign: float, frame: Pose
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A contact's force and torque along its own axes, (6,); these axes in the sensor frame, (3, 3)
+    rows; and its force on the sensor, (3,), N.
 
-    index: of the contact. sign: 1 where its second geom is the sensor's, else -1. force: (6,),
-    replaced by the contact's force and torque along its own axes.
+    index: of the contact. sign: 1 where its second geom is the sensor's, else -1.
     """
+    force = np.zeros(6)
     mujoco.mj_contactForce(model, data, index, force)
     axes = data.contact[index].frame.reshape(3, 3) @ frame.rotation
-    return axes, sign * force[:3] @ axes
+    return force, axes, sign * force[:3] @ axes
 
 
 def _through(
@@ -236,7 +232,7 @@ def _through(
     welded = model.body_weldid[model.geom_bodyid]
     is_own, is_theirs = welded == welded[geom], np.isin(welded, list(bodies))
     is_own[geom] = False
-    contacts, force, found = data.contact, np.zeros(6), []
+    contacts, found = data.contact, []
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     rotation = data.geom_xmat[geom].reshape(3, 3)
     first, second = contacts.geom.T
@@ -245,7 +241,7 @@ def _through(
         contact = contacts[index]
         inside = (contact.pos - data.geom_xpos[geom]) @ rotation - middle
         sign, other = (1.0, first) if is_own[second[index]] else (-1.0, second)
-        _, force_n = _decoded(model, data, index, sign, frame, force)
+        force, _, force_n = _decoded(model, data, index, sign, frame)
         if force[0] <= 0 or (np.abs(inside) > half).any():
             continue
         found.append(Push(int(welded[other[index]]), THROUGH, force_n))

@@ -27,8 +27,8 @@ WIDER_MM = SURVEY_MM / 2
 """Distance by which the outline of a body that the grid cannot resolve is moved outward, mm."""
 
 THIN_CELLS, NARROW_CELLS = 3, 4
-"""Widths of a body, in cells of its height map: below the first it is made wider, and below the
-second its width on the map depends on its place."""
+"""Widths of a body, in cells of its height map (assumed). Below the first it is made wider. Below
+the second its width on the map depends on its place."""
 
 EASED = (1.0, 0.5, 0.25, 0.0)
 """Shares of a tangential load that are tried (assumed)."""
@@ -124,7 +124,7 @@ def _choices(load: Load) -> Iterator[tuple[Load, float, bool]]:
     """What is tried for a body: the load, its share of the tangential load, and whether the body is
     wider, as one is that covers less than a cell of the grid or is narrower than THIN_CELLS."""
     surface = load.shape.surface
-    covered_mm2 = (surface.heights_mm > NOTHING_MM / 2).sum() * surface.pitch_mm**2
+    covered_mm2 = np.count_nonzero(surface.heights_mm > NOTHING_MM / 2) * surface.pitch_mm**2
     is_thin = covered_mm2 < SURVEY_MM**2 or width_cells(surface.heights_mm, THIN_CELLS) < THIN_CELLS
     is_tangential = np.any(load.shear_n) or load.torque_nmm
     shares = EASED if is_tangential else (1.0, 0.0)  # the last begins without traction

@@ -241,15 +241,15 @@ def is_empty(folder: Path) -> bool:
     )
 
 
-def check_own(folder: Path, file: str, what: str) -> None:
+def check_own(folder: Path, file: str, kind: str) -> None:
     """Raises T2TwinError for a folder with content other than an earlier result of the same kind.
 
-    file: that each such result has. what: it is, such as "a press".
+    file: the name of one that each such result has. kind: of the result, such as "press".
     """
     if not is_empty(folder) and not (folder / file).is_file():
         raise T2TwinError(
-            f"{folder} is not empty, and its files are not of {what}; expected a new or empty "
-            f"folder, or one of an earlier {what.split()[-1]}"
+            f"{folder} is not empty, and its files are not of a {kind}; expected a new or empty "
+            f"folder, or one of an earlier {kind}"
         )
 
 
