@@ -41,7 +41,7 @@ from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.optics import Optics
 
 FRAME_SECONDS = 1.1
-"""Time of an image with software OpenGL on two idle cores, s (benchmark `digit_render`). It uses
+"""Time of an image with software OpenGL on two idle cores, s. It uses
 all cores, so more processes are hardly faster."""
 FIRST_SECONDS = 6.0
 """Time of the first image of a process, including the start of OpenGL, s (measured)."""
