@@ -2,27 +2,23 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from t2twin.core import arguments
-from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.renamed import new_keywords
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
-from t2twin.primitives_cad.tilt import MAX_TILT_DEG
-from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.optical.image_renderer import Renderer
 from t2twin.sim.optical.markers import Markers
-from t2twin.sim.sampling.protocol import FORCE_N
+from t2twin.sim.press import Press
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
-from t2twin.sim.sensors.files import Sensor, bundled_sensors
+from t2twin.sim.sensors.files import bundled_sensors
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import check_friction, path_commands, slide_to, straight_path, touches_along
 from t2twin.sim.taxels.layout import Layout
@@ -113,10 +109,10 @@ class Twin:
         Warns with T2TwinWarning of what limits the result: see `Touch.notes`.
         Raises T2TwinError for an invalid shape, number or position.
         """
-        rng = generator(seed)
+        given = Press("", x_mm, y_mm, yaw_deg, tilt_x_deg, tilt_y_deg, force_n, depth_mm, seed)
+        rng = given.rng
         solid = load_shape(shape, scale, center)
-        pose = x_mm, y_mm, yaw_deg, tilt_x_deg, tilt_y_deg
-        command = press_command(solid, force_n, pose, depth_mm, self.sensors.source)
+        command = given.command(solid, self.sensors.source)
         warn_of_tilt(solid, command)
         touch = self.sensors.press(solid, command, rng)
         warn_of_limits([touch])
@@ -153,7 +149,7 @@ class Twin:
         start = touch.command
         force = start.force_n if force_n is None else arguments.real(force_n, "force_n")
         check_force(force)
-        rng = generator(seed)
+        rng = Press(touch.command.shape, seed=seed).rng
         rows = straight_path(start, dx_mm, dy_mm, dyaw_deg, steps, force)
         commands = path_commands(start.shape, rows, tilt_rad=start.tilt_rad)[1:]
         if not (dx_mm or dy_mm or dyaw_deg or force != start.force_n):
@@ -188,9 +184,10 @@ class Twin:
         `slide`. Warns as `slide` does.
         Raises T2TwinError for an invalid shape, path or number, and where the shape leaves a pad.
         """
-        friction, rng = check_friction(friction), generator(seed)
+        given = Press("", tilt_x_deg=tilt_x_deg, tilt_y_deg=tilt_y_deg, seed=seed)
+        friction, rng = check_friction(friction), given.rng
         solid = load_shape(shape, scale, center)
-        commands = path_commands(solid.name, path, tilt_rad=tilt_rad(tilt_x_deg, tilt_y_deg))
+        commands = path_commands(solid.name, path, tilt_rad=given.tilt_rad)
         warn_of_tilt(solid, commands[0])
         touches = list(touches_along(self.sensors, solid, commands, friction, rng))
         warn_of_limits(touches)
@@ -270,44 +267,6 @@ def load_shape(
     return shape
 
 
-def press_command(
-    shape: Shape,
-    force_n: float | None,
-    pose: tuple[float, float, float, float, float],
-    depth_mm: float | None,
-    sensor: Sensor,
-) -> PressCommand:
-    """The validated command of a force, FORCE_N where it is None, or of a depth in a sensor, mm.
-
-    pose: x_mm, y_mm, yaw_deg, tilt_x_deg, tilt_y_deg. Raises T2TwinError for a force, a depth or a
-    tilt out of range, for a force and a depth, and for values not finite.
-    """
-    x_mm, y_mm, yaw_deg = (
-        arguments.number(value, name)
-        for name, value in zip(("x_mm", "y_mm", "yaw_deg"), pose, strict=False)
-    )
-    tilt = tilt_rad(*pose[3:])
-    if force_n is not None and depth_mm is not None:
-        raise T2TwinError("force_n and depth_mm are both given; expected one of them")
-    force = FORCE_N if force_n is None else arguments.real(force_n, "force_n")
-    check_force(force)
-    command = PressCommand(shape.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force, *tilt)
-    if depth_mm is None:
-        return command
-    found = force_at_depth(partial(sensor.press, shape), command, depth_mm)
-    return replace(command, force_n=found)
-
-
-def tilt_rad(tilt_x_deg: float, tilt_y_deg: float) -> tuple[float, float]:
-    """A validated tilt about x and y, rad. Raises T2TwinError for more than MAX_TILT_DEG."""
-    values = {"tilt_x_deg": tilt_x_deg, "tilt_y_deg": tilt_y_deg}
-    about_x, about_y = (
-        float(np.deg2rad(arguments.number(value, name, -MAX_TILT_DEG, MAX_TILT_DEG)))
-        for name, value in values.items()
-    )
-    return about_x, about_y
-
-
 def warn_of_tilt(shape: Shape, command: PressCommand) -> None:
     """Warn of what a shape does not show of the sides that a tilt turns up."""
     for note in command.tilted(shape).notes[len(shape.notes) :]:
@@ -318,11 +277,3 @@ def warn_of_limits(touches: Sequence[Touch]) -> None:
     """Warn of the notes of touches, once of each."""
     for note in dict.fromkeys(note for touch in touches for note in touch.notes):
         warnings.warn(note, T2TwinWarning, stacklevel=3)
-
-
-def generator(seed: int | None) -> np.random.Generator | None:
-    """The random generator of a seed, or None. Raises T2TwinError for an invalid seed."""
-    if seed is None:
-        return None
-    check_seed(seed)
-    return np.random.default_rng(seed)

@@ -24,11 +24,11 @@ def command_options(name: str) -> str:
     """Arguments and options of a command, as its --help prints them."""
     import tyro
 
-    from t2twin.cli import COMMANDS
+    from t2twin.cli import COMMANDS, TYRO_OPTIONS
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
-        parser = tyro.extras.get_parser(COMMANDS[name], config=(tyro.conf.FlagCreatePairsOff,))
+        parser = tyro.extras.get_parser(COMMANDS[name], config=TYRO_OPTIONS)
     lines = [["argument", "meaning"]]
     for action in parser._actions:
         if action.dest != "help":

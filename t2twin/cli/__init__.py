@@ -49,6 +49,8 @@ COMMANDS = {
     "doctor": doctor.doctor,
 }
 
+TYRO_OPTIONS = (tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone)
+
 
 def main(arguments: list[str] | None = None) -> None:
     """Run a subcommand; print one sentence and exit with status 2 after an error of the user."""
@@ -97,7 +99,7 @@ def _run(given: list[str]) -> None:
             prog="t2twin",
             description="Predict the readings of one tactile sensor from those of another.",
             args=given,
-            config=(tyro.conf.FlagCreatePairsOff,),
+            config=TYRO_OPTIONS,
         )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from t2twin.sim.press import Press
 from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
 
 if TYPE_CHECKING:
@@ -83,23 +84,13 @@ DEFAULT_STEPS = 10
 
 
 @dataclass(frozen=True)
-class TouchOptions:
+class TouchOptions(Press):
     """Options of `t2twin press` and `t2twin slide`.
 
     Args:
-        shape: A catalogue name (square-2, pliers/jaw-tip; t2twin shapes lists all), a random shape
-            (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file. The
-            pressing side of a file's shape is up (+z; +y in GLB).
         source: The first sensor: a bundled one (t2twin sensors lists them) or a sensor file.
         target: The second sensor.
         sensor: Sensor to press: both, source, target, or its name.
-        x_mm: Position of the shape's middle, to the right in the image, mm.
-        y_mm: The same, down in the image, mm.
-        yaw_deg: Rotation about the press axis, clockwise in the image, degrees.
-        tilt_x_deg: Tilt about the shape's middle, -30 to 30 degrees. A positive one lowers the
-            side that is up in the image at yaw 0 into the sensors. The tilt turns with the yaw.
-        tilt_y_deg: The same for the side that is to the right.
-        force_n: Commanded force, N; default 8.
         scale: mm per unit of the file: 1000 for meters, 25.4 for inches. Default: the file's unit
             (3MF, GLB, STEP), else 1.
         center: Press a file's shape at the middle of its highest part instead of the middle of its
@@ -113,7 +104,6 @@ class TouchOptions:
         layout: Taxel layout of a taxel array: a name, or a JSON or CSV file with x_mm and y_mm.
         optics: A gel camera's light and, if it was fitted, its gel's modulus, as written by
             t2twin calibrate; default: those of the sensor's file.
-        seed: Seed of the camera noise and of the array's imperfections; none without a seed.
         imperfections: An array's errors if there is a seed: none, or a name in the sensor's file;
             default white.
         markers: Print the markers of the sensor's file on the gel of a gel camera.
@@ -124,12 +114,6 @@ class TouchOptions:
     source: Name = SOURCE
     target: Name = TARGET
     sensor: Name = BOTH
-    x_mm: float = 0.0
-    y_mm: float = 0.0
-    yaw_deg: float = 0.0
-    tilt_x_deg: float = 0.0
-    tilt_y_deg: float = 0.0
-    force_n: Float = None
     scale: Float = None
     center: bool = False
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
@@ -139,7 +123,6 @@ class TouchOptions:
     flat: bool = False
     layout: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     optics: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
     imperfections: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     markers: bool = False
     marker_pitch_mm: Float = None
@@ -213,15 +196,9 @@ class TouchOptions:
         if self.seed is None and self.imperfections != plain.imperfections:
             raise T2TwinError("--imperfections has no effect without --seed; give both or none")
 
-    def command(
-        self, shape: "Shape", sensors: "SensorPair", depth_mm: float | None = None
-    ) -> "PressCommand":
-        """The press. depth_mm: instead of a force, as in PressOptions."""
-        from t2twin.twin import press_command
-
-        measured = next(iter(self.pressed(sensors).values()))
-        pose = self.x_mm, self.y_mm, self.yaw_deg, self.tilt_x_deg, self.tilt_y_deg
-        return press_command(shape, self.force_n, pose, depth_mm, measured)
+    def command_for(self, shape: "Shape", sensors: "SensorPair") -> "PressCommand":
+        """The press; a depth is that in the first pressed sensor."""
+        return self.command(shape, next(iter(self.pressed(sensors).values())))
 
     def folder(self, command: str, shape: "Shape") -> Path:
         """The folder to write. The suffix is added where another file of a shape has this stem."""
@@ -240,14 +217,11 @@ class PressOptions(TouchOptions):
     """Options of `t2twin press`.
 
     Args:
-        depth_mm: Instead of a force, the depth from first contact, mm, in the elastomer of the
-            source, or of the target if only the target is pressed.
         renderer: What renders the image of a gel camera: the baked model, in milliseconds, or
             pyrender, in seconds and without an optics file only.
         view: Open the scene in MuJoCo's viewer (the source's if both sensors are pressed).
     """
 
-    depth_mm: Float = None
     renderer: Renderer = "baked"
     view: bool = False
 
@@ -279,7 +253,6 @@ class SlideOptions(TouchOptions):
         """The commands of the path. Raises T2TwinError where options conflict or are invalid."""
         from t2twin.core.errors import T2TwinError
         from t2twin.sim.slide import path_commands, read_path, straight_path
-        from t2twin.twin import tilt_rad
 
         motion = self.dx_mm, self.dy_mm, self.dyaw_deg
         if self.path is None:
@@ -287,35 +260,34 @@ class SlideOptions(TouchOptions):
                 raise T2TwinError(
                     "there is no motion; give --dx-mm, --dy-mm or --dyaw-deg, or a file --path"
                 )
-            start = self.command(shape, sensors)
+            start = self.command_for(shape, sensors)
             steps = DEFAULT_STEPS if self.steps is None else self.steps
             rows = straight_path(start, *motion, steps, start.force_n)
             return path_commands(shape.name, rows, tilt_rad=start.tilt_rad)
         given = (self.x_mm, self.y_mm, self.yaw_deg, *motion)
-        if any(given) or self.force_n is not None or self.steps is not None:
+        if any(given) or (self.force_n, self.depth_mm, self.steps) != (None, None, None):
             raise T2TwinError(
                 "--path contains poses and forces; expected none of --x-mm, --y-mm, --yaw-deg, "
-                "--force-n, --dx-mm, --dy-mm, --dyaw-deg, --steps with it"
+                "--force-n, --depth-mm, --dx-mm, --dy-mm, --dyaw-deg, --steps with it"
             )
-        tilt = tilt_rad(self.tilt_x_deg, self.tilt_y_deg)
-        return path_commands(shape.name, read_path(self.path), str(self.path), tilt)
+        rows = read_path(self.path)
+        return path_commands(shape.name, rows, str(self.path), self.tilt_rad)
 
 
 def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     """Press one shape into one sensor or both, and write the image, counts and contacts."""
     from t2twin.sim.sensors.compile_ahead import compile_ahead
     from t2twin.sim.touch import scene_path
-    from t2twin.twin import generator
 
     shape = options.load_shape()
-    rng = generator(options.seed)
+    rng = options.rng
     sensors = options.sensors(options.renderer)
     if options.renderer == "pyrender":
         from t2twin.sim.optical.pyrender_renderer import FIRST_SECONDS
 
         takes = f"about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
         print(f"t2twin: pyrender takes {takes}", file=sys.stderr)
-    command = options.command(shape, sensors, options.depth_mm)
+    command = options.command_for(shape, sensors)
     if _have_optics(options.pressed(sensors)):
         compile_ahead()
     touch = sensors.press(shape, command, rng, only=options.only(sensors))
@@ -341,10 +313,9 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     from t2twin.sim.sensors.compile_ahead import compile_ahead
     from t2twin.sim.slide import check_friction, touches_along
     from t2twin.slide_files import FRAME_MS, write_slide
-    from t2twin.twin import generator
 
     shape = options.load_shape()
-    rng, friction = generator(options.seed), check_friction(options.friction)
+    rng, friction = options.rng, check_friction(options.friction)
     sensors = options.sensors()
     commands = options.commands(shape, sensors)
     if _have_optics(options.pressed(sensors)):

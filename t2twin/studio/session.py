@@ -16,6 +16,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import PressCommand, check_force
+from t2twin.sim.press import Press
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import (
     MAX_SLIDE_STEPS,
@@ -29,7 +30,7 @@ from t2twin.sim.slide import (
 from t2twin.sim.touch import Touch
 from t2twin.studio.press_state import SENSORS, PressState
 from t2twin.studio.translators import Translation, Translators
-from t2twin.twin import load_shape, press_command
+from t2twin.twin import load_shape
 
 MAX_STEPS = 3
 """Maximum number of steps of MAX_STEP_MM or MAX_STEP_DEG in one part of a slide (assumed: about
@@ -188,7 +189,8 @@ class Session:
         shape = self._shape[1]
         force_n = state.force_n if state.depth_mm is None else None
         pose = state.x_mm, state.y_mm, state.yaw_deg, state.tilt_x_deg, state.tilt_y_deg
-        command = press_command(shape, force_n, pose, state.depth_mm, sensors.source)
+        press = Press(shape.name, *pose, force_n, state.depth_mm)
+        command = press.command(shape, sensors.source)
         return sensors.press(shape, command, rng)
 
     def _sensors_for(self, state: PressState) -> SensorPair:

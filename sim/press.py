@@ -1,0 +1,90 @@
+"""One press as a user gives it."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+
+if TYPE_CHECKING:
+    from t2twin.primitives_cad.shape import Shape
+    from t2twin.sim.contact.types import PressCommand
+    from t2twin.sim.sensors.files import Sensor
+
+
+@dataclass(frozen=True)
+class Press:
+    """One press, in the terms of `t2twin press`, `Twin.press` and the studio.
+
+    The numbers are validated when they are used.
+
+    Args:
+        shape: A catalogue name (square-2, pliers/jaw-tip; t2twin shapes lists all), a random shape
+            (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file. The
+            pressing side of a file's shape is up (+z; +y in GLB).
+        x_mm: Position of the shape's middle, to the right in the image, mm.
+        y_mm: The same, down in the image, mm.
+        yaw_deg: Rotation about the press axis, clockwise in the image, degrees.
+        tilt_x_deg: Tilt about the shape's middle, -30 to 30 degrees. A positive one lowers the
+            side that is up in the image at yaw 0 into the sensors. The tilt turns with the yaw.
+        tilt_y_deg: The same for the side that is to the right.
+        force_n: Commanded force, N; default 8.
+        depth_mm: Instead of a force, the depth from first contact, mm, in the elastomer of the
+            source, or of the target if only the target is pressed.
+        seed: Seed of the camera noise and of the array's imperfections; none without a seed.
+    """
+
+    shape: str
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    yaw_deg: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+    force_n: float | None = None
+    depth_mm: float | None = None
+    seed: int | None = None
+
+    @property
+    def tilt_rad(self) -> tuple[float, float]:
+        """The tilt about x and y, rad. Raises T2TwinError for more than MAX_TILT_DEG."""
+        from t2twin.primitives_cad.tilt import MAX_TILT_DEG
+
+        about_x, about_y = (
+            float(np.deg2rad(arguments.number(value, name, -MAX_TILT_DEG, MAX_TILT_DEG)))
+            for name, value in (("tilt_x_deg", self.tilt_x_deg), ("tilt_y_deg", self.tilt_y_deg))
+        )
+        return about_x, about_y
+
+    @property
+    def rng(self) -> np.random.Generator | None:
+        """The random generator of the seed, or None. Raises T2TwinError for an invalid seed."""
+        if self.seed is None:
+            return None
+        arguments.check_seed(self.seed)
+        return np.random.default_rng(self.seed)
+
+    def command(self, shape: "Shape", sensor: "Sensor") -> "PressCommand":
+        """The command for the solver. A depth becomes the force that reaches it in `sensor`.
+
+        shape: the loaded shape. Raises T2TwinError for a force, a depth or a tilt out of range, for
+        a force and a depth, and for values not finite.
+        """
+        from t2twin.sim.contact.contact_solver import force_at_depth
+        from t2twin.sim.contact.types import PressCommand, check_force
+        from t2twin.sim.sampling.protocol import FORCE_N
+
+        names = ("x_mm", "y_mm", "yaw_deg")
+        x_mm, y_mm, yaw_deg = (arguments.number(getattr(self, name), name) for name in names)
+        if self.force_n is not None and self.depth_mm is not None:
+            raise T2TwinError("force_n and depth_mm are both given; expected one of them")
+        force_n = FORCE_N if self.force_n is None else arguments.real(self.force_n, "force_n")
+        check_force(force_n)
+        yaw_rad = float(np.deg2rad(yaw_deg))
+        command = PressCommand(shape.name, x_mm, y_mm, yaw_rad, force_n, *self.tilt_rad)
+        if self.depth_mm is None:
+            return command
+        found = force_at_depth(partial(sensor.press, shape), command, self.depth_mm)
+        return replace(command, force_n=found)
