@@ -7,8 +7,8 @@ from threading import Event
 
 import pytest
 
+from t2twin import compile_ahead
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.sim.sensors import compile_ahead
 from t2twin.studio import shared
 from t2twin.studio.translators import Translators
 
@@ -26,7 +26,7 @@ def test_it_listens_before_anything_slow_is_imported():
     assert done.returncode == 0, done.stderr
 
 
-HELPER = (sys.executable, "-m", "t2twin.sim.sensors.compile_ahead")
+HELPER = (sys.executable, "-m", "t2twin.compile_ahead")
 
 
 @pytest.mark.exhaustive

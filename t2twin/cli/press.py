@@ -276,7 +276,7 @@ class SlideOptions(TouchOptions):
 
 def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     """Press one shape into one sensor or both, and write the image, counts and contacts."""
-    from t2twin.sim.sensors.compile_ahead import compile_ahead
+    from t2twin.compile_ahead import compile_ahead
     from t2twin.sim.touch import scene_path
 
     shape = options.load_shape()
@@ -308,9 +308,9 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
 
 def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     """Press a shape and slide or turn it with friction; write images, counts and shear."""
+    from t2twin.compile_ahead import compile_ahead
     from t2twin.core.progress import Progress
     from t2twin.rerun_log import RerunLog, recorded
-    from t2twin.sim.sensors.compile_ahead import compile_ahead
     from t2twin.sim.slide import check_friction, touches_along
     from t2twin.slide_files import FRAME_MS, write_slide
 

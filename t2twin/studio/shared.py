@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from t2twin.compile_ahead import compile_ahead
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.sensors.compile_ahead import compile_ahead
 from t2twin.studio.translators import Translators
 
 if TYPE_CHECKING:
