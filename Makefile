@@ -44,7 +44,7 @@ help:
 	@echo "make studio      press, look and translate in a browser          PORT="
 	@echo "make regression  RMSE on synthetic data held to its band"
 	@echo "make lerobot-check  a converted dataset, read with LeRobot's own loader   SCALE="
-	@echo "make bench       speed and fidelity, kept in benchmarks/results; lists regressions"
+	@echo "make bench       speed and fidelity, kept in benchmarks/results"
 	@echo "make check       ruff, pyright, layers, import cycles, sizes of modules, sentences of the documents"
 	@echo "make wheel       sdist and wheel in dist/, checked and tried from an empty folder"
 	@echo "make wheel-demo  the demo of the wheel in dist/, in an empty folder   MINUTES= (3)"
@@ -132,7 +132,7 @@ lerobot-check: setup
 	HF_HUB_OFFLINE=1 $(LEROBOT) -m maintenance.check_lerobot $(DATA) $(DATA)-lerobot
 
 bench: setup
-	$(BIN)/python -m benchmarks; status=$$?; $(BIN)/python -m benchmarks --compare; exit $$status
+	$(BIN)/python -m benchmarks
 
 check: setup
 	$(BIN)/ruff check .

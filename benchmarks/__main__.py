@@ -3,21 +3,17 @@
     python -m benchmarks [NAME ...]      measure; without names all that need no argument
     python -m benchmarks --list          all benchmarks and their arguments
     python -m benchmarks --stale         results that are older than the code they measure
-    python -m benchmarks --compare       changes since the committed results, and regressions
     python -m benchmarks --docs          write the results into the tables of the documents
 
 Exits with 1 if a benchmark fails or misses a limit, and if results are stale.
-A regression is listed only: times depend on the machine.
 """
 
 import argparse
 import os
+import subprocess
 import sys
 
-from benchmarks.evidence.compare import changes
-from benchmarks.evidence.record import Benchmark, find_benchmarks
-from benchmarks.evidence.run import parser_of, run_each
-from benchmarks.evidence.stale import changed_sources
+from benchmarks.evidence import Benchmark, changed_sources, find_benchmarks
 from t2twin.core.errors import T2TwinError
 
 
@@ -31,7 +27,6 @@ def main(arguments: list[str] | None = None) -> None:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--list", action="store_true", help="list the benchmarks")
     what.add_argument("--stale", action="store_true", help="name stale results")
-    what.add_argument("--compare", action="store_true", help="list changes of the results")
     what.add_argument("--docs", action="store_true", help="write the documents' tables")
     options = parser.parse_args(arguments)
     try:
@@ -62,14 +57,16 @@ def _run(options: argparse.Namespace) -> str:
         return ""
     if options.stale:
         return _stale(chosen)
-    if options.compare:
-        _compare(chosen)
-        return ""
     if options.names:
         for benchmark in chosen:
             if benchmark.needs_arguments:
                 raise T2TwinError(f"{benchmark.name} needs arguments: {_usage(benchmark)}")
-    failed = run_each(each for each in chosen if not each.needs_arguments)
+    failed = []
+    for benchmark in chosen:
+        if not benchmark.needs_arguments:
+            done = subprocess.run([sys.executable, "-m", benchmark.module], check=False)
+            if done.returncode:
+                failed.append(benchmark.name)
     return f"failed, or missed a limit: {', '.join(failed)}" if failed else ""
 
 
@@ -82,19 +79,8 @@ def _chosen(names: list[str]) -> list[Benchmark]:
 
 
 def _usage(benchmark: Benchmark) -> str:
-    usage = parser_of(benchmark).format_usage().removeprefix("usage: ")
+    usage = benchmark.parser.format_usage().removeprefix("usage: ")
     return " ".join(usage.split())
-
-
-def _compare(chosen: list[Benchmark]) -> None:
-    regressions = 0
-    for benchmark in chosen:
-        found, processor = changes(benchmark)
-        if found:
-            other = f", measured on another processor than {processor}" if processor else ""
-            print("\n".join([f"{benchmark.name}{other}", *map(str, found)]), flush=True)
-        regressions += sum(change.is_worse is True for change in found)
-    print(f"regressions: {regressions}")
 
 
 def _stale(chosen: list[Benchmark]) -> str:

@@ -18,7 +18,7 @@ from PIL import Image
 
 import t2twin
 from benchmarks.documents import figures, markers, reference
-from benchmarks.evidence.record import find_benchmarks
+from benchmarks.evidence import find_benchmarks
 from t2twin import cli
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.measurements import read_measurements

@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from benchmarks.evidence.results import read_results
-from benchmarks.evidence.run import missed
+from benchmarks.evidence import read_results
 from benchmarks.networks.regression import (
     BENCHMARK,
     EPOCHS,
@@ -18,7 +17,7 @@ BASELINE = read_results(BENCHMARK.results).content
 
 
 def failures(measured):
-    return missed(BENCHMARK, {"against": against(measured, BASELINE)})
+    return BENCHMARK.missed({"against": against(measured, BASELINE)})
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,15 @@ import subprocess
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks.evidence import record
-from benchmarks.evidence.record import Benchmark
-from benchmarks.evidence.results import Provenance, Results, write_results
-from benchmarks.evidence.stale import BASELINE, changed_sources
+from benchmarks import evidence
+from benchmarks.evidence import (
+    BASELINE,
+    Benchmark,
+    Provenance,
+    Results,
+    changed_sources,
+    write_results,
+)
 from t2twin.core.errors import T2TwinError
 
 SMALL = Benchmark("benchmarks.small", "Nothing.", 0.0, sources=("sim/contact", "sim/optical"))
@@ -17,7 +22,7 @@ SMALL = Benchmark("benchmarks.small", "Nothing.", 0.0, sources=("sim/contact", "
 @pytest.fixture
 def repository(tmp_path, monkeypatch):
     """A repository with three commits: old, baseline, and a change of sim/contact."""
-    monkeypatch.setattr(record, "RESULTS", tmp_path / "results")
+    monkeypatch.setattr(evidence, "RESULTS", tmp_path / "results")
     root = tmp_path / "repository"
     for folder in SMALL.sources:
         (root / folder).mkdir(parents=True)

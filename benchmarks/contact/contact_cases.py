@@ -30,8 +30,7 @@ from benchmarks.contact import oracle
 from benchmarks.contact.contact_shapes import FAMILIES, Case, make_case
 from benchmarks.contact.flat_pad import DEEPEST_MM, TOLERANCE, FlatPad
 from benchmarks.contact.press import SENSORS, block_forces, distance
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.cached_files import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape

@@ -27,8 +27,7 @@ from tqdm import tqdm
 
 from benchmarks.contact.flat_pad import FlatPad
 from benchmarks.contact.solids import punch
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.shape import RandomShape

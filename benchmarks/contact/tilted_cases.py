@@ -17,8 +17,7 @@ from tqdm import tqdm
 
 from benchmarks.contact.contact_cases import measure_case, summary
 from benchmarks.contact.press import SENSORS
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 
 CASES = 32
 

@@ -29,8 +29,7 @@ from tqdm import tqdm
 
 from benchmarks import ROOT
 from benchmarks.datasets.same_surface import tool_surfaces
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue

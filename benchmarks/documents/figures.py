@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 
 from benchmarks import ROOT
-from benchmarks.evidence.results import Results, read_results
+from benchmarks.evidence import Results, read_results
 from t2twin.core.errors import T2TwinError
 
 RESULTS = ROOT / "benchmarks" / "results"

@@ -7,7 +7,7 @@ from inspect import getdoc
 
 from benchmarks.documents.figures import Figures, figure_tables, markdown
 from benchmarks.documents.sensor_files import KINDS, keys_of
-from benchmarks.evidence.record import find_benchmarks
+from benchmarks.evidence import find_benchmarks
 
 
 def tables() -> dict[str, Callable[[], str]]:

@@ -29,8 +29,7 @@ from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
 import t2twin
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.motion.attach_scenes import (
     FACE_DOWN,
     Body,

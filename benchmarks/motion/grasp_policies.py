@@ -8,8 +8,7 @@ from argparse import Namespace
 from typing import Any
 
 from benchmarks import ROOT
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 
 OBJECTS = 200
 

@@ -11,8 +11,7 @@ from argparse import Namespace
 from typing import Any
 
 from benchmarks import ROOT
-from benchmarks.evidence.record import Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.core.files import atomic_write
 
 BENCHMARK = Benchmark(

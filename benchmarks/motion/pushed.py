@@ -30,8 +30,7 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.motion.attach_scenes import FREE, Body, compile_scene, contact_of, geom
 from t2twin.core.errors import T2TwinWarning
 from t2twin.sim.contact import fixed_point, sliding

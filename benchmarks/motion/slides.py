@@ -27,8 +27,7 @@ from scipy.interpolate import RegularGridInterpolator
 from tqdm import tqdm
 
 from benchmarks.contact.solids import block
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.motion import slides_closed_forms as closed_forms
 from benchmarks.motion import slides_fem as fem
 from t2twin.core.errors import T2TwinError

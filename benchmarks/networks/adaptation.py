@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.networks.real import real_references
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT, ROTATIONS
 from t2twin.core.errors import T2TwinError

@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.export import write_ball

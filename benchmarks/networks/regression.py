@@ -15,9 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.evidence.record import Benchmark, Figure
-from benchmarks.evidence.results import read_results
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Benchmark, Figure, main, read_results
 from t2twin.sim.dataset.generate import make_dataset
 
 BENCHMARK = Benchmark(

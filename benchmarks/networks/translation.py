@@ -20,8 +20,7 @@ import numpy as np
 from PIL import Image
 
 from benchmarks import ROOT
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.files import atomic_write
 
 if TYPE_CHECKING:

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.evidence.record import Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.calibrate.fit import Measurements, Presses
 from t2twin.sim.calibrate.frames import clean_background, contact_patch

@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.sim.calibrate.calibrate import (
     Score,

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import gaussian_gradient_magnitude
 
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.sim.calibrate.calibrate import (
     Inputs,
     Score,

@@ -12,8 +12,7 @@ from typing import Any
 from PIL import Image, ImageDraw
 
 from benchmarks import ROOT
-from benchmarks.evidence.record import Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand

@@ -18,8 +18,7 @@ import numpy as np
 from PIL import Image
 
 from benchmarks import ROOT
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from maintenance.bake_optics import block
 from t2twin.core.files import atomic_write

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.evidence.record import Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.sim.contact.layer import base_stress
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.pads import disc_transform

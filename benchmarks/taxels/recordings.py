@@ -16,8 +16,7 @@ import numpy as np
 from msgspec import structs
 from tqdm import tqdm
 
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair

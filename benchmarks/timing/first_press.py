@@ -20,8 +20,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.machine import cores
 

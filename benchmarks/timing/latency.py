@@ -26,8 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.evidence.record import Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 import t2twin
-from benchmarks.evidence.record import Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Benchmark, Figure, main
 from benchmarks.motion.slides import SEED
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.sliding import advance

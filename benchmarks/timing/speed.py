@@ -28,8 +28,7 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks import ROOT
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import new_folder
 

@@ -23,8 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import ROOT
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write

@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.run import main
+from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sampling import protocol

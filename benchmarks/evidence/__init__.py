@@ -1,1 +1,0 @@
-"""Declaration, runner, results files and staleness of the benchmarks."""
