@@ -32,9 +32,9 @@ from PIL import Image
 
 import t2twin
 from t2twin.attachment.geometry import Region, body_surface
+from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError
 from t2twin.rerun_log import RerunLog
-from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.sim.taxels.taxel_array import CountsReading
 from t2twin.translate.uncertainty.estimate import Estimate
 

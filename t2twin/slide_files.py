@@ -27,6 +27,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from PIL import Image
 
+from t2twin.core.draw import COLOR_MAP, colored_tactile_image, extent_mm, figure
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import (
     check_own,
@@ -36,10 +37,8 @@ from t2twin.core.files import (
     temporary_folder,
     write_csv,
 )
-from t2twin.report.figures import COUNTS_MAP, extent_mm, figure
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.optical.gel_camera import ImageReading
-from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.sim.taxels.taxel_array import CountsReading
 from t2twin.sim.touch import MARKER_COLUMNS, MARKERS_CSV, Touch, marker_rows
 
@@ -378,8 +377,8 @@ def _draw_counts(sensor: str, panels: Sequence[Axes], readings: Sequence[CountsR
     largest = max(float(reading.tactile_image.max()) for reading in readings)
     for axes, reading in zip(panels, readings, strict=True):
         image = axes.imshow(
-            reading.tactile_image, cmap=COUNTS_MAP, vmin=0, vmax=max(largest, 1.0),
-            extent=extent_mm(reading.sensor.phi),
+            reading.tactile_image, cmap=COLOR_MAP, vmin=0, vmax=max(largest, 1.0),
+            extent=extent_mm(*reading.sensor.phi.centers_mm),
         )  # fmt: skip
         layout = reading.sensor.layout
         axes.plot(layout.x_mm, layout.y_mm, "o", ms=4, mfc="none", mec="white", mew=0.5)

@@ -13,10 +13,10 @@ from session import copy_machine_code
 from maintenance.write_bundled import build, tool_mesh
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import cached_array
+from t2twin.core.draw import in_colors
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.sim.splines import CubicSpline
-from t2twin.sim.taxels.tactile_image import in_colors
 
 SLOW = (
     "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "scipy.interpolate",

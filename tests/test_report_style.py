@@ -6,9 +6,9 @@ import xml.etree.ElementTree as ET
 import pytest
 from matplotlib.figure import Figure
 
+from t2twin.core.draw import figure
 from t2twin.core.tables import Table
 from t2twin.core.templates import PACKAGE, environment, render
-from t2twin.report.figures import figure
 from t2twin.report.page import MAX_NAME, name_of, shape_name
 
 ODD = [

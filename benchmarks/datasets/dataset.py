@@ -129,8 +129,8 @@ def _last_run(folder: Path) -> dict[str, Any]:
 
 def draw(dataset: Dataset) -> None:
     """The pictures of a dataset."""
+    from t2twin.core.draw import figure
     from t2twin.report import dataset_report as report
-    from t2twin.report.figures import figure
 
     drawings: dict[str, tuple[float, Callable[[Page], None]]] = {
         "forces_and_counts": (

@@ -296,7 +296,7 @@ def by_force(values: np.ndarray) -> list[dict[str, float]]:
 
 def draw_spread(values: np.ndarray, tools: np.ndarray) -> None:
     """The distributions side by side, each as a share of its presses."""
-    from t2twin.report.figures import figure
+    from t2twin.core.draw import figure
 
     def draw(page: Page) -> None:
         axes = page.subplots(1, len(QUANTITIES))

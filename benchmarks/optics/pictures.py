@@ -13,12 +13,12 @@ from PIL import Image, ImageDraw
 
 from benchmarks import ROOT
 from benchmarks.evidence import Benchmark, Figure, main
+from t2twin.core.draw import colored_tactile_image
 from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sampling.protocol import FORCE_N
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.sim.touch import Touch
 
 BENCHMARK = Benchmark(

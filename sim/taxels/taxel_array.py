@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from t2twin.core import arguments
+from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
@@ -22,7 +23,6 @@ from t2twin.sim.taxels.layout import Layout, load_layout
 from t2twin.sim.taxels.pads import pad_pressure_mpa
 from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.spec import TaxelArraySpec
-from t2twin.sim.taxels.tactile_image import colored_tactile_image
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,10 @@ from t2twin.adaptation.real_frame_evaluation import (
     PressComparison,
     RunScores,
 )
+from t2twin.core.draw import Panel, panels_image
 from t2twin.core.files import write_json
 from t2twin.core.records import read_json
 from t2twin.core.tables import Table
-from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import write_page
 from t2twin.sim.calibrate.calibrate import OpticsReport, write_coverage
 from t2twin.sim.calibrate.uncertainty import OpticsUncertainty, uncertainty_table
@@ -198,4 +198,4 @@ def _figure(run: CountsPredictor, comparison: PressComparison) -> bytes:
         Panel("translated", phi(comparison.simulated.counts)),
         Panel("simulated target", phi(reference.counts)),
     ]
-    return panels_image(panels, phi, layout.taxels)
+    return panels_image(panels, phi.centers_mm, layout.x_mm, layout.y_mm)

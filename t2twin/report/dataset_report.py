@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
+from t2twin.core.draw import draw_discs, figure, force_axis
 from t2twin.report import pairs
 from t2twin.report.data import MIN_CONTACT_SHARE, Array, Dataset, read_dataset
-from t2twin.report.figures import aspect_of, draw_discs, figure, force_axis
 from t2twin.report.near_duplicates import Scan, duplicates, near_duplicates, scan
 from t2twin.report.page import (
     SENSOR_COLORS,
@@ -148,7 +148,8 @@ def grid_of(dataset: Dataset, role: str) -> bytes:
             axes.imshow(dataset.image(split, row, role))
             axes.set_title(shape_name(dataset.row(split, row)["shape"]), fontsize=6)
 
-    height_in = WIDTH_IN / GALLERY_COLUMNS / aspect_of(dataset.image(*rows[0], role))
+    rows_px, columns_px, _ = dataset.image(*rows[0], role).shape
+    height_in = WIDTH_IN / GALLERY_COLUMNS * rows_px / columns_px
     return figure("png", WIDTH_IN, (height_in + TILE_TITLE_IN) * lines, draw)
 
 
@@ -187,7 +188,7 @@ def saturation(page: Figure, array: Array) -> None:
     number.locator_params(axis="x", integer=True)
     percent = 100 * saturated.mean(axis=0)
     drawn = draw_discs(
-        places, layout, layout.pad_diameter_mm, array=percent,
+        places, layout.x_mm, layout.y_mm, layout.pad_diameter_mm, array=percent,
         clim=(0.0, max(float(percent.max()), 1.0)), edgecolors="#444444", linewidths=0.4,
     )  # fmt: skip
     margin = layout.pad_diameter_mm.max()

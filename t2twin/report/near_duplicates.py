@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from t2twin.core.draw import figure
 from t2twin.core.images import decode_png
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.report.data import Dataset
-from t2twin.report.figures import figure
 from t2twin.sim.dataset.columns import IMAGE, column
 from t2twin.sim.dataset.store import iter_images, split_shards
 from t2twin.sim.taxels.reading import expected_reading

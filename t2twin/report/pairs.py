@@ -6,23 +6,22 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.patches import Rectangle
 
-from t2twin.report.data import Dataset
-from t2twin.report.figures import (
-    COUNTS_MAP,
+from t2twin.core.draw import (
+    COLOR_MAP,
     Panel,
-    aspect_of,
     color_bar,
     draw_discs,
     draw_image,
-    draw_panels,
     draw_tactile_image,
     extent_mm,
     figure,
+    panels_image,
 )
+from t2twin.report.data import Dataset
 
 PAIRS = 12
 SEED = 0
@@ -42,7 +41,7 @@ inches."""
 BAR_WIDTH = 0.07
 """Width of a color bar, relative to a tactile image."""
 
-_Part = Callable[[Axes], AxesImage | None]
+_Part = Callable[[Axes], ScalarMappable | None]
 """Draws a part of a pair's figure, and returns what needs a color bar."""
 
 
@@ -89,9 +88,8 @@ def translation(dataset: Dataset, split: str, row: int, predicted: np.ndarray) -
         Panel(f"{dataset.array_name}\n(true counts)", array.phi(true)),
         Panel("network\n(predicted)", array.phi(predicted)),
     ]
-    height = min(EXAMPLE_HEIGHT_IN, (EXAMPLE_IN - BAR_IN) / sum(panel.aspect for panel in panels))
-    draw = partial(draw_panels, panels=panels, phi=array.phi, layout=array.layout)
-    return figure("png", EXAMPLE_IN, height + TITLES_IN, draw)
+    layout = array.layout
+    return panels_image(panels, array.phi.centers_mm, layout.x_mm, layout.y_mm, EXAMPLE_IN)
 
 
 def _figure(
@@ -110,7 +108,7 @@ def _figure(
         if role in dataset.cameras:
             image = dataset.image(split, row, role)
             draw_own: _Part = partial(draw_image, image=image)
-            columns.append((f"{name}\n(image)", aspect_of(image), [draw_own]))
+            columns.append((f"{name}\n(image)", image.shape[1] / image.shape[0], [draw_own]))
             continue
         parts = _array_parts(dataset, role, dataset.counts_of(split, row, role))[is_example:]
         rows, pixels = dataset.arrays[role].phi.shape
@@ -144,19 +142,21 @@ def _array_parts(dataset: Dataset, role: str, counts: np.ndarray) -> list[_Part]
 
     def draw_pads(axes: Axes) -> None:
         draw_discs(
-            axes, layout, layout.pad_diameter_mm, array=counts, cmap=COUNTS_MAP, clim=limits,
+            axes, layout.x_mm, layout.y_mm, layout.pad_diameter_mm, array=counts, cmap=COLOR_MAP, clim=limits,
             edgecolors="#444444", linewidths=0.4, clip_on=False,
         )  # fmt: skip
         half_mm = field_of_view(dataset)
         if half_mm is not None:
             corner, sides = (-half_mm[0], -half_mm[1]), (2 * half_mm[0], 2 * half_mm[1])
             axes.add_patch(Rectangle(corner, *sides, fill=False, edgecolor="#d55e00", linewidth=1))
-        left, right, bottom, top = extent_mm(phi)
+        left, right, bottom, top = extent_mm(*phi.centers_mm)
         axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
         axes.set_axis_off()
 
-    def draw_tactile(axes: Axes) -> AxesImage:
-        return draw_tactile_image(axes, phi(counts), phi, layout, limits)
+    def draw_tactile(axes: Axes) -> ScalarMappable:
+        return draw_tactile_image(
+            axes, phi(counts), phi.centers_mm, layout.x_mm, layout.y_mm, limits
+        )
 
     return [draw_pads, draw_tactile]
 

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from t2twin.core.draw import figure, force_axis
 from t2twin.primitives_cad import catalogue
 from t2twin.report.data import ReportData
-from t2twin.report.figures import figure, force_axis
 from t2twin.report.page import (
     BASELINE_COLORS,
     SPLIT_COLORS,

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from t2twin.core import arguments
+from t2twin.core.draw import Panel, panels_image
 from t2twin.core.machine import cores, processor
 from t2twin.core.tables import Table
 from t2twin.report import dataset_report, pairs, run_charts
 from t2twin.report.data import ReportData, read_report_data
-from t2twin.report.figures import Panel, panels_image
 from t2twin.report.page import (
     KIND_NAMES,
     SPLIT_NAMES,
@@ -255,7 +255,8 @@ def sample_image(report: ReportData, split: str, row: int) -> bytes:
         panels.append(Panel(f"φ(Ŷ) {lines}\n{report.counts(error)} counts", predicted))
         panels.append(Panel("φ(Ŷ) − I\n", predicted - truth, is_difference=True))
     panels.append(Panel("I = φ(Y)\ntrue", truth))
-    return panels_image(panels, phi, report.array.layout)
+    layout = report.array.layout
+    return panels_image(panels, phi.centers_mm, layout.x_mm, layout.y_mm)
 
 
 TEMPLATES = ("report/templates/runs.html", *dataset_report.TEMPLATES)

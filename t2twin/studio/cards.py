@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from t2twin.core.draw import relief
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.touch import Touch
 from t2twin.studio.charts import (
@@ -35,7 +36,6 @@ from t2twin.studio.colors import (
 from t2twin.studio.session import PressResult
 from t2twin.studio.shared import NamedFrame
 from t2twin.studio.translators import TRAIN_COMMAND, Translation
-from t2twin.translate.inference.relief import relief
 
 STYLE = """<style>
 .t2 { font-size: 0.8rem; line-height: 1.4; padding: 0.5rem 1.1rem 0.3rem 0.7rem; }

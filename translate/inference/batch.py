@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from t2twin.core import arguments
+from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, temporary_folder, write_csv
 from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
-from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.translate.data.images import check_image, open_image, to_pixels
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run

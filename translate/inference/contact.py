@@ -15,8 +15,8 @@ from PIL import Image
 from torch.nn import functional
 
 from t2twin.core import arguments
+from t2twin.core.draw import relief
 from t2twin.core.files import locked, move_into, temporary_folder
-from t2twin.translate.inference.relief import captioned, relief
 from t2twin.translate.models.contact import EVEN, ContactPrediction
 from t2twin.translate.uncertainty.estimate import with_std
 from t2twin.translate.uncertainty.ood import OODClass
@@ -162,7 +162,7 @@ class ContactEstimate:
         words = "no contact" if self.is_empty else f"{self.largest_depth_mm:.2f} mm deep"
         if self.force_n is not None and self.force_std_n is not None:
             words += f", {with_std(self.force_n, self.force_std_n)} N"
-        return captioned(relief(self.depth_mm, self.mask, self.view_mm), words)
+        return relief(self.depth_mm, self.mask, self.view_mm, words)
 
 
 def contacts_of(

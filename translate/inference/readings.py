@@ -15,10 +15,10 @@ import numpy as np
 from PIL import Image
 
 from t2twin.core import arguments
+from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, read_file, temporary_folder, write_csv
 from t2twin.sim.tables import ERRORS, read_csv
-from t2twin.sim.taxels.tactile_image import colored_tactile_image
 from t2twin.translate.data.images import open_image
 from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.inference.batch import COUNTS_CSV, find_images, output_names

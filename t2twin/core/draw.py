@@ -1,0 +1,345 @@
+"""All drawing: values in colors, tactile images, reliefs, and figures of matplotlib in one style.
+
+Pictures of a press and of a translation are drawn with Pillow, because importing matplotlib takes
+as long as a press. Figures of reports, slides and benchmarks are drawn with matplotlib, which is
+imported on first use.
+
+Shape letters: R rows, C columns, N taxels.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from t2twin.core.cache_dir import configure_matplotlib_dir
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.figure import Figure
+
+COLOR_MAP, DIFFERENCE_MAP = "viridis", "RdBu_r"
+"""Color maps of values, perceptually uniform, and of differences, white at zero."""
+
+COLORS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9", "#009e73")
+"""Colors of lines and bars for all kinds of color vision (Okabe and Ito 2008)."""
+
+SCALE = 2  # rendered pixels per pixel of a tactile image
+MARGIN, BAR_WIDTH, LABELS_WIDTH, TAXEL_RADIUS = 20, 18, 60, 4  # rendered pixels
+UNIT_SIZE, FONT_SIZE, CAPTION_SIZE, CAPTION_HEIGHT = 18, 20, 12, 34  # rendered pixels
+LABELS = 5  # on the color bar
+
+HALF_FADED_SHARE = 0.05
+"""Standard deviation at which a color is half white, as a share of full scale (assumed: the error
+outside the view)."""
+
+RELIEF_LIGHT, RELIEF_SHARE = (-0.6, -0.8), 0.8
+"""Direction that the light of a relief comes from, and change of brightness by a slope of 1."""
+
+GREY_SHARE, DARKEST, BRIGHTEST = 0.3, 0.25, 1.6
+"""Share of white in a relief's colors, and limits of its brightness (assumed)."""
+
+MIN_DEPTH_MM = 0.1
+"""Least depth at the end of a relief's color scale (assumed), so that noise stays dark."""
+
+STYLE = {
+    "axes.edgecolor": "#666666",
+    "axes.labelcolor": "#222222",
+    "axes.linewidth": 0.6,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 8.5,
+    "font.size": 8.5,
+    "image.cmap": COLOR_MAP,
+    "image.interpolation": "nearest",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "lines.linewidth": 1.4,
+    "text.parse_math": False,  # names of shapes may contain dollar signs
+    "svg.hashsalt": "t2twin",  # makes the bytes of a figure reproducible
+    "xtick.color": "#444444",
+    "ytick.color": "#444444",
+}
+DPI = 144  # of PNG images; charts are SVG
+
+RING_MM, RING_SHARE = 1.4, 0.3
+"""Largest diameter of the ring that marks a taxel, and relative to the nearest taxel's distance."""
+
+PANEL_IN, WIDEST_IN, TITLE_IN, BAR_IN = 2.06, 2.5, 0.22, 0.6
+"""Largest height and width of a panel, height of a line of its title, width of a color bar."""
+
+FORCE_MARGIN = 1.15  # factor at both ends of a force axis
+
+
+def in_colors(values: np.ndarray) -> np.ndarray:
+    """Colors (R, C, 3) uint8 of values (R, C) in [0, 1], by COLOR_MAP."""
+    colors = color_table()
+    return colors[np.minimum(values.clip(0.0, 1.0) * len(colors), len(colors) - 1).astype(int)]
+
+
+@cache
+def color_table(name: str = COLOR_MAP) -> np.ndarray:
+    """The 256 colors of a map, (256, 3) uint8, from low to high values."""
+    if name == COLOR_MAP:
+        with np.load(Path(__file__).with_name("viridis.npz")) as file:
+            return file["colours"]
+    configure_matplotlib_dir()
+    from matplotlib import colormaps
+
+    return colormaps[name](np.arange(256), bytes=True)[:, :3]
+
+
+def colored_tactile_image(
+    image: np.ndarray,
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    full_scale: float,
+    std: np.ndarray | None = None,
+    px_per_mm: float = 8.8,
+) -> Image.Image:
+    """A tactile image in colors, with a color bar and rings at the taxels.
+
+    image: (R, C), counts. x_mm, y_mm: (N,) taxel positions. The color scale is from zero to
+    full_scale, counts. std: (R, C) standard deviations, counts; colors fade to white with them,
+    half way at HALF_FADED_SHARE of full scale. px_per_mm: scale of the image.
+    """
+    rows, columns = image.shape[0] * SCALE, image.shape[1] * SCALE
+    width = columns + 3 * MARGIN + BAR_WIDTH + LABELS_WIDTH
+    page = Image.new("RGB", (width, rows + 2 * MARGIN), "white")
+    colors = in_colors(image / full_scale)
+    if std is not None:
+        kept = (HALF_FADED_SHARE / (HALF_FADED_SHARE + std / full_scale))[..., None]
+        colors = np.rint(kept * colors + (1.0 - kept) * 255.0).astype(np.uint8)
+    large = Image.fromarray(colors).resize((columns, rows), Image.Resampling.BILINEAR)
+    page.paste(large, (MARGIN, MARGIN))
+    pen = ImageDraw.Draw(page)
+    for x, y in np.column_stack([x_mm, y_mm]) * px_per_mm * SCALE:
+        center = (MARGIN + columns / 2 + x, MARGIN + rows / 2 + y)
+        pen.circle(center, TAXEL_RADIUS, outline="white")
+    left = columns + 2 * MARGIN
+    bar = in_colors(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))
+    page.paste(Image.fromarray(bar), (left, MARGIN))
+    pen.text((left, MARGIN - 4), "counts", "black", anchor="ls", font_size=UNIT_SIZE)
+    # The first and the last label lie within the bar's height, clear of the unit above it.
+    anchors = ("lb", *("lm",) * (LABELS - 2), "lt")
+    for part, anchor in zip(np.linspace(0.0, 1.0, LABELS), anchors, strict=True):
+        at = (left + BAR_WIDTH + MARGIN / 3, MARGIN + (1.0 - part) * (rows - 1))
+        pen.text(at, f"{part * full_scale:,.0f}", "black", anchor=anchor, font_size=FONT_SIZE)
+    return page
+
+
+def relief(
+    depth_mm: np.ndarray, mask: np.ndarray, view_mm: tuple[float, float], caption: str = ""
+) -> Image.Image:
+    """A picture of a depth, (R, C): colors from depth 0 to the largest, shaded as if lit from the
+    upper left, with the outline of a mask and a caption below. view_mm: half of the view."""
+    rows, columns = depth_mm.shape
+    down, across = np.gradient(-depth_mm, 2 * view_mm[1] / rows, 2 * view_mm[0] / columns)
+    slope = -(RELIEF_LIGHT[0] * across + RELIEF_LIGHT[1] * down)
+    shade = (1.0 - RELIEF_SHARE * slope).clip(DARKEST, BRIGHTEST)
+    colors = in_colors(depth_mm / max(MIN_DEPTH_MM, float(depth_mm.max()))).astype(float)
+    colors = (GREY_SHARE * 255.0 + (1.0 - GREY_SHARE) * colors) * shade[..., None]
+    inner = mask.copy()
+    for axis in (0, 1):
+        for step in (-1, 1):
+            inner &= np.roll(mask, step, axis)
+    colors[mask & ~inner] = 255.0
+    page = Image.new("RGB", (columns, rows + (CAPTION_HEIGHT if caption else 0)), "white")
+    page.paste(Image.fromarray(colors.clip(0, 255).astype(np.uint8)))
+    at = (columns / 2, rows + CAPTION_HEIGHT / 2)
+    ImageDraw.Draw(page).text(at, caption, "black", anchor="mm", font_size=CAPTION_SIZE)
+    return page
+
+
+def in_a_row(pictures: Iterable[Image.Image], height_px: int) -> Image.Image:
+    """Pictures side by side, scaled to one height; their widths are even, for video codecs."""
+    parts = [
+        part.resize((2 * round(part.width * height_px / part.height / 2), height_px))
+        for part in pictures
+    ]
+    page = Image.new("RGB", (sum(part.width for part in parts), height_px))
+    for number, part in enumerate(parts):
+        page.paste(part, (sum(each.width for each in parts[:number]), 0))
+    return page
+
+
+def figure(
+    kind: Literal["svg", "png"],
+    width_in: float,
+    height_in: float,
+    draw: Callable[[Figure], None],
+) -> bytes:
+    """File content of a figure of matplotlib. draw: fills the empty figure.
+
+    A character that the font lacks is drawn as a box.
+    """
+    configure_matplotlib_dir()
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(STYLE), warnings.catch_warnings():  # pyright: ignore[reportArgumentType]
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        # On a busy machine the placement of a legend may exceed the limit for this warning.
+        warnings.filterwarnings("ignore", "Creating legend with loc")
+        page = Figure(figsize=(width_in, height_in), layout="constrained")
+        draw(page)
+        _label_powers(page)
+        buffer = io.BytesIO()
+        metadata = {"Date": None} if kind == "svg" else {}
+        page.savefig(buffer, format=kind, dpi=DPI, metadata=metadata)
+    return buffer.getvalue()
+
+
+def _label_powers(page: Figure) -> None:
+    """Labels logarithmic axes with numbers, because STYLE disables formulas."""
+    from matplotlib.ticker import LogFormatter
+
+    for axis in (axis for axes in page.axes for axis in (axes.xaxis, axes.yaxis)):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(LogFormatter())
+
+
+def draw_image(axes: Axes, image: np.ndarray) -> None:
+    """Draws an image, (R, C, 3) uint8, without axes."""
+    axes.imshow(image)
+    axes.set_axis_off()
+
+
+def draw_discs(
+    axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, diameter_mm: np.ndarray, **style: Any
+) -> ScalarMappable:
+    """Draws a disc at each taxel, to scale; all arrays are (N,)."""
+    from matplotlib.collections import EllipseCollection
+
+    discs = EllipseCollection(
+        diameter_mm, diameter_mm, np.zeros(len(x_mm)), units="xy", offset_transform=axes.transData,
+        offsets=np.column_stack([x_mm, y_mm]), **style,
+    )  # fmt: skip
+    axes.add_collection(discs)
+    return discs
+
+
+def draw_tactile_image(
+    axes: Axes,
+    image: np.ndarray,
+    centers_mm: tuple[np.ndarray, np.ndarray],
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    limits: tuple[float, float],
+) -> ScalarMappable:
+    """Draws a tactile image, (R, C) counts, on axes in mm with y downwards, and taxels as rings.
+
+    centers_mm: of its columns and rows (`Phi.centers_mm`). x_mm, y_mm: (N,) of the taxels. limits:
+    counts at the ends of the color scale, which is one of differences where the lower is negative.
+    """
+    from scipy.spatial import KDTree
+
+    axes.set(xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set(visible=True, linewidth=0.4, color="#aaaaaa")
+    is_difference = limits[0] < 0
+    color_map, rings = (DIFFERENCE_MAP, "#555555") if is_difference else (COLOR_MAP, "white")
+    extent = extent_mm(*centers_mm)
+    drawn = axes.imshow(image, color_map, vmin=limits[0], vmax=limits[1], extent=extent)
+    places = np.column_stack([x_mm, y_mm])
+    nearest_mm = KDTree(places).query(places, 2)[0][:, 1].min()
+    size = np.full(len(places), min(RING_MM, RING_SHARE * nearest_mm))
+    draw_discs(axes, x_mm, y_mm, size, facecolors="none", edgecolors=rings, linewidths=0.5)
+    return drawn
+
+
+def extent_mm(columns_mm: np.ndarray, rows_mm: np.ndarray) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of an image with these centers of its pixels; y points down."""
+    half = (columns_mm[1] - columns_mm[0]) / 2
+    return columns_mm[0] - half, columns_mm[-1] + half, rows_mm[-1] + half, rows_mm[0] - half
+
+
+def color_bar(page: Figure, drawn: ScalarMappable, axes: Any, width: float, title: str) -> None:
+    """Adds a color bar next to axes. width: relative to that of the axes."""
+    bar = page.colorbar(drawn, ax=axes, fraction=width, pad=0.06, aspect=28, format="{x:,g}")
+    bar.ax.spines["outline"].set_linewidth(0.4)
+    bar.ax.tick_params(labelsize=7, length=2)
+    bar.set_label(title, fontsize=7)
+
+
+class Panel(NamedTuple):
+    """An image with its title: of a camera, (R, C, 3) uint8, or tactile, (R, C) counts.
+
+    is_difference: whether the counts are a difference of two tactile images.
+    """
+
+    title: str
+    image: np.ndarray
+    is_difference: bool = False
+
+    @property
+    def aspect(self) -> float:
+        """Width over height."""
+        return self.image.shape[1] / self.image.shape[0]
+
+
+def panels_image(
+    panels: Sequence[Panel],
+    centers_mm: tuple[np.ndarray, np.ndarray],
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    width_in: float = 100.0,
+) -> bytes:
+    """PNG of images in a row, with one color scale of counts and one of differences.
+
+    centers_mm, x_mm, y_mm: of the tactile images, as for `draw_tactile_image`. width_in: the most.
+    """
+    kinds = sorted({one.is_difference for one in panels if one.image.ndim == 2}, reverse=True)
+    aspects, bars_in = [one.aspect for one in panels], BAR_IN * len(kinds)
+    peaks = {
+        kind: max(
+            1.0,
+            *(
+                float(np.abs(one.image).max())
+                for one in panels
+                if one.image.ndim == 2 and one.is_difference is kind
+            ),
+        )
+        for kind in kinds
+    }
+
+    def draw(page: Figure) -> None:
+        all_axes = page.subplots(1, len(panels), squeeze=False, width_ratios=aspects)[0]
+        drawn = {}
+        for axes, one in zip(all_axes, panels, strict=True):
+            axes.set_title(one.title)
+            if one.image.ndim == 3:
+                draw_image(axes, one.image)
+                continue
+            peak = peaks[one.is_difference]
+            limits = (-peak if one.is_difference else 0.0, peak)
+            image = draw_tactile_image(axes, one.image, centers_mm, x_mm, y_mm, limits)
+            drawn[one.is_difference] = image
+        for kind in kinds:
+            title = "difference, counts" if kind else "counts"
+            color_bar(page, drawn[kind], all_axes[-1], 0.12, title)
+
+    height = min(PANEL_IN, WIDEST_IN / max(aspects), (width_in - bars_in) / sum(aspects))
+    lines = 1 + max(one.title.count("\n") for one in panels)
+    return figure("png", height * sum(aspects) + bars_in, height + lines * TITLE_IN, draw)
+
+
+def force_axis(axes: Axes, low_n: float, high_n: float) -> None:
+    """Makes x a logarithmic axis with ticks at powers of two. low_n, high_n: range, above 0 N."""
+    from matplotlib.ticker import FixedLocator, NullLocator
+
+    axes.set_xscale("log")
+    low_n, high_n = low_n / FORCE_MARGIN, high_n * FORCE_MARGIN
+    axes.set_xlim(low_n, high_n)
+    marks = 2.0 ** np.arange(np.ceil(np.log2(low_n)), np.log2(high_n) + 1e-9)
+    axes.xaxis.set_major_locator(FixedLocator(marks.tolist() or [low_n * FORCE_MARGIN]))
+    axes.xaxis.set_minor_locator(NullLocator())
