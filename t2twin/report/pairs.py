@@ -142,8 +142,8 @@ def _array_parts(dataset: Dataset, role: str, counts: np.ndarray) -> list[_Part]
 
     def draw_pads(axes: Axes) -> None:
         draw_discs(
-            axes, layout.x_mm, layout.y_mm, layout.pad_diameter_mm, array=counts, cmap=COLOR_MAP, clim=limits,
-            edgecolors="#444444", linewidths=0.4, clip_on=False,
+            axes, layout.x_mm, layout.y_mm, layout.pad_diameter_mm, array=counts,
+            cmap=COLOR_MAP, clim=limits, edgecolors="#444444", linewidths=0.4, clip_on=False,
         )  # fmt: skip
         half_mm = field_of_view(dataset)
         if half_mm is not None:
