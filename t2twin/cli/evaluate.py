@@ -75,7 +75,7 @@ def report(
         data: Folder of the dataset.
         runs: Folders of trained runs. The page shows their results, learning curves and errors, on
             a simulated dataset or on imported pairs. Without runs it shows the dataset: shapes,
-            images, forces, saturation, near-duplicates.
+            images, forces, saturation.
         evaluation: Folder of `evaluate --split both` with the same runs and dataset; the folder
             evaluate next to --out unless given. If neither matches, the runs are evaluated.
     """

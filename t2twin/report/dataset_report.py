@@ -15,7 +15,6 @@ from t2twin.core import arguments
 from t2twin.core.draw import draw_discs, figure, force_axis
 from t2twin.report import pairs
 from t2twin.report.data import MIN_CONTACT_SHARE, Array, Dataset, read_dataset
-from t2twin.report.near_duplicates import Scan, duplicates, near_duplicates, scan
 from t2twin.report.page import (
     SENSOR_COLORS,
     SPLIT_COLORS,
@@ -55,11 +54,9 @@ COUNTS_TICKS = 5
 WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
 
 
-def summary(dataset: Dataset, scanned: Scan | None) -> dict[str, Any]:
+def summary(dataset: Dataset) -> dict[str, Any]:
     """Shares of unusual pairs and counts, and the pair with the median maximum count, or without
     taxel arrays with the median depth.
-
-    scanned: None without images or without counts.
     """
     arrays = dataset.arrays
     sizes = dataset.array.largest if arrays else dataset.contact("source", "depth_mm")
@@ -67,7 +64,6 @@ def summary(dataset: Dataset, scanned: Scan | None) -> dict[str, Any]:
     split, row = dataset.places[place]
     return {
         "shapes": np.unique(dataset.column("shape")).size,
-        "near_duplicates": None if scanned is None else _share(near_duplicates(dataset, scanned)),
         "without_contact": _share(dataset.without_contact),
         "contact": _contact(dataset),
         "saturated": {dataset.label(role): _share(one.saturated) for role, one in arrays.items()},
@@ -347,16 +343,13 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     out, data = arguments.path(out, "out"), arguments.path(data, "data")
     check_out(out)
     dataset = read_dataset(data)
-    is_both = bool(dataset.cameras and dataset.arrays)
-    scanned = scan(dataset) if is_both else None
     sections = {
-        "summary": ("", partial(summary, dataset, scanned)),
+        "summary": ("", partial(summary, dataset)),
         "about": ("", partial(about, dataset)),
         "shapes": ("Pairs by shape", partial(shapes, dataset)),
         "gallery": ("Images", partial(images, dataset)),
         "pairs": ("Pairs", partial(pairs.section, dataset)),
         "forces": (forces_title(dataset), partial(forces, dataset)),
         "saturation": ("Saturation", partial(saturation_charts, dataset)),
-        "duplicates": ("Near-duplicates", lambda: scanned and duplicates(dataset, scanned)),
     }
     return write_page(out, f"The dataset in {data}", TEMPLATES, sections, dataset=dataset)
