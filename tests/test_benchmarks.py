@@ -21,7 +21,6 @@ from benchmarks.evidence import (
     values,
     versions,
 )
-from benchmarks.timing import speed_parts
 from t2twin.core.errors import T2TwinError
 
 BENCHMARKS = find_benchmarks()
@@ -36,10 +35,6 @@ def results(tmp_path, monkeypatch):
 
 
 # Declarations and results files
-
-
-def test_the_parts_of_a_press_exist():
-    assert all(callable(getattr(place, name)) for place, name in speed_parts.PARTS.values())
 
 
 @pytest.mark.parametrize(

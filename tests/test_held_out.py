@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from benchmarks.datasets.same_surface import SHARED, KnownSurfaces, tool_surfaces
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.sampling.held_out import check_held_out, invariants, tool_in
@@ -80,16 +79,8 @@ def test_a_tool_of_coarser_triangles_is_found(tools):
 
 @pytest.mark.exhaustive
 def test_no_primitive_is_taken_for_a_tool(shapes):
-    surfaces = tool_surfaces()
     for name in catalogue.PRIMITIVES:
         assert tool_in(shapes(name).mesh) is None, name
-        assert surfaces.same_as(shapes(name).surface) is None, name
-
-
-def test_what_is_shared_is_a_primitive_s_surface(shapes):
-    assert SHARED == ("clamp/handle",)
-    known = KnownSurfaces({"hemisphere-4": shapes("hemisphere-4").surface})
-    assert known.same_as(shapes("clamp/handle").surface) == "hemisphere-4"
 
 
 def test_a_recipe_with_a_whole_tool_is_refused(recipe, tools):

@@ -3,14 +3,13 @@ import pickle
 import numpy as np
 import pytest
 
-from benchmarks.datasets.same_surface import KnownSurfaces
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.random_shapes import features, rasterize, seed_of
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
 from t2twin.primitives_cad.random_shapes.shape import BASE_DEPTH_MM, PITCH_MM, RandomShape
-from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
+from t2twin.primitives_cad.shape import NOTHING_MM
 
 AXIS = np.arange(-200, 201) * 0.1
 
@@ -174,23 +173,3 @@ def test_a_random_shape_is_pressed_by_name(tmp_path, capsys):
     main(["press", "random-17", "--force-n", "3", "--out", str(tmp_path / "out")])
     assert "digit: 3.00 N" in capsys.readouterr().out
     assert (tmp_path / "out" / "digit.png").is_file()
-
-
-def turned(surface_, x_mm, y_mm, turn):
-    """A surface moved and turned, on a grid of its own."""
-    axis = np.arange(-320, 321) * 0.1
-    x, y = np.meshgrid(axis, axis)
-    cos, sin = np.cos(turn), np.sin(turn)
-    heights = surface_.sample(x_mm + cos * x - sin * y, y_mm + sin * x + cos * y)
-    heights[heights < NOTHING_MM / 2] = NOTHING_MM
-    return HeightMap((heights - heights.max()).astype(np.float32), axis, axis)
-
-
-def test_a_surface_is_known_again_wherever_it_stands(shapes):
-    names = ("allen-key/long-arm", "wrench/shank")
-    known = KnownSurfaces({name: shapes(name).surface for name in names})
-    for name, (x_mm, y_mm, turn) in zip(names, ((-3.1, 2.2, 0.7), (1.7, 3.6, 4.4)), strict=True):
-        assert known.same_as(shapes(name).surface) == name
-        assert known.same_as(turned(shapes(name).surface, x_mm, y_mm, turn)) == name
-    for other in ("square-4", "circle-2", "line-smooth-4", "random-3", "random-4"):
-        assert known.same_as(shapes(other).surface) is None

@@ -4,7 +4,7 @@
 
 The shapes have seeds of no published recipe, with four presses each, sampled as in the open recipe.
 Counts refused, repeated and unsettled presses. Compares the time of a shape with that of its four
-presses. Checks whether the surface of a shape is that of a tool.
+presses.
 
 Writes docs/pictures/random_shapes.png and docs/pictures/open_recipe.png. The latter has
 distributions of force, depth, contact area and largest taxel, next to those of the tools.
@@ -28,7 +28,6 @@ from PIL import Image, ImageDraw
 from tqdm import tqdm
 
 from benchmarks import ROOT
-from benchmarks.datasets.same_surface import tool_surfaces
 from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import cores
@@ -77,9 +76,6 @@ A_SHAPE = 4
 CHUNK = 50
 """Presses of a shape, and shapes that a process takes at once."""
 
-LOOKED_AT = 2_000
-"""Shapes that are compared with the tools' surfaces."""
-
 QUANTITIES = ("force_n", "depth_mm", "area_mm2", "largest_taxel_counts")
 AXES = {
     "force_n": "force, N",
@@ -107,15 +103,13 @@ BARS = 30
 class Pressed:
     """What came of some shapes. values: of each press, by QUANTITIES. again: presses that were
     drawn again, by why. stand_ins: presses of a shape in the place of one that can't be touched.
-    exceptions: what was raised that is no refusal. same: shapes that press with a tool's surface,
-    and whose. shape_ms, press_ms: the processor's time for each shape and pair; digit_ms,
-    cyskin_ms: each press's own, by the clock."""
+    exceptions: what was raised that is no refusal. shape_ms, press_ms: the processor's time for
+    each shape and pair; digit_ms, cyskin_ms: each press's own, by the clock."""
 
     values: list[tuple[float, ...]] = field(default_factory=list)
     again: Counter[str] = field(default_factory=Counter)
     stand_ins: int = 0
     exceptions: list[str] = field(default_factory=list)
-    same: list[tuple[str, str]] = field(default_factory=list)
     shape_ms: list[float] = field(default_factory=list)
     press_ms: list[float] = field(default_factory=list)
     digit_ms: list[float] = field(default_factory=list)
@@ -127,7 +121,6 @@ class Pressed:
         self.again += other.again
         self.stand_ins += other.stand_ins
         self.exceptions += other.exceptions
-        self.same += other.same
         self.shape_ms += other.shape_ms
         self.press_ms += other.press_ms
         self.digit_ms += other.digit_ms
@@ -162,8 +155,6 @@ def measure(options: Namespace) -> dict[str, Any]:
         "press_ms": a_press,
         "tail": tail(everything),
         "shape_over_its_presses": a_shape / (A_SHAPE * a_press),
-        "looked_at_for_tools": min(shapes, LOOKED_AT),
-        "like_a_tool": sorted(everything.same),
         "spread": spread(values, tools),
         "by_force": {"random": by_force(values), "tools": by_force(tools)},
     }
@@ -193,9 +184,6 @@ def press_some(first: int, last: int) -> Pressed:
         start = time.thread_time()
         shape = catalogue.load(random_name(SEED, number))
         made.shape_ms.append(1e3 * (time.thread_time() - start))
-        if number < LOOKED_AT:
-            same = tool_surfaces().same_as(shape.surface)
-            made.same += [] if same is None else [(shape.name, same)]
         for press in range(A_SHAPE):
             _press(part, shape, number, press, sensors, made)
     return made

@@ -2,11 +2,9 @@
 
     python -m benchmarks.motion.attach_forces [--scenes N]
 
-- Bodies that are dropped on a sensor: the weight that is read at rest.
-- A gripper that closes on objects and lifts them: MuJoCo's force, and what is read.
-- Random scenes: geoms and meshes, also hollow, thin and heavy ones, with explicit pairs, collision
-  masks and sleep. MuJoCo's force on the sensor must be that of the touch and of its notices.
-  Contacts that are smaller than the grid (unresolved) or did not settle must have a note.
+Random scenes have geoms and meshes, also hollow, thin and heavy ones, with explicit pairs,
+collision masks and sleep. MuJoCo's force on the sensor must be that of the touch and of its
+notices. Contacts that are smaller than the grid (unresolved) or did not settle must have a note.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
@@ -15,10 +13,8 @@
 import warnings
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from itertools import product
 from multiprocessing import get_context
 from typing import Any
 
@@ -28,7 +24,6 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-import t2twin
 from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.motion.attach_scenes import (
     FACE_DOWN,
@@ -52,10 +47,6 @@ BENCHMARK = Benchmark(
     minutes=20,
     sources=("t2twin/attachment", "sim/contact", "primitives_cad"),
     figures=(
-        Figure("drops.drops"),
-        Figure("drops.wrong", most=0),
-        Figure("grasps.grasps"),
-        Figure("grasps.wrong", most=0),
         Figure("random.scenes"),
         Figure("random.reads"),
         Figure("random.noticed"),
@@ -83,33 +74,6 @@ GRAVITY = 9.81
 WEIGHT = np.array([0.0, 0.0, -GRAVITY])
 """Of 1 kg on a sensor that faces up, N."""
 
-DROPPED = {
-    "sphere": ("6", 6.0),
-    "ellipsoid": ("7 6 5", 5.0),
-    "box": ("6 6 4", 4.0),
-    "cylinder": ("6 5", 5.0),
-    "capsule": ("3 6", 9.0),
-}
-"""Sizes of dropped geoms and the heights of their centers, mm."""
-
-DROPS_MM, MASSES_KG, STEPS_S = (
-    (1.0, 10.0, 30.0, 60.0, 100.0),
-    (0.02, 0.1, 0.5),
-    (0.001, 0.002, 0.005),
-)
-DROP_S, WEIGHT_SHARE, AT_REST = 2.0, 0.01, 1e-3
-"""Simulated time, s; tolerance on the weight; speed, m/s and rad/s, below which a body rests."""
-
-OBJECTS = {
-    "box": geom("box", 12.0, 12.0, 20.0),
-    "cylinder": geom("cylinder", 12.0, 20.0),
-    "ball": geom("sphere", 18.0),
-    "plate": geom("box", 2.0, 12.0, 20.0),
-}
-GAINS, GRASP_STEPS_S, GRASP_MASSES_KG = (300.0, 1000.0, 4000.0), (0.001, 0.002, 0.004), (0.05, 0.2)
-CLOSING_M_S, GRASP_S, LIFT_M = 0.08, 1.2, 0.05
-"""Of the gripper: speed, duration, and lift in its second half."""
-
 SHARE, MIN_LOST_N = 0.01, 0.01
 """Of MuJoCo's force, for each body, which may be neither read nor named."""
 
@@ -125,110 +89,7 @@ CHUNK = 25
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    return {"drops": drops(), "grasps": grasps(), "random": random_scenes(options.scenes)}
-
-
-def in_processes(
-    call: Callable[[Any], Any], jobs: Iterable[Any], total: int, name: str
-) -> Iterable[Any]:
-    with ProcessPoolExecutor(cores(), mp_context=get_context("spawn")) as pool:
-        yield from tqdm(pool.map(call, jobs, chunksize=CHUNK), total=total, desc=name)
-
-
-def drops() -> dict[str, Any]:
-    """Drops after which a body at rest is not read with its weight, or is inside the sensor."""
-    cases = list(product(SENSORS, DROPPED, MASSES_KG, DROPS_MM, STEPS_S))
-    found = [each for each in in_processes(drop, cases, len(cases), "drops") if each is not None]
-    return {"drops": len(cases), "wrong": len(found), "failures": found}
-
-
-def drop(case: tuple[str, str, float, float, float]) -> dict[str, Any] | None:
-    sensor, kind, mass_kg, drop_mm, step_s = case
-    size, half_mm = DROPPED[kind]
-    spec = mujoco.MjSpec()
-    spec.option.timestep = step_s
-    base = spec.worldbody.add_body(name="base")
-    base.add_geom(**geom("box", 30.0, 30.0, 5.0, pos=[0.0, 0.0, -0.005]))
-    base.add_site(name="pad")
-    attached = t2twin.attach(spec, site="pad", sensor=sensor)
-    height_m = 1e-3 * (attached.elastomer.thickness_mm + half_mm + drop_mm)
-    body = spec.worldbody.add_body(name="dropped", pos=[0.0, 0.0, height_m])
-    body.add_freejoint()
-    body.add_geom(mass=mass_kg, **geom(kind, *map(float, size.split())))
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    settle(model, data, round(DROP_S / step_s))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", T2TwinWarning)
-        touch = attached.read(model, data)
-    force_n = contact_of(touch).force_n if touch.contacts else 0.0
-    pose = attached.pose(model, data)
-    z_mm = 1e3 * (data.body("dropped").xpos - pose[:3, 3])[2]
-    is_on_pad = bool(
-        (np.abs(1e3 * data.body("dropped").xpos[:2]) < attached.elastomer.width_mm / 3).all()
-    )
-    is_at_rest = bool(np.abs(data.qvel).max() < AT_REST)
-    weight_n = GRAVITY * mass_kg
-    inside = any("back" in notice.reason for notice in touch.notices)
-    wrong = abs(force_n / weight_n - 1) > WEIGHT_SHARE and is_at_rest and is_on_pad
-    if not (wrong or inside):
-        return None
-    names = ("sensor", "geom", "mass_kg", "drop_mm", "step_s")
-    return dict(zip(names, case, strict=True)) | {"z_mm": float(z_mm), "force_n": force_n}
-
-
-def grasps() -> dict[str, Any]:
-    """Grasps whose force along a sensor differs from MuJoCo's by more than 2 % and 0.03 N."""
-    cases = list(product(OBJECTS, GRASP_MASSES_KG, GAINS, GRASP_STEPS_S, SENSORS))
-    found = [each for each in in_processes(grasp, cases, len(cases), "grasps") if each is not None]
-    return {"grasps": len(cases), "wrong": len(found), "failures": found}
-
-
-def grasp(case: tuple[str, float, float, float, str]) -> dict[str, Any] | None:
-    """A gripper with two light fingers closes on an object and lifts it."""
-    name, mass_kg, gain, step_s, sensor = case
-    spec = mujoco.MjSpec()
-    spec.option.timestep, spec.option.cone = step_s, mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 0.1])
-    stand = spec.worldbody.add_body(pos=[0.0, 0.0, 0.02])
-    stand.add_geom(**geom("box", 10.0, 10.0, 20.0))
-    hand = spec.worldbody.add_body(name="hand", pos=[0.0, 0.0, 0.06])
-    hand.add_joint(name="lift", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1], damping=20)
-    hand.add_geom(mass=0.5, contype=0, conaffinity=0, pos=[0, 0, 0.05], **geom("box", 60, 20, 10))
-    for side in (-1, 1):
-        finger = hand.add_body(pos=[0.04 * side, 0.0, 0.0])
-        slide = {"type": mujoco.mjtJoint.mjJNT_SLIDE, "axis": [-side, 0, 0], "damping": 5}
-        finger.add_joint(name=f"slide{side:+d}", **slide)
-        finger.add_geom(mass=0.05, pos=[0.004 * side, 0, 0], **geom("box", 4.0, 15.0, 20.0))
-        half = np.sqrt(0.5)
-        finger.add_site(name=f"pad{side:+d}", quat=[half, 0.0, -side * half, 0.0])
-    held = spec.worldbody.add_body(name="held", pos=[0.0, 0.0, 0.06])
-    held.add_freejoint()
-    held.add_geom(mass=mass_kg, friction=[1.0, 0.01, 0.0001], **OBJECTS[name])
-    for joint, kp in (("slide-1", gain), ("slide+1", gain), ("lift", 2000.0)):
-        servo = spec.add_actuator(target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        servo.set_to_position(kp=kp)
-    sensors = [t2twin.attach(spec, site=f"pad{side:+d}", sensor=sensor) for side in (-1, 1)]
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    steps = round(GRASP_S / step_s)
-    for step in range(steps):
-        data.ctrl[:2] = min(0.04, CLOSING_M_S * step * step_s)
-        data.ctrl[2] = LIFT_M * (2 * step > steps)
-        mujoco.mj_step(model, data)
-    values = []
-    for each in sensors:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", T2TwinWarning)
-            touch = each.read(model, data)
-        contact = contact_of(touch)
-        expected = -sum(force[2] for force in forces_on(model, data, each).values())
-        values.append((float(expected), contact.force_n if contact else 0.0))
-    if all(abs(true - read) <= max(0.02 * abs(true), 0.03) for true, read in values):
-        return None
-    names = ("object", "mass_kg", "gain", "step_s", "sensor")
-    return dict(zip(names, case, strict=True)) | {"mujoco_and_read_n": values}
+    return {"random": random_scenes(options.scenes)}
 
 
 def forces_on(
@@ -253,9 +114,11 @@ def random_scenes(count: int) -> dict[str, Any]:
     """Outcomes of random scenes, and those that failed."""
     totals: Counter[str] = Counter(dict.fromkeys(KINDS, 0))
     failures: list[dict[str, Any]] = []
-    for tally, failed in in_processes(random_outcome, range(count), count, "random scenes"):
-        totals.update(tally)
-        failures += failed
+    with ProcessPoolExecutor(cores(), mp_context=get_context("spawn")) as pool:
+        outcomes = pool.map(random_outcome, range(count), chunksize=CHUNK)
+        for tally, failed in tqdm(outcomes, total=count, unit="scene"):
+            totals.update(tally)
+            failures += failed
     return {"scenes": count, **totals, "failures": failures}
 
 

@@ -1,5 +1,4 @@
-"""MuJoCo scenes with a sensor on a pedestal, for the benchmarks `attach`, `attach_forces` and
-`pushed`."""
+"""MuJoCo scenes with a sensor on a pedestal, for the benchmarks `attach_forces` and `pushed`."""
 
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
@@ -149,42 +148,3 @@ def _lowest(model: "mujoco.MjModel", data: "mujoco.MjData", number: int) -> floa
 def settle(model: "mujoco.MjModel", data: "mujoco.MjData", steps: int = SETTLE_STEPS) -> None:
     mujoco.mj_step(model, data, nstep=steps)
     mujoco.mj_forward(model, data)
-
-
-def compile_grip(
-    force_n: float,
-) -> tuple[list[AttachedSensor], "mujoco.MjModel", "mujoco.MjData"]:
-    """Two DIGITs that hold the body "held", a box of 12 mm, with a force."""
-    spec = mujoco.MjSpec()
-    spec.option.gravity = [0.0, 0.0, 0.0]
-    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10
-    sensors = []
-    for side, quat in ((-1.0, [1.0, 0.0, 0.0, 0.0]), (1.0, [0.0, 1.0, 0.0, 0.0])):
-        finger = spec.worldbody.add_body(name=f"finger{side:+g}", pos=[0, 0, 0.011 * side])
-        finger.add_geom(mass=MASS_KG, contype=0, conaffinity=0, **geom("sphere", 1.0))
-        finger.add_site(name=f"pad{side:+g}", quat=quat)
-        finger.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, -side], damping=DAMPING)
-        sensors.append(t2twin.attach(spec, site=f"pad{side:+g}", sensor="digit"))
-    held = spec.worldbody.add_body(name="held")
-    held.add_geom(mass=MASS_KG, friction=[1.0, 0.005, 0.0001], **geom("box", 6.0, 6.0, 6.0))
-    held.add_freejoint()
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    data.qfrc_applied[:2] = force_n
-    mujoco.mj_forward(model, data)
-    return sensors, model, data
-
-
-def contact_wrench(
-    model: "mujoco.MjModel", data: "mujoco.MjData", frame: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of MuJoCo's contact forces on sensors, N, and torques, N mm, in a frame, (4, 4)."""
-    force, torque, own = np.zeros(3), np.zeros(3), np.zeros(6)
-    for number, contact in enumerate(data.contact):
-        mujoco.mj_contactForce(model, data, number, own)
-        sign = 1 if model.geom(contact.geom[1]).name.endswith("/surface") else -1
-        axes = contact.frame.reshape(3, 3) @ frame[:3, :3]
-        place_mm = 1e3 * (contact.pos - frame[:3, 3]) @ frame[:3, :3]
-        force += sign * own[:3] @ axes
-        torque += sign * (1e3 * own[3:] @ axes + np.cross(place_mm, own[:3] @ axes))
-    return force, torque

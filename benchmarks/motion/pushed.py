@@ -8,8 +8,6 @@ change the simulation, so that each version of the code reads the same states.
 
 - Processor time of the reads in contact of each scene, and of those without contact.
 - Share that did not settle, and the reasons of all notices.
-- Work of a read: normal contacts that were solved (rounds), steps of their fixed points, and steps
-  of the traction. Each step is a convolution.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
@@ -20,11 +18,9 @@ import time
 import warnings
 from argparse import Namespace
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
-from unittest.mock import patch
 
 import mujoco
 import numpy as np
@@ -33,14 +29,12 @@ from tqdm import tqdm
 from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.motion.attach_scenes import FREE, Body, compile_scene, contact_of, geom
 from t2twin.core.errors import T2TwinWarning
-from t2twin.sim.contact import fixed_point, sliding
-from t2twin.sim.contact.loads import prescribed
 
 SENSORS = ("digit", "cyskin")
 
 BENCHMARK = Benchmark(
     module="benchmarks.motion.pushed",
-    measures="Reads of bodies that random forces push over a sensor: time, work, unsettled.",
+    measures="Reads of bodies that random forces push over a sensor: time, unsettled.",
     minutes=4,
     sources=("t2twin/attachment", "sim/contact", "primitives_cad"),
     figures=(
@@ -48,9 +42,6 @@ BENCHMARK = Benchmark(
         Figure("scenes.*.*.p99_ms", "ms"),
         Figure("scenes.*.*.worst_ms", "ms"),
         Figure("scenes.*.*.unsettled", most=0),
-        Figure("scenes.*.*.rounds"),
-        Figure("scenes.*.*.steps"),
-        Figure("scenes.*.*.shear_steps"),
         Figure("without_contact_ms", "ms", most=1.0),
     ),
     arguments=(
@@ -113,36 +104,6 @@ SCENES = {
 falls over, and a box and a ball. Sizes in mm."""
 
 
-@dataclass
-class Work:
-    """Sums over reads. rounds: normal contacts. steps: of their fixed points. shear_steps: of the
-    traction."""
-
-    counts: Counter[str] = field(default_factory=Counter)
-
-    @contextmanager
-    def counted(self) -> Iterator[None]:
-        """Count what the code in the block does."""
-
-        def count(key: str, call: Callable, size: Callable[[Any], int]) -> Callable:
-            def counting(*args: Any, **options: Any) -> Any:
-                found = call(*args, **options)
-                self.counts[key] += size(found)
-                return found
-
-            return counting
-
-        with ExitStack() as stack:
-            for module, name, key, size in (
-                (sliding, "solve_bodies", "rounds", lambda found: 1),
-                (fixed_point, "iterate", "steps", lambda found: found[1]),
-                (prescribed, "solve_traction", "shear_steps", lambda found: found.steps),
-            ):
-                call = getattr(module, name)
-                stack.enter_context(patch.object(module, name, count(key, call, size)))
-            yield
-
-
 def measure(options: Namespace) -> dict[str, Any]:
     scenes: dict[str, dict[str, Any]] = {}
     away: list[float] = []
@@ -156,7 +117,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def read_scene(sensor: str, name: str, seconds: float) -> tuple[dict[str, Any], list[float]]:
     """Figures of a scene's reads in contact, and the times of those without contact, ms."""
-    work, reasons = Work(), Counter[str]()
+    reasons = Counter[str]()
     times: list[float] = []
     away: list[float] = []
     tally: Counter[str] = Counter()
@@ -164,25 +125,21 @@ def read_scene(sensor: str, name: str, seconds: float) -> tuple[dict[str, Any], 
         warnings.simplefilter("ignore", T2TwinWarning)
         for number, (attached, model, data) in enumerate(states(sensor, name, seconds)):
             start = time.thread_time()
-            with work.counted():
-                touch = attached.read(model, data)
+            touch = attached.read(model, data)
             spent_ms = 1e3 * (time.thread_time() - start)
             if number < WARM_UP:
-                work.counts.clear()
                 gc.freeze()  # as the documents advise for a loop
                 continue
             contact = contact_of(touch)
             (away if contact is None else times).append(spent_ms)
             tally["unsettled"] += contact is not None and not contact.settled
             reasons.update(each.reason for each in touch.notices)
-    reads = max(len(times), 1)
     found = {
         "reads": len(times),
         "median_ms": float(np.median(times)),
         "p99_ms": float(np.percentile(times, 99)),
         "worst_ms": max(times),
         "unsettled": tally["unsettled"],
-        **{key: count / reads for key, count in sorted(work.counts.items())},
         "reasons": dict(reasons),
     }
     return found, away

@@ -7,7 +7,6 @@ The other commit is REFERENCE, so that a loss of a tenth misses a limit. Each tu
 in turn, each in its own process on one core (`speed_turn.py`). All times are processor times, and
 a ratio is the median over the turns, because absolute times differ between machines. Pairs are
 those of `t2twin simdata --scale small`. The other commit uses the packages that are installed here.
-`speed_parts.py` measures the parts of a press in this checkout.
 """
 
 import json
@@ -41,7 +40,6 @@ BENCHMARK = Benchmark(
         Figure("times_as_fast.*", "times", least=0.9),
         Figure("two_workers_over_two_runs", "times", least=0.95),
         Figure("ms.*", "ms"),
-        Figure("where_ms.*.*", "ms"),
     ),
     arguments=(
         Argument("--against", "another commit; keeps nothing", default=None, partial=True),
@@ -49,14 +47,13 @@ BENCHMARK = Benchmark(
     ),
 )
 
-REFERENCE = "e7079efb"
+REFERENCE = "8f272bb9"
 """Commit whose speed is kept. A later one replaces it when the project has become faster."""
 
 CHECKOUTS = ROOT / "build" / "speed"
 """Folder of the other commits' files; their compiled code is found again by these paths."""
 
 TURN = ROOT / "benchmarks" / "timing" / "speed_turn.py"
-PARTS = ROOT / "benchmarks" / "timing" / "speed_parts.py"
 SCALE = "small"
 LONG_SCALE = "paper"
 """Takes minutes, so that the seconds in which workers start hardly count."""
@@ -91,7 +88,6 @@ def measure(options: Namespace) -> dict[str, Any]:
         "two_workers_over_two_runs": two_workers / two_runs,
         "two_workers_a_second": two_workers,
         "ms": medians,
-        "where_ms": json.loads(_run(ROOT, [str(PARTS)]).splitlines()[-1]),
         "turns": turns,
     }
 
@@ -146,8 +142,7 @@ def _pair_ms(folder: Path, out: Path) -> float:
 
 def _simdata(folder: Path, out: Path, workers: int, scale: str) -> str:
     """What `t2twin simdata` prints."""
-    package = "t2twin.cli" if (folder / "t2twin").is_dir() else "translate.cli"
-    command = f"import sys; from {package} import main; main(sys.argv[1:])"
+    command = "import sys; from t2twin.cli import main; main(sys.argv[1:])"
     with tempfile.TemporaryDirectory(dir=out) as place:
         data = str(Path(place) / "data")
         options = ["--scale", scale, "--workers", str(workers), "--out", data]
