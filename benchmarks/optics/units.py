@@ -1,14 +1,13 @@
-"""A real DIGIT compared with randomly sampled units, and the cost of sampling one.
+"""A real DIGIT compared with randomly sampled units.
 
     python -m benchmarks.optics.units FRAMES
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project. An optics file is fitted to the frames. It and the default optics are compared with
-sampled units, by parameter and by image. A percentile is the share of the sampled units below a
+sampled units. A percentile is the share of the sampled units below a
 value. Writes docs/pictures/units.png.
 """
 
-import time
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
@@ -31,31 +30,19 @@ from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
     module="benchmarks.optics.units",
-    measures="A real DIGIT compared with randomly sampled units, and the cost of a unit.",
+    measures="A real DIGIT compared with randomly sampled units.",
     minutes=2,
     sources=(
         "sim/calibrate",
         "sim/optical",
     ),
-    figures=(
-        Figure("made_best_ms", "ms", most=10.0),
-        Figure("parameters.*.real.percentile", "%"),
-        Figure("pictures.*.*.mean", "grey levels"),
-        Figure("pictures.*.real.mean_percentile", "%", most=95.0),
-        Figure("pictures.*.real.nearest_percentile", "%", most=95.0),
-        Figure("pictures.*.shipped.mean_percentile", "%", most=95.0),
-    ),
+    figures=(Figure("parameters.*.real.percentile", "%"),),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
 )
 
 PICTURE = ROOT / "docs" / "pictures" / "units.png"
 DRAWN = 300
 SEED = 1
-TIMED = 60
-BALLS = ((0.0, 0.0, 1.1), (2.0, -2.5, 1.0), (-2.2, 2.0, 1.2), (1.2, 3.0, 0.8))
-"""x_mm, y_mm, depth_mm of the presses whose pictures are compared."""
-STRIDE = 2
-"""Of the pixels that are compared, along both axes."""
 SHEET = (3, 8)
 """Rows and columns of units in the picture."""
 TILE_PX = (150, 200)
@@ -75,36 +62,15 @@ def measure(options: Namespace) -> dict[str, Any]:
             sheet().save(temporary, optimize=True)
     return {
         "drawn": DRAWN,
-        **_cost(),
         "parameters": {
             name: _placed(parameter, units, known) for name, parameter in PARAMETERS.items()
         },
-        "pictures": _pictures(units, known),
     }
 
 
 def drawn(number: int) -> Unit:
     """One unit of the shipped distribution."""
     return sample_unit(np.random.default_rng([SEED, number]), SENSOR.spec, UnitRanges())
-
-
-def _cost() -> dict[str, float]:
-    """Least and median milliseconds of making a unit, and its optics too; one core, warm.
-
-    Time of the processor, which other programs do not lengthen by waiting.
-    """
-    draws, whole = [], []
-    for number in range(TIMED):
-        start = time.thread_time()
-        unit = drawn(number)
-        draws.append(time.thread_time() - start)
-        ImageRenderer(unit.optics, GEL, NOISE_GREY)
-        whole.append(time.thread_time() - start)
-    return {
-        "draw_best_ms": 1e3 * min(draws),
-        "made_best_ms": 1e3 * min(whole),
-        "made_median_ms": 1e3 * float(np.median(whole)),
-    }
 
 
 def _own(unit: Unit) -> np.ndarray:
@@ -173,44 +139,6 @@ def _placed(
 
 def _percentile(values: np.ndarray, value: float) -> float:
     return 100.0 * float(np.mean(values < value))
-
-
-def _pictures(units: list[Unit], known: dict[str, Unit]) -> dict[str, Any]:
-    """Mean absolute differences, grey levels, between the pictures of units.
-
-    "change": of pressed less untouched; "background": of the untouched. From each unit to all drawn
-    ones in the mean, and to the nearest of them.
-    """
-    shown = [_shown(unit) for unit in units]
-    seen = {name: _shown(unit) for name, unit in known.items()}
-    found: dict[str, Any] = {}
-    for index, what in enumerate(("change", "background")):
-        among = np.array([pair[index] for pair in shown])
-        all_of = [np.delete(_distances(one, among), n) for n, one in enumerate(among)]
-        means = np.array([of.mean() for of in all_of])
-        nearest = np.array([of.min() for of in all_of])
-        found[what] = {"drawn": {"mean": float(means.mean()), "nearest": float(nearest.mean())}}
-        for name, pair in seen.items():
-            distances = _distances(pair[index], among)
-            found[what][name] = {
-                "mean": float(distances.mean()),
-                "mean_percentile": _percentile(means, float(distances.mean())),
-                "nearest": float(distances.min()),
-                "nearest_percentile": _percentile(nearest, float(distances.min())),
-            }
-    return found
-
-
-def _shown(unit: Unit) -> tuple[np.ndarray, np.ndarray]:
-    """(presses, rows, columns, RGB) int16 change of the pictures, and the background."""
-    renderer = ImageRenderer(unit.optics, GEL, NOISE_GREY)
-    still = renderer.background[::STRIDE, ::STRIDE].astype(np.int16)
-    pressed = [renderer.render(ball_surface(GEL, *ball))[::STRIDE, ::STRIDE] for ball in BALLS]
-    return np.array(pressed).astype(np.int16) - still, still
-
-
-def _distances(one: np.ndarray, among: np.ndarray) -> np.ndarray:
-    return np.array([np.abs(other - one).mean() for other in among])
 
 
 def sheet() -> Image.Image:

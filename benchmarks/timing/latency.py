@@ -4,8 +4,7 @@
 
 The input is a (320, 240, 3) uint8 array; the time includes resizing. All translators at the presets
 cpu and paper are timed with random weights, which do not change the time. `t2twin.load` uses ONNX
-Runtime here. The same run in PyTorch, and its unmodified network in PyTorch (batch norms not
-folded, contiguous, no_grad), are timed in turn on one thread.
+Runtime here. The same run in PyTorch is timed in turn on one thread.
 
 The pretrained runs are timed with a background frame, to counts, force and contact, with the
 classes of frames.
@@ -24,7 +23,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from PIL import Image
 
 from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.core.cache_dir import VARIABLE
@@ -34,7 +32,6 @@ from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
     from t2twin.translate.models.presets import Model, Preset
-    from t2twin.translate.runs.config import RunConfig
 
 BENCHMARK = Benchmark(
     module="benchmarks.timing.latency",
@@ -52,7 +49,6 @@ BENCHMARK = Benchmark(
         Figure("presets.resnet18-paper.median_ms", "ms"),
         Figure("presets.*.p95_ms", "ms"),
         Figure("presets.*.torch_ratio"),
-        Figure("presets.*.plain_ratio"),
     ),
 )
 
@@ -63,9 +59,6 @@ ROUNDS = 30
 
 MEASURED = ("cpu", "paper")
 """Presets of either model."""
-
-Way = Callable[[np.ndarray], np.ndarray]
-"""From a frame to counts, (N,)."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -118,12 +111,11 @@ def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, floa
 
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder)
-        config = _fresh_run(model, preset, run_dir)
+        _fresh_run(model, preset, run_dir)
         os.environ[VARIABLE] = folder  # where its ONNX file is kept
         ways = {
             "": load(run_dir, engine="onnx").predict,
             "torch_": load(run_dir, engine="torch").predict,
-            "plain_": _plain(config, run_dir),
         }
         return _compared(ways, frames)
 
@@ -150,7 +142,7 @@ def _compared(
     }
 
 
-def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> RunConfig:
+def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> None:
     from t2twin.translate.data.pairs import DataInfo
     from t2twin.translate.data.sides import ArraySide, CameraSide
     from t2twin.translate.runs.checkpoint import build, save_weights
@@ -166,38 +158,6 @@ def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> RunConfig:
     config = RunConfig(model, preset, 0, info, None, None, 1, False, 1)
     config.save(run_dir)
     save_weights(run_dir / BEST, build(config).predictor)
-    return config
-
-
-def _plain(config: RunConfig, run_dir: Path) -> Way:
-    """The same network as anyone would write its use first."""
-    import torch
-
-    from t2twin.translate.data.images import to_input, to_pixels
-    from t2twin.translate.models.field import FieldTranslator
-    from t2twin.translate.models.touch2touch import Touch2Touch
-    from t2twin.translate.runs.checkpoint import build, load_weights
-    from t2twin.translate.runs.config import BEST
-
-    translator, preset = build(config), config.preset
-    load_weights(run_dir / BEST, translator.predictor)
-    network = translator.predictor.to(memory_format=torch.contiguous_format).eval()  # pyright: ignore[reportCallIssue]
-
-    def predict(frame: np.ndarray) -> np.ndarray:
-        pixels = to_pixels(Image.fromarray(frame), preset.size, preset.grey)
-        images = to_input(pixels[None].astype(np.float32) / 255.0).contiguous()
-        with torch.no_grad():
-            if isinstance(translator, FieldTranslator):
-                own = translator.predictor.mean_frame.expand_as(images)
-                return translator.readout(network(torch.cat([images, own], 1))).counts[0].numpy()
-            output = network(images)
-            if isinstance(translator, Touch2Touch):
-                counts = translator.counts_of((output + 1.0) * (FULL_SCALE / 2.0))
-            else:
-                counts = (output * FULL_SCALE).clamp(0.0, FULL_SCALE)
-        return counts[0].numpy()
-
-    return predict
 
 
 if __name__ == "__main__":
