@@ -20,15 +20,13 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad import primitive_parameters
+from t2twin.primitives_cad import mesh_files, primitive_parameters
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
 from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.primitives_cad.shape import HeightMap, Shape
 
 if TYPE_CHECKING:
     import trimesh
-
-    from t2twin.primitives_cad.mesh_io.read import Hints
 
 BUNDLED = Path(__file__).parent / "bundled"
 """Folder of the bundled shapes."""
@@ -72,14 +70,14 @@ def load(
     cache_dir: str | Path | None = None,
     scale: float | None = None,
     center: bool = False,
-    hints: "Hints | None" = None,
+    hints: mesh_files.Hints | None = None,
 ) -> Shape:
     """A shape by its name (`square-2`, `pliers/jaw-tip`, `random-17`), or from a file.
 
-    The file has one of mesh_io.read.SUFFIXES and its pressing side up (+z).
+    The file has one of mesh_files.SUFFIXES and its pressing side up (+z).
     cache_dir: folder for the prepared shapes of files, None for `shapes` in the cache directory.
     They are used only while the code and the file's content are unchanged.
-    scale: mm per unit of the file, None for the file's own unit: see mesh_io.read.read_solid.
+    scale: mm per unit of the file, None for the file's own unit: see mesh_files.read_solid.
     center: whether the press axis passes through the middle of the highest part of a file's shape
     instead of the middle of its bounding box. hints: how messages name scale and center.
     Raises T2TwinError for an unknown name, a file that cannot be pressed, and a scale that is not
@@ -96,16 +94,15 @@ def load(
 
         return RandomShape(seed)
     from t2twin.primitives_cad import shape_cache
-    from t2twin.primitives_cad.mesh_io import read
 
     path = Path(name_or_path)
-    if path.suffix.lower() not in read.SUFFIXES and not path.is_file():
+    if path.suffix.lower() not in mesh_files.SUFFIXES and not path.is_file():
         raise T2TwinError(_unknown(name))
     return shape_cache.fetch(
         cache_folder(cache_dir),
         path,
         f"{scale} {center}",
-        lambda: _file(path, scale, center, hints or read.COMMAND_HINTS),
+        lambda: _file(path, scale, center, hints or mesh_files.COMMAND_HINTS),
     )
 
 
@@ -134,9 +131,7 @@ def tool_mesh(tool: str) -> "trimesh.Trimesh":
 
 def _unknown(name: str) -> str:
     """The message for an unknown name: similar names, and what else is allowed."""
-    from t2twin.primitives_cad.mesh_io import read
-
-    also = f"a path to a file of {', '.join(read.SUFFIXES)} is also allowed"
+    also = f"a path to a file of {', '.join(mesh_files.SUFFIXES)} is also allowed"
     if name in TOOLS:
         choices = ", ".join(f"{name}/{keypoint}" for keypoint in KEYPOINTS[name])
         return f"{name!r} is a tool and is pressed at a keypoint: {choices}; {also}"
@@ -230,11 +225,10 @@ def unpacked(planes: np.ndarray, kind: type[np.unsignedinteger]) -> np.ndarray:
     return np.cumsum(differences, dtype=kind)
 
 
-def _file(path: Path, scale: float | None, center: bool, hints: "Hints") -> Shape:
+def _file(path: Path, scale: float | None, center: bool, hints: mesh_files.Hints) -> Shape:
     from t2twin.primitives_cad import height_map
-    from t2twin.primitives_cad.mesh_io import read
 
-    mesh, notes = read.read_solid(path, scale, hints)
+    mesh, notes = mesh_files.read_solid(path, scale, hints)
     if center:
         x, y = height_map.highest_place(mesh)
         mesh.apply_translation((-x, -y, 0.0))
@@ -243,11 +237,11 @@ def _file(path: Path, scale: float | None, center: bool, hints: "Hints") -> Shap
     except T2TwinError as error:
         hint = "" if center else f"; {hints.center} presses its highest part"
         raise T2TwinError(f"{path} cannot be pressed: {error}{hint}") from error
-    least_mm = read.NARROWEST_MM, read.SMALLEST_MM
-    if narrow_mm := height_map.narrow_mm(mesh, heights, least_mm):
+    narrow, wide = mesh_files.NARROWEST_MM, mesh_files.SMALLEST_MM
+    if narrow_mm := height_map.narrow_mm(mesh, heights, (narrow, wide)):
         notes += (
-            f"{path} has parts that are narrower than {read.SMALLEST_MM:g} x {read.NARROWEST_MM:g} "
-            f"mm, up to {narrow_mm:.2g} mm above the others; a press may miss them",
+            f"{path} has parts that are narrower than {wide:g} x {narrow:g} mm, up to "
+            f"{narrow_mm:.2g} mm above the others; a press may miss them",
         )
     spacing = min(primitive_parameters.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(

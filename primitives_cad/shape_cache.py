@@ -13,7 +13,7 @@ import trimesh
 
 from t2twin.core.cached_files import DIGEST_DIGITS, read_checked, short_digest, write_checked
 from t2twin.core.machine import installed_version
-from t2twin.primitives_cad.mesh_io.read import read_bytes
+from t2twin.primitives_cad.mesh_files import read_bytes
 from t2twin.primitives_cad.shape import HeightMap, Shape
 
 MAKERS = ("cadquery", "cadquery-ocp", "trimesh")

@@ -97,7 +97,7 @@ def tessellate(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trime
     return watertight(*triangles_of(solid, chordal_mm))
 
 
-def triangles_of(solid: cq.Shape, chordal_mm: float) -> tuple[np.ndarray, np.ndarray]:
+def triangles_of(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) mm and triangles (m, 3); each face of the solid has its own points."""
     own = solid.copy()
     # CadQuery requests an error relative to each edge's length; here it is absolute, in mm.

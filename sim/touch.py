@@ -24,7 +24,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import check_own, locked, move_into, temporary_folder, write_csv
 from t2twin.core.machine import installed_version
 from t2twin.core.renamed import NewAttributes
-from t2twin.primitives_cad.mesh_io.stl import binary_stl
+from t2twin.primitives_cad.mesh_files import binary_stl
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
 from t2twin.sim.contact.contact_notes import contact_notes

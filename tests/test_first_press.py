@@ -15,7 +15,7 @@ from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import cached_array
 from t2twin.core.draw import in_colors
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.mesh_io.stl import binary_stl
+from t2twin.primitives_cad.mesh_files import binary_stl
 from t2twin.sim.splines import CubicSpline
 
 SLOW = (
@@ -114,7 +114,7 @@ def test_bundled_shapes_are_small():
 def test_an_stl_file_has_the_triangles(tmp_path):
     vertices, faces = catalogue.read_mesh("square-2")
     (tmp_path / "square.stl").write_bytes(binary_stl(vertices, faces))
-    from t2twin.primitives_cad.mesh_io.read import read_solid
+    from t2twin.primitives_cad.mesh_files import read_solid
 
     mesh, notes = read_solid(tmp_path / "square.stl", None)
     assert not notes and len(mesh.faces) == len(faces)

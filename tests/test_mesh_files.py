@@ -1,10 +1,8 @@
 """A user's solid in every format that is read: the same shape, at the right size."""
 
 import base64
-import io
 import re
 import struct
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +13,8 @@ from solid_files import SIDES_MM, box, glb_of, model, obj_text, part, taken_apar
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.mesh_io import bodies, read, threemf
+from t2twin.primitives_cad import catalogue, mesh_files
+from t2twin.primitives_cad.mesh_files import read_solid
 
 VOLUME_MM3 = 72.0
 
@@ -26,9 +24,50 @@ def quads():
     return [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
 
 
+def squares():
+    """The same, counted from 0."""
+    return [[corner - 1 for corner in square] for square in quads()]
+
+
+def mixed():
+    """The same, with two sides cut into triangles."""
+    return [
+        *squares()[:4],
+        *([a, b, c] for a, b, c, _ in squares()[4:]),
+        *([a, c, d] for a, _, c, d in squares()[4:]),
+    ]
+
+
 def corners_of(at=(0.0, 0.0, 0.0)):
     grid = np.indices((2, 2, 2)).reshape(3, 8).T
     return trimesh.Trimesh((grid - 0.5) * SIDES_MM + at, [[0, 1, 2]], process=False)
+
+
+def ply_head(form, faces, name):
+    return (
+        f"ply\nformat {form} 1.0\nelement vertex 9\nproperty float x\nproperty float y\n"
+        f"property float z\nelement face {len(faces)}\nproperty uchar red\n"
+        f"property list uchar int {name}\nend_header\n"
+    ).encode()
+
+
+def ply(faces, order="<", name="vertex_indices"):
+    """A binary PLY file of the block's corners, one that is not a number, and of faces."""
+    form = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    body = np.vstack([corners_of().vertices, [[np.nan] * 3]]).astype(f"{order}f4").tobytes()
+    for face in faces:
+        body += struct.pack(f"{order}BB{len(face)}i", 9, len(face), *face)
+    return ply_head(form, faces, name) + body
+
+
+def ply_text(faces):
+    rows = [
+        *corners_of().vertices.tolist(),
+        [-2.5, -1.8, -1.5],
+        *([9, len(face), *face] for face in faces),
+    ]
+    text = "\n".join(" ".join(map(str, row)) for row in rows)
+    return ply_head("ascii", faces, "vertex_indices") + text.encode()
 
 
 FORMATS = {
@@ -49,15 +88,17 @@ FORMATS = {
     "inches.3MF": lambda path: threemf_of(
         path, model(part(1, box(unit_mm=25.4)), '<item objectid="1"/>', "inch")
     ),
+    "marked.stl": lambda path: path.write_text(
+        box().export(file_type="stl_ascii"), encoding="utf-8-sig"
+    ),
+    "surface.3mf": lambda path: threemf_of(
+        path, model(part(1, box(), kind="surface"), '<item objectid="1"/>')
+    ),
+    "quads.ply": lambda path: path.write_bytes(ply(squares())),
+    "big.ply": lambda path: path.write_bytes(ply(squares(), ">")),
+    "index.ply": lambda path: path.write_bytes(ply(squares(), name="vertex_index")),
+    "mixed.ply": lambda path: path.write_bytes(ply_text(mixed())),
 }
-
-
-FORMATS["marked.stl"] = lambda path: path.write_text(
-    box().export(file_type="stl_ascii"), encoding="utf-8-sig"
-)
-FORMATS["surface.3mf"] = lambda path: threemf_of(
-    path, model(part(1, box(), kind="surface"), '<item objectid="1"/>')
-)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -77,21 +118,16 @@ def test_each_format_gives_the_same_block(name, tmp_path):
 @pytest.mark.parametrize("unit_mm", [1000.0, 25.4, 0.001])
 def test_a_scale_makes_other_units_mm(suffix, unit_mm, tmp_path):
     box(unit_mm=unit_mm).export(tmp_path / f"other{suffix}")
-    box().export(tmp_path / f"mm{suffix}")
-    other = catalogue.load(tmp_path / f"other{suffix}", tmp_path / "kept", scale=unit_mm)
-    mm = catalogue.load(tmp_path / f"mm{suffix}", tmp_path / "kept")
-    np.testing.assert_allclose(other.mesh.bounds, mm.mesh.bounds, atol=1e-5)
-    x, y = np.meshgrid(np.linspace(-2.9, 2.9, 20), np.linspace(-1.9, 1.9, 20))
-    heights = other.surface.sample(x.ravel(), y.ravel())
-    np.testing.assert_allclose(heights, mm.surface.sample(x.ravel(), y.ravel()), atol=1e-5)
-    assert other.mesh.volume == pytest.approx(VOLUME_MM3, rel=1e-5)
+    mesh, _ = read_solid(tmp_path / f"other{suffix}", unit_mm)
+    np.testing.assert_allclose(mesh.bounds, [[-3, -2, -3], [3, 2, 0]], atol=1e-5)
+    assert mesh.volume == pytest.approx(VOLUME_MM3, rel=1e-5)
 
 
 def test_a_scale_takes_the_place_of_the_file_s_own_unit(tmp_path):
     y_up(box()).export(tmp_path / "mm.glb")
     threemf_of(tmp_path / "mm.3mf", model(part(1, box()), '<item objectid="1"/>', "inch"))
     for name in ("mm.glb", "mm.3mf"):
-        assert read.read_solid(tmp_path / name, 1.0)[0].volume == pytest.approx(72.0, rel=1e-5)
+        assert read_solid(tmp_path / name, 1.0)[0].volume == pytest.approx(72.0, rel=1e-5)
 
 
 def test_step_lengths_come_in_mm_and_a_scale_multiplies_them(tmp_path):
@@ -99,17 +135,8 @@ def test_step_lengths_come_in_mm_and_a_scale_multiplies_them(tmp_path):
 
     path = tmp_path / "inches.step"
     cq.exporters.export(cq.Workplane().box(*SIDES_MM), str(path), unit="INCH", outputUnit="INCH")
-    assert read.read_solid(path)[0].volume == pytest.approx(25.4**3 * VOLUME_MM3, rel=1e-6)
-    assert read.read_solid(path, 0.5)[0].volume == pytest.approx(12.7**3 * VOLUME_MM3, rel=1e-6)
-
-
-def test_each_scale_is_a_shape_of_its_own(tmp_path):
-    box().export(tmp_path / "block.stl")
-    volumes = [
-        catalogue.load(tmp_path / "block.stl", tmp_path / "kept", scale).mesh.volume
-        for scale in (None, 2.0, None)
-    ]
-    assert volumes == pytest.approx([72.0, 576.0, 72.0])
+    assert read_solid(path)[0].volume == pytest.approx(25.4**3 * VOLUME_MM3, rel=1e-6)
+    assert read_solid(path, 0.5)[0].volume == pytest.approx(12.7**3 * VOLUME_MM3, rel=1e-6)
 
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
@@ -133,7 +160,7 @@ def test_a_scale_is_for_files_only(tmp_path):
 def hint_of(path, **options):
     """The scale that the refusal of a file names, or None, and the sentence."""
     with pytest.raises(T2TwinError, match=r"0\.5 x 0\.2 mm and at most 1000 mm") as caught:
-        read.read_solid(path, **options)
+        read_solid(path, **options)
     found = re.search(r"--scale (\S+)", str(caught.value))
     return found and float(found[1]), str(caught.value)
 
@@ -151,15 +178,14 @@ def hint_of(path, **options):
         ((0.001, 900.0, 10.0), None),
     ],
 )
-@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
-def test_a_scale_in_a_refusal_follows_from_the_size_and_works(sides, scale, suffix, tmp_path):
-    path = tmp_path / f"it{suffix}"
+def test_a_scale_in_a_refusal_follows_from_the_size_and_works(sides, scale, tmp_path):
+    path = tmp_path / "it.stl"
     box(sides, at=(0, 0, 0)).export(path)
     named, sentence = hint_of(path)
     assert named == (scale and pytest.approx(scale, rel=0.05))
     assert "inch" not in sentence and "micro" not in sentence
     if named:
-        assert read.read_solid(path, named)[0].is_watertight
+        assert read_solid(path, named)[0].is_watertight
 
 
 def test_a_glb_of_another_unit_than_the_meter_is_refused(tmp_path):
@@ -167,9 +193,7 @@ def test_a_glb_of_another_unit_than_the_meter_is_refused(tmp_path):
     assert hint_of(tmp_path / "mm.glb")[0] is None
     y_up(box(unit_mm=1e5)).export(tmp_path / "small.glb")
     scale, _ = hint_of(tmp_path / "small.glb")
-    assert read.read_solid(tmp_path / "small.glb", scale)[0].extents[0] == pytest.approx(
-        0.5, rel=0.5
-    )
+    assert read_solid(tmp_path / "small.glb", scale)[0].extents[0] == pytest.approx(0.5, rel=0.5)
 
 
 @pytest.mark.parametrize("text", ["# units: inches", "# one unit is an inch", "# INCHES"])
@@ -179,20 +203,18 @@ def test_inches_are_named_only_where_the_file_does(text, tmp_path):
     (tmp_path / "pinch.obj").write_text(f"# pinched\n{lines}")
     scale, sentence = hint_of(tmp_path / "in.obj")
     assert scale == 25.4 and "in inches" in sentence
-    assert read.read_solid(tmp_path / "in.obj", scale)[0].extents == pytest.approx(
-        (10.16, 7.62, 5.08)
-    )
+    assert read_solid(tmp_path / "in.obj", scale)[0].extents == pytest.approx((10.16, 7.62, 5.08))
     assert hint_of(tmp_path / "pinch.obj")[0] == 1000.0
 
 
 def test_the_smallest_solid_is_felt_wherever_it_is_pressed(tmp_path):
-    side = read.SMALLEST_MM
+    side = mesh_files.SMALLEST_MM
     box((side, side, 3.0)).export(tmp_path / "least.stl")
     box((side / 2, side / 2, 3.0)).export(tmp_path / "less.stl")
     with pytest.raises(
         T2TwinError, match=r"0\.25 x 0\.25 mm seen from above.*at least 0\.5 x 0\.2"
     ):
-        read.read_solid(tmp_path / "less.stl")
+        read_solid(tmp_path / "less.stl")
     twin, shape = t2twin.Twin(), t2twin.load_shape(tmp_path / "least.stl")
     for x, yaw in ((0.0, 0.0), (0.13, 30.0), (0.25, 45.0)):
         touch = twin.press(shape, force_n=1.0, x_mm=x, yaw_deg=yaw)
@@ -239,7 +261,7 @@ def test_a_3mf_build_takes_parts_from_other_models(tmp_path):
         for name, height in (("a", 2), ("b", 4))
     }
     threemf_of(tmp_path / "two.3mf", model("", places), **parts)
-    mesh, _ = read.read_solid(tmp_path / "two.3mf")
+    mesh, _ = read_solid(tmp_path / "two.3mf")
     assert mesh.volume == pytest.approx(24.0)
     np.testing.assert_allclose(mesh.extents, (8, 2, 4))
 
@@ -256,7 +278,7 @@ def test_an_obj_solid_of_several_materials_is_one(tmp_path):
         *lines[11:],
     ]
     (tmp_path / "two.obj").write_text("\n".join(colored))
-    mesh, notes = read.read_solid(tmp_path / "two.obj")
+    mesh, notes = read_solid(tmp_path / "two.obj")
     assert mesh.is_watertight and mesh.volume == pytest.approx(72.0) and notes == ()
 
 
@@ -266,7 +288,7 @@ def test_a_glb_solid_of_several_materials_is_one(tmp_path):
     for rows in (range(5), range(5, 12)):
         scene.add_geometry(whole.submesh([list(rows)], append=True))
     scene.export(tmp_path / "two.glb")
-    mesh, notes = read.read_solid(tmp_path / "two.glb")
+    mesh, notes = read_solid(tmp_path / "two.glb")
     assert mesh.is_watertight and mesh.volume == pytest.approx(72.0) and notes == ()
 
 
@@ -280,18 +302,18 @@ def test_a_face_with_a_notch_is_cut_within_its_outline(tmp_path):
         faces = [range(n, 0, -1), range(n + 1, 2 * n + 1), *sides]
         lines = corners + ["f " + " ".join(map(str, face)) for face in faces]
         (tmp_path / f"{name}.obj").write_text("\n".join(lines))
-    mesh, _ = read.read_solid(tmp_path / "corner.obj")
+    mesh, _ = read_solid(tmp_path / "corner.obj")
     assert mesh.volume == pytest.approx(12 * 5)
     assert mesh.area == pytest.approx(2 * 12 + 16 * 5)  # folds would count twice
     with pytest.raises(T2TwinError, match="notches"):
-        read.read_solid(tmp_path / "notch.obj")
+        read_solid(tmp_path / "notch.obj")
 
 
 def test_a_glb_s_data_may_stand_in_its_description(tmp_path):
     about, binary = taken_apart(y_up(box(unit_mm=1000.0)))
     about["buffers"][0]["uri"] = "data:base64," + base64.b64encode(binary).decode()
     glb_of(tmp_path / "own.glb", about)
-    assert read.read_solid(tmp_path / "own.glb")[0].volume == pytest.approx(72.0, rel=1e-5)
+    assert read_solid(tmp_path / "own.glb")[0].volume == pytest.approx(72.0, rel=1e-5)
 
 
 def test_a_glb_s_nodes_place_its_parts(tmp_path):
@@ -301,13 +323,13 @@ def test_a_glb_s_nodes_place_its_parts(tmp_path):
     faces = np.array([(0, 1, 3), (1, 2, 3)], np.uint16)
     binary = corners.tobytes() + strip.tobytes() + faces.tobytes()
     views = ((0, 48), (48, 4), (52, 12))
+    kinds = ((5126, 4, "VEC3"), (5121, 4, "SCALAR"), (5123, 6, "SCALAR"))
     about = {
         "buffers": [{"byteLength": len(binary)}],
         "bufferViews": [{"buffer": 0, "byteOffset": at, "byteLength": n} for at, n in views],
         "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
-            {"bufferView": 1, "componentType": 5121, "count": 4, "type": "SCALAR"},
-            {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
+            {"bufferView": view, "componentType": number, "count": count, "type": name}
+            for view, (number, count, name) in enumerate(kinds)
         ],
         "meshes": [
             {
@@ -325,71 +347,30 @@ def test_a_glb_s_nodes_place_its_parts(tmp_path):
         "scenes": [{"nodes": [0]}],
     }
     glb_of(tmp_path / "four.glb", about, binary)
-    mesh, _ = read.read_solid(tmp_path / "four.glb")
+    mesh, _ = read_solid(tmp_path / "four.glb")
     assert mesh.is_watertight and mesh.volume == pytest.approx(10.0**3 / 6 * 2 * 3, rel=1e-5)
     # x is doubled, then turned to -z, which is +y of the shape; y, tripled, is up
     np.testing.assert_allclose(mesh.extents, (10.0, 20.0, 30.0), rtol=1e-5)
 
 
-def test_a_3mf_names_its_model(tmp_path):
-    """By its relationships: the usual name is not looked for, where another is given."""
-    relations = (
-        '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
-        '<Relationship Id="a" Type="http://example.org/thumbnail" Target="/x.png"/><Relationship '
-        'Id="b" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel" '
-        'Target="/other/main.model"/></Relationships>'
-    )
-    small, large = (
-        model(part(1, box(sides)), '<item objectid="1"/>') for sides in ((1, 1, 1), SIDES_MM)
-    )
-    with zipfile.ZipFile(tmp_path / "named.3mf", "w") as archive:
-        archive.writestr("_rels/.rels", relations)
-        archive.writestr("3D/3dmodel.model", small)
-        archive.writestr("other/main.model", large)
-    assert read.read_solid(tmp_path / "named.3mf")[0].volume == pytest.approx(72.0)
-
-
-def ply(faces, order="<", more="", element="face", name="vertex_indices"):
-    """A binary PLY file of the block's corners and of faces of any numbers of corners, each with a
-    byte before it and another list after it."""
-    form = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
-    corners = corners_of().vertices
-    head = (
-        f"ply\nformat {form} 1.0\nelement vertex 9\nproperty float x\nproperty float y\n"
-        f"property float z\nelement {element} {len(faces)}\nproperty uchar red\n"
-        f"property list uchar int {name}\nproperty list uchar float texcoord\n{more}end_header\n"
-    )
-    body = np.vstack([corners, [[np.nan] * 3]]).astype(f"{order}f4").tobytes()
-    for face in faces:
-        body += struct.pack(f"{order}BB{len(face)}iB2f", 9, len(face), *face, 2, 0.5, 0.5)
-    return head.encode() + body
-
-
-@pytest.mark.parametrize("order", "<>")
-def test_a_ply_may_have_faces_of_several_sizes_and_strips(order, tmp_path):
-    squares = [[corner - 1 for corner in square] for square in quads()]
-    mixed = [*squares[:4], *([a, b, c] for a, b, c, _ in squares[4:])]
-    mixed += [[a, c, d] for a, _, c, d in squares[4:]] + [[0, 1], [2]]
-    strips = [[corner for a, b, c, d in squares for corner in (a, b, d, c, -1)]]
-    for name, content in (
-        ("squares", ply(squares, order)),
-        ("mixed", ply(mixed, order)),
-        ("index", ply(mixed, order, name="vertex_index")),
-        ("strips", ply(strips, order, element="tristrips")),
-    ):
-        (tmp_path / f"{name}.ply").write_bytes(content)
-        mesh, notes = read.read_solid(tmp_path / f"{name}.ply")
-        assert mesh.volume == pytest.approx(VOLUME_MM3) and mesh.is_watertight and notes == ()
-    notch = ply([[0, 1, 3, 2], [0, 4, 5, 7, 6, 2, 3, 1]], order)
-    (tmp_path / "cut.ply").write_bytes(notch[:-3])
-    with pytest.raises(T2TwinError, match="damaged"):
-        read.read_solid(tmp_path / "cut.ply")
+@pytest.mark.parametrize(
+    "faces, words",
+    [
+        (ply(mixed()), "one number of corners"),
+        (ply(squares())[:-3], "one number of corners"),
+        (ply_text([[0, 1, 99]]), "corners that it lacks"),
+        (ply_text([[4, 8, 2, 0]]), "notches"),
+    ],
+)
+def test_a_ply_that_trimesh_reads_wrong_is_refused(faces, words, tmp_path):
+    (tmp_path / "it.ply").write_bytes(faces)
+    with pytest.raises(T2TwinError, match=words):
+        read_solid(tmp_path / "it.ply")
 
 
 def test_a_ply_of_triangles_that_lie_on_each_other_is_pressed(tmp_path):
     """As of scans with two sides; it has triangles for faces already."""
-    squares = [[corner - 1 for corner in square] for square in quads()]
-    faces = [face for a, b, c, d in squares for face in ([a, b, c], [a, c, d])]
+    faces = [face for a, b, c, d in squares() for face in ([a, b, c], [a, c, d])]
     (tmp_path / "twice.ply").write_bytes(ply([*faces, *(face[::-1] for face in faces)]))
     shape = catalogue.load(tmp_path / "twice.ply", tmp_path / "kept")
     assert shape.mesh.extents == pytest.approx(SIDES_MM)
@@ -424,7 +405,7 @@ def test_gaps_between_the_triangles_of_a_step_solid_are_closed(tmp_path, monkeyp
     from t2twin.primitives_cad import solids
 
     path = step(tmp_path / "ball.step", cq.Workplane().sphere(5.0).val())
-    whole, notes = read.read_solid(path)
+    whole, notes = read_solid(path)
     assert notes == ()
     triangles_of = solids.triangles_of
 
@@ -433,7 +414,7 @@ def test_gaps_between_the_triangles_of_a_step_solid_are_closed(tmp_path, monkeyp
         return points, triangles[1:]
 
     monkeypatch.setattr(solids, "triangles_of", all_but_one)
-    mesh, (note,) = read.read_solid(path)
+    mesh, (note,) = read_solid(path)
     assert mesh.is_watertight and "1 small hole" in note
     assert mesh.volume == pytest.approx(whole.volume, rel=1e-3)
 
@@ -469,7 +450,7 @@ def test_files_of_one_stem_are_different_shapes(tmp_path, monkeypatch, capfd):
     assert len(sizes) == 2
 
 
-def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path, monkeypatch):
+def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path):
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     ring = [(5 * np.cos(a), 5 * np.sin(a)) for a in turn]
     corners = [f"v {x} {y} {z}" for z in (0, 5) for x, y in ring]
@@ -477,38 +458,22 @@ def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path, monkeypatch):
     faces = [range(400, 0, -1), range(401, 801), *sides]
     lines = corners + ["f " + " ".join(map(str, face)) for face in faces]
     (tmp_path / "prism.obj").write_text("\ufeff" + "\r".join(lines), encoding="utf-8")
-    mesh, _ = read.read_solid(tmp_path / "prism.obj")
+    mesh, _ = read_solid(tmp_path / "prism.obj")
     assert mesh.volume == pytest.approx(np.pi * 25 * 5, rel=1e-3)
-    monkeypatch.setattr(bodies, "MAX_FACE_CORNERS", 399)
-    with pytest.raises(T2TwinError, match="a face of 400 corners; at most 399"):
-        read.read_solid(tmp_path / "prism.obj")
-
-
-def test_corners_without_triangles_are_bounded_too(tmp_path, monkeypatch):
-    threemf_of(tmp_path / "block.3mf", model(part(1, box()), '<item objectid="1"/>'))
-    box().export(tmp_path / "block.obj")
-    y_up(box(unit_mm=1000.0)).export(tmp_path / "block.glb")
-    monkeypatch.setattr(bodies, "MAX_CORNERS", 7)
-    for name in ("block.3mf", "block.obj", "block.glb"):
-        with pytest.raises(T2TwinError, match="more than the 7 corners"):
-            read.read_solid(tmp_path / name)
 
 
 def test_bounds_are_those_that_are_named(tmp_path, monkeypatch):
     box().export(tmp_path / "block.stl")
     threemf_of(tmp_path / "block.3mf", model(part(1, box()), '<item objectid="1"/>'))
-    monkeypatch.setattr(bodies, "MAX_TRIANGLES", 12)
-    read.read_solid(tmp_path / "block.stl")
-    monkeypatch.setattr(bodies, "MAX_TRIANGLES", 11)
+    monkeypatch.setattr(mesh_files, "MAX_TRIANGLES", 12)
+    read_solid(tmp_path / "block.stl")
+    monkeypatch.setattr(mesh_files, "MAX_TRIANGLES", 11)
     for name in ("block.stl", "block.3mf"):
         with pytest.raises(T2TwinError, match="more than the 11 triangles"):
-            read.read_solid(tmp_path / name)
-    monkeypatch.setattr(threemf, "MAX_UNPACKED_BYTES", 500)
-    with pytest.raises(T2TwinError, match="larger than the"):
-        read.read_solid(tmp_path / "block.3mf")
-    monkeypatch.setattr(read, "MAX_BYTES", 100)
+            read_solid(tmp_path / name)
+    monkeypatch.setattr(mesh_files, "MAX_BYTES", 100)
     with pytest.raises(T2TwinError, match="MB are allowed"):
-        read.read_solid(tmp_path / "block.stl")
+        read_solid(tmp_path / "block.stl")
 
 
 def test_a_step_that_is_cut_short_is_one_quiet_sentence(tmp_path, capfd):
@@ -518,19 +483,7 @@ def test_a_step_that_is_cut_short_is_one_quiet_sentence(tmp_path, capfd):
     cq.exporters.export(cq.Workplane().box(*SIDES_MM), str(path))
     path.write_bytes(path.read_bytes()[:5000])
     capfd.readouterr()
-    with pytest.raises(T2TwinError, match="damaged or not STEP"):
-        read.read_solid(path)
+    with pytest.raises(T2TwinError, match="cannot be read as STEP"):
+        read_solid(path)
     said = capfd.readouterr()
     assert said.out == said.err == ""
-
-
-@pytest.mark.parametrize("said, words", [(500, "ZIP"), (2_000_000_000, "300 MB")])
-def test_what_an_archive_announces_bounds_what_is_unpacked(said, words, tmp_path):
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("3D/3dmodel.model", " " * 10_000_000)
-    held = (10_000_000).to_bytes(4, "little")
-    content = stream.getvalue().replace(held, said.to_bytes(4, "little"))
-    (tmp_path / "bomb.3mf").write_bytes(content)
-    with pytest.raises(T2TwinError, match=words):
-        read.read_solid(tmp_path / "bomb.3mf")

@@ -14,7 +14,7 @@ from t2twin.primitives_cad import (
     primitive_parameters,
     shape_cache,
 )
-from t2twin.primitives_cad.mesh_io import read
+from t2twin.primitives_cad import mesh_files as read
 
 
 def block(path, sides=(6.0, 4.0, 3.0), at=(40.0, -7.0, 11.0)):

@@ -7,7 +7,7 @@ from math import ceil
 from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad import catalogue, mesh_files
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.sampling.presses import (
@@ -141,11 +141,9 @@ def solids_in(folder: str) -> tuple[str, ...]:
     """The files of solids in a recipe's folder, sorted. Raises T2TwinError without any."""
     found = sorted(str(path) for path in Path(folder).glob("*") if _is_solid(path.suffix))
     if not found:
-        from t2twin.primitives_cad.mesh_io import read
-
         raise T2TwinError(
             f"{folder} contains no solids; shapes must be random, primitives, tools, or a folder "
-            f"with files of {', '.join(read.SUFFIXES)}"
+            f"with files of {', '.join(mesh_files.SUFFIXES)}"
         )
     return tuple(found)
 
@@ -154,9 +152,7 @@ def load_shape(part: Part, source: str, cache_dir: str | Path | None = None) -> 
     """A shape of a part by its name or file. cache_dir and errors: as for catalogue.load."""
     if part.shapes in NAMED:
         return catalogue.load(source, cache_dir)
-    from t2twin.primitives_cad.mesh_io import read
-
-    hints = read.Hints(
+    hints = mesh_files.Hints(
         scale="scale = {:g} in this part of the recipe", center="center = true in this part"
     )
     return catalogue.load(source, cache_dir, part.solid_scale, bool(part.center), hints)
@@ -164,9 +160,7 @@ def load_shape(part: Part, source: str, cache_dir: str | Path | None = None) -> 
 
 def _is_solid(suffix: str) -> bool:
     """Whether files of this suffix contain solids."""
-    from t2twin.primitives_cad.mesh_io import read  # slow to import; a worker may never need it
-
-    return suffix.lower() in read.SUFFIXES
+    return suffix.lower() in mesh_files.SUFFIXES
 
 
 def _part_batches(

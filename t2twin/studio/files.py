@@ -15,7 +15,7 @@ from viser import _messages
 
 from t2twin.core import images
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.mesh_io import read
+from t2twin.primitives_cad.mesh_files import SUFFIXES
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.dense import check_on_cover
@@ -39,7 +39,7 @@ MAX_NAME = 40
 """Maximum length of the stem of a stored file name, and of a quoted name, characters."""
 
 SUFFIXES = {
-    "shape": read.SUFFIXES,
+    "shape": SUFFIXES,
     "layout": (".json", ".csv"),
     "optics": (".npz",),
     "sensor": (".toml",),

@@ -1,9 +1,8 @@
 """Repairs meshes: merges loose corners and closes small holes.
 
-No library does this without a loss. trimesh's `fill_holes` closes holes that touch at corners
-wrongly: of 64 balls without the three neighbors of a triangle it repairs none, this module all
-(trimesh 5.2, 2026-11-23). manifold3d (Apache license, 1.4 MB) rejects open meshes. pymeshfix is GPL
-and keeps only the largest of several bodies.
+No library does this without a loss. trimesh's `fill_holes` (5.2) closes holes that touch at corners
+wrongly: it repairs none of 64 balls without the three neighbors of a triangle. manifold3d rejects
+open meshes. pymeshfix is GPL and keeps only the largest of several bodies.
 """
 
 from itertools import pairwise
@@ -22,9 +21,6 @@ HOLES_SHARE = 0.01
 MAX_RIM_EDGES = 2000
 """Limit on the edges around closed holes (assumed: more is a surface, not a solid)."""
 
-MAX_MEASURED = 100
-"""Number of gaps, those of the most edges, whose width is measured (assumed: milliseconds)."""
-
 UPPER = "its upper surface is pressed"
 
 THINNEST_MM = 1e-6
@@ -33,11 +29,8 @@ of a shape)."""
 
 
 def close_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
-    """A mesh (mm), closed with its faces turned outwards where possible, and a clause about closed
-    holes, what stays open, or None.
-
-    Bodies that touch or overlap are not changed. A mesh that stays open keeps its triangles.
-    """
+    """A mesh (mm), closed with faces outwards where possible, and a clause about closed holes or
+    what stays open. Bodies that touch or overlap are not changed."""
     note = None
     if not mesh.is_watertight:
         mesh, note, closed = _merged(mesh)
@@ -51,8 +44,7 @@ def close_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
 
 
 def _merged(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None, bool]:
-    """The mesh with merged corners, without duplicate faces and small holes, a clause about it, and
-    whether it is closed."""
+    """The mesh with merged corners and closed holes, a clause about it; whether it is closed."""
     loose = mesh.copy()
     loose.merge_vertices(digits_vertex=LOOSE_DIGITS)
     loose.update_faces(loose.nondegenerate_faces())
@@ -81,11 +73,10 @@ def _openness(mesh: trimesh.Trimesh) -> str:
             f"has {_edges(int((counts > 2).sum()))} at which more than two triangles meet; {UPPER}"
         )
     labels = trimesh.graph.connected_component_labels(rims, node_count=len(mesh.vertices))
-    which, counts = np.unique(labels[rims[:, 0]], return_counts=True)
-    widest = max(
-        float(np.ptp(mesh.vertices[labels == label], axis=0).max())
-        for label in which[counts.argsort()[-MAX_MEASURED:]]
-    )
+    low, high = np.full((2, labels.max() + 1, 3), np.inf)
+    np.minimum.at(low, labels[rims], mesh.vertices[rims])
+    np.minimum.at(high, labels[rims], -mesh.vertices[rims])
+    widest = float((-high - low)[np.isfinite(low[:, 0])].max())
     gap = f"{float(f'{widest:.2g}'):g} mm"  # two digits, without an exponent
     return f"is open at {_edges(len(rims))}, the widest gap {gap}; {UPPER}"
 
@@ -108,8 +99,7 @@ def _rim_edges(mesh: trimesh.Trimesh) -> np.ndarray:
 
 
 def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str] | None:
-    """The mesh with its holes closed by fans of triangles, and a clause about them; None where they
-    are too large or do not close."""
+    """The mesh with holes closed by fans, and a clause about them; None for large or odd holes."""
     mesh = mesh.copy()
     trimesh.repair.fix_winding(mesh)
     rims = _rims(mesh, _rim_edges(mesh))
@@ -150,10 +140,7 @@ def _rims(mesh: trimesh.Trimesh, edges: np.ndarray) -> list[list[int]]:
 
 
 def _turns(mesh: trimesh.Trimesh, walk: list[int], corners: list[int]) -> np.ndarray:
-    """Angles through the hole from the last edge of a walk to the edges to corners, rad.
-
-    Where holes touch at a corner, the smallest angle stays on the same hole.
-    """
+    """Angles from a walk's last edge to edges to corners, rad; the least stays on the same hole."""
     here, normal = mesh.vertices[walk[-1]], mesh.vertex_normals[walk[-1]]
     back = np.asarray(mesh.vertices[walk[0]] - here)
     ways = np.asarray(mesh.vertices[corners] - here)
