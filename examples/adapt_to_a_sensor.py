@@ -15,7 +15,7 @@ from PIL import Image
 
 import t2twin
 from t2twin.primitives_cad.export import write_ball
-from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
+from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors.pair import SensorPair
 
 BALL_MM = 4.7

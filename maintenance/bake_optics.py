@@ -14,10 +14,9 @@ import numpy as np
 from msgspec import structs
 
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.gel_camera import GelCamera
-from t2twin.sim.optical.light.illumination import COSINE_TERMS
-from t2twin.sim.optical.light.ray_casting import Leds, Rays
+from t2twin.sim.optical.illumination import COSINE_TERMS, Leds, Rays
 from t2twin.sim.optical.optics import PLACE_TERMS, Optics, led_columns, place_terms
 from t2twin.sim.optical.pyrender_renderer import GAMMA, ReferenceRenderer
 from t2twin.sim.optical.surface import ball_surface
@@ -137,7 +136,7 @@ def fit_response(
         cosine, weight = rays.incidence(rays.coated(surface), leds)
         blocks = render.reshape(in_blocks).mean(axis=(1, 3)).reshape(-1, 3)
         for led in range(count):
-            columns = led_columns(cosine[..., led], weight[..., led], places)
+            columns = led_columns(cosine[led], weight[led], places)
             columns = columns[1:-1, 1:-1].reshape(-1, terms)
             slope = (blocks[:, led] + DARK) ** (1.0 / GAMMA - 1.0)
             weighted = columns * slope[:, None]

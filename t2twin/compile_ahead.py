@@ -60,7 +60,7 @@ def main() -> None:
 
     import numpy as np
 
-    from t2twin.sim.optical.camera.pinhole import optical_grid
+    from t2twin.sim.optical.camera import optical_grid
     from t2twin.sim.sensors.pair import SensorPair
 
     camera = SensorPair().camera

@@ -25,11 +25,11 @@ from t2twin.adaptation.real_frame_evaluation import (
     publish,
     simulate_reference,
 )
-from t2twin.adaptation.record import PRESSES, RECORD, read_fitted
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
+from t2twin.core.records import read_json
 from t2twin.primitives_cad.export import write_ball
-from t2twin.sim.calibrate.calibrate import DEFAULT_TOLERANCE
+from t2twin.sim.calibrate.calibrate import DEFAULT_TOLERANCE, FORMAT, RECORD, OpticsRecord
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.files import load_sensor
@@ -226,16 +226,17 @@ def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run)
     kept = (out / "field" / "best.safetensors").read_bytes()
     assert kept == (folders[adapted.kept] / "best.safetensors").read_bytes()
     assert 0.0 < adapted.mean_array_rmse_percent < adapted.zero_rmse_percent < 15.0
-    fitted = read_fitted(out)
-    assert fitted is not None
-    np.testing.assert_allclose(fitted.poses[:, :2], POSES[-HELD_OUT:, :2], atol=0.15)
+    fitted = read_json(out / RECORD, OpticsRecord, FORMAT)
+    places = [(press.x_mm, press.y_mm) for press in fitted.held_out]
+    np.testing.assert_allclose(places, POSES[-HELD_OUT:, :2], atol=0.15)
     info = read_info(out / "data")
     assert info.recipe is not None and info.recipe.light.frames == 1
     assert info.source.noise_grey == pytest.approx(2.8)
     optics = "optics.npz", "optics_coverage.png"
-    for name in (*optics, "ball.step", "recipe.toml", "index.html", RECORD, "field"):
+    for name in (*optics, "ball.step", "recipe.toml", "index.html", "adapted.json", "field"):
         assert (out / name).exists(), name
     uncertainty = fitted.uncertainty
+    assert uncertainty is not None
     assert len(uncertainty.presses) == len(POSES) and adapted.uncertainty == uncertainty
     for press, pose in zip(uncertainty.presses, POSES, strict=True):
         assert press.depth_mm.low < pose[2] < press.depth_mm.high
@@ -293,6 +294,6 @@ def test_invalid_arguments_are_refused(adapted_run, unit, tmp_path, capsys):
 @pytest.mark.exhaustive
 def test_a_damaged_file_of_an_earlier_start_is_one_sentence(adapted_run, unit, tmp_path):
     out = shutil.copytree(adapted_run[0], tmp_path / "copy")
-    (out / PRESSES).write_text("{}")
-    with pytest.raises(T2TwinError, match=r"presses\.json"):
+    (out / RECORD).write_text("{}")
+    with pytest.raises(T2TwinError, match=r"optics\.json"):
         adapt(unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0)

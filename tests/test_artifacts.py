@@ -13,12 +13,12 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import LOG, read_info, read_split, sha256_of
-from t2twin.sim.optical.camera.response import linear
+from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
-from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
-from t2twin.sim.optical.randomization.unit import Unit, UnitRanges, sample_unit
+from t2twin.sim.optical.response import linear
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.optical.units import Unit, UnitRanges, sample_unit
 from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.recipe import load_recipe
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
-from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
+from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
+from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.uncertainty.ood import (

@@ -13,18 +13,23 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.tables import text
 from t2twin.sim.calibrate.calibrate import calibrate
-from t2twin.sim.calibrate.fit import BallFit, State
-from t2twin.sim.calibrate.geometry import Geometry
-from t2twin.sim.calibrate.measurements import FORCES, Tolerance, read_measurements
+from t2twin.sim.calibrate.fit import BallFit, Geometry, State
+from t2twin.sim.calibrate.measurements import (
+    FORCES,
+    Tolerance,
+    ball_forces_n,
+    force_ratio,
+    read_measurements,
+    uncertainty_table,
+)
 from t2twin.sim.calibrate.ridge import Terms
-from t2twin.sim.calibrate.uncertainty import ball_forces_n, force_ratio, uncertainty_table
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.optical.illumination import Leds
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.light.ray_casting import Leds
 from t2twin.sim.optical.optics import Optics
-from t2twin.sim.optical.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors.pair import SensorPair
 
 DIGIT = SensorPair().camera

@@ -7,7 +7,7 @@ import pytest
 from kinds import gel_camera
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.camera import optical_grid
 
 GEL, CAMERA = gel_camera().own_gel, gel_camera().camera
 ROWS, COLUMNS = CAMERA.rows, CAMERA.columns

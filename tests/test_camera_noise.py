@@ -8,10 +8,10 @@ from kinds import gel_camera
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.frames import measure_noise
-from t2twin.sim.optical.camera.noise import Noise
-from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.response import Noise
 
 DIGIT = gel_camera()
 GEL, NOISE_GREY = DIGIT.own_gel, DIGIT.spec.camera.noise_grey

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from t2twin.sim.optical.camera.noise import quantiles, standard_normal
+from t2twin.sim.optical.response import quantiles, standard_normal
 
 SHAPE = (320, 720)
 

@@ -18,8 +18,8 @@ from t2twin.sim.calibrate.calibrate import (
 )
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
-from t2twin.sim.optical.randomization.unit import sample_unit
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.optical.units import sample_unit
 from t2twin.sim.sensors.pair import SensorPair
 
 FEW = 60

@@ -7,9 +7,9 @@ from skimage.metrics import structural_similarity
 
 from maintenance.bake_optics import block, ring
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical import shadows
+from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.light import shadows
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.optical.surface import ball_surface

@@ -9,13 +9,11 @@ from ball_frames import BALL_MM, POSES
 from benchmarks.optics.fitted_optics import rim_steepness
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.calibrate import score
-from t2twin.sim.calibrate.fit import BallFit, Measurements, Presses
+from t2twin.sim.calibrate.fit import BallFit, Geometry, Measurements, Presses
 from t2twin.sim.calibrate.frames import clean_background, contact_patch, crop
-from t2twin.sim.calibrate.geometry import Geometry
 from t2twin.sim.calibrate.ridge import Terms
+from t2twin.sim.optical.illumination import LOBE_PLACES, LOBE_TERMS, Leds
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.light.illumination import LOBE_PLACES, LOBE_TERMS
-from t2twin.sim.optical.light.ray_casting import Leds
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.pair import SensorPair

@@ -12,9 +12,8 @@ from t2twin import Markers, Twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import SurfaceShift
-from t2twin.sim.optical import pyrender_renderer
-from t2twin.sim.optical.camera import response
-from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical import pyrender_renderer, response
+from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.markers import INK_REFLECTANCE, MarkerImage
 from t2twin.sim.sensors.files import load_sensor

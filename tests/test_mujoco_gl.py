@@ -11,7 +11,7 @@ PRESS = "import t2twin; t2twin.attach; print(t2twin.press('hemisphere-4').digit.
 
 RENDER = """
 import numpy as np
-from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.sensors.files import load_sensor
 sensor = load_sensor("digit")

@@ -8,7 +8,7 @@ from kinds import gel_camera
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer, encode
 from t2twin.sim.optical.surface import ball_surface

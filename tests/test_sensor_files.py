@@ -16,10 +16,9 @@ from msgspec import Struct, structs
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import MAX_FAULTS, tables_in
 from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.gel_camera import GelCamera, ImageReading
-from t2twin.sim.optical.randomization.artifacts import Artifacts, with_artifacts
-from t2twin.sim.optical.randomization.ranges import UnitRanges
-from t2twin.sim.optical.randomization.unit import sample_unit
+from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors import files
 from t2twin.sim.sensors.files import SPECS, bundled_sensors, load_sensor, sensor_of, spec_of
 from t2twin.sim.sensors.pair import SensorPair

@@ -41,7 +41,7 @@ from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.optical.contact_maps import ContactGrid
+from t2twin.sim.optical.gel_camera import ContactGrid
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -41,7 +41,6 @@ BENCHMARK = Benchmark(
         "primitives_cad",
         "sim",
         "t2twin/adaptation/real_frame_evaluation.py",
-        "t2twin/adaptation/record.py",
         "translate",
     ),
     figures=(

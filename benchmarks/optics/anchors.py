@@ -22,8 +22,13 @@ from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.calibrate.fit import Measurements, Presses
 from t2twin.sim.calibrate.frames import clean_background, contact_patch
-from t2twin.sim.calibrate.measurements import FORCES, fit_presses
-from t2twin.sim.calibrate.uncertainty import Bounds, OpticsUncertainty, ball_forces_n
+from t2twin.sim.calibrate.measurements import (
+    FORCES,
+    Bounds,
+    OpticsUncertainty,
+    ball_forces_n,
+    fit_presses,
+)
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.pair import SensorPair

@@ -33,11 +33,11 @@ from t2twin.sim.calibrate.calibrate import (
     sample_lights,
 )
 from t2twin.sim.calibrate.frames import contact_patch, read_frames
-from t2twin.sim.optical.camera.response import linear
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
-from t2twin.sim.optical.randomization.lighting import SampledLight, light_at_rest
+from t2twin.sim.optical.response import linear
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.optical.units import SampledLight, light_at_rest
 from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
@@ -154,7 +154,7 @@ def _explained(background: np.ndarray) -> list[Explained]:
     rows, columns = (BLOCK_PX * np.arange(n) + (BLOCK_PX - 1) / 2 for n in grey.shape[:2])
     explained = []
     for unit in sample_lights(background, SENSOR, SENSOR.camera, DRAWN):
-        light = SampledLight(unit.leds_mm, unit.sizes_mm, unit.response, LEDS)
+        light = SampledLight(unit.leds_mm, unit.sizes_mm, unit.response)
         lit = light_at_rest(light, SENSOR.camera, GEL, columns, rows).reshape(-1, 3)
         wanted = linear(grey, unit.gamma).reshape(-1, 3)
         fits = [

@@ -23,9 +23,8 @@ from maintenance.bake_optics import block
 from t2twin.core.files import atomic_write
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
-from t2twin.sim.optical.randomization.unit import Unit, UnitRanges, sample_unit
 from t2twin.sim.optical.surface import ball_surface
+from t2twin.sim.optical.units import MIDDLE_COSINE, TERMS, Unit, UnitRanges, at_middle, sample_unit
 from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(

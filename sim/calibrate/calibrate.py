@@ -30,20 +30,23 @@ from t2twin.sim.calibrate.frames import (
     read_frames,
     upright_frame,
 )
-from t2twin.sim.calibrate.measurements import FORCES, Fit, Tolerance, fit_presses, read_measurements
-from t2twin.sim.calibrate.uncertainty import (
+from t2twin.sim.calibrate.measurements import (
+    FORCES,
+    Fit,
     OpticsUncertainty,
+    Tolerance,
     check_tolerance,
     estimate_uncertainty,
+    fit_presses,
+    read_measurements,
 )
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
-from t2twin.sim.optical.randomization.ranges import UnitRanges
-from t2twin.sim.optical.randomization.unit import sample_unit
 from t2twin.sim.optical.spec import KIND
+from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors.defaults import SOURCE
 from t2twin.sim.sensors.files import load_sensor
 
@@ -56,6 +59,8 @@ UNIT_COUNT = 300
 RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
 """Ranges of the units: their gamma is the one of a fit. Only responses of one gamma can be
 averaged."""
+OPTICS, RECORD, COVERAGE = "optics.npz", "optics.json", "optics_coverage.png"
+"""Names of the files of a fit."""
 FORMAT = 1
 """Format of optics.json."""
 
@@ -85,6 +90,38 @@ class OpticsScores:
     calibrated: Score
     cut_and_paste: Score
     do_nothing: Score
+
+
+@dataclass(frozen=True)
+class HeldOutPress:
+    """A held-out press, and the score of its image, simulated with an optics file without it."""
+
+    name: str
+    x_mm: float
+    y_mm: float
+    depth_mm: float
+    l1: float
+    ssim: float
+    psnr_db: float
+
+
+@dataclass(frozen=True)
+class OpticsRecord:
+    """Content of optics.json.
+
+    trained, repeated: names of the frames that were fitted, and of excluded duplicates. covered,
+    next_mm: see Coverage. inputs_sha256: of the frames and numbers, for an adaptation that resumes.
+    """
+
+    format: int
+    trained: list[str]
+    repeated: list[str]
+    held_out: tuple[HeldOutPress, ...]
+    scores: OpticsScores
+    covered: float
+    next_mm: list[tuple[float, float]]
+    uncertainty: OpticsUncertainty | None
+    inputs_sha256: str | None = None
 
 
 @dataclass(frozen=True)
@@ -327,38 +364,33 @@ def cut_and_paste(
     return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
 
 
-def write_coverage(path: Path, report: OpticsReport, gel: Elastomer) -> None:
-    """Write the picture of the presses and of what they leave bare.
+def write_fit(
+    folder: Path, report: OpticsReport, gel: Elastomer, inputs_sha256: str | None = None
+) -> OpticsRecord:
+    """Write the picture of the coverage, optics.npz, and last optics.json, whose content is
+    returned.
 
-    gel: of the sensor. Raises T2TwinError where it cannot be written.
+    gel: of the sensor. Raises T2TwinError where they cannot be written.
     """
-    picture = coverage_picture(report.coverage, report.optics, gel)
-    with atomic_write(path) as temporary:
-        picture.save(temporary)
-
-
-def write_record(path: Path, report: OpticsReport) -> None:
-    """Write optics.json: names, scores, each held-out press, the coverage, the uncertainty.
-
-    Raises T2TwinError where it cannot be written.
-    """
-    held_out = [
-        {"name": name, "x_mm": pose[0], "y_mm": pose[1], "depth_mm": pose[2], **asdict(score)}
-        for name, pose, score in zip(
-            report.held_out, report.poses.tolist(), report.each, strict=True
-        )
-    ]
-    content = {
-        "format": FORMAT,
-        "trained": report.trained,
-        "repeated": report.repeated,
-        "held_out": held_out,
-        "scores": asdict(report.scores),
-        "covered": report.coverage.covered,
-        "next_mm": report.coverage.next_mm.tolist(),
-        "uncertainty": None if report.uncertainty is None else asdict(report.uncertainty),
-    }
-    write_json(path, content)
+    with atomic_write(folder / COVERAGE) as temporary:
+        coverage_picture(report.coverage, report.optics, gel).save(temporary)
+    report.optics.save(folder / OPTICS)
+    held_out = zip(report.held_out, report.poses.tolist(), report.each, strict=True)
+    record = OpticsRecord(
+        format=FORMAT,
+        trained=report.trained,
+        repeated=report.repeated,
+        held_out=tuple(
+            HeldOutPress(name, *pose, *astuple(scored)) for name, pose, scored in held_out
+        ),
+        scores=report.scores,
+        covered=report.coverage.covered,
+        next_mm=[(x, y) for x, y in report.coverage.next_mm.tolist()],
+        uncertainty=report.uncertainty,
+        inputs_sha256=inputs_sha256,
+    )
+    write_json(folder / RECORD, asdict(record))
+    return record
 
 
 def sample_lights(

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.optics import Optics
 
 COVER_MM = 1.5

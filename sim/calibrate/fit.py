@@ -13,22 +13,26 @@ A sample is a block of 2 x 2 pixels; an image has (rows / 2, columns / 2). A pre
 samples in a square around it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.calibrate.geometry import Geometry, Shading, choose_leds
-from t2twin.sim.calibrate.ridge import Sums, Terms, select_terms, solve_ridge, solve_step
-from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.optical.camera.pinhole import Camera
-from t2twin.sim.optical.camera.response import linear
+from t2twin.sim.calibrate.ridge import (
+    Sums,
+    Terms,
+    choose_leds,
+    select_terms,
+    solve_ridge,
+    solve_step,
+)
+from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
-from t2twin.sim.optical.light.illumination import COSINE_TERMS, lobe_columns, normal_terms
-from t2twin.sim.optical.light.ray_casting import Leds, Rays
-from t2twin.sim.optical.optics import PLACE_TERMS, Optics, led_columns, place_terms
+from t2twin.sim.optical.illumination import COSINE_TERMS, Leds, Rays, lobe_columns, normal_terms
+from t2twin.sim.optical.optics import MAX_LEDS, PLACE_TERMS, Optics, led_columns, place_terms
+from t2twin.sim.optical.response import linear
 from t2twin.sim.optical.surface import ball_surface
 
 GAMMA = 1.0
@@ -54,8 +58,14 @@ HALF_MM = 3.75
 SHALLOWEST_MM, DEEPEST = 0.1, 0.93
 """Bounds of a press's depth: mm, and in parts of the ball's radius."""
 
-Profile = tuple[float, float, float]
-"""Radius of a ball, mm, and the gel's profile around it: hold and skirt of ball_surface."""
+HOLD, SKIRT = 0.75, 1.0
+"""Initial profile of the gel around a ball (assumed; t2twin.sim.optical.surface)."""
+SMALLEST_LED_MM = 0.3
+"""Smallest initial size of an LED, mm (assumed: a smaller one has as sharp a shadow)."""
+ELEVATIONS_DEG = (10.0, 18.0, 30.0)
+"""Elevations of the rings of LEDs over the apex (assumed: from low light to half of the slopes)."""
+RING = MAX_LEDS
+"""Number of LEDs of a ring."""
 
 Square = tuple[slice, slice]
 """Rows and columns of samples."""
@@ -104,6 +114,84 @@ class Presses:
 
 
 @dataclass(frozen=True)
+class Geometry:
+    """LEDs and the gel's profile, as a vector of parameters.
+
+    values: azimuth and elevation of each LED, degrees; a change of all their distances from the
+    axis, mm; the logarithm of each size, mm; hold and skirt of ball_surface. start: the values from
+    which the fit starts. distances_mm: (LEDs,) initial distances from the axis.
+    """
+
+    values: np.ndarray
+    start: np.ndarray
+    distances_mm: np.ndarray
+
+    @classmethod
+    def of(cls, leds: Leds) -> "Geometry":
+        """The start of a fit from given LEDs."""
+        x, y, z = leds.places_mm.T
+        distances_mm = np.hypot(x, y)
+        azimuth_deg = np.degrees(np.arctan2(-y, x))
+        elevation_deg = np.degrees(np.arctan2(-z, distances_mm))
+        sizes = np.log(np.maximum(leds.sizes_mm, SMALLEST_LED_MM))
+        start = np.concatenate([azimuth_deg, elevation_deg, [0.0], sizes, [HOLD, SKIRT]])
+        return cls(start, start, distances_mm)
+
+    @property
+    def count(self) -> int:
+        """Number of LEDs."""
+        return len(self.distances_mm)
+
+    @property
+    def leds(self) -> Leds:
+        angles, sizes = self.values[: 2 * self.count], self.values[2 * self.count + 1 : -2]
+        azimuth, elevation = np.radians(angles.reshape(2, -1))
+        distance = self.distances_mm + self.values[2 * self.count]
+        x, y, z = np.cos(azimuth), -np.sin(azimuth), -np.tan(elevation)
+        return Leds(distance[:, None] * np.stack([x, y, z], axis=1), np.exp(sizes))
+
+    @property
+    def spread(self) -> np.ndarray:
+        """Standard deviations of the prior (assumed)."""
+        return self._each(10.0, 6.0, 1.0, 0.5, 0.1, 0.3)
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Deviation from the start, in standard deviations."""
+        return (self.values - self.start) / self.spread
+
+    def moved(self, change: np.ndarray) -> "Geometry":
+        """After a step of the fit, which has at most a standard deviation."""
+        return replace(self, values=self.values + np.clip(change, -self.spread, self.spread))
+
+    def nudged(self) -> Iterator[tuple["Geometry", float]]:
+        """With each value changed by a step of its difference quotient, and the step."""
+        for number, step in enumerate(self._each(0.7, 0.5, 0.5, 0.05, 0.01, 0.03)):
+            values = self.values.copy()
+            values[number] += step
+            yield replace(self, values=values), step
+
+    def _each(self, *values: float) -> np.ndarray:
+        """Values of an azimuth, an elevation, the distance, a size, hold and skirt."""
+        return np.repeat(values, [self.count, self.count, 1, self.count, 1, 1])
+
+    def rings(self) -> list["Geometry"]:
+        """Geometries of LEDs all around, one for each of ELEVATIONS_DEG, of the mean distance and
+        size."""
+        distance_mm, size_mm = self.distances_mm.mean(), self.leds.sizes_mm.mean()
+        azimuth = 2.0 * np.pi * np.arange(RING) / RING
+        x, y = distance_mm * np.cos(azimuth), -distance_mm * np.sin(azimuth)
+        heights = (np.full(RING, -distance_mm * np.tan(np.radians(deg))) for deg in ELEVATIONS_DEG)
+        sizes = np.full(RING, size_mm)
+        return [Geometry.of(Leds(np.stack([x, y, z], axis=1), sizes)) for z in heights]
+
+    def chosen(self, numbers: Sequence[int]) -> "Geometry":
+        """Some of its LEDs."""
+        leds = self.leds
+        return Geometry.of(Leds(leds.places_mm[list(numbers)], leds.sizes_mm[list(numbers)]))
+
+
+@dataclass(frozen=True)
 class State:
     """Fitted parameters.
 
@@ -138,14 +226,6 @@ def inner(square: Square) -> Square:
     """The same square on the lattice of samples, which has one more row and column at each edge."""
     rows, columns = (slice(side.start + 1, side.stop + 1) for side in square)
     return rows, columns
-
-
-def surface_at(gel: Elastomer, pose: np.ndarray, profile: Profile) -> np.ndarray:
-    """The deflection by a ball at a pose within the bounds, mm, on optical_grid(gel)."""
-    radius_mm, hold, skirt = profile
-    depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
-    hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
-    return ball_surface(gel, pose[0], pose[1], depth, radius_mm, hold, skirt)
 
 
 class BallFit:
@@ -218,7 +298,7 @@ class BallFit:
                 (_, lit, _), (_, rest, _) = (
                     self._incidence(ring, index, each, lobe=False) for each in (pose, None)
                 )
-                presses.append(Shading.of((lit - rest).astype(float), self._target(index)))
+                presses.append(Sums.of((lit - rest).astype(float), self._target(index)))
             estimated.append(ring.chosen(choose_leds(presses, self._start.count)))
         return estimated
 
@@ -280,8 +360,12 @@ class BallFit:
         )
 
     def surface(self, geometry: Geometry, index: int, pose: np.ndarray) -> np.ndarray:
-        """The deflection by one frame's ball at a pose, mm, on optical_grid(gel)."""
-        return surface_at(self.gel, pose, (self.radii_mm[index], *geometry.profile))
+        """The deflection by one frame's ball at a pose within bounds, mm, on optical_grid(gel)."""
+        (x_mm, y_mm, depth), radius_mm = pose, self.radii_mm[index]
+        depth = min(max(depth, SHALLOWEST_MM), DEEPEST * radius_mm)
+        hold, skirt = geometry.values[-2:]
+        hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
+        return ball_surface(self.gel, x_mm, y_mm, depth, radius_mm, hold, skirt)
 
     def _target(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""
@@ -298,14 +382,17 @@ class BallFit:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
             surface = self.surface(geometry, index, pose)
-        rows, columns = part = inner(self._squares[index])
+        rows, columns = inner(self._squares[index])
         region = (rows.start, rows.stop, columns.start, columns.stop)
         coated = self._rays.coated(surface)
         cosine, weight = self._rays.incidence(coated, geometry.leds, region)
         normals = None
         if lobe:
             normals = self._rays.normals(coated, region)[:, rows, columns].reshape(2, -1).T
-        cosine, weight = (of[part].reshape(-1, of.shape[-1]) for of in (cosine, weight))
+        cosine, weight = (
+            np.ascontiguousarray(of[:, rows, columns].reshape(len(of), -1).T)
+            for of in (cosine, weight)
+        )
         return cosine, weight, normals
 
     def _columns(

@@ -1,16 +1,23 @@
-"""Ridge regression of the response, with its degree and ridge chosen by cross-validation.
+"""Least squares of the light: the response by ridge regression, and LEDs that frames show.
 
 The response is linear in its entries, (LED, place, power) in this order: polynomials of the place
-times powers of the cosine of incidence. High degrees need many presses.
+times powers of the cosine of incidence. High degrees need many presses, so degree and ridge are
+chosen by cross-validation.
+
+Photometric stereo finds the directions of the light from surfaces of known normals. Here the
+surfaces are those of the balls, and the shadows that they cast count too. On a ring of LEDs around
+the gel, those are chosen whose Lambertian light explains the change of the background best. No
+color is presumed: an LED has any amount of each, in each press another one.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.light.illumination import COSINE_TERMS, LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.optical.illumination import COSINE_TERMS, LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
 from t2twin.sim.optical.optics import PLACE_DEGREE, place_degrees
 
 GROWTH = 2.0
@@ -23,6 +30,8 @@ TIE_DB = 0.15
 the left-out presses too, which favors weak ridges."""
 GROUPS = 4
 """Folds of the cross-validation: every fourth press is left out in turn (assumed)."""
+LEAST_IMPROVEMENT = 1e-6
+"""An LED is exchanged where this lowers the squared error by more than this part (assumed)."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +121,15 @@ class Sums:
         fitted = np.sum((response @ squares) * response) - 2.0 * np.sum(response.T * products)
         return max(float(fitted + self.target_square), 0.0) / self.samples
 
+    def explained(self, leds: Sequence[int]) -> float:
+        """Square of the change that some LEDs explain, each with any amount of each color, for
+        columns of one entry an LED."""
+        squares, products = self.squares[np.ix_(leds, leds)], self.products[leds]
+        floor = 1e-9 * max(float(np.trace(self.squares)), 1e-12)
+        factor = np.linalg.cholesky(squares + floor * np.eye(len(squares)))
+        wanted = np.linalg.solve(factor, products)
+        return float(sum(w @ w - nnls(factor.T, w)[1] ** 2 for w in wanted.T))
+
 
 def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.ndarray:
     """(RGB, entries): the response with the least penalized error.
@@ -171,3 +189,25 @@ def solve_step(matrix: np.ndarray, gradient: np.ndarray, radii_mm: np.ndarray) -
             "which are nearly as wide as the ball; give the diameter of the ball, the scale of the "
             "image, and frames of one ball on the sensor of the background"
         ) from error
+
+
+def choose_leds(presses: Sequence[Sums], count: int) -> list[int]:
+    """The LEDs of a ring that explain the presses best: one after the other, then exchanged."""
+    ring = range(len(presses[0].squares))
+
+    def explained(numbers: list[int]) -> float:
+        return sum(press.explained(numbers) for press in presses)
+
+    chosen: list[int] = []
+    for _ in range(count):
+        left = [number for number in ring if number not in chosen]
+        chosen.append(max(left, key=lambda number: explained([*chosen, number])))
+    best, before = explained(chosen), 0.0
+    while best > before * (1.0 + LEAST_IMPROVEMENT):
+        before = best
+        for place in range(count):
+            for number in set(ring).difference(chosen):
+                other = [*chosen[:place], number, *chosen[place + 1 :]]
+                if explained(other) > best * (1.0 + LEAST_IMPROVEMENT):
+                    chosen, best = other, explained(other)
+    return chosen

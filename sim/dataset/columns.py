@@ -56,7 +56,7 @@ UNIT, BACKGROUND, MARKERS = "unit", "background", "markers"
 background frame, and with motion whether it has markers."""
 
 CONTACT_MAPS = {"depth_map_um": pa.int16(), "pressure_map_hpa": pa.uint32()}
-"""Further columns of gel cameras in recipes with contact maps (t2twin.sim.optical.contact_maps),
+"""Further columns of gel cameras in recipes with contact maps (t2twin.sim.optical.gel_camera),
 micrometers and hectopascals, row by row of the cells."""
 
 DENSE_COUNTS = "dense_counts"

@@ -42,7 +42,7 @@ from t2twin.sim.dataset.columns import (
 )
 from t2twin.sim.dataset.store import group_path, read_group, write_group, write_tables
 from t2twin.sim.optical.markers import Markers
-from t2twin.sim.optical.randomization.ranges import log_uniform
+from t2twin.sim.optical.units import log_uniform
 from t2twin.sim.sampling.plan import Group, group_paths, load_shape, name_of
 from t2twin.sim.sampling.presses import (
     FRAME_STREAM,

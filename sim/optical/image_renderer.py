@@ -30,15 +30,13 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import SurfaceShift
-from t2twin.sim.optical.camera import response
-from t2twin.sim.optical.camera.noise import Keys, keys, quantiles
-from t2twin.sim.optical.camera.pinhole import Camera
-from t2twin.sim.optical.light import illumination
-from t2twin.sim.optical.light.illumination import COSINE_TERMS
-from t2twin.sim.optical.light.leds import Led
-from t2twin.sim.optical.light.ray_casting import Leds, Rays, Region
+from t2twin.sim.optical import illumination, response
+from t2twin.sim.optical.camera import Camera
+from t2twin.sim.optical.illumination import COSINE_TERMS, Leds, Rays, Region
 from t2twin.sim.optical.markers import NO_SHADE, MarkerImage, Markers
 from t2twin.sim.optical.optics import PLACE_TERMS, Optics, place_degrees, place_terms
+from t2twin.sim.optical.response import Keys, keys, quantiles
+from t2twin.sim.optical.spec import Led
 
 Renderer = Literal["baked", "pyrender"]
 """What renders images: the baked model, in milliseconds, or pyrender, in about
@@ -96,7 +94,7 @@ class ImageRenderer:
     ) -> np.ndarray:
         """(rows, columns, 3) uint8: the image of the gel deflected by surface_mm.
 
-        surface_mm: on t2twin.sim.optical.camera.pinhole.optical_grid(gel), rows x columns, mm,
+        surface_mm: on t2twin.sim.optical.camera.optical_grid(gel), rows x columns, mm,
             positive into the sensor.
         rng: of the noise; None for none.
         noise_grey: standard deviation of the noise, grey levels, in every pixel and channel; None
@@ -209,7 +207,7 @@ class ImageRenderer:
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
-        cosine, weight = (np.moveaxis(values, -1, 0) for values in rays.incidence(flat, self._leds))
+        cosine, weight = rays.incidence(flat, self._leds)
         light = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
         everywhere = rays.everywhere
         illumination.light(cosine, weight, self._gain, np.zeros_like(light), everywhere, light)

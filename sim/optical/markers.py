@@ -18,8 +18,8 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import Contact, SurfaceShift
-from t2twin.sim.optical.camera.compiled import at_place, jit
-from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
+from t2twin.sim.optical.camera import Camera, optical_grid
+from t2twin.sim.optical.compiled import at_places, jit
 
 PITCH_MM = 1.4
 """Default distance of neighboring markers, mm: 27 px at 19.58 px/mm, the DIGIT with markers of FOTS
@@ -131,7 +131,7 @@ class Markers:
         """Where a camera sees the centers at rest and under a contact: (n, 2) rows and columns."""
         displacement = _displacement(self.rest_mm, surface_shift(contact))
         x, y = self.rest_mm.T
-        z = contact.elastomer.rest_surface_mm(x, y) + camera.tilt_mm(x, y)
+        z = camera.rest_mm(contact.elastomer, x, y)
         along_x, along_y, into = displacement.T
         rest, moved = camera.project(x, y, z), camera.project(x + along_x, y + along_y, z - into)
         return np.stack(rest, axis=-1), np.stack(moved, axis=-1)
@@ -164,7 +164,7 @@ class MarkerImage:
         surface; None for none.
         """
         points = self._points_mm if shift is None else _moved(self._points_mm, shift)
-        z_mm = _bilinear((self._rest_mm - coated_mm)[None], *self._axes, points)[:, 0]
+        z_mm = _between((self._rest_mm - coated_mm)[None], *self._axes, points)[:, 0]
         seen = np.stack(self._camera.project(points[:, 0], points[:, 1], z_mm), axis=-1)
         center, right, left, below, above = np.moveaxis(seen.reshape(-1, len(OUTLINE), 2), 1, 0)
         out = np.empty((self._camera.rows, self._camera.columns), dtype=np.float32)
@@ -180,22 +180,16 @@ def _moved(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
 def _displacement(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
     """(n, 2 or 3) displacement of points of a surface, (n, 2)."""
     values = np.ascontiguousarray(shift.values_mm, dtype=np.float32)
-    return _bilinear(values, shift.x_mm, shift.y_mm, points_mm)
+    return _between(values, shift.x_mm, shift.y_mm, points_mm)
 
 
-@jit
-def _bilinear(grids, x_mm, y_mm, points):
-    """(n, k) values of grids (k, y, x) at points (n, 2), linear between the grid's points.
-
-    Beyond the grid, the values are those of its rim.
-    """
-    out = np.empty((points.shape[0], grids.shape[0]))
+def _between(
+    grids: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray, points_mm: np.ndarray
+) -> np.ndarray:
+    """(n, k) values of grids (k, y, x) at points (n, 2), beyond the rim those at the rim."""
     per_x, per_y = 1.0 / (x_mm[1] - x_mm[0]), 1.0 / (y_mm[1] - y_mm[0])
-    for n in range(points.shape[0]):
-        across, down = (points[n, 0] - x_mm[0]) * per_x, (points[n, 1] - y_mm[0]) * per_y
-        for k in range(grids.shape[0]):
-            out[n, k] = at_place(grids[k], down, across)
-    return out
+    columns, rows = (points_mm[:, 0] - x_mm[0]) * per_x, (points_mm[:, 1] - y_mm[0]) * per_y
+    return at_places(grids, rows, columns)
 
 
 @jit

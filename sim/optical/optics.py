@@ -10,9 +10,9 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import REMARKS
-from t2twin.sim.optical.camera.noise import Noise
-from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
-from t2twin.sim.optical.light.illumination import COSINE_TERMS, LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.optical.camera import LENGTHS, MAX_MISALIGNMENT, Camera
+from t2twin.sim.optical.illumination import COSINE_TERMS, LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.optical.response import Noise
 
 PLACE_MM = 8.0
 """Unit of length of the response's polynomials, mm: half an image of 16 mm."""
@@ -37,10 +37,6 @@ ALBEDOS = (0.01, 10.0)
 """Range of the albedo (assumed: worn coatings have 0.3 to 1.5)."""
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
 """Keys of the noise in the file, present if it was measured."""
-SCALES_PX_PER_MM = (5.0, 100.0)
-DISTANCES_MM = (5.0, 100.0)
-"""Ranges of the image scale and the camera's distance (assumed: public optics files of DIGITs have
-17.2 to 19.6 px/mm and 20.8 to 22 mm)."""
 
 
 def place_terms(x_mm: np.ndarray, y_mm: np.ndarray, degree: int = PLACE_DEGREE) -> np.ndarray:
@@ -137,17 +133,14 @@ class Optics:
 
     def save(self, path: Path) -> None:
         """Write as .npz, atomically. Raises T2TwinError where it cannot be written."""
-        with atomic_write(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **self._file_content())
-
-    def _file_content(self) -> dict[str, Any]:
-        """The arrays of the file, by key."""
         values = {key: getattr(self, name) for name, key in _KEYS.items()}
         if not any(values[name] for name in MAX_MISALIGNMENT):
             values = {key: value for key, value in values.items() if key not in MAX_MISALIGNMENT}
         if self.noise is not None:
             values |= {NOISE_MIX: self.noise.mix, NOISE_TAPS: self.noise.taps}
-        return {key: value for key, value in values.items() if value is not None}
+        content = {key: value for key, value in values.items() if value is not None}
+        with atomic_write(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **content)
 
     @classmethod
     def load(cls, path: Path | str) -> "Optics":
@@ -178,10 +171,9 @@ def _read(path: Path | str) -> dict[str, Any]:
             for name, key in _KEYS.items()
             if key in file
         }
-        noise = [file[key] for key in (NOISE_MIX, NOISE_TAPS) if key in file]
-    if len(noise) == 1:
-        raise T2TwinError(f"one of {NOISE_MIX} and {NOISE_TAPS} is missing")
-    return values | ({"noise": Noise(*noise)} if noise else {})
+        if NOISE_MIX in file or NOISE_TAPS in file:
+            values["noise"] = Noise(file[NOISE_MIX], file[NOISE_TAPS])
+    return values
 
 
 def _sizes(background: np.ndarray, leds_mm: np.ndarray) -> dict[int | str, int]:
@@ -203,8 +195,7 @@ _LIMITS: dict[str, tuple[tuple[int | str, ...], float, float]] = {
     "sizes_mm": (("leds",), 0.0, LARGEST_LED_MM),
     "response": (("leds", 3, PLACE_TERMS, COSINE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),
     "gamma": ((), *GAMMAS),
-    "scale_px_per_mm": ((), *SCALES_PX_PER_MM),
-    "distance_mm": ((), *DISTANCES_MM),
+    **{name: ((), low, high) for name, (low, high) in LENGTHS.items()},
     **{name: ((), -limit, limit) for name, limit in MAX_MISALIGNMENT.items()},
     "young_mpa": ((), *YOUNGS_MPA),
     "lobe": (("leds", 3, LOBE_PLACES, LOBE_TERMS), -MAX_RESPONSE, MAX_RESPONSE),

@@ -4,7 +4,7 @@ As in the baked model, the image is background + L(deformed) - L(rest), but pyre
 gel at rest gives the background exactly. Gamma and noise are the same.
 
 pyrender gets a sampled unit's LEDs with their places, sizes and colors in the image's middle
-(t2twin.sim.optical.randomization.lighting). Each LED's light varies over the image and with the
+(t2twin.sim.optical.units). Each LED's light varies over the image and with the
 cosine of incidence as a default LED's does on a Lambertian surface. Negative leaks are omitted.
 
 A process has one renderer, which is created at the first image, so that PyrenderRenderer can be
@@ -30,15 +30,14 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.optical.camera import response
-from t2twin.sim.optical.camera.noise import standard_normal
-from t2twin.sim.optical.camera.pinhole import Camera, optical_grid
+from t2twin.sim.optical.camera import Camera, optical_grid
+from t2twin.sim.optical.illumination import REACH_MM, smoothed
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.light.leds import REACH_MM, Led
-from t2twin.sim.optical.light.ray_casting import smoothed
-from t2twin.sim.optical.light.shadows import MIN_CASTER_MM
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.response import linear, standard_normal
+from t2twin.sim.optical.shadows import MIN_CASTER_MM
+from t2twin.sim.optical.spec import Led
 
 FRAME_SECONDS = 1.1
 """Time of an image with software OpenGL on two idle cores, s. It uses
@@ -141,7 +140,7 @@ class ReferenceRenderer:
         self._passes = led_points if leds else 1
         self._axes = optical_grid(gel)
         self._grid = grid = np.meshgrid(*self._axes)
-        self._rest_mm = gel.rest_surface_mm(*grid) + camera.tilt_mm(*grid)
+        self._rest_mm = camera.rest_mm(gel, *grid)
         ny, nx = (size // MESH_STRIDE for size in self._rest_mm.shape)
         self._faces = _grid_faces(ny, nx)
         self._seen_faces = self._faces[self._is_seen()[self._faces].all(axis=1), ::-1]
@@ -222,7 +221,7 @@ class ReferenceRenderer:
         if surface_mm.shape != self._rest_mm.shape:
             raise T2TwinError(
                 f"surface_mm has shape {surface_mm.shape}; it must be {self._rest_mm.shape}, "
-                "on t2twin.sim.optical.camera.pinhole.optical_grid()"
+                "on t2twin.sim.optical.camera.optical_grid()"
             )
         surface_mm = smoothed(np.ascontiguousarray(surface_mm, dtype=np.float32))
         z = self._rest_mm - surface_mm
@@ -282,7 +281,7 @@ class PyrenderRenderer(ImageRenderer):
             change = _thread(os.getpid()).submit(_change, self._scene, surface_mm).result()
             if light.albedo is not None:
                 change = change * light.albedo[..., None]
-            total = response.linear(background, light.gamma) + change
+            total = linear(background, light.gamma) + change
             grey = 255.0 * np.clip(total, 0.0, 1.0) ** (1.0 / light.gamma)
         if shade.size:
             grey *= shade[..., None]

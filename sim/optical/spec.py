@@ -4,25 +4,35 @@ The sensor frame has x along the image's columns, y along its rows and z out of 
 origin at the apex of the gel at rest.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.spec import LayerTable, MountTable, SensorName
-from t2twin.sim.optical.camera.pinhole import LENGTHS, MAX_MISALIGNMENT, Camera
-from t2twin.sim.optical.light.leds import Led, LedDistance, Radiance
+from t2twin.sim.optical.camera import LENGTHS, MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.markers import Markers
-from t2twin.sim.optical.optics import DISTANCES_MM, MAX_LEDS, SCALES_PX_PER_MM
+from t2twin.sim.optical.optics import GAMMAS, MAX_LEDS
 
 KIND = "gel-camera"
 
 MAX_PIXELS = 1600
 """Limit on the rows and on the columns of an image (assumed: makers' interfaces give less)."""
 
+FARTHEST_MM, LARGEST_LED_MM = 200.0, 50.0
+"""Largest distance of an LED from the sensor's axis, and largest radius of one, mm (assumed)."""
+GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
+"""Angle between consecutive points of Vogel's spiral, rad (Vogel 1979)."""
+
+Radiance = Annotated[float, Meta(ge=0.0, le=100.0)]
+Coordinate = Annotated[float, Meta(ge=-FARTHEST_MM, le=FARTHEST_MM)]
+Beam = Annotated[float, Meta(gt=0.0, le=90.0)]
+LedDistance = Annotated[float, Meta(ge=1.0, le=FARTHEST_MM)]
+Gamma = Annotated[float, Meta(ge=GAMMAS[0], le=GAMMAS[1])]
 Pixels = Annotated[int, Meta(ge=16, le=MAX_PIXELS, multiple_of=2)]
-Scale = Annotated[float, Meta(ge=SCALES_PX_PER_MM[0], le=SCALES_PX_PER_MM[1])]
-Distance = Annotated[float, Meta(ge=DISTANCES_MM[0], le=DISTANCES_MM[1])]
+Scale = Annotated[float, Meta(ge=LENGTHS["scale_px_per_mm"][0], le=LENGTHS["scale_px_per_mm"][1])]
+Distance = Annotated[float, Meta(ge=LENGTHS["distance_mm"][0], le=LENGTHS["distance_mm"][1])]
 Shift = Annotated[
     float, Meta(ge=-MAX_MISALIGNMENT["shift_x_px"], le=MAX_MISALIGNMENT["shift_x_px"])
 ]
@@ -57,6 +67,73 @@ class CameraTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
         return Camera(**{name: getattr(self, name) for name in names})
 
 
+class Led(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One LED beside the gel, with its diffuser, after refraction by the plate.
+
+    color: linear radiance of the gel's paint, REACH_MM away. size_mm: of a disc that is vertical
+    and faces the sensor's axis.
+    """
+
+    color: Annotated[
+        tuple[Radiance, Radiance, Radiance],
+        Meta(description="linear red, green and blue at normal incidence, 22 mm away"),
+    ]
+    angle_deg: Annotated[
+        float,
+        Meta(ge=-360.0, le=360.0, description="around the gel, counterclockwise, 0 to the right"),
+    ]
+    radius_mm: Annotated[LedDistance, Meta(description="distance from the sensor's axis")]
+    z_mm: Annotated[Coordinate, Meta(description="height, negative on the camera's side")]
+    size_mm: Annotated[
+        float, Meta(ge=0.0, le=LARGEST_LED_MM, description="radius of the luminous disc")
+    ]
+    aim_mm: Annotated[
+        tuple[Coordinate, Coordinate, Coordinate],
+        Meta(description="a point on the beam's axis"),
+    ] = (0.0, 0.0, 0.0)
+    beam_deg: Annotated[
+        tuple[Beam, Beam], Meta(description="half angles between which the beam fades out")
+    ] = (80.0, 90.0)
+
+    def __post_init__(self) -> None:
+        inner, outer = self.beam_deg
+        if inner >= outer:
+            raise T2TwinError(f"beam_deg is [{inner:g}, {outer:g}]; expected the smaller first")
+        if np.allclose(self.position_mm, self.aim_mm):
+            raise T2TwinError("aim_mm is the LED's own place; expected a point away from it")
+
+    @property
+    def position_mm(self) -> np.ndarray:
+        """(3,) in the sensor frame (y points down in the image)."""
+        angle = np.radians(self.angle_deg)
+        return np.array(
+            [self.radius_mm * np.cos(angle), -self.radius_mm * np.sin(angle), self.z_mm]
+        )
+
+    def in_beam(self, points_mm: np.ndarray) -> np.ndarray:
+        """(...,) share of the LED's light that its beam leaves at points (..., 3), mm.
+
+        glTF's spot light, as in pyrender.
+        """
+        axis = np.array(self.aim_mm) - self.position_mm
+        ahead = points_mm - self.position_mm
+        cosine = ahead @ axis / (np.linalg.norm(axis) * np.linalg.norm(ahead, axis=-1))
+        inner, outer = np.cos(np.radians(self.beam_deg))
+        return np.clip((cosine - outer) / (inner - outer), 0.0, 1.0) ** 2
+
+    def points_mm(self, count: int) -> np.ndarray:
+        """(count, 3) points of equal areas of the disc, on Vogel's spiral."""
+        if count == 1:
+            return self.position_mm[None]
+        index = np.arange(count)
+        radius = self.size_mm * np.sqrt((index + 0.5) / count)
+        turn, angle = index * GOLDEN_ANGLE_RAD, np.radians(self.angle_deg)
+        sideways = np.array([np.sin(angle), np.cos(angle), 0.0])
+        upwards = np.array([0.0, 0.0, 1.0])
+        disc = np.cos(turn)[:, None] * sideways + np.sin(turn)[:, None] * upwards
+        return self.position_mm + radius[:, None] * disc
+
+
 class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The light of one unit: an optics file, LEDs, or both, which then describe the same light."""
 
@@ -68,7 +145,8 @@ class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
         Meta(description="linear red, green and blue of undirected light"),
     ] = (0.0, 0.0, 0.0)
     gamma: Annotated[
-        float, Meta(ge=0.5, le=4.0, description="exponent between light and grey levels")
+        float,
+        Meta(ge=GAMMAS[0], le=GAMMAS[1], description="exponent between light and grey levels"),
     ] = 2.2
     optics: Annotated[
         str | None, Meta(description="optics file of `t2twin calibrate`, beside the sensor's file")
@@ -77,6 +155,14 @@ class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     def __post_init__(self) -> None:
         if not self.leds and self.optics is None:
             raise T2TwinError("expected at least one of leds and optics")
+
+
+def check_ranges(values: dict[str, Any]) -> None:
+    """Raises T2TwinError for a range, low and high, that is reversed; others are passed over."""
+    for name, value in values.items():
+        if isinstance(value, tuple) and value[0] > value[1]:
+            low, high = value
+            raise T2TwinError(f"{name} is [{low:g}, {high:g}]; expected low first")
 
 
 class UnitsTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -92,10 +178,7 @@ class UnitsTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     ]
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            low, high = getattr(self, name)
-            if low > high:
-                raise T2TwinError(f"{name} is [{low:g}, {high:g}]; expected low first")
+        check_ranges({name: getattr(self, name) for name in self.__struct_fields__})
 
 
 class MarkersTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -9,8 +9,8 @@ from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.grid import dilated
 from t2twin.sim.contact.heights import raise_to_shape
 from t2twin.sim.contact.types import Contact
-from t2twin.sim.optical.camera.compiled import at_place
-from t2twin.sim.optical.camera.pinhole import optical_grid
+from t2twin.sim.optical.camera import optical_grid
+from t2twin.sim.optical.compiled import at_place
 from t2twin.sim.splines import on_lines
 
 NEAR_CELLS = 3

@@ -16,7 +16,7 @@ from msgspec import UNSET, structs
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import PREFIX
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
-from t2twin.sim.optical.randomization.ranges import log_uniform
+from t2twin.sim.optical.units import log_uniform
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.recipe import RANDOM, ForceRange, Motion, Part, Place, Recipe
 

@@ -31,8 +31,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.records import check_names, convert, read_toml
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.contact.types import FORCE_RANGE_N
-from t2twin.sim.optical.randomization.artifacts import Artifacts
-from t2twin.sim.optical.randomization.ranges import UnitRanges
+from t2twin.sim.optical.artifacts import Artifacts
+from t2twin.sim.optical.units import UnitRanges
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 
 RECIPES = Path(__file__).parent / "recipes"
@@ -268,7 +268,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     counts of taxel arrays (t2twin.sim.taxels.dense). background_frames: whether they contain the
     background frames of gel cameras' units. motion: of the sampled presses; without it all stay
     still. contact_maps: whether pairs contain the contact maps of gel cameras
-    (t2twin.sim.optical.contact_maps). Both are left out of info.json if they are not given.
+    (t2twin.sim.optical.gel_camera). Both are left out of info.json if they are not given.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=60)]

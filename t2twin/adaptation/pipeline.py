@@ -24,40 +24,39 @@ import numpy as np
 from t2twin.adaptation.real_frame_evaluation import (
     INITIAL,
     TRAINED,
+    AdaptationResult,
     Candidate,
     SimulatedReference,
     baseline_rmse_percent,
     choose,
     publish,
     simulate_reference,
-)
-from t2twin.adaptation.record import (
-    OPTICS,
-    RECORD,
-    AdaptationResult,
-    FittedOptics,
-    read_fitted,
     write_adapt_page,
-    write_fitted,
 )
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, is_empty, locked, write_json
+from t2twin.core.records import read_json
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.export import write_ball
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.calibrate.calibrate import (
     DEFAULT_TOLERANCE,
+    FORMAT,
+    OPTICS,
+    RECORD,
     Inputs,
+    OpticsRecord,
     calibrate,
     read_inputs,
     sensor_and_camera,
+    write_fit,
 )
 from t2twin.sim.calibrate.coverage import coverage_sentences
 from t2twin.sim.calibrate.measurements import Tolerance
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.pool import check_workers
-from t2twin.sim.optical.camera.pinhole import Camera
+from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.sim.sensors.pair import SensorPair
@@ -70,7 +69,7 @@ from t2twin.translate.training.train import run_of_model, train
 
 STEPS = ("light", "data", "training", "check")
 BALL, RECIPE, DATA, TRAINING = "ball.step", "recipe.toml", "data", "training"
-AVERAGED = "averaged"
+AVERAGED, ADAPTED = "averaged", "adapted.json"
 MIN_MINUTES, MAX_MINUTES = 1.0, 6000.0
 
 TRAINING_SHARE = 0.5
@@ -207,7 +206,7 @@ def adapt(
 ) -> AdaptationResult:
     """Adapts a translator to one gel camera, or resumes an interrupted adaptation.
 
-    Writes optics.npz, optics_coverage.png, presses.json, recipe.toml, data/, training/, averaged/,
+    Writes optics.npz, optics_coverage.png, optics.json, recipe.toml, data/, training/, averaged/,
     a run named after the model, adapted.json and index.html to the folder out. The run is the
     trained one, a field run with weights averaged with those of init_from, or a copy of init_from
     if that is more accurate on the held-out presses.
@@ -235,25 +234,29 @@ def adapt(
     )
     out, digest = config.out, config.digest(inputs)
     fitted = _existing_fit(config, digest)
-    _warn_of_contact(config, inputs.background, report)
+    for warning in contact_warnings(inputs.background, str(config.background), config.source):
+        report(f"warning: {warning}")
     spent: dict[str, float] = {}  # minutes
     with locked(out):
         with _step("light", spent, report):
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
             if not (out / RECIPE).is_file():
-                _write_recipe(config)
+                write_recipe(
+                    out / RECIPE, model, config.minutes, out / OPTICS, config.source,
+                    config.predicts_contact,
+                )  # fmt: skip
         with _step("data", spent, report):
             make_dataset(out / DATA, recipe=out / RECIPE, workers=workers)
         with _step("training", spent, report):
             _train(config)
     with _step("check", spent, report):  # without the lock, which write_page takes
         result = _check(config, inputs, fitted, spent)
-    write_json(out / RECORD, asdict(result))
+    write_json(out / ADAPTED, asdict(result))
     return result
 
 
 def _check(
-    config: AdaptConfig, inputs: Inputs, fitted: FittedOptics, minutes: dict[str, float]
+    config: AdaptConfig, inputs: Inputs, fitted: OpticsRecord, minutes: dict[str, float]
 ) -> AdaptationResult:
     """Writes the more accurate run and the page. minutes: by step, of the steps so far."""
     references = _references(config, inputs, fitted)
@@ -266,15 +269,16 @@ def _check(
     }
     kept = choose(candidates)
     publish(candidates, kept, config.out / config.model)
-    one = candidates[kept]
+    one, scores = candidates[kept], fitted.scores.calibrated
     zero, mean_array = baseline_rmse_percent(references, one.run)
+    assert fitted.uncertainty is not None
     result = AdaptationResult(
         model=config.model,
         kept=kept,
         runs={name: candidate.scores for name, candidate in candidates.items()},
         presses=len(references),
-        optics_psnr_db=fitted.psnr_db,
-        optics_ssim=fitted.ssim,
+        optics_psnr_db=scores.psnr_db,
+        optics_ssim=scores.ssim,
         zero_rmse_percent=zero,
         mean_array_rmse_percent=mean_array,
         minutes=minutes,
@@ -300,10 +304,7 @@ def _train(config: AdaptConfig) -> None:
 
 
 def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) -> Path | None:
-    """Folder of the run that initializes the training.
-
-    Raises T2TwinError for a run that is missing or of another model.
-    """
+    """Folder of the run that initializes the training; refuses one of another model."""
     if init_from is None:
         size = (sensor.camera.rows, sensor.camera.columns)
         for name in pretrained_runs():
@@ -314,14 +315,6 @@ def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) ->
     return run_of_model(init_from, model)[0]
 
 
-def _write_recipe(config: AdaptConfig) -> None:
-    out = config.out
-    write_recipe(
-        out / RECIPE, config.model, config.minutes, out / OPTICS, config.source,
-        config.predicts_contact,
-    )  # fmt: skip
-
-
 def write_recipe(
     file: Path,
     model: str,
@@ -330,11 +323,10 @@ def write_recipe(
     source: str | Path = SOURCE,
     contact_maps: bool = False,
 ) -> None:
-    """Writes the recipe of a dataset in the light of one unit.
+    """Writes the recipe of a dataset in the light around an optics file.
 
-    file: the recipe. model: named in its comment. minutes: duration of the adaptation, which
-    determines the number of presses. optics: file of the light around which units are
-    sampled. source: the gel camera, by name or file. contact_maps: whether the pairs have them.
+    minutes: duration of the adaptation, which determines the number of presses. source: the gel
+    camera, by name or file. contact_maps: whether the pairs have them.
     """
     text = RECIPE_TEXT.format(
         model=model,
@@ -355,34 +347,24 @@ def _quoted(text: str | Path) -> str:
     return f'"{escaped}"'
 
 
-def _warn_of_contact(
-    config: AdaptConfig, background: np.ndarray, report: Callable[[str], object]
-) -> None:
-    """Report a contact in the background frame."""
-    for warning in contact_warnings(background, str(config.background), config.source):
-        report(f"warning: {warning}")
-
-
-def _existing_fit(config: AdaptConfig, digest: str) -> FittedOptics | None:
-    """The optics of an interrupted adaptation.
-
-    Raises T2TwinError if its inputs differ or the folder has other content.
-    """
+def _existing_fit(config: AdaptConfig, digest: str) -> OpticsRecord | None:
+    """The optics of an interrupted adaptation; refuses other inputs and other content."""
     if not config.out.is_dir() or is_empty(config.out):
         return None
-    fitted = read_fitted(config.out)
+    is_fitted = all((config.out / name).is_file() for name in (OPTICS, RECORD))
+    fitted = read_json(config.out / RECORD, OpticsRecord, FORMAT) if is_fitted else None
     if fitted is None and not (config.out / BALL).is_file():
         raise T2TwinError(
             f"{config.out} is not empty and contains no adaptation; choose another folder"
         )
-    if fitted is not None and fitted.inputs_digest != digest:
+    if fitted is not None and fitted.inputs_sha256 != digest:
         raise T2TwinError(
             f"{config.out} contains an adaptation to other frames or numbers; choose another folder"
         )
     return fitted
 
 
-def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> FittedOptics:
+def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> OpticsRecord:
     optics = calibrate(
         config.background, config.presses, config.ball_diameter_mm, config.held_out, config.camera,
         report, config.tolerance, config.sensor,
@@ -390,19 +372,21 @@ def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> F
     for sentence in coverage_sentences(optics.coverage, optics.optics.camera):
         report(sentence)
     write_ball(config.out / BALL, config.ball_diameter_mm)
-    gel = config.sensor.own_gel
-    return write_fitted(config.out, optics, digest, config.ball_diameter_mm, gel)
+    return write_fit(config.out, optics, config.sensor.own_gel, digest)
 
 
 def _references(
-    config: AdaptConfig, inputs: Inputs, fitted: FittedOptics
+    config: AdaptConfig, inputs: Inputs, fitted: OpticsRecord
 ) -> list[SimulatedReference]:
     """Simulated presses of the held-out frames."""
-    balls = [_ball(config, diameter_mm) for diameter_mm in fitted.diameters_mm]
-    sensors = SensorPair.of(config.sensor, optics=config.out / OPTICS, frames=1)
+    assert fitted.uncertainty is not None
+    diameters_mm = {press.name: press.ball_diameter_mm for press in fitted.uncertainty.presses}
     names = [press.name for press in fitted.held_out]
+    balls = [_ball(config, diameters_mm[name]) for name in names]
+    poses = np.array([(press.x_mm, press.y_mm, press.depth_mm) for press in fitted.held_out])
+    sensors = SensorPair.of(config.sensor, optics=config.out / OPTICS, frames=1)
     frames = inputs.frames[[inputs.names.index(name) for name in names]]
-    return simulate_reference(names, fitted.poses, frames, balls, sensors)
+    return simulate_reference(names, poses, frames, balls, sensors)
 
 
 def _ball(config: AdaptConfig, diameter_mm: float) -> Shape:

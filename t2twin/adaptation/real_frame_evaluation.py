@@ -14,15 +14,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from PIL import Image
 from skimage.measure import label
 
+from t2twin.core.draw import Panel, panels_image
 from t2twin.core.files import atomic_write
+from t2twin.core.tables import Table
 from t2twin.core.templates import render
 from t2twin.primitives_cad.shape import Shape
+from t2twin.report.page import write_page
+from t2twin.sim.calibrate.measurements import OpticsUncertainty, uncertainty_table
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair
@@ -41,6 +45,8 @@ REGION_SHARE = 0.2
 
 MIN_CONTACT_SHARE = 0.01
 """Smallest count of a contact, in parts of full scale (assumed)."""
+
+TITLE = "Translator adapted to this sensor"
 
 TRAINED, INITIAL = "trained", "initial"
 """Names of the runs of an adaptation: its own, and the one that initialized the training."""
@@ -143,6 +149,34 @@ class RunScores:
     background_counts: float
 
 
+@dataclass(frozen=True)
+class AdaptationResult:
+    """Content of adapted.json.
+
+    model: the trained model. kept: name of the more accurate run, TRAINED or INITIAL. runs: scores
+    by name; INITIAL, the run that initialized the training, is missing if there is none. presses:
+    number of held-out presses. optics_psnr_db, optics_ssim: of the calibrated optics on them.
+    zero_rmse_percent, mean_array_rmse_percent: baselines, no counts and the mean array of the
+    presses. minutes: by step. uncertainty: ranges of the presses' depths and forces.
+    """
+
+    model: str
+    kept: str
+    runs: dict[str, RunScores]
+    presses: int
+    optics_psnr_db: float
+    optics_ssim: float
+    zero_rmse_percent: float
+    mean_array_rmse_percent: float
+    minutes: dict[str, float]
+    uncertainty: OpticsUncertainty
+
+    @property
+    def scores(self) -> RunScores:
+        """Scores of the kept run."""
+        return self.runs[self.kept]
+
+
 def simulate_reference(
     names: Sequence[str],
     poses: np.ndarray,
@@ -190,8 +224,7 @@ def evaluate_frames(
 
 
 def _depth_rmse_mm(contact: ContactEstimate | None, reference: SimulatedReference) -> float | None:
-    """RMSE of the depth in the contact, in the cells of the contact maps; None if it is not
-    predicted."""
+    """RMSE of the depth in the contact, in cells of the maps; None if it is not predicted."""
     if contact is None:
         return None
     rows, columns = reference.depth_mm.shape
@@ -244,8 +277,7 @@ def _predict(
     reference: SimulatedReference,
     background: np.ndarray | None,
 ) -> tuple[np.ndarray, float | None, float | None, float | None]:
-    """Counts, force in newtons, the share of the true counts that the intervals cover, and the RMSE
-    of the depth in the contact, mm."""
+    """Counts, force, N, covered share of the true counts, RMSE of the contact's depth, mm."""
     if not isinstance(run, FieldPredictor):
         return predict_counts(run, image, background), None, None, None
     contact = None
@@ -270,10 +302,7 @@ def centroid_mm(run: CountsPredictor, counts: np.ndarray) -> np.ndarray:
 
 
 def _regions(image: np.ndarray, least: float) -> int:
-    """Number of connected contact regions of a tactile image, (R, C).
-
-    least: smallest count of a contact.
-    """
+    """Number of connected regions of a tactile image whose counts are at least a contact's."""
     contact = image > max(REGION_SHARE * float(image.max()), least)
     return int(cast(np.ndarray, label(contact)).max())
 
@@ -339,3 +368,58 @@ def publish(candidates: Mapping[str, Candidate], kept: str, out_dir: Path) -> No
     section = render("adaptation/templates/card.md", kept=kept, scores=scores)
     with atomic_write(out_dir / CARD) as temporary:
         temporary.write_text(text.replace(LIMITS, f"{section}\n{LIMITS}", 1), encoding="utf-8")
+
+
+def write_adapt_page(
+    out: Path,
+    run: CountsPredictor,
+    comparisons: Sequence[PressComparison],
+    result: AdaptationResult,
+) -> Path:
+    """Writes out/index.html and returns its path."""
+    sections = {
+        "summary": ("", lambda: _summary(result, run)),
+        "presses": (
+            "Presses",
+            lambda: {"presses": [(one, _figure(run, one)) for one in comparisons]},
+        ),
+        "uncertainty": ("Uncertainty", lambda: {"table": uncertainty_table(result.uncertainty)}),
+    }
+    templates = ["adaptation/templates/adaptation.html"]
+    return write_page(out, TITLE, templates, sections, result=result)
+
+
+def _summary(result: AdaptationResult, run: CountsPredictor) -> dict[str, Any]:
+    rows = [
+        [
+            name,
+            f"{scores.rmse_percent:.2f}",
+            f"{scores.centroid_mm:.2f}",
+            f"{100 * scores.force_error:.0f}",
+            f"{scores.single_region}",
+            "" if scores.depth_rmse_mm is None else f"{scores.depth_rmse_mm:.3f}",
+            f"{scores.refused}",
+        ]
+        for run, each in result.runs.items()
+        for name, scores in (
+            (f"{run} run, real frames", each.real),
+            (f"{run} run, simulated frames", each.simulated),
+        )
+    ]
+    heads = ["", "RMSE, %", "centroid, mm", "force error, %", "one region", "depth, mm", "refused"]
+    least = MIN_CONTACT_SHARE * run.config.data.array.full_scale_counts
+    return {"table": Table(heads, {"": rows}), "min_contact_counts": least}
+
+
+def _figure(run: CountsPredictor, comparison: PressComparison) -> bytes:
+    """A PNG of both frames of a press, their translations and the reference."""
+    reference, layout = comparison.reference, run.config.data.array
+    phi = layout.phi
+    panels = [
+        Panel("real frame", reference.frame),
+        Panel("translated", phi(comparison.real.counts)),
+        Panel("simulated frame", reference.simulated),
+        Panel("translated", phi(comparison.simulated.counts)),
+        Panel("simulated target", phi(reference.counts)),
+    ]
+    return panels_image(panels, phi.centers_mm, layout.x_mm, layout.y_mm)

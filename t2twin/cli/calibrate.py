@@ -10,10 +10,10 @@ import tyro
 from t2twin.sim.sensors.defaults import SOURCE
 
 if TYPE_CHECKING:
-    from t2twin.adaptation.record import AdaptationResult
+    from t2twin.adaptation.real_frame_evaluation import AdaptationResult
     from t2twin.sim.calibrate.calibrate import OpticsReport, Score
     from t2twin.sim.calibrate.measurements import Tolerance
-    from t2twin.sim.optical.camera.pinhole import Camera
+    from t2twin.sim.optical.camera import Camera
 
 FILES = ("optics_strip.png", "optics_coverage.png", "optics.json", "optics.npz")
 """Files written to --out with presses."""
@@ -144,9 +144,9 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
 
     from t2twin.core.files import atomic_write
     from t2twin.core.tables import text
-    from t2twin.sim.calibrate.calibrate import sensor_and_camera, write_coverage, write_record
+    from t2twin.sim.calibrate.calibrate import sensor_and_camera, write_fit
     from t2twin.sim.calibrate.coverage import coverage_sentences
-    from t2twin.sim.calibrate.uncertainty import uncertainty_table
+    from t2twin.sim.calibrate.measurements import uncertainty_table
 
     simulated, noise, rng = report.simulated, report.optics.noise, np.random.default_rng(0)
     if noise is not None:
@@ -156,9 +156,7 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     with atomic_write(out / "optics_strip.png") as temporary:
         Image.fromarray(strip).save(temporary)
     gel_camera, _ = sensor_and_camera(sensor, None)
-    write_coverage(out / "optics_coverage.png", report, gel_camera.own_gel)
-    write_record(out / "optics.json", report)
-    report.optics.save(out / "optics.npz")
+    write_fit(out, report, gel_camera.own_gel)
     unsure = report.uncertainty
     lines = [] if unsure is None else [text(uncertainty_table(unsure)), ""]
     covered = coverage_sentences(report.coverage, report.optics.camera)
@@ -234,7 +232,7 @@ def adapt(
 
 def _print(result: "AdaptationResult") -> None:
     from t2twin.core.tables import text
-    from t2twin.sim.calibrate.uncertainty import uncertainty_table
+    from t2twin.sim.calibrate.measurements import uncertainty_table
 
     print(text(uncertainty_table(result.uncertainty)), end="\n\n")
     minutes = ", ".join(f"{name} {spent:.1f}" for name, spent in result.minutes.items())

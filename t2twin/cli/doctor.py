@@ -130,7 +130,7 @@ def _rendering() -> str:
         return "not on macOS, which has no EGL; only the renderer pyrender needs it"
     import numpy as np
 
-    from t2twin.sim.optical.camera.pinhole import optical_grid
+    from t2twin.sim.optical.camera import optical_grid
     from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
     from t2twin.sim.sensors.pair import SensorPair
 

@@ -317,8 +317,8 @@ def _of_frames() -> Iterator[Case]:
     )  # fmt: skip
     for number, (name, files, says) in enumerate(wrong):
         yield Case(f"frames: {name}", (CALIBRATE, ADAPT)[number % 2], laid(files), says)
-    begun = FRAMES | {"out/presses.json": "{}", "out/optics.npz": b""}
-    yield Case("adapt: a damaged earlier start", ADAPT, laid(begun), "presses.json")
+    begun = FRAMES | {"out/optics.json": "{}", "out/optics.npz": b""}
+    yield Case("adapt: a damaged earlier start", ADAPT, laid(begun), "optics.json")
     yield Case("the background alone", ALONE, laid({"background.png": UNTOUCHED}), fine=True)
     small = LIVE | {"b.png": encoded(frame(size=(30, 40)).convert("L"))}
     live = "live d --frames 1 --background b.png"

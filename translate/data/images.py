@@ -16,7 +16,7 @@ from t2twin.core.arguments import describe
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import open_regular, read_file
 from t2twin.core.images import MAX_FILE_BYTES, check_image_header, decode_image
-from t2twin.sim.optical.camera.noise import standard_normal
+from t2twin.sim.optical.response import standard_normal
 
 RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
 RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)

@@ -10,7 +10,7 @@ LED's middle, with clearance c, hides the disc up to c D / s from its middle.
 
 import numpy as np
 
-from t2twin.sim.optical.camera.compiled import bilinear, inlined, jit_finite
+from t2twin.sim.optical.compiled import bilinear, inlined, jit_finite
 
 SHADOW_STRIDE = 2
 """Cells of the optical grid per cell of the shadow grid, 0.2 mm."""
@@ -138,11 +138,7 @@ def _neighbors_are_lit(seen, i, j, window):
 
 @inlined
 def _spans(row, i, first, dy, led, size, x0, pitch, caster, nearest, fars, begins, ends):
-    """Fill, for the cells of a row from column `first` on, the distance of the LED and the interval
-    of distances in which its ray can be blocked, mm.
-
-    dy: from the row to the LED along y, mm. nearest: z of the caster's point nearest to the camera.
-    """
+    """Fill each cell's distance to the LED and the interval in which its ray can be blocked, mm."""
     # rays along an axis are rotated slightly, which avoids divisions by zero
     gap_y = dy if abs(dy) > MIN_GAP_MM else MIN_GAP_MM
     per_gap = pitch / gap_y
@@ -167,26 +163,26 @@ def _spans(row, i, first, dy, led, size, x0, pitch, caster, nearest, fars, begin
 
 @inlined
 def _min_slope(heights, i, j, gi, gj, z, begin, end):
-    """Smallest slope from a cell to the surface along its ray, within an interval of distances.
-
-    gi, gj: rows and columns per mm along the ray. begin, end: the interval, mm.
-    """
-    last_i, last_j = heights.shape[0] - 2, heights.shape[1] - 2
+    """Smallest slope from a cell to the surface along its ray between two distances, mm."""
     n = FIRST_STOPS[int(begin)]
     while n < RAY_STOPS_MM.size and RAY_STOPS_MM[n] < begin:
         n += 1
     least = _FAR_ABOVE
     while n < RAY_STOPS_MM.size and RAY_STOPS_MM[n] <= end:
         s = RAY_STOPS_MM[n]
-        fi, fj = np.float32(i) + gi * s, np.float32(j) + gj * s
-        a, b = min(max(int(fi), 0), last_i), min(max(int(fj), 0), last_j)
-        u, v = fi - np.float32(a), fj - np.float32(b)
-        there = bilinear(
-            heights[a, b], heights[a, b + 1], heights[a + 1, b], heights[a + 1, b + 1], u, v
-        )
+        there = at_cell(heights, np.float32(i) + gi * s, np.float32(j) + gj * s)
         least = min(least, (there - z + _BIAS) * PER_STOP[n])
         n += 1
     return least
+
+
+@inlined
+def at_cell(grid, row, column):
+    """A float32 grid, interpolated at a place in cells; beyond the rim it is extrapolated."""
+    i = min(max(int(row), 0), grid.shape[0] - 2)
+    j = min(max(int(column), 0), grid.shape[1] - 2)
+    down, across = row - np.float32(i), column - np.float32(j)
+    return bilinear(grid[i, j], grid[i, j + 1], grid[i + 1, j], grid[i + 1, j + 1], down, across)
 
 
 @inlined

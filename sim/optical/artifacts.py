@@ -21,14 +21,11 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct
 
-from t2twin.core.errors import T2TwinError
-from t2twin.sim.optical.camera.compiled import jit
-from t2twin.sim.optical.light.leds import Led
+from t2twin.sim.optical.compiled import jit
 from t2twin.sim.optical.optics import Optics
-from t2twin.sim.optical.randomization.lighting import at_middle
-from t2twin.sim.optical.randomization.ranges import Range, log_uniform
-from t2twin.sim.optical.randomization.unit import Size as Pixels
-from t2twin.sim.optical.randomization.unit import Unit, cubic_weights
+from t2twin.sim.optical.spec import Led, check_ranges
+from t2twin.sim.optical.units import Range, Unit, at_middle, cubic_weights, log_uniform
+from t2twin.sim.optical.units import Size as Pixels
 
 DRIFT_PX = 80
 """Distance of neighboring samples of the drift, px (assumed: as smooth as in one real unit)."""
@@ -61,48 +58,31 @@ Length = Annotated[float, Meta(ge=0.0, le=100.0)]
 class Artifacts(Struct, frozen=True, forbid_unknown_fields=True):
     """Distribution of the artifacts of sampled units: ranges, low and high.
 
-    streaks: number of streaks, bright bands that point at an LED. streak_grey: brightness, grey
-    levels, log-uniform. streak_px, streak_length_px: half width and half length, log-uniform.
-    streak_off_deg: deviation from the LED's direction. streak_bend_part: sideways offset of the
-    ends over the half length. streak_moved_px, changed_part: move and relative change of brightness
-    between background frame and press.
-    glares: number of glares at the image's edge, near an LED. glare_grey: brightness, grey levels.
-    glare_px: radius at a quarter of the brightness. Both log-uniform; brightness changes by
-    changed_part.
-    other_color_part: brightness of streaks and glares in the colors other than the LED's.
-    worn: share of units with worn gel. wear_part, speckle_part: standard deviation of the albedo's
-    smooth and fine parts.
-    drift_grey: root mean square of the drift between background frame and press, grey levels, for
-    each color. drift_even_part: share of its mean square that is even over the image, on average.
-
     Drift, and the move and the brightness of streaks are as in frames of one real unit; the others
-    are assumed. Raises T2TwinError for a reversed range.
+    are assumed. Brightnesses, widths, lengths and radii are log-uniform. Raises T2TwinError for a
+    reversed range.
     """
 
-    streaks: tuple[Count, Count] = (0, 4)
-    streak_grey: tuple[Grey, Grey] = (5.0, 50.0)
-    streak_px: tuple[Size, Size] = (6.0, 40.0)
-    streak_length_px: tuple[Size, Size] = (30.0, 160.0)
-    streak_off_deg: tuple[Degrees, Degrees] = (-25.0, 25.0)
-    streak_bend_part: tuple[Change, Change] = (-0.1, 0.1)
-    streak_moved_px: tuple[Length, Length] = (0.0, 10.0)
-    glares: tuple[Count, Count] = (0, 2)
-    glare_grey: tuple[Grey, Grey] = (20.0, 200.0)
-    glare_px: tuple[Size, Size] = (3.0, 40.0)
-    changed_part: tuple[Change, Change] = (-0.3, 0.3)
-    other_color_part: tuple[Part, Part] = (0.0, 0.7)
-    worn: Part = 0.5
-    wear_part: tuple[Part, Part] = (0.02, 0.12)
-    speckle_part: tuple[Part, Part] = (0.01, 0.06)
-    drift_grey: tuple[Drift, Drift] = (1.0, 6.0)
-    drift_even_part: tuple[Part, Part] = (0.0, 0.6)
+    streaks: tuple[Count, Count] = (0, 4)  # number of bright bands that point at an LED
+    streak_grey: tuple[Grey, Grey] = (5.0, 50.0)  # brightness
+    streak_px: tuple[Size, Size] = (6.0, 40.0)  # half width
+    streak_length_px: tuple[Size, Size] = (30.0, 160.0)  # half length
+    streak_off_deg: tuple[Degrees, Degrees] = (-25.0, 25.0)  # deviation from the LED's direction
+    streak_bend_part: tuple[Change, Change] = (-0.1, 0.1)  # offset of the ends over the half length
+    streak_moved_px: tuple[Length, Length] = (0.0, 10.0)  # between background frame and press
+    glares: tuple[Count, Count] = (0, 2)  # number of glares at the image's edge, near an LED
+    glare_grey: tuple[Grey, Grey] = (20.0, 200.0)  # brightness
+    glare_px: tuple[Size, Size] = (3.0, 40.0)  # radius at a quarter of the brightness
+    changed_part: tuple[Change, Change] = (-0.3, 0.3)  # of brightness since the background frame
+    other_color_part: tuple[Part, Part] = (0.0, 0.7)  # brightness in colors other than the LED's
+    worn: Part = 0.5  # share of units with worn gel
+    wear_part: tuple[Part, Part] = (0.02, 0.12)  # deviation of the albedo's smooth part
+    speckle_part: tuple[Part, Part] = (0.01, 0.06)  # and of its fine part
+    drift_grey: tuple[Drift, Drift] = (1.0, 6.0)  # root mean square of the drift of each color
+    drift_even_part: tuple[Part, Part] = (0.0, 0.6)  # share of its mean square that is even
 
     def __post_init__(self) -> None:
-        for name in self.__struct_fields__:
-            value = getattr(self, name)
-            if isinstance(value, tuple) and value[0] > value[1]:
-                low, high = value
-                raise T2TwinError(f"{name} of artifacts is [{low:g}, {high:g}]; expected low first")
+        check_ranges({name: getattr(self, name) for name in self.__struct_fields__})
 
 
 Lights = tuple[np.ndarray, np.ndarray]
@@ -294,32 +274,16 @@ def compose(background, shade, drift, streaks, glares, out):
             for column in range(columns):
                 for c in range(3):
                     grey[column, c] *= values[column]
-        if drift.size > 0:
-            _add_drift(drift, row, grey)
+        for c in range(3 if drift.size > 0 else 0):
+            _enlarge_row(drift[c], FINE_DRIFT_PX, row, values)
+            for column in range(columns):
+                grey[column, c] += values[column]
         for n in range(streaks.shape[0]):
             _add_streak(streaks[n], row, grey)
         for n in range(glares.shape[0]):
             _add_glare(glares[n], row, grey)
         for n in range(flat.size):
             filled[n] = np.uint8(min(max(flat[n], _ZERO), _BRIGHTEST) + _HALF)
-
-
-@jit
-def _add_drift(drift, row, grey):
-    """Add a row of a drift (RGB, nodes) to grey (columns, RGB), linear between the nodes."""
-    per_step = _ONE / np.float32(FINE_DRIFT_PX)
-    i, down = row // FINE_DRIFT_PX, np.float32(row % FINE_DRIFT_PX) * per_step
-    line = drift[:, i] + down * (drift[:, i + 1] - drift[:, i])
-    for j in range(line.shape[1] - 1):
-        red, green, blue = line[0, j], line[1, j], line[2, j]
-        red_per_px = (line[0, j + 1] - red) * per_step
-        green_per_px = (line[1, j + 1] - green) * per_step
-        blue_per_px = (line[2, j + 1] - blue) * per_step
-        for n in range(min(FINE_DRIFT_PX, grey.shape[0] - j * FINE_DRIFT_PX)):
-            column, far = j * FINE_DRIFT_PX + n, np.float32(n)
-            grey[column, 0] += red + far * red_per_px
-            grey[column, 1] += green + far * green_per_px
-            grey[column, 2] += blue + far * blue_per_px
 
 
 @jit

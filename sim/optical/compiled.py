@@ -1,4 +1,6 @@
-"""Compilation of the optics' inner loops, and their shared functions."""
+"""Compilation of the optics' inner loops, and their bilinear interpolation."""
+
+import numpy as np
 
 from t2twin.core.jit import compiled
 
@@ -28,3 +30,13 @@ def at_place(grid, row, column):
     return bilinear(
         grid[i, j], grid[i, j + 1], grid[i + 1, j], grid[i + 1, j + 1], row - i, column - j
     )
+
+
+@jit
+def at_places(grids, rows, columns):
+    """(n, k) float64 values of grids (k, rows, columns) between their points, as at_place."""
+    out = np.empty((rows.size, grids.shape[0]))
+    for n in range(rows.size):
+        for k in range(grids.shape[0]):
+            out[n, k] = at_place(grids[k], rows[n], columns[n])
+    return out

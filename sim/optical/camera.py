@@ -4,10 +4,8 @@ Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the image, y 
 sensor), with z = 0 at the apex of the gel at rest. The camera is at z = -distance_mm on the axis
 and points along +z. The center of pixel (row, column) is at these integer coordinates.
 
-Units differ in the camera's placement. A shift moves the whole image by pixels. A tilt rotates the
-gel about its apex: it adds a plane to the surface at rest, while the camera and the LEDs stay. So
-the pixels' rays remain those of a grid and the image's middle stays in place. A rotated camera
-would also shift the image and change the LEDs' directions.
+A shift moves the whole image by pixels. A tilt rotates the gel about its apex: it adds a plane to
+the surface at rest, while the camera and the LEDs stay.
 """
 
 from dataclasses import dataclass
@@ -25,8 +23,9 @@ little)."""
 PARALLAX_STEPS = 6
 """Fixed-point steps of the intersection of ray and gel. Each multiplies the error by the slopes of
 surface and ray (at most 0.4); the remaining error is below 0.01 mm."""
-LENGTHS = {"scale_px_per_mm": (1.0, 200.0), "distance_mm": (5.0, 200.0)}
-"""Allowed scales and distances (assumed)."""
+LENGTHS = {"scale_px_per_mm": (5.0, 100.0), "distance_mm": (5.0, 100.0)}
+"""Allowed scales and distances (assumed: public optics files of DIGITs have 17.2 to 19.6 px/mm and
+20.8 to 22 mm)."""
 MAX_MISALIGNMENT = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
 """Largest shift, px, and tilt, degrees (assumed: a shift of 5 mm, a clearly visible tilt)."""
 
@@ -76,15 +75,14 @@ class Camera:
         """Row and column of the sensor's axis in the image, px."""
         return (self.rows - 1) / 2 + self.shift_y_px, (self.columns - 1) / 2 + self.shift_x_px
 
-    @property
-    def is_level(self) -> bool:
-        """Whether the gel has no tilt."""
-        return self.tilt_x_deg == 0.0 and self.tilt_y_deg == 0.0
-
     def tilt_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """The tilt's contribution to the gel's z, mm; x_mm and y_mm are broadcast."""
         along_x, along_y = np.tan(np.radians([self.tilt_y_deg, self.tilt_x_deg]))
         return along_x * x_mm + along_y * y_mm
+
+    def rest_mm(self, gel: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """z of a gel at rest, with the tilt, mm."""
+        return gel.rest_surface_mm(x_mm, y_mm) + self.tilt_mm(x_mm, y_mm)
 
     def project(
         self, x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray
@@ -128,7 +126,7 @@ class Camera:
         z = np.zeros_like(across)
         for _ in range(PARALLAX_STEPS):
             x, y = across * (self.distance_mm + z), down * (self.distance_mm + z)
-            z = gel.rest_surface_mm(x, y) + self.tilt_mm(x, y)
+            z = self.rest_mm(gel, x, y)
         return across * (self.distance_mm + z), down * (self.distance_mm + z), z
 
 

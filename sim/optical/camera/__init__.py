@@ -1,1 +1,0 @@
-"""The camera: projection, response, noise."""

@@ -1,0 +1,504 @@
+"""Light of the LEDs on the deflected gel, where the camera's rays meet it.
+
+This is the geometry of the baked model (t2twin.sim.optical.image_renderer). Camera and gel are
+fixed; LEDs are arguments, so that a fit can move them.
+
+G is the optical grid (ny, nx), C its shadow grid, P the image (rows, columns), S the image's
+lattice of samples: one in the middle of every 2 x 2 pixels and one more beyond each edge
+(rows / 2 + 2, columns / 2 + 2). All numbers are float32, which is twice as fast as mixed types.
+
+The lobe is light that depends on the direction of the gel's normal, not only on the cosine of
+incidence. A semi-specular coating and LEDs that are wider than a disc shift an LED's highlight. The
+lobe is a quadratic polynomial of the normal's lateral components times a quadratic polynomial of
+the place.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.optical.camera import Camera, optical_grid
+from t2twin.sim.optical.compiled import bilinear, inlined, jit_finite
+from t2twin.sim.optical.shadows import (
+    MIN_CASTER_MM,
+    SHADOW_STRIDE,
+    at_cell,
+    coarse_heights,
+    led_visibility,
+    soften,
+)
+
+REACH_MM = 22.0
+"""Distance of an LED at which its color is defined, mm: that of the axis."""
+MIN_DEFLECTION_MM = 2.0e-3
+"""Smallest deflection that is rendered, mm: less than a grey level (assumed)."""
+REST_STEPS = 12
+"""Largest number of fixed-point steps to the intersection of a ray and the gel at rest."""
+DEFORMED_STEPS = 3
+"""The same for the deformed gel, from the neighboring ray's displacement: each step multiplies the
+error by the slopes of surface and ray, at most 0.4."""
+COATING_TAPS = np.array([0.0614, 0.2448, 0.3876, 0.2448, 0.0614], dtype=np.float32)
+"""Weights of a Gaussian of one cell, 0.1 mm (assumed: the coating's thickness)."""
+COSINE_TERMS = 4
+"""Number of powers of the cosine of incidence: m^0 to m^3."""
+GAIN_STRIDE = 2
+"""Distance of the rows of S with stored gains; the others are interpolated. The gains of all rows
+would exceed the processor's cache. One grey level in a thousand changes, by one."""
+RAY_TOLERANCE_MM = np.float32(2e-3)
+"""Tolerance of a ray's height at the gel, mm: 0.02 pixels."""
+LOBE_DEGREE = 2
+"""Degree of the lobe in the place (assumed; others were not compared)."""
+LOBE_PLACES = (LOBE_DEGREE + 1) * (LOBE_DEGREE + 2) // 2
+LOBE_TERMS = 5
+"""Number of normal_terms."""
+
+_ZERO, _ONE, _TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+
+Region = tuple[int, int, int, int]
+"""First row, end row, first column, end column."""
+NOWHERE: Region = (0, 0, 0, 0)
+GROWN = np.array([-1, 1, -1, 1])
+"""Change of a region that grows by a cell to each side."""
+
+
+@dataclass(frozen=True)
+class Leds:
+    """LEDs for ray casting: (LEDs, 3) places in the sensor frame, (LEDs,) radii of their discs."""
+
+    places_mm: np.ndarray
+    sizes_mm: np.ndarray
+
+
+class Rays:
+    """The rays of one camera on one gel. shadows: whether LEDs cast shadows."""
+
+    def __init__(self, camera: Camera, gel: Elastomer, shadows: bool = True) -> None:
+        self.camera = camera
+        self._shadows = shadows
+        self.x_mm, self.y_mm = optical_grid(gel)
+        self.pitch_mm = float(self.x_mm[1] - self.x_mm[0])
+        self.rest_mm = rest_surface_mm(camera, gel)
+        self._highest_mm = max(0.0, float(self.rest_mm.max()))
+        self._across = _sample_slopes(camera.columns, camera.middle[1], camera.focal_px)
+        self._down = _sample_slopes(camera.rows, camera.middle[0], camera.focal_px)
+        self._frame = tuple(
+            np.float32(at) for at in (camera.distance_mm, self.x_mm[0], self.y_mm[0], self.pitch_mm)
+        )
+        self.everywhere: Region = (0, self._down.size, 0, self._across.size)
+        seen = camera.is_seen(self.x_mm, self.y_mm, 4 * self.pitch_mm, self._highest_mm)
+        # of the grid, that the image can contain, for any height of the gel
+        self._window = _bounds(seen[1][:, None] & seen[0])
+        self._coarse_shape = (self.y_mm.size // SHADOW_STRIDE, self.x_mm.size // SHADOW_STRIDE)
+        flat = np.zeros((self._down.size, self._across.size), dtype=np.float32)
+        self._rest_depth_mm = self._intersected(self.rest_mm, self.everywhere, REST_STEPS, flat)
+        reach = camera.distance_mm + self._rest_depth_mm
+        self.places_mm = self._across[None, :] * reach, self._down[:, None] * reach
+        """x and y, (S) each, where the rays meet the gel at rest."""
+
+    def coated(self, surface_mm: np.ndarray) -> np.ndarray:
+        """A deflection on optical_grid(), smoothed by the reflective coating, float32.
+
+        Raises T2TwinError for another shape or values that are not finite.
+        """
+        if surface_mm.shape != self.rest_mm.shape:
+            raise T2TwinError(
+                f"surface_mm has shape {surface_mm.shape}; it must be {self.rest_mm.shape}, "
+                "on t2twin.sim.optical.camera.optical_grid()"
+            )
+        surface = np.ascontiguousarray(surface_mm, dtype=np.float32)
+        if not np.isfinite(surface).all():
+            raise T2TwinError("surface_mm holds values that are not finite; all must be")
+        return smoothed(surface)
+
+    def incidence(
+        self, coated_mm: np.ndarray, leds: Leds, samples: Region | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cosine of incidence m_k and weight V_k m_k (REACH / d_k)^2, (LEDs, S) float32 each.
+
+        coated_mm: from coated. samples: the region of S to compute, default everywhere; other
+        values are undefined.
+        """
+        z = self.rest_mm - coated_mm
+        sight, shadowed = self._sight(coated_mm, z, leds)
+        return self._follow(z, sight, shadowed, leds, samples or self.everywhere)
+
+    def incidence_where_changed(
+        self, coated_mm: np.ndarray, leds: Leds
+    ) -> tuple[np.ndarray, np.ndarray, Region, Region]:
+        """incidence, but only where the image may change, and the regions of samples and of pixels
+        of the change."""
+        deflected, nothing = _bounds(np.abs(coated_mm) > MIN_DEFLECTION_MM), np.zeros(0, "f4")
+        if deflected == NOWHERE:
+            return nothing, nothing, NOWHERE, NOWHERE
+        z = self.rest_mm - coated_mm
+        sight, shadowed = self._sight(coated_mm, z, leds)
+        for top, bottom, left, right in shadowed.tolist():
+            if top < bottom and left < right:
+                deflected = (
+                    min(deflected[0], top), max(deflected[1], bottom),
+                    min(deflected[2], left), max(deflected[3], right),
+                )  # fmt: skip
+        grown, seen = np.add(deflected, 2 * GROWN).tolist(), self._window
+        region = (max(grown[0], seen[0]), min(grown[1], seen[1]),
+                  max(grown[2], seen[2]), min(grown[3], seen[3]))  # fmt: skip
+        if region[1] <= region[0] or region[3] <= region[2]:
+            return nothing, nothing, NOWHERE, NOWHERE
+        pixels = self._pixels(region, float(z.min()))
+        samples = (pixels[0] // 2, (pixels[1] + 1) // 2 + 2, pixels[2] // 2,
+                   (pixels[3] + 1) // 2 + 2)  # fmt: skip
+        return *self._follow(z, sight, shadowed, leds, samples), samples, pixels
+
+    def normals(self, coated_mm: np.ndarray, samples: Region | None = None) -> np.ndarray:
+        """(2, S) float32 x and y of the gel's unit normals towards the camera; see incidence."""
+        z, region = self.rest_mm - coated_mm, samples or self.everywhere
+        depth = self._intersected(z, region, DEFORMED_STEPS, self._rest_depth_mm.copy())
+        normals = np.empty((2, *depth.shape), dtype=np.float32)
+        fill_normals(z, depth, self._across, self._down, *self._frame, region, normals)
+        return normals
+
+    def _intersected(
+        self, z: np.ndarray, samples: Region, steps: int, depth: np.ndarray
+    ) -> np.ndarray:
+        """depth (S), with the heights where the rays meet a surface filled into a region."""
+        sight, shadowed = self._full_sight(0), np.zeros((0, 4), dtype=np.int64)
+        nothing = Leds(np.zeros((0, 3)), np.zeros(0))
+        self._follow(z, sight, shadowed, nothing, samples, steps, depth)
+        return depth
+
+    def _follow(
+        self,
+        z: np.ndarray,
+        sight: np.ndarray,
+        shadowed: np.ndarray,
+        leds: Leds,
+        samples: Region,
+        steps: int = DEFORMED_STEPS,
+        depth: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cosine and weight (LEDs, S) in a region; depth is filled as `incidence` fills it."""
+        depth = self._rest_depth_mm.copy() if depth is None else depth
+        cosine = np.empty((len(leds.places_mm), *depth.shape), dtype=np.float32)
+        weight = np.empty_like(cosine)
+        incidence(
+            z, sight, SHADOW_STRIDE, shadowed + SHADOW_STRIDE * GROWN,
+            leds.places_mm.astype(np.float32), np.float32(REACH_MM), self._across, self._down,
+            *self._frame, samples, steps, depth, cosine, weight,
+        )  # fmt: skip
+        return cosine, weight
+
+    def _full_sight(self, leds: int) -> np.ndarray:
+        """(LEDs, C) ones: all cells of the shadow grid see all of each LED."""
+        return np.ones((leds, *self._coarse_shape), dtype=np.float32)
+
+    def _sight(
+        self, coated_mm: np.ndarray, z: np.ndarray, leds: Leds
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Visible fractions of LEDs (LEDs, C), and the regions (LEDs, 4) of G where below 1."""
+        count = len(leds.places_mm)
+        hard, shadowed = self._full_sight(count), np.zeros((count, 4), dtype=np.int64)
+        casting = _bounds(coated_mm > MIN_CASTER_MM) if self._shadows else NOWHERE
+        if casting == NOWHERE:
+            return hard, shadowed
+        heights = coarse_heights(z)
+        first = 0.5 * (SHADOW_STRIDE - 1) * self.pitch_mm
+        led_visibility(
+            heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),
+            np.float32(SHADOW_STRIDE * self.pitch_mm), _coarse(casting, heights.shape),
+            _coarse(self._window, heights.shape),
+            np.ascontiguousarray(leds.places_mm, dtype=np.float32),
+            np.ascontiguousarray(leds.sizes_mm, dtype=np.float64), hard, shadowed,
+        )  # fmt: skip
+        shadowed[shadowed[:, 1] > 0] += GROWN
+        sight = hard.copy()
+        soften(hard, shadowed, sight)
+        return sight, SHADOW_STRIDE * shadowed
+
+    def _pixels(self, region: Region, nearest_mm: float) -> Region:
+        """Region of the image that can contain a region of the grid with z >= nearest_mm."""
+        camera = self.camera
+        ends = np.array([self._highest_mm, min(nearest_mm, 0.0)])
+        per_mm = camera.focal_px / (camera.distance_mm + ends)
+        edges = []
+        for axis, first, last, middle, count in (
+            (self.y_mm, region[0], region[1] - 1, camera.middle[0], camera.rows),
+            (self.x_mm, region[2], region[3] - 1, camera.middle[1], camera.columns),
+        ):
+            places = np.outer([axis[first], axis[last]], per_mm) + middle
+            edges += [
+                int(np.clip(np.floor(places.min()) - 1, 0, count)),
+                int(np.clip(np.ceil(places.max()) + 2, 0, count)),
+            ]
+        return edges[0], edges[1], edges[2], edges[3]
+
+
+@lru_cache(maxsize=8)
+def _level_mm(gel: Elastomer) -> np.ndarray:
+    """(G) z of a gel at rest without tilt, mm."""
+    return gel.rest_surface_mm(*np.meshgrid(*optical_grid(gel)))
+
+
+def rest_surface_mm(camera: Camera, gel: Elastomer) -> np.ndarray:
+    """(G) float32 z of the gel at rest, mm."""
+    x, y = optical_grid(gel)
+    return (_level_mm(gel) + camera.tilt_mm(x[None, :], y[:, None])).astype(np.float32)
+
+
+def _sample_slopes(count: int, middle: float, focal_px: float) -> np.ndarray:
+    """(count / 2 + 2,) float32 slopes of the rays of the lattice of samples along one axis."""
+    places = 2.0 * np.arange(count // 2 + 2) - 1.5 - middle
+    return (places / focal_px).astype(np.float32)
+
+
+def _bounds(mask: np.ndarray) -> Region:
+    """The smallest region that contains a mask (rows, columns)."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not rows.size:
+        return NOWHERE
+    top, bottom = int(rows[0]), int(rows[-1]) + 1
+    columns = np.flatnonzero(mask[top:bottom].any(axis=0))
+    return top, bottom, int(columns[0]), int(columns[-1]) + 1
+
+
+def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
+    """The smallest region of the shadow grid that contains a region of the grid."""
+    stride = SHADOW_STRIDE
+    return (
+        region[0] // stride, min(-(-region[1] // stride), shape[0]),
+        region[2] // stride, min(-(-region[3] // stride), shape[1]),
+    )  # fmt: skip
+
+
+@jit_finite
+def smoothed(surface):
+    """(G) a surface, smoothed by COATING_TAPS along both axes; edge cells are repeated outwards."""
+    ny, nx = surface.shape
+    taps, reach = COATING_TAPS.size, COATING_TAPS.size // 2
+    padded = np.empty(nx + 2 * reach, dtype=np.float32)
+    across = np.zeros_like(surface)
+    out = np.zeros_like(surface)
+    for i in range(ny):
+        padded[:reach] = surface[i, 0]
+        row = surface[i]
+        for j in range(nx):  # an assignment of arrays would compile its error messages
+            padded[reach + j] = row[j]
+        padded[reach + nx :] = surface[i, nx - 1]
+        row = across[i]
+        for k in range(taps):
+            tap, shifted = COATING_TAPS[k], padded[k : k + nx]
+            for j in range(nx):
+                row[j] += tap * shifted[j]
+    for i in range(ny):
+        row = out[i]
+        for k in range(taps):
+            tap, shifted = COATING_TAPS[k], across[min(max(i + k - reach, 0), ny - 1)]
+            for j in range(nx):
+                row[j] += tap * shifted[j]
+    return out
+
+
+@jit_finite
+def incidence(
+    z, sight, stride, shadowed, leds, reach_mm, across, down, distance, x0, y0, pitch, region,
+    steps, depth, cosine, weight,
+):  # fmt: skip
+    """Fill a region of depth (S), cosine and weight (LEDs, S) where the rays meet the gel.
+
+    z: heights (G), mm. sight: (LEDs, C) visible fractions of the LEDs' discs, 1 outside each LED's
+    region of G, shadowed (LEDs, 4); a cell of C is stride cells of G. leds: (LEDs, 3), mm. depth:
+    initially z of the gel at rest. across, down: slopes of the samples' rays. distance: from the
+    pinhole to the apex; x0, y0: center of G's first cell; pitch: G's, mm. cosine: m_k; weight:
+    V_k m_k (REACH / d_k)^2 of the formula in t2twin.sim.optical.image_renderer. A ray starts from
+    the displacement in the row above and takes at most `steps` fixed-point steps.
+    """
+    # each row in two passes: the surface, with scattered reads, then the LEDs, vectorized
+    per_mm = _ONE / pitch
+    per_slope = per_mm / _TWO
+    reach2 = reach_mm * reach_mm
+    first, end = region[2], region[3]
+    across = across[first:end]
+    slope_x, slope_y = np.empty_like(across), np.empty_like(across)
+    part = np.ones((leds.shape[0], across.size), dtype=np.float32)
+    moved = np.zeros_like(across)
+    rows, columns = np.empty_like(across), np.empty_like(across)
+    shift, per_cell = np.float32(0.5 * (stride - 1)), np.float32(1.0 / stride)
+    for row in range(region[0], region[1]):
+        heights = depth[row, first:end]
+        for n in range(across.size):
+            height, fi, fj, i, j = _intersection(
+                z, across[n], down[row], heights[n] + moved[n], distance, x0, y0, per_mm, steps
+            )
+            moved[n] = height - heights[n]
+            heights[n] = height
+            slope_x[n], slope_y[n] = slopes(z, fi, fj, i, j, per_slope)
+            rows[n], columns[n] = fi, fj
+        for k in range(leds.shape[0]):
+            top, bottom = shadowed[k, 0], shadowed[k, 1]
+            left, right = shadowed[k, 2], shadowed[k, 3]
+            for n in range(across.size):
+                part[k, n] = _ONE
+                if top <= rows[n] < bottom and left <= columns[n] < right:
+                    part[k, n] = at_cell(
+                        sight[k], (rows[n] - shift) * per_cell, (columns[n] - shift) * per_cell
+                    )
+            _shine(
+                leds[k], part[k], reach2, across, down[row], distance, heights, slope_x, slope_y,
+                cosine[k, row, first:end], weight[k, row, first:end],
+            )  # fmt: skip
+
+
+@inlined
+def _intersection(z, across, down, height, distance, x0, y0, per_mm, steps):
+    """Intersection of a ray and the surface: z, fractional row and column in G, and their cell."""
+    last_i, last_j = z.shape[0] - 3, z.shape[1] - 3
+    step = 0
+    while True:
+        x, y = across * (distance + height), down * (distance + height)
+        fi, fj = (y - y0) * per_mm, (x - x0) * per_mm
+        i, j = min(max(int(fi), 1), last_i), min(max(int(fj), 1), last_j)
+        u, v = fi - np.float32(i), fj - np.float32(j)
+        before = height
+        height = bilinear(z[i, j], z[i, j + 1], z[i + 1, j], z[i + 1, j + 1], u, v)
+        if abs(height - before) < RAY_TOLERANCE_MM or step == steps:
+            break
+        step += 1
+    return height, fi, fj, i, j
+
+
+@inlined
+def slopes(z, fi, fj, i, j, per_slope):
+    """dz/dx and dz/dy: central differences at the corners of cell (i, j), interpolated."""
+    u, v = fi - np.float32(i), fj - np.float32(j)
+    p, q = _ONE - u, _ONE - v
+    along_x = per_slope * (
+        p * (q * (z[i, j + 1] - z[i, j - 1]) + v * (z[i, j + 2] - z[i, j]))
+        + u * q * (z[i + 1, j + 1] - z[i + 1, j - 1])
+        + u * v * (z[i + 1, j + 2] - z[i + 1, j])
+    )
+    along_y = per_slope * (
+        q * (p * (z[i + 1, j] - z[i - 1, j]) + u * (z[i + 2, j] - z[i, j]))
+        + v * p * (z[i + 1, j + 1] - z[i - 1, j + 1])
+        + v * u * (z[i + 2, j + 1] - z[i, j + 1])
+    )
+    return along_x, along_y
+
+
+@inlined
+def _shine(
+    led, parts, reach2, across, down, distance, heights, slope_x, slope_y, cosines, weights
+):  # fmt: skip
+    """Fill one LED's cosines and weights in a row, from heights and slopes at the rays' ends."""
+    led_x, led_y, led_z = led[0], led[1], led[2]
+    for n in range(across.size):
+        height, sx, sy = heights[n], slope_x[n], slope_y[n]
+        reached = distance + height
+        dx, dy = led_x - across[n] * reached, led_y - down * reached
+        dz = led_z - height
+        facing = max(sx * dx + sy * dy - dz, _ZERO)
+        nearness = _ONE / (dx * dx + dy * dy + dz * dz)
+        m = facing * np.sqrt(nearness / (_ONE + sx * sx + sy * sy))
+        cosines[n] = m
+        weights[n] = m * max(parts[n], _ZERO) * reach2 * nearness
+
+
+@jit_finite
+def light(cosine, weight, gain, rest, region, seen):
+    """Fill a region of seen (RGB, S) with the LEDs' light minus rest (RGB, S).
+
+    cosine, weight: (LEDs, S), from incidence. gain: (gain_rows of S, LEDs, RGB, COSINE_TERMS,
+    columns of S), interpolated linearly between its rows.
+    """
+    first, end = region[2], region[3]
+    leds, colors, columns = gain.shape[1], gain.shape[2], gain.shape[4]
+    between = np.empty((leds, colors, COSINE_TERMS, columns), dtype=np.float32)
+    blended = between.ravel()
+    total = np.empty(end - first, dtype=np.float32)
+    for row in range(region[0], region[1]):
+        above = row // GAIN_STRIDE
+        apart = max(min(GAIN_STRIDE, cosine.shape[1] - 1 - GAIN_STRIDE * above), 1)
+        part = np.float32(row % GAIN_STRIDE) / np.float32(apart)
+        upper, lower = gain[above].ravel(), gain[above + 1].ravel()
+        for n in range(blended.size):
+            blended[n] = upper[n] + part * (lower[n] - upper[n])
+        for c in range(colors):
+            filled, less = seen[c, row, first:end], rest[c, row, first:end]
+            for n in range(total.size):
+                total[n] = -less[n]
+            for k in range(leds):
+                cosines, weights = cosine[k, row, first:end], weight[k, row, first:end]
+                g0, g1 = between[k, c, 0, first:end], between[k, c, 1, first:end]
+                g2, g3 = between[k, c, 2, first:end], between[k, c, 3, first:end]
+                for n in range(total.size):
+                    m = cosines[n]
+                    total[n] += weights[n] * (g0[n] + m * (g1[n] + m * (g2[n] + m * g3[n])))
+            for n in range(total.size):
+                filled[n] = total[n]
+
+
+def gain_rows(rows: int) -> np.ndarray:
+    """(n,) the rows of S with stored gains, including the last one, for so many rows."""
+    return np.minimum(GAIN_STRIDE * np.arange((rows - 1) // GAIN_STRIDE + 2), rows - 1)
+
+
+def normal_terms(normals: np.ndarray) -> np.ndarray:
+    """(..., LOBE_TERMS) n_x, n_y, n_x^2, n_x n_y, n_y^2 of normals (..., 2)."""
+    x, y = normals[..., 0], normals[..., 1]
+    return np.stack([x, y, x * x, x * y, y * y], axis=-1)
+
+
+def lobe_columns(normals: np.ndarray, weight: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(..., LOBE_PLACES * LOBE_TERMS): one LED's light per unit of each entry of its lobe.
+
+    normals: (..., 2). weight: (...) of that LED. places: (..., places) polynomials.
+    """
+    terms = weight[..., None] * normal_terms(normals)
+    columns = places[..., :LOBE_PLACES, None] * terms[..., None, :]
+    return columns.reshape(*weight.shape, -1)
+
+
+def lobe_gain(lobe: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(LEDs, RGB, LOBE_TERMS, S) float32: the lobe at each place, for add_lobe.
+
+    lobe: (LEDs, RGB, LOBE_PLACES, LOBE_TERMS). places: (S, places) polynomials.
+    """
+    gain = np.einsum("kcij,rsi->kcjrs", lobe, places[..., :LOBE_PLACES], optimize=True)
+    return np.ascontiguousarray(gain, dtype=np.float32)
+
+
+@jit_finite
+def add_lobe(normals, weight, gain, region, seen):
+    """Add the lobes' light to a region of seen (RGB, S).
+
+    normals: (2, S) x and y. weight: (LEDs, S), from incidence. gain: from lobe_gain.
+    """
+    first, end = region[2], region[3]
+    for row in range(region[0], region[1]):
+        x, y = normals[0, row, first:end], normals[1, row, first:end]
+        for c in range(gain.shape[1]):
+            filled = seen[c, row, first:end]
+            for k in range(gain.shape[0]):
+                weights = weight[k, row, first:end]
+                g0, g1 = gain[k, c, 0, row, first:end], gain[k, c, 1, row, first:end]
+                g2, g3 = gain[k, c, 2, row, first:end], gain[k, c, 3, row, first:end]
+                g4 = gain[k, c, 4, row, first:end]
+                for n in range(x.size):
+                    along = g0[n] + x[n] * g2[n] + y[n] * g3[n]
+                    filled[n] += weights[n] * (x[n] * along + y[n] * (g1[n] + y[n] * g4[n]))
+
+
+@jit_finite
+def fill_normals(z, depth, across, down, distance, x0, y0, pitch, region, normals):
+    """Fill a region of normals (2, S), x and y towards the camera; arguments as for incidence."""
+    per_mm = _ONE / pitch
+    per_slope = np.float32(0.5) * per_mm
+    last_i, last_j = z.shape[0] - 3, z.shape[1] - 3
+    for row in range(region[0], region[1]):
+        for n in range(region[2], region[3]):
+            reached = distance + depth[row, n]
+            fi, fj = (down[row] * reached - y0) * per_mm, (across[n] * reached - x0) * per_mm
+            i, j = min(max(int(fi), 1), last_i), min(max(int(fj), 1), last_j)
+            sx, sy = slopes(z, fi, fj, i, j, per_slope)
+            length = np.sqrt(_ONE + sx * sx + sy * sy)
+            normals[0, row, n], normals[1, row, n] = sx / length, sy / length

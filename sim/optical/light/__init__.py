@@ -1,1 +1,0 @@
-"""The light on the gel: LEDs, illumination, shadows, rays, coating."""

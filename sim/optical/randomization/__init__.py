@@ -1,1 +1,0 @@
-"""Domain randomization: samples units of gel cameras."""
