@@ -18,8 +18,8 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.dense import reading_matrix
 from t2twin.sim.taxels.layout import Layout, load_layout
+from t2twin.sim.taxels.pads import reading_matrix
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, uncertainty_metrics

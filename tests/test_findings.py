@@ -16,7 +16,8 @@ from benchmarks.networks.irreducible_error import (
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.reading import Imperfections, expected_reading
+from t2twin.sim.taxels.reading import expected_reading
+from t2twin.sim.taxels.spec import Imperfections
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation import array_errors
 from t2twin.translate.evaluation.array_errors import GroupedFigures, PairFigures

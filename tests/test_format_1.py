@@ -21,8 +21,8 @@ from t2twin.sim.dataset.lerobot import convert_to_lerobot
 from t2twin.sim.dataset.store import INFO, iter_images, lists, read_info, read_split, split_shards
 from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.dense import reading_matrix
-from t2twin.sim.taxels.reading import Imperfections
+from t2twin.sim.taxels.pads import reading_matrix
+from t2twin.sim.taxels.spec import Imperfections
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.training.train import train

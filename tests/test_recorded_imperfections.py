@@ -19,7 +19,8 @@ from t2twin.sim.sampling.presses import PressSample
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import path_commands, touches_along
 from t2twin.sim.taxels import reading
-from t2twin.sim.taxels.reading import Imperfections, read_after
+from t2twin.sim.taxels.reading import read_after
+from t2twin.sim.taxels.spec import Imperfections
 from t2twin.translate.evaluation.predictions import as_readings
 from t2twin.translate.uncertainty.estimate import Estimate
 

@@ -11,6 +11,7 @@ from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.taxels import pads, reading
 from t2twin.sim.taxels.layout import Layout, load_layout
+from t2twin.sim.taxels.spec import Imperfections
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +74,7 @@ def test_every_imperfection_does_what_it_says(sensor):
     layout, true = load_layout(), np.full(20, 10_000.0)
 
     def read(rng=0, **flaws):
-        own, counts = reading.Imperfections(**flaws), sensor.spec.counts
+        own, counts = Imperfections(**flaws), sensor.spec.counts
         found = reading.read_after(None, true, layout, own, counts, np.random.default_rng(rng))
         return found[0].astype(float)
 

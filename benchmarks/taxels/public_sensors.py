@@ -18,7 +18,7 @@ from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.sim.contact.layer import base_stress
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.pads import disc_transform
-from t2twin.sim.taxels.transducer import TransducerTable
+from t2twin.sim.taxels.spec import TransducerTable
 
 BENCHMARK = Benchmark(
     module="benchmarks.taxels.public_sensors",

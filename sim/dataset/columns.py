@@ -71,7 +71,7 @@ MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
 
 TRACTIONS = ("pressure_kpa", "shear_x_kpa", "shear_y_kpa")
 """Further columns of taxel arrays in recipes with motion and dense counts: pressure and shear on
-the cover (t2twin.sim.taxels.dense.DenseGrid.tractions)."""
+the cover (t2twin.sim.taxels.pads.DenseGrid.tractions)."""
 
 Values = Mapping[str, str]
 """The value of each role: IMAGE or COUNTS."""

@@ -15,8 +15,7 @@ from t2twin.sim.contact.elastomer import elastomer_of
 from t2twin.sim.dataset.format_1 import RATE_HZ
 from t2twin.sim.sampling.recipe import PAPER, Recipe
 from t2twin.sim.taxels.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
-from t2twin.sim.taxels.reading import Imperfections
-from t2twin.sim.taxels.transducer import MAX_BITS, CountsTable
+from t2twin.sim.taxels.spec import MAX_BITS, CountsTable, Imperfections
 
 FORMAT = 2
 """Version of the dataset's folders, columns and info.json."""

@@ -265,7 +265,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     name: for tables. seed: of all samples. source, target: names of bundled sensors, or sensor
     files. layout, imperfections: of taxel arrays; None for the layout of the sensor's file, and for
     its imperfections "recorded", if it has them. dense_counts: whether pairs contain the dense
-    counts of taxel arrays (t2twin.sim.taxels.dense). background_frames: whether they contain the
+    counts of taxel arrays (t2twin.sim.taxels.pads). background_frames: whether they contain the
     background frames of gel cameras' units. motion: of the sampled presses; without it all stay
     still. contact_maps: whether pairs contain the contact maps of gel cameras
     (t2twin.sim.optical.gel_camera). Both are left out of info.json if they are not given.

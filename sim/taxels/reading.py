@@ -5,16 +5,15 @@ Shape letters: R readings, N taxels, M terms of the memory.
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated
 
 import numpy as np
-from msgspec import Meta, Struct, structs
+from msgspec import structs
 from scipy.special import ndtr, ndtri
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.transducer import CountsTable
+from t2twin.sim.taxels.spec import CountsTable, Imperfections, Percentiles
 
 SAME_LINE_MM = 1e-3
 """Tolerance of the places of a row or a column, mm."""
@@ -24,78 +23,6 @@ FAR_FROM_ZERO = 40.0
 
 ARRAY_STREAM = 19
 """Random stream of an array's seed: the taxels' noise, offsets and memory."""
-
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
-Level = Annotated[float, Meta(ge=0.0, le=65_535.0)]
-Spread = Annotated[float, Meta(ge=0.0, le=5.0)]
-Seconds = Annotated[float, Meta(gt=0.0, le=1e6)]
-Percentiles = tuple[tuple[Annotated[float, Meta(ge=0.0, le=100.0)], Level], ...]
-"""Percentages of the taxels, rising, and the values at them, counts. Values are interpolated
-linearly between them, and constant beyond the first and the last."""
-
-
-class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
-    """Deviations of an array from an ideal one. Zero, or an empty tuple, disables a term.
-
-    white_counts: standard deviation of the noise of each reading, counts.
-    drift_share, drift_counts: share of taxels with a wandering baseline, and its standard
-        deviation, counts.
-    hysteresis: largest share of a count that is missing after loading (assumed).
-    crosstalk: share of each nearest neighbor's count that is added (assumed).
-    line_crosstalk: share of the counts of the other taxels in its row and in its column that is
-        added, as in a resistive matrix (assumed).
-    gain_spread: standard deviation of the taxels' gains around 1, fixed for an array (assumed).
-    dead: indices of taxels that read 0.
-    offset_counts, noise_counts: mean and standard deviation of readings without contact over the
-        taxels, counts. A taxel has the same rank in both. The readings have a lognormal
-        distribution (assumed: real ones are often far above their mean and hardly ever 0) and are
-        independent. Noise needs an offset.
-    load_noise_counts, load_noise_spread, load_noise_level_counts: noise under load. Its standard
-        deviation at a level s is a (1 - exp(-s / b)), with b the level. The median of a is the
-        first, counts, and the standard deviation of its logarithm over the taxels the spread.
-    memory_shares, memory_s: the part of a level that remains after release, sum of m exp(-t / T)
-        over the shares m and the time constants T, s.
-    memory_rise_s: time constant with which the memory follows a rising level, s.
-    memory_spread: standard deviation of the logarithm of the taxels' shares; memory_shares are the
-        medians.
-    """
-
-    white_counts: Level = 0.0
-    drift_share: Share = 0.0
-    drift_counts: Level = 0.0
-    hysteresis: Share = 0.0
-    crosstalk: Share = 0.0
-    line_crosstalk: Share = 0.0
-    gain_spread: Share = 0.0
-    dead: tuple[int, ...] = ()
-    noise_counts: Percentiles = ()
-    offset_counts: Percentiles = ()
-    load_noise_counts: Level = 0.0
-    load_noise_spread: Spread = 0.0
-    load_noise_level_counts: Annotated[float, Meta(gt=0.0, le=65_535.0)] = 1.0
-    memory_shares: tuple[Share, ...] = ()
-    memory_s: tuple[Seconds, ...] = ()
-    memory_rise_s: Seconds = 1.0
-    memory_spread: Spread = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("noise_counts", "offset_counts"):
-            percentages = [percentage for percentage, _ in getattr(self, name)]
-            if percentages != sorted(set(percentages)):
-                raise T2TwinError(f"{name} must have rising percentages")
-        if self.noise_counts and not self.offset_counts:
-            raise T2TwinError("noise_counts needs offset_counts, the mean of these readings")
-        if len(self.memory_shares) != len(self.memory_s):
-            raise T2TwinError("memory_shares and memory_s must have one value for each term")
-
-    def check_dead(self, taxels: int) -> None:
-        """Raises T2TwinError for a dead taxel that is not one of this number."""
-        for index in self.dead:
-            if not (isinstance(index, int) and 0 <= index < taxels):
-                raise T2TwinError(
-                    f"dead contains taxel {index!r}; the layout has taxels 0 to {taxels - 1}"
-                )
-
 
 Presets = dict[str, Imperfections]
 """Imperfections of an array by name."""
@@ -200,11 +127,8 @@ class _Taxels:
     memory: np.ndarray
 
     def at_rest(self, scores: np.ndarray) -> np.ndarray:
-        """Readings without contact, (R, N), of standard normal numbers of that shape.
-
-        A lognormal distribution of mean m and deviation d has the parameters s^2 = ln(1 + d^2/m^2)
-        and ln m - s^2/2.
-        """
+        """Readings without contact, (R, N), of standard normal numbers of that shape."""
+        # lognormal of mean m and deviation d: s^2 = ln(1 + d^2/m^2) and ln m - s^2/2
         mean = self.offset_counts
         ratio = np.divide(self.noise_counts, mean, where=mean > 0, out=np.zeros_like(mean))
         variance = np.log1p(ratio**2)
@@ -213,8 +137,7 @@ class _Taxels:
 
 @lru_cache(maxsize=64)
 def _taxels(flaws: Imperfections, n: int, array_seed: int) -> _Taxels:
-    """The taxels of an array. Their ranks are evenly spread, so that each array has the whole
-    distribution."""
+    """The taxels of an array; their evenly spread ranks give each array the whole distribution."""
     rng = np.random.default_rng((array_seed, ARRAY_STREAM))
     at_rest, loaded, memory = ((rng.permutation(n) + rng.random(n)) / n for _ in range(3))
     is_alive = np.ones(n)
@@ -239,11 +162,8 @@ def _remember(
     seconds: float,
     readings: int,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """The levels of readings that are some seconds apart, (R, N), and the memory after them.
-
-    Each term of the memory follows the signal (N,): fast when it rises, with memory_s when it
-    falls. A level is the signal plus memory_shares of the distances of the memory from it.
-    """
+    """The levels of readings that are some seconds apart, (R, N), and the memory after them."""
+    # each term of the memory follows the signal: fast when it rises, with memory_s when it falls
     if not flaws.memory_shares:
         return np.broadcast_to(signal, (readings, signal.size)), None
     shares, falling_s = (np.array(each)[:, None] for each in (flaws.memory_shares, flaws.memory_s))

@@ -6,11 +6,11 @@ The sensor frame is that of t2twin.sim.optical.spec, so that a press is given on
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.spec import LayerTable, MountTable, SensorName
-from t2twin.sim.taxels.dense import DenseTable
 from t2twin.sim.taxels.layout import (
     LARGEST_PAD_MM,
     MAX_TAXELS,
@@ -19,12 +19,20 @@ from t2twin.sim.taxels.layout import (
     grid_layout,
     load_layout,
 )
-from t2twin.sim.taxels.reading import Imperfections
-from t2twin.sim.taxels.transducer import CountsTable, TransducerTable
 
 KIND = "taxel-array"
 
+MAX_BITS = 16
+"""Largest number of bits of a count."""
+
 Line = Annotated[int, Meta(ge=1, le=MAX_TAXELS)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Level = Annotated[float, Meta(ge=0.0, le=65_535.0)]
+Spread = Annotated[float, Meta(ge=0.0, le=5.0)]
+Seconds = Annotated[float, Meta(gt=0.0, le=1e6)]
+Percentiles = tuple[tuple[Annotated[float, Meta(ge=0.0, le=100.0)], Level], ...]
+"""Percentages of the taxels, rising, and the values at them, counts. Values are interpolated
+linearly between them, and constant beyond the first and the last."""
 
 
 class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -64,12 +72,146 @@ class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
         return grid_layout(name, self.rows, self.columns, self.pitch_mm, float(pad_mm))
 
 
+class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The law of a taxel.
+
+    capacitive: strain m (1 - exp(-p / (M m))) of a dielectric of modulus M and largest strain m.
+    The signal is strain / (1 - strain), the relative increase of the capacitance of parallel plates
+    (Schmitz et al. 2011). piezoresistive: the conductance a p / (1 + b p), which saturates.
+    """
+
+    law: Annotated[Literal["capacitive", "piezoresistive"], Meta(description="law of the signal")]
+    modulus_mpa: Annotated[
+        float | None, Meta(description="capacitive: small-strain modulus of the dielectric")
+    ] = None
+    largest_strain: Annotated[
+        float | None, Meta(description="capacitive: largest strain of the dielectric")
+    ] = None
+    a_per_kpa: Annotated[
+        float | None, Meta(description="piezoresistive: slope of the conductance at no pressure")
+    ] = None
+    b_per_kpa: Annotated[
+        float | None, Meta(description="piezoresistive: pressure that halves the slope, inverted")
+    ] = None
+
+    def __post_init__(self) -> None:
+        limits = {
+            "capacitive": {"modulus_mpa": (0.001, 1e3), "largest_strain": (0.01, 0.95)},
+            "piezoresistive": {"a_per_kpa": (1e-6, 1e3), "b_per_kpa": (0.0, 1e3)},
+        }
+        for law, names in limits.items():
+            for name, (low, high) in names.items():
+                value = getattr(self, name)
+                if law != self.law and value is not None:
+                    raise T2TwinError(f"{name} is not of the law {self.law}; leave it out")
+                if law == self.law and (value is None or not low <= value <= high):
+                    given = "missing" if value is None else f"{value:g}"
+                    raise T2TwinError(
+                        f"{name} is {given}; the law {law} needs it, from {low:g} to {high:g}"
+                    )
+
+    def signal(self, pressure_mpa: np.ndarray) -> np.ndarray:
+        """The signal of pressures, same shape; 0 where there is none."""
+        pressed = np.maximum(pressure_mpa, 0.0)
+        if self.law == "piezoresistive":
+            assert self.a_per_kpa is not None and self.b_per_kpa is not None
+            pressed = 1e3 * pressed
+            return self.a_per_kpa * pressed / (1.0 + self.b_per_kpa * pressed)
+        assert self.modulus_mpa is not None and self.largest_strain is not None
+        limit = self.largest_strain
+        strain = -limit * np.expm1(-pressed / (self.modulus_mpa * limit))
+        return strain / (1.0 - strain)
+
+
+class CountsTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The counts that are read."""
+
+    gain: Annotated[float, Meta(gt=0.0, le=1e9, description="counts for a signal of 1")]
+    full_scale: Annotated[
+        int, Meta(ge=2, le=2**MAX_BITS - 1, description="count at which a taxel saturates")
+    ]
+    bits: Annotated[int, Meta(ge=2, le=MAX_BITS, description="bits of a count")]
+    rate_hz: Annotated[float, Meta(gt=0.0, le=1e4, description="readings per second")]
+    readings: Annotated[
+        int, Meta(ge=1, le=10_000, description="readings averaged for the counts of a press")
+    ] = 1
+
+    def __post_init__(self) -> None:
+        if self.full_scale >= 2**self.bits:
+            raise T2TwinError(
+                f"full_scale is {self.full_scale}; {self.bits} bits hold at most {2**self.bits - 1}"
+            )
+
+    @property
+    def sample_s(self) -> float:
+        """Duration of the averaged readings, s."""
+        return self.readings / self.rate_hz
+
+
 class TactileImageTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The tactile image, which interpolates the counts."""
 
     rows: Annotated[int, Meta(ge=8, le=2000, description="rows, along y")]
     columns: Annotated[int, Meta(ge=8, le=2000, description="columns, along x")]
     px_per_mm: Annotated[float, Meta(gt=0.0, le=100.0, description="scale; pixels are square")]
+
+
+class DenseTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The grid of the dense counts."""
+
+    spacing_mm: Annotated[
+        float, Meta(ge=0.2, le=50.0, description="distance of neighboring places")
+    ]
+    grid: Annotated[
+        Literal["triangular", "square"], Meta(description="triangular or square grid")
+    ] = "triangular"
+
+
+class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
+    """Deviations of an array from an ideal one. Zero, or an empty tuple, disables a term.
+
+    Readings without contact have a lognormal distribution (assumed: real ones are often far above
+    their mean and hardly ever 0) and are independent; a taxel has the same rank in its noise and
+    its offset. Noise under load at a level s has the deviation a (1 - exp(-s / b)), with b the
+    level; the median of a is load_noise_counts. The part of a level that remains after release is
+    the sum of m exp(-t / T) over memory_shares m and memory_s T.
+    """
+
+    white_counts: Level = 0.0  # standard deviation of the noise of each reading
+    drift_share: Share = 0.0  # of taxels with a wandering baseline
+    drift_counts: Level = 0.0  # its standard deviation
+    hysteresis: Share = 0.0  # largest share of a count that is missing after loading (assumed)
+    crosstalk: Share = 0.0  # of each nearest neighbor's count that is added (assumed)
+    line_crosstalk: Share = 0.0  # of those in its row and column: resistive matrix (assumed)
+    gain_spread: Share = 0.0  # deviation of the gains around 1, fixed for an array (assumed)
+    dead: tuple[int, ...] = ()  # indices of taxels that read 0
+    noise_counts: Percentiles = ()  # deviation of readings without contact, needs an offset
+    offset_counts: Percentiles = ()  # their mean
+    load_noise_counts: Level = 0.0
+    load_noise_spread: Spread = 0.0  # deviation of the logarithm of a over the taxels
+    load_noise_level_counts: Annotated[float, Meta(gt=0.0, le=65_535.0)] = 1.0
+    memory_shares: tuple[Share, ...] = ()  # medians over the taxels
+    memory_s: tuple[Seconds, ...] = ()
+    memory_rise_s: Seconds = 1.0  # with which the memory follows a rising level
+    memory_spread: Spread = 0.0  # deviation of the logarithm of the taxels' shares
+
+    def __post_init__(self) -> None:
+        for name in ("noise_counts", "offset_counts"):
+            percentages = [percentage for percentage, _ in getattr(self, name)]
+            if percentages != sorted(set(percentages)):
+                raise T2TwinError(f"{name} must have rising percentages")
+        if self.noise_counts and not self.offset_counts:
+            raise T2TwinError("noise_counts needs offset_counts, the mean of these readings")
+        if len(self.memory_shares) != len(self.memory_s):
+            raise T2TwinError("memory_shares and memory_s must have one value for each term")
+
+    def check_dead(self, taxels: int) -> None:
+        """Raises T2TwinError for a dead taxel that is not one of this number."""
+        for index in self.dead:
+            if not (isinstance(index, int) and 0 <= index < taxels):
+                raise T2TwinError(
+                    f"dead contains taxel {index!r}; the layout has taxels 0 to {taxels - 1}"
+                )
 
 
 class TaxelArraySpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -18,11 +18,10 @@ from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.spec import MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.taxels import reading
-from t2twin.sim.taxels.dense import DenseGrid, DenseTable, check_on_cover
 from t2twin.sim.taxels.layout import Layout, load_layout
-from t2twin.sim.taxels.pads import pad_pressure_mpa
+from t2twin.sim.taxels.pads import DenseGrid, check_on_cover, pad_pressure_mpa
 from t2twin.sim.taxels.phi import Phi
-from t2twin.sim.taxels.spec import TaxelArraySpec
+from t2twin.sim.taxels.spec import DenseTable, Imperfections, TaxelArraySpec
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class TaxelArray:
     dead: tuple[int, ...] = ()
     cover: Elastomer | None = None
     layout: Layout = field(init=False, repr=False, compare=False)
-    flaws: reading.Imperfections = field(init=False, repr=False, compare=False)
+    flaws: Imperfections = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.cover is not None:

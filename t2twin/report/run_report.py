@@ -52,7 +52,7 @@ TRANSDUCER = {
     "a_per_kpa": "a = {:g}/kPa",
     "b_per_kpa": "b = {:g}/kPa",
 }
-"""Constants of a transducer (t2twin.sim.taxels.transducer.TransducerTable), in words."""
+"""Constants of a transducer (t2twin.sim.taxels.spec.TransducerTable), in words."""
 
 MAX_TITLE = 14
 """Largest number of characters of a run's folder in a title of a sample (assumed: fits a panel)."""

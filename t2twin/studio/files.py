@@ -18,8 +18,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.mesh_files import SUFFIXES
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.sensors.files import load_sensor
-from t2twin.sim.taxels.dense import check_on_cover
 from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.pads import check_on_cover
 from t2twin.studio.access import MAX_MESSAGE
 from t2twin.studio.controls import Controls, Inputs
 from t2twin.studio.press_state import file_name

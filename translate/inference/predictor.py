@@ -260,7 +260,7 @@ class CountsPredictor(TrainedTranslator):
         x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: of the layout. pad_diameter_mm:
         (N,), by default 4; it matters for a field run. For its own layout, returns the same object.
         touch2touch reads the predicted image with the new layout's phi^-1, field reads the dense
-        counts with the new pads (sim.taxels.dense).
+        counts with the new pads (sim.taxels.pads).
         Raises T2TwinError for a ResNet18 run. For touch2touch it does if phi cannot interpolate the
         layout, and if taxels lie outside the trained layout's hull or are too close for the
         generator's pixels. For field it does if taxels lie outside the cover.

@@ -30,8 +30,8 @@ from torch import nn
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
-from t2twin.sim.taxels.dense import reading_matrix
 from t2twin.sim.taxels.layout import Layout
+from t2twin.sim.taxels.pads import reading_matrix
 from t2twin.translate.data.images import COLORS, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.base import CountsTranslator, adamw

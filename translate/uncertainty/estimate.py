@@ -12,9 +12,9 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.renamed import NewAttributes
-from t2twin.sim.taxels.reading import Imperfections, expected_reading
+from t2twin.sim.taxels.reading import expected_reading
+from t2twin.sim.taxels.spec import CountsTable, Imperfections
 from t2twin.sim.taxels.taxel_array import TaxelArray
-from t2twin.sim.taxels.transducer import CountsTable
 from t2twin.translate.uncertainty.ood import OODClass
 
 
