@@ -241,10 +241,7 @@ def adapt(
         with _step("light", spent, report):
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
             if not (out / RECIPE).is_file():
-                write_recipe(
-                    out / RECIPE, model, config.minutes, out / OPTICS, config.source,
-                    config.predicts_contact,
-                )  # fmt: skip
+                _write_recipe(config)
         with _step("data", spent, report):
             make_dataset(out / DATA, recipe=out / RECIPE, workers=workers)
         with _step("training", spent, report):
@@ -315,29 +312,19 @@ def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) ->
     return run_of_model(init_from, model)[0]
 
 
-def write_recipe(
-    file: Path,
-    model: str,
-    minutes: float,
-    optics: Path,
-    source: str | Path = SOURCE,
-    contact_maps: bool = False,
-) -> None:
-    """Writes the recipe of a dataset in the light around an optics file.
-
-    minutes: duration of the adaptation, which determines the number of presses. source: the gel
-    camera, by name or file. contact_maps: whether the pairs have them.
-    """
+def _write_recipe(config: AdaptConfig) -> None:
+    """Writes the recipe of a dataset in the light around the optics."""
+    source, minutes = config.source, config.minutes
     text = RECIPE_TEXT.format(
-        model=model,
+        model=config.model,
         shapes=max(round(SHAPES_PER_MINUTE * minutes), 25),
         presses=max(round(PRIMITIVE_PRESSES_PER_MINUTE * minutes), 2),
-        optics=_quoted(optics.absolute()),
-        source=_quoted(Path(source).absolute() if str(source).endswith(".toml") else source),
+        optics=_quoted((config.out / OPTICS).absolute()),
+        source=_quoted(Path(source).absolute() if source.endswith(".toml") else source),
         target=_quoted(TARGET),
-        contact_maps=str(contact_maps).lower(),
+        contact_maps=str(config.predicts_contact).lower(),
     )
-    with atomic_write(file) as temporary:
+    with atomic_write(config.out / RECIPE) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
