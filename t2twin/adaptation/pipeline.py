@@ -211,13 +211,12 @@ def adapt(
     trained one, a field run with weights averaged with those of init_from, or a copy of init_from
     if that is more accurate on the held-out presses.
 
-    background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. sensor:
-    the gel camera, by name or file. minutes: approximate duration of all steps on two cores, 1 to
-    6000. model: trained with the preset cpu; a field run changes little from its initial run.
-    init_from: run whose weights initialize the training; by default the pretrained run of the
-    model for images of the sensor's size, if there is one. workers: processes that press; by
-    default one per core. report: receives messages. Raises T2TwinError, before anything is
-    written, for invalid arguments and for a folder with other content.
+    background, presses, ball_diameter_mm, held_out, camera, tolerance, sensor: as for `calibrate`.
+    minutes: approximate duration of all steps on two cores, 1 to 6000. model: trained with the
+    preset cpu; a field run changes little from its initial run. init_from: run that initializes
+    the training; by default the pretrained run of the model for images of the sensor's size, if
+    there is one. workers: processes that press; by default one per core. Raises T2TwinError, before
+    anything is written, for invalid arguments and for a folder with other content.
     """
     gel_camera, camera = sensor_and_camera(sensor, camera)
     config = AdaptConfig(
