@@ -23,7 +23,6 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import check_own, locked, move_into, temporary_folder, write_csv
 from t2twin.core.machine import installed_version
-from t2twin.core.renamed import NewAttributes
 from t2twin.primitives_cad.mesh_files import binary_stl
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
@@ -77,7 +76,7 @@ class Notice:
 
 
 @dataclass(frozen=True)
-class Touch(NewAttributes):
+class Touch:
     """One press of one shape into one sensor or two.
 
     command: the shape's position, rotation and force. readings: those of the sensors by their

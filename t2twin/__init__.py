@@ -12,22 +12,12 @@ message is one sentence. Modules are imported when one of their names is first u
 """
 
 import sys
-from typing import Any
 
 import lazy_loader
 
-from t2twin.core.renamed import hint
 from t2twin.mujoco_gl import EglRepair
 
-_imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 sys.meta_path.insert(0, EglRepair)
-
-
-def __getattr__(name: str) -> Any:
-    if name in __all__:
-        return _imported(name)
-    raise AttributeError(
-        f"module 't2twin' has no attribute {name!r}; it has {', '.join(__all__)}{hint(name)}"
-    )

@@ -9,7 +9,6 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, T2TwinWarning
-from t2twin.core.renamed import new_keywords
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
@@ -42,7 +41,6 @@ class Twin:
     has.
     """
 
-    @new_keywords
     def __init__(
         self,
         optics: str | Path | None = None,

@@ -27,7 +27,7 @@ KNOWN = ("file", "force_n", "depth_mm", "ball_diameter_mm")
 )
 def test_a_misspelt_name_is_near_the_right_one(name, meant):
     assert nearest(name, KNOWN) == meant
-    words = f"did you mean {meant}" if meant else "may be file, force_n"
+    words = f"did you mean {meant}" if meant else "expected file, force_n"
     with pytest.raises(T2TwinError, match=words):
         check_names(["file", name], KNOWN, "forces.csv")
 

@@ -234,7 +234,7 @@ def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout)
         (tmp_path / "second.csv").touch()  # two in the folder: which is meant?
         with pytest.raises(T2TwinError, match=r"expected a \.csv|name the one"):
             import_pairs(source, tmp_path / "data", layout)
-    with pytest.raises(T2TwinError, match="the seed is -1"):
+    with pytest.raises(T2TwinError, match="seed is -1"):
         import_pairs(tmp_path / "mine", tmp_path / "data", layout, seed=-1)
     assert not (tmp_path / "data").exists()
 

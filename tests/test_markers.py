@@ -125,7 +125,7 @@ def test_the_record_is_a_value():
         ({"pitch_mm": "1"}, "pitch_mm is '1' of type str; expected a number"),
         ({"diameter_mm": 1.5}, "diameter_mm is 1.5; expected a number from 0.05 to 1.4"),
         ({"jitter_mm": 0.5}, "jitter_mm is 0.5; expected a number from 0 to 0.45"),
-        ({"seed": -1}, "the seed is -1; it must be a whole number"),
+        ({"seed": -1}, "seed is -1; expected a whole number"),
     ],
 )
 def test_invalid_patterns_are_refused(given, message):

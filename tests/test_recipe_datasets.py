@@ -310,11 +310,11 @@ def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
         ('shapes = "random"', "count is missing, the number of random shapes"),
         ('shapes = "primitives"\npresses = 3', "presses is for a distribution of place"),
         ('shapes = "random"\ncount = 3', "only primitives and tools"),
-        ('shapes = "random"\ncount = 0\npresses = 2\nplace = {normal_mm=1.0}', "at least 1"),
+        ('shapes = "random"\ncount = 0\npresses = 2\nplace = {normal_mm=1.0}', "count"),
         ('shapes = "random"\ncount = 2\npresses = 2\nplace = {}', "one of normal_mm"),
         ('shapes = "random"\ncont = 2', "cont"),
         ('shapes = "tools"', "the split of tools must be test"),
-        ('shapes = "primitives"\nforce_n = 200.0', "at most 100"),
+        ('shapes = "primitives"\nforce_n = 200.0', "100"),
         (
             'shapes = "primitives"\nforce_n = { low = 5.0, high = 2.0 }',
             "force_n is 5 to 2; expected low below high",

@@ -1,4 +1,4 @@
-"""What datasets and runs say of themselves: each wrong field is one sentence that names it."""
+"""Records of datasets and runs: what is written is read, and a wrong field is named."""
 
 import json
 from dataclasses import replace
@@ -92,12 +92,6 @@ def change(path, place, value):
     path.write_text(json.dumps(content))
 
 
-def sentence(error: pytest.ExceptionInfo[T2TwinError]) -> str:
-    said = str(error.value)
-    assert "\n" not in said and "Traceback" not in said
-    return said
-
-
 def test_info_comes_back_as_it_was_written(tmp_path, info):
     write_info(tmp_path, info)
     assert read_info(tmp_path) == info and info.is_simulated
@@ -109,94 +103,39 @@ def test_info_comes_back_as_it_was_written(tmp_path, info):
     assert "origin" not in content and "optics_sha256" not in content["target"]
 
 
-def wrong_values(content, at=()):
-    """Places in a file's JSON, and values of other types for them."""
-    pairs = content.items() if isinstance(content, dict) else enumerate(content[:1])
-    for key, value in pairs:
-        if key not in ("spec", "draw", "versions"):  # of other files, and free
-            other = {bool: 1, type(None): [[]], str: 5, dict: 5}.get(type(value), "x")
-            yield (*at, key), other
-            if isinstance(value, dict | list):
-                yield from wrong_values(value, (*at, key))
-
-
-@pytest.mark.parametrize(("name", "read"), [(INFO, read_info), (CONFIG, load_config)])
-def test_each_value_of_another_type_is_one_sentence(tmp_path, info, config, name, read):
-    write_info(tmp_path, info)
-    config.save(tmp_path)
-    content = (tmp_path / name).read_text()
-    for place, value in wrong_values(json.loads(content)):
-        (tmp_path / name).write_text(content)
-        change(tmp_path / name, place, value)
-        with pytest.raises(T2TwinError) as error:
-            read(tmp_path)
-        said = sentence(error)
-        assert said.startswith(str(tmp_path / name)), place
-        assert str(place[-1]) in said or "[...]" in said, (place, said)
-
-
 @pytest.mark.parametrize(
-    ("place", "value", "said"),
+    ("place", "value", "named"),
     [
-        (["format"], 3, "of format 3; this version of t2twin reads formats 1 and 2"),
-        (["pairs", "val"], GONE, "pairs must name the splits train, val, test"),
-        (["pairs", "all"], 3, "pairs must name the splits train, val, test"),
-        (["pairs", "val"], -1, r"pairs\[\.\.\.\] must be a whole number at least 0"),
-        (["target", "x_mm", 2], float("nan"), "is not JSON"),
-        (["target", "y_mm"], [0.0], r"y_mm of layout cyskin-20 has shape \(1,\); expected \(20,\)"),
-        (["target", "full_scale_counts"], 65_536, "must be a whole number at most 65535"),
-        (["source", "image_shape"], [320, 240], "image_shape must be a list of length 3"),
-        (["seed"], -1, "seed must be a whole number at least 0"),
-        (["source", "image_shape"], GONE, "image_shape of digit is missing"),
-        (["source", "noise_grey"], -1.0, r"source\.noise_grey must be a number at least 0"),
-        (["source", "value"], "sound", "value is 'sound'; allowed are counts, image"),
-        (["target", "elastomer", "young_mpa"], 0, "elastomer of cyskin-20: young_mpa is 0"),
-        (["target", "elastomer", "width_mm"], GONE, "elastomer of cyskin-20: width_mm is missing"),
-        (["target", "pad_diameter_mm"], [4.0], "pad_diameter_mm of layout cyskin-20 has shape"),
-        (["target", "rate_hz"], 0, r"target\.rate_hz must be a number above 0"),
-        (["target"], GONE, "target is missing"),
-        (["shards", SHARD, "pairs"], -2, r"shards\[\.\.\.\]\.pairs must be a whole number"),
-        (["shards", SHARD, "sha256"], "ab", "sha256 must be 64 hexadecimal digits"),
+        (["format"], 3, "format 3"),
+        (["pairs", "val"], GONE, "train, val, test"),
+        (["pairs", "val"], -1, r"\$\.pairs"),
+        (["seed"], "x", r"\$\.seed"),
+        (["source", "image_shape"], GONE, "image_shape"),
+        (["target", "y_mm"], [0.0], "y_mm of layout cyskin-20"),
+        (["target", "elastomer", "young_mpa"], 0, "young_mpa"),
+        (["target", "rate_hz"], 0, r"\$\.target\.rate_hz"),
+        (["target"], GONE, "target"),
+        (["shards", SHARD, "sha256"], "ab", "sha256"),
+        (["shards", "../train/square-1.parquet"], {"sha256": "0" * 64, "pairs": 1}, "folder"),
     ],
 )
-def test_a_wrong_field_of_info_is_one_sentence(tmp_path, info, place, value, said):
+def test_a_wrong_field_of_info_is_named(tmp_path, info, place, value, named):
     write_info(tmp_path, info)
     change(tmp_path / INFO, place, value)
-    with pytest.raises(T2TwinError, match=said) as error:
+    with pytest.raises(T2TwinError, match=named) as error:
         read_info(tmp_path)
-    assert sentence(error).startswith(str(tmp_path / INFO))
+    assert str(error.value).startswith(str(tmp_path / INFO))
 
 
 @pytest.mark.parametrize(
-    "path",
-    [
-        "/etc/square-1.parquet",
-        "../train/square-1.parquet",
-        "train/../../square-1.parquet",
-        "train/../square-1.parquet",
-        "extra/square-1.parquet",
-        "train/square-1.csv",
-        "train/.parquet",
-        "train",
-        "train/square\0.parquet",
-    ],
+    "content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"[]", b'{"seed": NaN}']
 )
-def test_a_shard_elsewhere_is_refused(tmp_path, info, path):
-    write_info(tmp_path, info)
-    change(tmp_path / INFO, ["shards", path], {"sha256": "0" * 64, "pairs": 1})
-    with pytest.raises(T2TwinError, match="is not in a split's folder") as error:
-        read_info(tmp_path)
-    assert repr(path) in sentence(error)
-
-
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"[]", b"null"])
-def test_a_file_that_is_no_record_is_one_sentence(tmp_path, content):
+def test_a_file_that_is_no_record_is_refused(tmp_path, content):
     (tmp_path / INFO).write_bytes(content)
     (tmp_path / CONFIG).write_bytes(content)
-    for read in (read_info, load_config):
-        with pytest.raises(T2TwinError, match=r"is not JSON|must be an object") as error:
+    for read, name in ((read_info, INFO), (load_config, CONFIG)):
+        with pytest.raises(T2TwinError, match=name):
             read(tmp_path)
-        sentence(error)
 
 
 def test_config_comes_back_as_it_was_written(tmp_path, config):
@@ -236,42 +175,25 @@ def test_steps_and_recipe_come_back(tmp_path, config):
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "said"),
+    ("place", "value", "named"),
     [
-        (["format"], 7, "of format 7; this version of t2twin reads format 1 and 2 only"),
-        (["model"], "unet", "model is 'unet'; it must be one of touch2touch, resnet18, field"),
-        (["seed"], -1, "seed must be a whole number at least 0"),
-        (["minutes"], 0, "minutes must be a number above 0"),
-        (["minutes"], float("nan"), "is not JSON"),
-        (["planned_epochs"], 0, "planned_epochs must be a whole number at least 1"),
-        (["steps"], 0, "steps must be a whole number at least 1"),
-        (["epoch_steps"], 2**70, "epoch_steps must be a whole number at most"),
-        (["data", "train_pairs"], -1, r"data\.train_pairs must be a whole number at least 0"),
-        (["preset", "size"], 0, r"preset\.size must be a whole number at least 1"),
-        (["preset", "learning_rate"], 0.0, r"preset\.learning_rate must be a number above 0"),
-        (["preset", "beta1"], 1.0, r"preset\.beta1 must be a number below 1"),
-        (["preset", "schedule"], "steep", "schedule is 'steep'; allowed are cosine, fixed"),
-        (["preset", "l1_wieght"], 5.0, r"preset\.l1_wieght is no setting"),
-        (["data", "info_sha256"], "abc", "info_sha256 must be 64 hexadecimal digits"),
-        (["data", "target", "pad_diameter_mm"], [0.0] * 20, "has a pad that is not larger than 0"),
-        (["data", "target", "dense_x_mm"], [0.0], "dense_x_mm or dense_y_mm is missing"),
-        (["data", "target", "layout_x_mm"], [], r"y_mm of layout cyskin-20 has shape \(20,\)"),
-        (["data", "target", "cover", "thickness_mm"], GONE, "the cover: thickness_mm is missing"),
-        (["data", "target", "cover", "young_mpa"], -1, "the cover: young_mpa is -1"),
-        (["data", "source", "view_mm"], [1.0], r"data\.source\.view_mm must be a list of length 2"),
-        (
-            ["data", "target", "full_scale_counts"],
-            0,
-            r"full_scale_counts must be a number at least 1",
-        ),
+        (["format"], 7, "format 7"),
+        (["model"], "unet", "touch2touch, resnet18, field"),
+        (["minutes"], 0, r"\$\.minutes"),
+        (["epoch_steps"], 2**70, "epoch_steps"),
+        (["preset", "schedule"], "steep", "schedule"),
+        (["preset", "l1_wieght"], 5.0, "l1_wieght"),
+        (["data", "target", "pad_diameter_mm"], [0.0] * 20, "not larger than 0"),
+        (["data", "target", "layout_x_mm"], [], r"shape \(20,\)"),
+        (["data", "target", "cover", "young_mpa"], -1, "young_mpa"),
     ],
 )
-def test_a_wrong_field_of_config_is_one_sentence(tmp_path, config, place, value, said):
+def test_a_wrong_field_of_config_is_named(tmp_path, config, place, value, named):
     config.save(tmp_path)
     change(tmp_path / CONFIG, place, value)
-    with pytest.raises(T2TwinError, match=said) as error:
+    with pytest.raises(T2TwinError, match=named) as error:
         load_config(tmp_path)
-    assert sentence(error).startswith(str(tmp_path / CONFIG))
+    assert str(error.value).startswith(str(tmp_path / CONFIG))
 
 
 def test_the_log_has_a_flat_line_for_every_epoch(tmp_path, history):
@@ -287,39 +209,24 @@ def test_the_log_has_a_flat_line_for_every_epoch(tmp_path, history):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "said"),
-    [
-        ("epoch", GONE, "line 2: epoch is missing"),
-        ("epoch", 3, "line 2: epoch is 3; it must be 2"),
-        ("learning_rate", None, "line 2: learning_rate is null; it must be a number"),
-        ("learning_rate", -1e-3, "line 2: learning_rate must be a number at least 0"),
-        ("train_l1", float("inf"), "line 2 is damaged"),
-        ("val_rmse_counts", GONE, "line 2: val_rmse_counts is missing"),
-        ("val_rmse_counts", float("nan"), "line 2 is damaged"),
-        ("val_rmse_counts", -5.0, "line 2: val_rmse_counts must be a number at least 0"),
-    ],
+    ("key", "value"), [("epoch", GONE), ("epoch", 3), ("train_l1", float("inf")), ("seconds", "x")]
 )
-def test_a_wrong_line_of_the_log_is_one_sentence(tmp_path, history, key, value, said):
+def test_a_wrong_line_of_the_log_is_named(tmp_path, history, key, value):
     write_log(tmp_path, history)
     lines = (tmp_path / LOG).read_text().splitlines()
     record = {k: v for k, v in (json.loads(lines[1]) | {key: value}).items() if v is not GONE}
     lines[1] = json.dumps(record)
     (tmp_path / LOG).write_text("\n".join(lines))
-    with pytest.raises(T2TwinError, match=said) as error:
+    with pytest.raises(T2TwinError, match="line 2"):
         read_log(tmp_path)
-    assert sentence(error).startswith(str(tmp_path / LOG))
 
 
-def test_a_log_that_is_missing_or_empty_is_one_sentence(tmp_path, history):
+def test_a_log_that_is_missing_or_empty_is_refused(tmp_path, history):
     with pytest.raises(T2TwinError, match=r"has no log\.jsonl"):
         read_log(tmp_path)
     (tmp_path / LOG).touch()
     with pytest.raises(T2TwinError, match="is empty"):
         read_log(tmp_path)
-    with pytest.raises(T2TwinError, match="saved, epoch 1: epoch is missing"):
-        decode_history("[{}]", "saved")
-    with pytest.raises(T2TwinError, match="the content is an object; it must be a list"):
-        decode_history("{}", "saved")
     endless = replace(history[0], val_rmse_counts=float("nan"))
     with pytest.raises(T2TwinError, match="val_rmse_counts of epoch 1 is nan"):
         write_log(tmp_path, [endless])

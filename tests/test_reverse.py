@@ -190,7 +190,7 @@ def test_a_direction_that_cannot_be_gone_is_one_sentence(data_dir: Path, tmp_pat
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("data", {}, "data.info_sha256 is missing"),
+        ("data", {}, "info_sha256"),
         ("model", "resnet18", "resnet18 has no direction counts-to-image"),
     ],
 )

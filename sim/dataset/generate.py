@@ -20,7 +20,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
-from t2twin.core.renamed import new_keywords
 from t2twin.core.words import counted
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape_cache import code_digest
@@ -100,7 +99,6 @@ class RunTiming:
     notes: dict[str, int] = field(default_factory=dict)
 
 
-@new_keywords
 def make_dataset(
     folder: str | Path,
     scale: str | None = None,

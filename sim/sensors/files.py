@@ -10,7 +10,7 @@ from typing import Any
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.records import convert_tables, nearest, read_toml
+from t2twin.core.records import convert, nearest, read_toml
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
 from t2twin.sim.optical.spec import GelCameraSpec
@@ -58,7 +58,7 @@ def load_sensor(source: str | Path | Sensor) -> Sensor:
     """A sensor by its name or from a file; a sensor is returned unchanged.
 
     Raises T2TwinError for an unknown name, an unreadable file, and values that are missing, unknown
-    or not allowed; the message names them all.
+    or not allowed.
     """
     if isinstance(source, Sensor):
         return source
@@ -140,10 +140,10 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
 def spec_of(content: dict[str, Any], source: object) -> Spec:
     """The record of a file's content. source: for messages.
 
-    Raises T2TwinError that names all faults, see convert_tables.
+    Raises T2TwinError for a value that is missing, unknown or not allowed.
     """
     kind = content.get("kind")
     if kind not in KINDS:
         given = "missing" if kind is None else repr(kind)
         raise T2TwinError(f"{source}: kind is {given}; expected {' or '.join(KINDS)}")
-    return convert_tables(content, KINDS[kind][0], source)
+    return convert(content, KINDS[kind][0], source)

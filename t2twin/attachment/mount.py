@@ -19,7 +19,6 @@ from t2twin.attachment.geometry import Geometry
 from t2twin.attachment.sensor import AttachedSensor
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.renamed import new_keywords
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.mujoco_pins import prepare_models
 from t2twin.sim.contact.sliding import MAX_FRICTION
@@ -59,7 +58,6 @@ START_M = 1e-4
 """Depth below the base at which a ray starts, m (assumed)."""
 
 
-@new_keywords
 def attach(
     spec: "mujoco.MjSpec",
     *,

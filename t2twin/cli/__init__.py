@@ -20,10 +20,8 @@ from t2twin.cli import (
     train,
     translate,
 )
-from t2twin.cli.parser_errors import one_sentence
 from t2twin.core.errors import OUT_OF_MEMORY, T2TwinError, is_out_of_memory
 from t2twin.core.files import NO_SPACE
-from t2twin.core.renamed import check_options
 from t2twin.core.signals import Stopped, report_stop
 
 COMMANDS = {
@@ -92,15 +90,13 @@ def _run(given: list[str]) -> None:
 
         print(f"t2twin {installed_version('t2twin')}")
         return
-    check_options(given)
-    with one_sentence(COMMANDS, given):
-        tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
-            prog="t2twin",
-            description="Predict the readings of one tactile sensor from those of another.",
-            args=given,
-            config=TYRO_OPTIONS,
-        )
+    tyro.extras.subcommand_cli_from_dict(
+        COMMANDS,
+        prog="t2twin",
+        description="Predict the readings of one tactile sensor from those of another.",
+        args=given,
+        config=TYRO_OPTIONS,
+    )
 
 
 def _drop_output() -> None:

@@ -93,6 +93,8 @@ def _faults_of_end(case: Case, status: int, out: str, err: str) -> list[str]:
     if status not in case.statuses:
         faults.append(f"status {status}")
     lines = [line for line in re.split(r"[\r\n]+", err) if line and not PROGRESS.search(line)]
+    if lines and lines[0].startswith("╭"):  # of the parser
+        return faults
     if status == 1:
         lines = [line for line in out.splitlines() if line]
     elif len(lines) != 1 or not lines[0].startswith("t2twin: "):

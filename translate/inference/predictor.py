@@ -23,7 +23,6 @@ from msgspec import structs
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.progress import Progress
-from t2twin.core.renamed import hint
 from t2twin.translate.data.images import (
     Images,
     check_pixels,
@@ -84,9 +83,7 @@ class TrainedTranslator:
             for kind in _kinds(TrainedTranslator):
                 if name in vars(kind) and not name.startswith("_"):
                     raise not_predicted(self.run_dir, self.config, type(self), name, kind.RUNS)
-            raise AttributeError(
-                f"{type(self).__name__!r} object has no attribute {name!r}{hint(name)}"
-            )
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
 
 def _kinds(kind: type[TrainedTranslator]) -> Iterator[type[TrainedTranslator]]:

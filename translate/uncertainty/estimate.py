@@ -11,7 +11,6 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.renamed import NewAttributes
 from t2twin.sim.taxels.reading import expected_reading
 from t2twin.sim.taxels.spec import CountsTable, Imperfections
 from t2twin.sim.taxels.taxel_array import TaxelArray
@@ -19,7 +18,7 @@ from t2twin.translate.uncertainty.ood import OODClass
 
 
 @dataclass(frozen=True)
-class Estimate(NewAttributes):
+class Estimate:
     """The prediction for one image, or for B images with B before every shape.
 
     counts, counts_std: (N,) float32, counts and their standard deviations. dense_counts,
