@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
+from t2twin.primitives_cad.triangles import EDGE_MM, raise_to_corners
 
 if TYPE_CHECKING:
     import trimesh
@@ -52,10 +52,6 @@ WALL_MM, NEEDLE_MM = 0.1, 0.5
 """Height of walls without width and of narrow parts that is ignored, mm (assumed: rounding, and the
 tip of a cone of 45 degrees)."""
 
-EDGE_MM = 1.0e-6
-"""Tolerance at a triangle's outline, mm, so that both edges of a symmetric shape are included
-(assumed: far below any length of a shape)."""
-
 
 def aligned(
     mesh: "trimesh.Trimesh",
@@ -72,11 +68,10 @@ def aligned(
     The grid has a point on the axis, is symmetric about it, and ends in a rim of NOTHING_MM.
     Raises T2TwinError where the mesh has no surface within reach.
     """
-    # A mesh may be a read-only view of a cache; the compiled loop needs writable float64.
-    triangles = np.array(mesh.triangles, dtype=np.float64, order="C")
+    triangles = np.asarray(mesh.triangles)
     flat = triangles[:, :, :2]
     near = (flat.min(axis=1) <= reach_mm).all(axis=1) & (flat.max(axis=1) >= -reach_mm).all(axis=1)
-    triangles = np.ascontiguousarray(triangles[near])
+    triangles = triangles[near]
     if not len(triangles):
         raise T2TwinError(f"the shape has no surface within {reach_mm:g} mm of the press axis")
     half_x, half_y = np.minimum(np.abs(triangles[:, :, :2]).max(axis=(0, 1)), reach_mm)
@@ -112,7 +107,7 @@ def highest_place(mesh: "trimesh.Trimesh") -> tuple[float, float]:
     """
     from scipy import ndimage  # slow to import
 
-    triangles = np.array(mesh.triangles, dtype=np.float64, order="C")
+    triangles = np.asarray(mesh.triangles)
     sides = triangles[:, 1:, :2] - triangles[:, :1, :2]
     triangles = triangles[np.linalg.det(sides) != 0.0]
     if not len(triangles):
@@ -188,51 +183,11 @@ def base_mm(surface: HeightMap) -> float | None:
 def rasterize_triangles(
     triangles: np.ndarray, pitch_mm: float, rows: int, columns: int
 ) -> np.ndarray:
-    """Highest z of triangles over a grid, (2 rows + 3, 2 columns + 3), mm.
+    """Highest z of triangles over a grid, (2 rows + 3, 2 columns + 3) float32, mm.
 
-    triangles: (n, 3, 3) float64. The grid is centered on the axis; its outermost points, and those
-    without a triangle, are NOTHING_MM. Heights are exact, not interpolated.
+    triangles: (n, 3, 3), facing up or down. The grid is centered on the axis; its outermost points,
+    and those without a triangle, are NOTHING_MM.
     """
-    heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM)
-    _raster(np.ascontiguousarray(triangles), pitch_mm, rows, columns, heights)
+    heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
+    raise_to_corners(np.ascontiguousarray(triangles, np.float64), pitch_mm, heights)
     return heights
-
-
-@compiled("void(float64[:,:,::1], float64, int64, int64, float64[:,::1])")
-def _raster(triangles, pitch, rows, columns, heights):  # pragma: no cover - compiled
-    """Raise heights, (2 rows + 3, 2 columns + 3), to (n, 3, 3) triangles."""
-    for index in range(triangles.shape[0]):
-        ax, ay, az = triangles[index, 0]
-        bx, by, bz = triangles[index, 1]
-        cx, cy, cz = triangles[index, 2]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        if area == 0.0:
-            continue  # seen edge-on: its neighbors include its outline
-        turn = 1.0 if area > 0.0 else -1.0
-        ab = np.hypot(bx - ax, by - ay)
-        bc = np.hypot(cx - bx, cy - by)
-        ca = np.hypot(ax - cx, ay - cy)
-        if ab < EDGE_MM or bc < EDGE_MM or ca < EDGE_MM:
-            continue
-        low, high = min(az, bz, cz), max(az, bz, cz)
-        first_row = max(int(np.ceil((min(ay, by, cy) - EDGE_MM) / pitch)), -rows)
-        last_row = min(int(np.floor((max(ay, by, cy) + EDGE_MM) / pitch)), rows)
-        first_column = max(int(np.ceil((min(ax, bx, cx) - EDGE_MM) / pitch)), -columns)
-        last_column = min(int(np.floor((max(ax, bx, cx) + EDGE_MM) / pitch)), columns)
-        for row in range(first_row, last_row + 1):
-            y = row * pitch
-            for column in range(first_column, last_column + 1):
-                x = column * pitch
-                # Barycentric weights: twice the areas of the point with each side.
-                of_c = turn * ((bx - ax) * (y - ay) - (by - ay) * (x - ax))
-                of_a = turn * ((cx - bx) * (y - by) - (cy - by) * (x - bx))
-                of_b = turn * ((ax - cx) * (y - cy) - (ay - cy) * (x - cx))
-                if of_c < -EDGE_MM * ab or of_a < -EDGE_MM * bc or of_b < -EDGE_MM * ca:
-                    continue
-                total = of_a + of_b + of_c
-                if total == 0.0:
-                    continue  # a wall whose area is less than the rounding
-                z = (of_a * az + of_b * bz + of_c * cz) / total
-                z = min(max(z, low), high)
-                if z > heights[row + rows + 1, column + columns + 1]:
-                    heights[row + rows + 1, column + columns + 1] = z

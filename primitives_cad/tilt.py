@@ -1,7 +1,8 @@
 """Tilted shapes: a solid turned about its origin, and the height map that it then has.
 
 A solid in any pose has the upper envelope of its mesh. A shape that is known by its height map only
-is all that lies under this map. Where the map ends, and where it steps, its sides are vertical.
+is all that lies under this map, two triangles a cell. Where the map ends, and where it steps, its
+sides are vertical.
 """
 
 from functools import cached_property
@@ -10,10 +11,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.height_map import EDGE_MM, MAX_CELLS, REACH_MM
-from t2twin.primitives_cad.map_solid import SIDE_MM, raise_to_map
+from t2twin.core.jit import compiled
+from t2twin.primitives_cad.height_map import MAX_CELLS, REACH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.primitives_cad.triangles import Triangles, in_blocks, raise_to_triangles
+from t2twin.primitives_cad.triangles import (
+    EDGE_MM,
+    OUTLINE,
+    STEEP,
+    Triangles,
+    in_blocks,
+    raise_to_triangle,
+    raise_to_triangles,
+)
 
 if TYPE_CHECKING:
     import trimesh
@@ -23,6 +32,20 @@ MAX_TILT_DEG = 30.0
 
 FAR_MM = 1.0e4
 """A height beyond every solid, mm."""
+
+SIDE_MM = 10.0
+"""Height of the sides below the lowest point of the map, mm (assumed: more than any layer)."""
+
+EVEN_MM = 1.0e-4
+"""Distance from a plane, mm, within which neighboring cells of a row are one part (assumed: far
+below any depth)."""
+
+POINT, CELL = "UniTuple(f8, 3)", "UniTuple(i8, 2)"
+FRAME = "Tuple((f8[:, ::1], f8, f8, f8, i8, i8))"
+"""Types of a point, of a row and column of the source, and of what `_moved` needs."""
+
+NOT_SOLID = np.float32(-2.0)
+"""Marks a cell without four solid corners, in place of the vertical component of a normal."""
 
 SIDES_NOTE = (
     "{} has no mesh; its height map does not show its sides, which are taken as vertical where a "
@@ -122,7 +145,8 @@ def quaternion_of(tilt_x_rad: float, tilt_y_rad: float, yaw_rad: float) -> np.nd
 
 def _surface(upright: Shape, rotation: np.ndarray) -> tuple[HeightMap, float]:
     """The height map of a turned solid, with the highest point at 0, and its height before, mm."""
-    corners = _corners(upright) @ rotation[:2].T
+    floor = _floor(upright.surface)
+    corners = _corners(upright, floor) @ rotation[:2].T
     half_mm = np.minimum(np.abs(corners).max(axis=0), REACH_MM)
     pitch = upright.surface.pitch_mm
     while np.prod(2 * half_mm / pitch + 3) > 2 * MAX_CELLS:
@@ -133,7 +157,7 @@ def _surface(upright: Shape, rotation: np.ndarray) -> tuple[HeightMap, float]:
         surface = upright.surface
         flat = np.ascontiguousarray(surface.heights_mm, np.float32)
         place = float(surface.x_mm[0]), float(surface.y_mm[0]), surface.pitch_mm
-        top = raise_to_map(flat, *place, rotation, pitch, heights)
+        top = raise_to_map(flat, floor, *place, rotation, pitch, heights)
     else:
         solid, center = _blocks(upright), np.zeros(3)
         blocks = solid.blocks_near(rotation, center, half_mm, -FAR_MM, FAR_MM)
@@ -150,17 +174,18 @@ def _surface(upright: Shape, rotation: np.ndarray) -> tuple[HeightMap, float]:
     return HeightMap(heights, x_mm, y_mm), float(top)
 
 
-def _corners(upright: Shape) -> np.ndarray:
-    """(n, 3) points whose convex hull contains the solid, mm; of a height map without what its
-    sides would have below SIDE_MM."""
+def _floor(surface: HeightMap) -> float:
+    """Height at which the sides of the solid under a map end, mm."""
+    lowest = surface.heights_mm.min(where=surface.heights_mm > NOTHING_MM / 2, initial=0.0)
+    return float(lowest) - SIDE_MM
+
+
+def _corners(upright: Shape, floor: float) -> np.ndarray:
+    """(n, 3) points whose convex hull contains the solid above the floor, mm."""
     if not upright.is_under_surface:
         return upright.triangles[0]
-    surface = upright.surface
-    solid = surface.heights_mm[surface.heights_mm > NOTHING_MM / 2]
-    heights = 0.0, float(solid.min(initial=0.0)) - SIDE_MM
-    return np.array([
-        (x, y, z) for x in surface.x_mm[[0, -1]] for y in surface.y_mm[[0, -1]] for z in heights
-    ])  # fmt: skip
+    x_mm, y_mm = upright.surface.x_mm[[0, -1]], upright.surface.y_mm[[0, -1]]
+    return np.array([(x, y, z) for x in x_mm for y in y_mm for z in (0.0, floor)])
 
 
 def _blocks(upright: Shape) -> Triangles:
@@ -169,3 +194,130 @@ def _blocks(upright: Shape) -> Triangles:
         vertices, faces = upright.triangles
         upright.prepared["blocks"] = in_blocks(np.asarray(vertices)[faces], np.asarray(faces))
     return upright.prepared["blocks"]
+
+
+@compiled("f8(f4[:, ::1], f8, f8, f8, f8, f8[:, ::1], f8, f4[:, ::1])", nogil=True)
+def raise_to_map(source, floor, first_x, first_y, cell, rotation, pitch, heights):
+    """Raise a map to the solid under another one, and return the greatest height.
+
+    source: (ny, nx) heights on points `cell` apart from first_x, first_y, mm. floor: height at
+    which its sides end, mm. rotation: of the solid. pitch, heights: of the map that is raised.
+    """
+    ups = _ups(source, cell, rotation)
+    # From here on x is in columns and y in rows of the map.
+    turned, top, edge = rotation.copy(), NOTHING_MM, EDGE_MM / pitch
+    turned[:2] /= pitch
+    frame = (turned, first_x, first_y, cell, heights.shape[1] // 2, heights.shape[0] // 2)
+    for i in range(source.shape[0] - 1):
+        j = 0
+        while j < source.shape[1] - 1:
+            end = j + 1
+            if ups[i + 1, j + 1] != NOT_SOLID:
+                end = _end_of_part(source, ups, i, j)
+                top = _raise_part(frame, source, ups, i, j, end, floor, edge, top, heights)
+            j = end
+    return top
+
+
+@compiled(
+    f"f8({FRAME}, f4[:, ::1], f4[:, ::1], i8, i8, i8, f8, f8, f8, f4[:, ::1])",
+    nogil=True,
+)
+def _raise_part(frame, source, ups, i, j, end, floor, edge, top, heights):
+    """Raise to cells of row i from column j to before end, and to sides at them that face up."""
+    to_right, to_upper = frame[0][2, 0], frame[0][2, 1]
+    lower, upper, left, right = ups[i, j + 1], ups[i + 2, j + 1], ups[i + 1, j], ups[i + 1, end + 1]
+    a, b = _moved(frame, i, j, source[i, j]), _moved(frame, i, end, source[i, end])
+    c, d = _moved(frame, i + 1, end, source[i + 1, end]), _moved(frame, i + 1, j, source[i + 1, j])
+    ab, bc = _shift(lower, -to_upper, edge), _shift(right, to_right, edge)
+    cd, da = _shift(upper, to_upper, edge), _shift(left, -to_right, edge)
+    top = _raise_face(a, b, c, ab, bc, edge, top, heights)
+    top = _raise_face(a, c, d, edge, cd, da, top, heights)
+    if lower == NOT_SOLID and to_upper < 0.0:
+        top = _raise_side(frame, a, b, (i, j), (i, end), floor, edge, top, heights)
+    if right == NOT_SOLID and to_right > 0.0:
+        top = _raise_side(frame, b, c, (i, end), (i + 1, end), floor, edge, top, heights)
+    if upper == NOT_SOLID and to_upper > 0.0:
+        top = _raise_side(frame, c, d, (i + 1, end), (i + 1, j), floor, edge, top, heights)
+    if left == NOT_SOLID and to_right < 0.0:
+        top = _raise_side(frame, d, a, (i + 1, j), (i, j), floor, edge, top, heights)
+    return top
+
+
+@compiled(f"f8({FRAME}, {POINT}, {POINT}, {CELL}, {CELL}, f8, f8, f8, f4[:, ::1])", nogil=True)
+def _raise_side(frame, one, other, at, then, floor, edge, top, heights):
+    """Raise to the side below two points, at two places of the source."""
+    below, after = _moved(frame, at[0], at[1], floor), _moved(frame, then[0], then[1], floor)
+    top = _raise_face(below, after, other, edge, edge, edge, top, heights)
+    return _raise_face(below, other, one, edge, edge, edge, top, heights)
+
+
+@compiled(inline="always")
+def _raise_face(a, b, c, ab, bc, ca, top, heights):
+    """Raise to a triangle that faces up. ab, bc, ca: columns by which its sides move outward."""
+    area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    if area > 0.0:
+        top = raise_to_triangle(a, b, c, area, ab, bc, ca, np.inf, top, heights)
+    return top
+
+
+@compiled(inline="always")
+def _shift(beyond, up, edge):
+    """Columns by which an edge moves outward. beyond: its neighbor. up: of a side in its place."""
+    return OUTLINE if (up if beyond == NOT_SOLID else beyond) < STEEP else edge
+
+
+@compiled(inline="always")
+def _moved(frame, i, j, height):
+    """The point at a height over a point of the source, in columns, rows and mm of the map."""
+    turned, first_x, first_y, cell, column, row = frame
+    x, y, z = first_x + j * cell, first_y + i * cell, np.float64(height)
+    return (
+        column + turned[0, 0] * x + turned[0, 1] * y + turned[0, 2] * z,
+        row + turned[1, 0] * x + turned[1, 1] * y + turned[1, 2] * z,
+        turned[2, 0] * x + turned[2, 1] * y + turned[2, 2] * z,
+    )
+
+
+@compiled("i8(f4[:, ::1], f4[:, ::1], i8, i8)", nogil=True)
+def _end_of_part(source, ups, i, j):
+    """The column after the plane part of a row from a cell, whose neighbors are of one kind."""
+    start, along = np.float64(source[i, j]), np.float64(source[i, j + 1] - source[i, j])
+    across = np.float64(source[i + 1, j] - source[i, j])
+    end = j + 1
+    if abs(source[i + 1, end] - (start + along + across)) > EVEN_MM:
+        return end
+    lower, upper = _kind(ups[i, j + 1]), _kind(ups[i + 2, j + 1])
+    while ups[i + 1, end + 1] != NOT_SOLID:
+        expected = start + along * (end + 1 - j)
+        if (
+            abs(source[i, end + 1] - expected) > EVEN_MM
+            or abs(source[i + 1, end + 1] - (expected + across)) > EVEN_MM
+            or _kind(ups[i, end + 1]) != lower
+            or _kind(ups[i + 2, end + 1]) != upper
+        ):
+            break
+        end += 1
+    return end
+
+
+@compiled(inline="always")
+def _kind(up):
+    """Whether a cell is not solid, 2; steep, 1; or neither, 0."""
+    return 2 if up == NOT_SOLID else (1 if up < STEEP else 0)
+
+
+@compiled("f4[:, ::1](f4[:, ::1], f8, f8[:, ::1])", nogil=True)
+def _ups(source, cell, rotation):
+    """(ny + 1, nx + 1) vertical components of the cells' turned unit normals, or NOT_SOLID; with a
+    rim of NOT_SOLID."""
+    ups = np.full((source.shape[0] + 1, source.shape[1] + 1), NOT_SOLID)
+    for i in range(source.shape[0] - 1):
+        for j in range(source.shape[1] - 1):
+            a, b = source[i, j], source[i, j + 1]
+            c, d = source[i + 1, j], source[i + 1, j + 1]
+            if min(a, b, c, d) > NOTHING_MM / 2:
+                x, y = (a + c - b - d) / (2 * cell), (a + b - c - d) / (2 * cell)
+                up = rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2]
+                ups[i + 1, j + 1] = up / np.sqrt(x * x + y * y + 1.0)
+    return ups

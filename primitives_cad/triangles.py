@@ -10,8 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from t2twin.core.jit import compiled
-from t2twin.primitives_cad.height_map import EDGE_MM
 from t2twin.primitives_cad.shape import NOTHING_MM
+
+EDGE_MM = 1.0e-6
+"""Tolerance at a triangle's outline, mm, so that both edges of a symmetric shape are included
+(assumed: far below any length of a shape)."""
 
 OUTLINE = 0.5 - 1.0e-6
 """Share of the pitch by which an outline is moved outward, times the sum of the absolute components
@@ -105,11 +108,7 @@ def in_blocks(triangles_mm: np.ndarray, faces: np.ndarray | None = None) -> Tria
 
 
 def _neighbors(triangles_mm: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Normals of the neighbors, see `Triangles`, and whether the triangles enclose a volume.
-
-    They do if each side is met in the other direction equally often, and the volume is positive.
-    faces: (n, 3) numbers of the corners.
-    """
+    """Normals of the neighbors, see `Triangles`, and whether the triangles enclose a volume."""
     start = faces.astype(np.int64)
     end, points = np.roll(start, -1, axis=1), int(start.max()) + 1
     sides, reversed_sides = (start * points + end).ravel(), (end * points + start).ravel()
@@ -121,6 +120,7 @@ def _neighbors(triangles_mm: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray,
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.finfo(float).tiny)
     normals = np.where((sides[met] == reversed_sides)[:, None], across[met // 3], 0.0)
     volume = np.einsum("ni,ni->", a, np.cross(b, c))
+    # Each side is met in the other direction equally often.
     is_closed = volume > 0.0 and np.array_equal(sides[order], np.sort(reversed_sides))
     return np.ascontiguousarray(normals.reshape(-1, 3, 3), np.float32), bool(is_closed)
 
@@ -193,8 +193,7 @@ def _outlines(rotation, normals, sign, pitch):
 
 @compiled(inline="always")
 def _side(a, b, edge):
-    """Bounds of rows by a side from a to b of a triangle on its left: x at y = 0 and change with y,
-    of the left and of the right bound; infinite where the side is on the other side of the row."""
+    """x at y = 0 and change with y of a row's left and right bound by the side from a to b."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     room = edge * (abs(dx) + abs(dy))
     dy = LEVEL if abs(dy) < LEVEL else dy
@@ -241,3 +240,23 @@ def raise_to_triangle(a, b, c, area, ab, bc, ca, behind, top, heights):
             out[at] = out[at] if out[at] > height else height
             highest = highest if highest > height else height
     return highest
+
+
+@compiled("void(f8[:, :, ::1], f8, f4[:, ::1])", nogil=True)
+def raise_to_corners(triangles, pitch, heights):
+    """Raise a map to triangles (n, 3, 3), mm, that face up or down, without moving outlines."""
+    column, row, edge = heights.shape[1] // 2, heights.shape[0] // 2, EDGE_MM / pitch
+    for n in range(triangles.shape[0]):
+        ax, ay = triangles[n, 0, 0] / pitch + column, triangles[n, 0, 1] / pitch + row
+        bx, by = triangles[n, 1, 0] / pitch + column, triangles[n, 1, 1] / pitch + row
+        cx, cy = triangles[n, 2, 0] / pitch + column, triangles[n, 2, 1] / pitch + row
+        a, b, c = (
+            (ax, ay, triangles[n, 0, 2]),
+            (bx, by, triangles[n, 1, 2]),
+            (cx, cy, triangles[n, 2, 2]),
+        )
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area < 0.0:
+            b, c = c, b
+        if area != 0.0:
+            raise_to_triangle(a, b, c, abs(area), edge, edge, edge, np.inf, NOTHING_MM, heights)

@@ -27,9 +27,9 @@ from t2twin.attachment.rasterize import (
 )
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.height_map import EDGE_MM, PITCH_MM
+from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
-from t2twin.primitives_cad.triangles import Triangles, in_blocks, raise_to_triangles
+from t2twin.primitives_cad.triangles import EDGE_MM, Triangles, in_blocks, raise_to_triangles
 from t2twin.sim.contact.elastomer import Elastomer
 
 if TYPE_CHECKING:

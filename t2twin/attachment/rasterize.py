@@ -11,9 +11,8 @@ geom's pose is its rotation to the shape frame, (3, 3), and its center, (3,). Su
 import numpy as np
 
 from t2twin.core.jit import compiled
-from t2twin.primitives_cad.height_map import EDGE_MM
 from t2twin.primitives_cad.shape import NOTHING_MM
-from t2twin.primitives_cad.triangles import FAST, MAP, OUTLINE, POSE, STEEP
+from t2twin.primitives_cad.triangles import EDGE_MM, FAST, MAP, OUTLINE, POSE, STEEP
 
 PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER = 0, 2, 3, 4, 5
 """Values of MuJoCo's mjtGeom."""
