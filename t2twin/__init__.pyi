@@ -15,7 +15,7 @@ from .sim.contact.types import Contact as Contact
 from .sim.contact.types import PressCommand as PressCommand
 from .sim.dataset.generate import make_dataset as make_dataset
 from .sim.dataset.import_pairs import import_pairs as import_pairs
-from .sim.dataset.verify import verify_dataset as verify_dataset
+from .sim.dataset.store import verify_dataset as verify_dataset
 from .sim.optical.markers import Markers as Markers
 from .sim.sampling.recipe import Recipe as Recipe
 from .sim.sampling.recipe import load_recipe as load_recipe

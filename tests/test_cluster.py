@@ -12,14 +12,11 @@ import pytest
 from waiting import wait_until
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.dataset import cluster
+from t2twin.sim.dataset import generate
 from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.schedule import Schedule
-from t2twin.sim.dataset.shard import ShardContext
-from t2twin.sim.dataset.store import GROUPS, INFO, LOG, read_info
-from t2twin.sim.dataset.verify import verify_dataset
-from t2twin.sim.sampling import plan
-from t2twin.sim.sampling.plan import Batch, Group
+from t2twin.sim.dataset.shard import ShardContext, make_shard_in_worker
+from t2twin.sim.dataset.store import INFO, LOG, read_info, verify_dataset
+from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -67,54 +64,40 @@ def digests(folder):
 
 
 @pytest.mark.exhaustive
-def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cache, monkeypatch):
-    monkeypatch.setattr(plan, "PRESSES_PER_GROUP", 1)
+def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cache):
     make_dataset(tmp_path / "here", "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     data = tmp_path / "there"
-    killed_at, kept = [], {}
 
     def kill(process):
-        """After the first shard is whole, with groups of another one."""
-
-        def is_next():
-            whole = len(list(data.glob("*/[a-z]*.parquet")))
-            return list(data.glob(f"{GROUPS}/[a-z]*")) and whole
-
-        whole = wait_until(is_next)
+        wait_until(lambda: list(data.glob("*/[a-z]*.parquet")))
         os.kill(process.pid, signal.SIGKILL)
-        killed_at.append(whole)
-        for path in read_info(data).shards:
-            kept[path] = (data / path).stat().st_mtime_ns
 
     with scheduler() as address, worker(address, tmp_path) as first, worker(address, tmp_path):
         killer = threading.Thread(target=kill, args=(first,))
         killer.start()
         make_dataset(data, "smoke", cache=shape_cache, shapes=SHAPES, scheduler=address)
         killer.join()
-        assert killed_at and killed_at[0] < len(SHAPES)
-    assert {path: (data / path).stat().st_mtime_ns for path in kept} == kept
     assert digests(data) == digests(tmp_path / "here")
-    assert verify_dataset(data) == []
-    assert not list(data.rglob(".*.part*")) and not (data / GROUPS).exists()
+    assert verify_dataset(data) == [] and not list(data.rglob(".*.part*"))
     assert (data / INFO).read_bytes() == (tmp_path / "here" / INFO).read_bytes()
     assert (data / LOG).is_file()
 
 
-def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
-    monkeypatch.setattr(cluster, "CONNECT_SECONDS", 1)
-    with pytest.raises(T2TwinError, match="no Dask scheduler answers"):
-        make_dataset(tmp_path / "none", "smoke", cache=shape_cache, shapes=SHAPES[:1],
-                 scheduler="tcp://127.0.0.1:9")  # fmt: skip
-    for address in ("foo", "http://127.0.0.1:8786", "tcp://127.0.0.1", ""):
-        with pytest.raises(T2TwinError, match="not the address of a Dask scheduler"):
-            make_dataset(tmp_path / "refused", "smoke", cache=shape_cache, shapes=SHAPES[:1],
-                     scheduler=address)  # fmt: skip
-    assert not (tmp_path / "refused").exists()
-    batch = Batch("train/square-1.parquet", "train", 0, ("square-1",), (0,), (0,), 1)
-    elsewhere = str(tmp_path / "elsewhere")
-    making = ShardContext(load_recipe("paper"), SensorPair(), elsewhere, str(shape_cache))
-    with scheduler() as address, worker(address, tmp_path):
-        for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "cannot read")):
-            with pytest.raises(T2TwinError, match=said):
-                schedule = Schedule([(Group(batch, 0, 1),)])
-                list(cluster.run(making, schedule, address, needed, lambda pairs: None))
+def test_what_a_cluster_lacks_is_named(tmp_path, shape_cache, monkeypatch):
+    monkeypatch.setattr(generate, "CONNECT_SECONDS", 1)
+    for address in ("tcp://127.0.0.1:9", "http://127.0.0.1:8786"):
+        with pytest.raises(T2TwinError, match="no Dask scheduler answers"):
+            make_dataset(tmp_path / "none", "smoke", cache=shape_cache, shapes=SHAPES[:1],
+                         scheduler=address)  # fmt: skip
+        assert not (tmp_path / "none").exists()
+    recipe, needed = load_recipe("paper"), {"numpy": "1.0"}
+    batches = plan(recipe, SHAPES[:1])
+    context = ShardContext(recipe, SensorPair(), str(tmp_path), str(shape_cache), needed)
+    with (
+        scheduler() as address,
+        worker(address, tmp_path),
+        pytest.raises(T2TwinError, match="has numpy"),
+    ):
+        list(generate._results(context, batches, 1, address))
+    with pytest.raises(T2TwinError, match="use a folder that all workers share"):
+        make_shard_in_worker(str(tmp_path / "elsewhere"), batches[0])

@@ -12,9 +12,9 @@ from typing import Any
 import pyarrow as pa
 
 from t2twin.core.templates import render
-from t2twin.sim.dataset.columns import IMAGE_TYPE, schema_of, type_name
+from t2twin.sim.dataset.columns import IMAGE_TYPE, Stored, columns_of, type_name
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
-from t2twin.sim.dataset.store import list_limits, write_whole
+from t2twin.sim.dataset.store import write_whole
 
 CARD, CROISSANT = "README.md", "croissant.json"
 
@@ -77,12 +77,14 @@ CROISSANT_TYPES = {
 
 def write_card(folder: Path, info: DatasetInfo) -> None:
     """Writes README.md and croissant.json of a dataset whose shards exist."""
+    columns = columns_of(info.values, info.recipe)
     sizes = {path: (folder / path).stat().st_size for path in sorted(info.shards)}
     text = render(
         "sim/dataset/card.md",
         info=info,
         splits={HUB_SPLITS[split]: split for split in _present(info)},
-        features=_hub_features(schema_of(info.values, info.recipe)),
+        features=[_hub_feature(each) for each in columns],
+        columns=[_described(each, info) for each in columns],
         size=next((name for end, name in SIZES if sum(info.pairs.values()) < end), LARGEST_SIZE),
         download_bytes=sum(sizes.values()),
     )
@@ -96,18 +98,23 @@ def _present(info: DatasetInfo) -> list[str]:
     return [split for split in SPLITS if info.pairs[split]]
 
 
-def _hub_features(schema: pa.Schema) -> list[dict[str, str]]:
-    """The columns as a card's header lists them."""
-    features = []
-    for field in schema:
-        if field.type == IMAGE_TYPE:
-            kind = {"dtype": "image"}
-        elif pa.types.is_list(field.type):
-            kind = {"sequence": type_name(field.type.value_type)}
-        else:
-            kind = {"dtype": type_name(field.type)}
-        features.append({"name": field.name, **kind})
-    return features
+def _hub_feature(stored: Stored) -> dict[str, str]:
+    """A column as a card's header lists it."""
+    kind = stored.column.type
+    if kind == IMAGE_TYPE:
+        return {"name": stored.name, "dtype": "image"}
+    if pa.types.is_list(kind):
+        return {"name": stored.name, "sequence": type_name(kind.value_type)}
+    return {"name": stored.name, "dtype": type_name(kind)}
+
+
+def _described(stored: Stored, info: DatasetInfo) -> dict[str, str]:
+    """A column as a card's table lists it."""
+    about, feature = stored.column.about, _hub_feature(stored)
+    kind = feature.get("dtype") or f"list of {feature['sequence']}"
+    if stored.role:
+        about = f"{info.sensors[stored.role].name}: {about}"
+    return {"name": stored.name, "type": kind, "unit": stored.column.unit, "about": about}
 
 
 def croissant(info: DatasetInfo, sizes: dict[str, int]) -> dict[str, Any]:
@@ -172,20 +179,22 @@ def _splits(info: DatasetInfo) -> dict[str, Any]:
 
 def _pairs(info: DatasetInfo) -> dict[str, Any]:
     """The record set of the pairs, one field a column."""
-    lengths = {name: size for name, (size, _) in list_limits(info).items()}
     fields = []
-    for column in schema_of(info.values, info.recipe):
-        extract = {"fileSet": {"@id": "shards"}, "extract": {"column": column.name}}
-        field = {"@type": "cr:Field", "@id": f"pairs/{column.name}", "name": column.name}
-        if column.type == IMAGE_TYPE:
+    for stored in columns_of(info.values, info.recipe):
+        name, kind = stored.name, stored.column.type
+        extract = {"fileSet": {"@id": "shards"}, "extract": {"column": name}}
+        field = {"@type": "cr:Field", "@id": f"pairs/{name}", "name": name}
+        field["description"] = stored.column.about
+        if kind == IMAGE_TYPE:
             field["dataType"] = "sc:ImageObject"
             extract["transform"] = {"jsonPath": "bytes"}
-        elif pa.types.is_list(column.type):
-            field["dataType"] = CROISSANT_TYPES[type_name(column.type.value_type)]
-            field |= {"isArray": True, "arrayShape": str(lengths[column.name])}
+        elif stored.column.size is not None:
+            size = stored.column.size(info.sensors[stored.role])
+            field["dataType"] = CROISSANT_TYPES[type_name(kind.value_type)]
+            field |= {"isArray": True, "arrayShape": str(size)}
         else:
-            field["dataType"] = CROISSANT_TYPES[type_name(column.type)]
-        if column.name == "split":
+            field["dataType"] = CROISSANT_TYPES[type_name(kind)]
+        if name == "split":
             field["references"] = {"field": {"@id": "splits/name"}}
         fields.append({**field, "source": extract})
     return {

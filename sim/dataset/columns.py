@@ -1,21 +1,32 @@
-"""Columns and rows of a dataset's shards.
+"""The columns of a dataset: one entry for each in TABLE.
 
 Columns of a sensor start with its role, "source_" or "target_".
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pyarrow as pa
 
+from t2twin.core.images import encode_png
 from t2twin.sim.contact.types import TILT
 from t2twin.sim.sampling.plan import file_stem
 from t2twin.sim.sampling.recipe import Recipe
 from t2twin.sim.sensors.defaults import ROLES
 
 if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
-    from t2twin.sim.touch import Touch
+    from t2twin.sim.dataset.info import SensorInfo
+    from t2twin.sim.touch import Reading, Touch
+
+IMAGE, COUNTS = "image", "counts"
+"""Columns of a gel camera's image and of a taxel array's counts, after the role. They also name the
+kind of a sensor."""
+
+IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+COUNTS_TYPE = pa.list_(pa.uint16())
 
 POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
 """Columns of the press: fields of PressCommand."""
@@ -23,58 +34,210 @@ POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
 TILTED_POSE = (*POSE, *TILT)
 """Those of recipes that sample a tilt."""
 
-IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-
-IMAGE, COUNTS = "image", "counts"
-"""Columns of a gel camera's image and of a taxel array's counts, after the role."""
-
-VALUES = {IMAGE: IMAGE_TYPE, COUNTS: pa.list_(pa.uint16())}
-"""Types of the columns of a sensor's value."""
-
-CONTACT = {
-    "depth_mm": pa.float64(),
-    "force_n": pa.float64(),
-    "settled": pa.bool_(),
-    "bottomed": pa.bool_(),
-}
-"""Columns of a sensor's contact."""
-
-NO_CONTACT = {"depth_mm": 0.0, "force_n": 0.0, "settled": True, "bottomed": False}
-"""Their values in a press of 0 N, which has no contacts."""
-
-PRESS = {
-    "shape": pa.string(),
-    "family": pa.string(),
-    "split": pa.string(),
-    "index": pa.int32(),
-    **dict.fromkeys(POSE, pa.float64()),
-}
-"""Columns of a press, without a role."""
+CONTACT = {"depth_mm": 0.0, "force_n": 0.0, "settled": True, "bottomed": False}
+"""Columns of a sensor's contact, with their values in a press of 0 N, which has no contacts."""
 
 UNIT, BACKGROUND, MARKERS = "unit", "background", "markers"
-"""Further columns of gel cameras in most recipes: the number of the unit in its part, its
-background frame, and with motion whether it has markers."""
-
-CONTACT_MAPS = {"depth_map_um": pa.int16(), "pressure_map_hpa": pa.uint32()}
-"""Further columns of gel cameras in recipes with contact maps (t2twin.sim.optical.gel_camera),
-micrometers and hectopascals, row by row of the cells."""
-
 DENSE_COUNTS = "dense_counts"
-"""Further column of taxel arrays in most recipes: the dense counts."""
-
-PATH = "path"
-"""Column of recipes with motion: index of the press that a path started with. Rows of one shape
-with the same are touches of one path, in their order."""
-
-MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
-"""Further columns of each sensor in recipes with motion."""
-
+CONTACT_MAPS = ("depth_map_um", "pressure_map_hpa")
 TRACTIONS = ("pressure_kpa", "shear_x_kpa", "shear_y_kpa")
-"""Further columns of taxel arrays in recipes with motion and dense counts: pressure and shear on
-the cover (t2twin.sim.taxels.pads.DenseGrid.tractions)."""
+MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
+PATH = "path"
+
+RANDOM_FAMILY = "random"
+"""Family of random shapes."""
 
 Values = Mapping[str, str]
 """The value of each role: IMAGE or COUNTS."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What the columns of a row are computed from.
+
+    index: of the touch among the shape's. path: index of the first touch of its path. friction: by
+    the sensors' names. units: by role, the columns of the gel cameras' units.
+    """
+
+    touch: "Touch"
+    index: int
+    split: str
+    path: int
+    friction: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def reading(self, role: str) -> "Reading | Any":
+        """The reading of the sensor of a role."""
+        return [*self.touch.readings.values()][ROLES.index(role)]
+
+    def friction_of(self, role: str) -> float:
+        """The coefficient of friction of the sensor of a role."""
+        return self.friction[[*self.touch.readings][ROLES.index(role)]]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column.
+
+    name: after the role, for a sensor's. value: of a sample and a role. kind: of the sensors that
+    have it; "press" for a column without a role, "sensor" for one of both kinds. when: whether the
+    pairs of a recipe have it; None for all pairs. size: values in a list. stage: of
+    t2twin.sim.dataset.shard.STAGES.
+    """
+
+    name: str
+    type: pa.DataType
+    unit: str
+    about: str
+    value: Callable[[Sample, str], Any]
+    kind: str = "press"
+    when: Callable[[Recipe], object] | None = None
+    size: "Callable[[SensorInfo], int] | None" = None
+    stage: str = "encoding"
+
+
+def _pose(name: str, unit: str, about: str, when: Any = None) -> Column:
+    return Column(
+        name, pa.float64(), unit, about, lambda s, _: getattr(s.touch.command, name), when=when
+    )
+
+
+def _contact(name: str, kind: pa.DataType, unit: str, about: str) -> Column:
+    def value(sample: Sample, role: str) -> Any:
+        contact = sample.reading(role).contact
+        return CONTACT[name] if contact is None else getattr(contact, name)
+
+    return Column(name, kind, unit, about, value, "sensor")
+
+
+def _unit(name: str, kind: pa.DataType, unit: str, about: str, when: Any) -> Column:
+    return Column(name, kind, unit, about, lambda s, role: s.units[role][name], IMAGE, when)
+
+
+def _traction(number: int, about: str) -> Column:
+    return Column(
+        TRACTIONS[number], pa.list_(pa.float32()), "kPa", about,
+        lambda s, role: s.reading(role).tractions[number], COUNTS,
+        lambda recipe: recipe.motion and recipe.dense_counts, _places, "dense counts",
+    )  # fmt: skip
+
+
+def _moving(name: str, unit: str, about: str, of: Callable[[Any], float]) -> Column:
+    def value(sample: Sample, role: str) -> float:
+        contact = sample.reading(role).contact
+        return 0.0 if contact is None else of(contact)
+
+    return Column(
+        name, pa.float64(), unit, about, value, "sensor", lambda r: r.motion, stage="motion"
+    )
+
+
+def _places(sensor: "SensorInfo") -> int:
+    return len(sensor.dense_x_mm or ())
+
+
+def _cells(sensor: "SensorInfo") -> int:
+    rows, columns = sensor.contact_grid or (0, 0)
+    return rows * columns
+
+
+def _image(sample: Sample, role: str) -> dict[str, Any]:
+    name = f"{file_stem(sample.touch.command.shape)}-{sample.index}-{role}.png"
+    return {"bytes": encode_png(sample.reading(role).image), "path": name}
+
+
+TABLE: tuple[tuple[Column, ...], ...] = (
+    (
+        Column("shape", pa.string(), "", "primitive (`square-2`), tool at a keypoint "
+               "(`pliers/teeth`), random shape or file", lambda s, _: s.touch.command.shape),
+        Column("family", pa.string(), "", "family of the shape, or tool",
+               lambda s, _: family_of(s.touch.command.shape)),
+        Column("split", pa.string(), "", "`train`, `val` or `test`", lambda s, _: s.split),
+        Column("index", pa.int32(), "", "number among the shape's presses", lambda s, _: s.index),
+        _pose("x_mm", "mm", "position of the shape's origin, to the right in the image"),
+        _pose("y_mm", "mm", "position of the shape's origin, down in the image"),
+        _pose("yaw_rad", "rad", "rotation about the press axis, clockwise in the image"),
+        _pose("force_n", "N", "commanded force"),
+        _pose("tilt_x_rad", "rad", "tilt about the shape's origin before the yaw; a positive one "
+              "lowers the side that is up in the image at yaw 0", lambda r: r.has_tilt),
+        _pose("tilt_y_rad", "rad", "the same; lowers the side that is right",
+              lambda r: r.has_tilt),
+    ),
+    (
+        Column(IMAGE, IMAGE_TYPE, "grey levels", "image, PNG", _image, IMAGE),
+        Column(COUNTS, COUNTS_TYPE, "counts", "counts, saturated at `full_scale_counts`",
+               lambda s, role: s.reading(role).counts, COUNTS, size=lambda s: len(s.x_mm)),
+    ),
+    (
+        _contact("depth_mm", pa.float64(), "mm", "depth from first contact"),
+        _contact("force_n", pa.float64(), "N", "force carried by the contact pressure"),
+        _contact("settled", pa.bool_(), "", "whether the contact solver converged"),
+        _contact("bottomed", pa.bool_(), "", "whether the shape's base plate touched"),
+    ),
+    (
+        _unit(UNIT, pa.int64(), "", "number of the unit in its part of the recipe",
+              lambda r: r.has_more),
+        _unit(BACKGROUND, IMAGE_TYPE, "grey levels", "background frame of the unit, PNG",
+              lambda r: r.background_frames),
+        _unit(MARKERS, pa.bool_(), "", "whether the unit has markers", lambda r: r.motion),
+        Column(CONTACT_MAPS[0], pa.list_(pa.int16()), "um", "depth of the gel in the cells of "
+               "`contact_grid`, row by row",
+               lambda s, role: _whole(1e3 * s.reading(role).depth_map_mm, np.int16),
+               IMAGE, lambda r: r.contact_maps, _cells, "contact maps"),
+        Column(CONTACT_MAPS[1], pa.list_(pa.uint32()), "0.1 kPa", "normal pressure there: force on "
+               "the gel that a cell shows, over its share of `view_mm`",
+               lambda s, role: _whole(10.0 * s.reading(role).pressure_map_kpa, np.uint32),
+               IMAGE, lambda r: r.contact_maps, _cells, "contact maps"),
+        Column(DENSE_COUNTS, COUNTS_TYPE, "counts", "noiseless counts of pads at `dense_x_mm`, "
+               "`dense_y_mm`", lambda s, role: s.reading(role).dense_counts,
+               COUNTS, lambda r: r.dense_counts, _places, "dense counts"),
+        _traction(0, "pressure on the cover: force on the surface nearest to a place of the dense "
+                     "counts, over `dense_cell_mm2`"),
+        _traction(1, "shear there along x"),
+        _traction(2, "shear there along y"),
+    ),
+    (
+        Column(PATH, pa.int32(), "", "`index` of the press that a path started with; rows of one "
+               "shape with the same are its touches in order", lambda s, _: s.path,
+               when=lambda r: r.motion),
+    ),
+    (
+        Column(MOTION[0], pa.float64(), "", "coefficient of friction",
+               lambda s, role: s.friction_of(role), "sensor", lambda r: r.motion),
+        _moving(MOTION[1], "N", "tangential force along x", lambda c: float(c.shear_n[0])),
+        _moving(MOTION[2], "N", "tangential force along y", lambda c: float(c.shear_n[1])),
+        _moving(MOTION[3], "N mm", "torque about the shape's origin, clockwise",
+                lambda c: c.torque_nmm),
+        _moving(MOTION[4], "", "share of the contact that slips", lambda c: c.slip_share),
+    ),
+)  # fmt: skip
+"""All columns in their order. The columns of a group come for the source, then for the target."""
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A column of a dataset: its entry in TABLE, its full name, and its role; "" without one."""
+
+    column: Column
+    name: str
+    role: str
+
+
+def columns_of(values: Values, recipe: Recipe | None) -> list[Stored]:
+    """The columns of a recipe's shards, without a recipe those of every dataset."""
+
+    def has(each: Column, kinds: tuple[str, ...]) -> bool:
+        wanted = each.when is None or (recipe is not None and bool(each.when(recipe)))
+        return wanted and each.kind in kinds
+
+    found = []
+    for group in TABLE:
+        found += [Stored(each, each.name, "") for each in group if has(each, ("press",))]
+        for role in ROLES:
+            kinds = "sensor", values[role]
+            own = (each for each in group if has(each, kinds))
+            found += [Stored(each, column(role, each.name), role) for each in own]
+    return found
 
 
 def column(role: str, name: str) -> str:
@@ -83,32 +246,27 @@ def column(role: str, name: str) -> str:
 
 
 def schema_of(values: Values, recipe: Recipe | None) -> pa.Schema:
-    """The columns of a recipe's shards, without a recipe those of every dataset."""
-    columns = dict(PRESS) | dict.fromkeys(pose_of(recipe), pa.float64())
-    columns |= {column(role, values[role]): VALUES[values[role]] for role in ROLES}
-    columns |= {column(role, name): kind for role in ROLES for name, kind in CONTACT.items()}
-    if recipe is not None and recipe.has_more:
-        for role in ROLES:
-            own = {}
-            if values[role] == IMAGE:
-                own[UNIT] = pa.int64()
-                own |= {BACKGROUND: IMAGE_TYPE} if recipe.background_frames else {}
-                own |= {MARKERS: pa.bool_()} if recipe.motion else {}
-                if recipe.contact_maps:
-                    own |= {name: pa.list_(kind) for name, kind in CONTACT_MAPS.items()}
-            elif recipe.dense_counts:
-                own[DENSE_COUNTS] = pa.list_(pa.uint16())
-                own |= dict.fromkeys(TRACTIONS if recipe.motion else (), pa.list_(pa.float32()))
-            columns |= {column(role, name): kind for name, kind in own.items()}
-        if recipe.motion:
-            columns[PATH] = pa.int32()
-            columns |= {column(role, name): pa.float64() for role in ROLES for name in MOTION}
-    return with_features(pa.schema(list(columns.items())))
+    """The schema of a recipe's shards, without a recipe that of every dataset."""
+    fields = [(each.name, each.column.type) for each in columns_of(values, recipe)]
+    return with_features(pa.schema(fields))
 
 
 def pose_of(recipe: Recipe | None) -> tuple[str, ...]:
     """The columns of the press in a recipe's shards, without a recipe those of every dataset."""
     return TILTED_POSE if recipe is not None and recipe.has_tilt else POSE
+
+
+def row_values(
+    columns: list[Stored], sample: Sample, timed: Callable[[str], Any]
+) -> Iterator[tuple[str, Any]]:
+    """The name and the value of each column of a row. timed: a context manager for each stage."""
+    for each in columns:
+        with timed(each.column.stage):
+            yield each.name, each.column.value(sample, each.role)
+
+
+def _whole(values: np.ndarray, kind: type) -> np.ndarray:
+    return np.rint(values.ravel()).astype(kind)
 
 
 def with_features(schema: pa.Schema) -> pa.Schema:
@@ -118,16 +276,12 @@ def with_features(schema: pa.Schema) -> pa.Schema:
 
 
 def _feature(kind: pa.DataType) -> dict[str, Any]:
-    """A column type of Hugging Face's `datasets`. Versions 3 to 5 read "Sequence"; "List" needs
-    4."""
+    """A column type of Hugging Face's `datasets`. Its version 3 reads "Sequence", not "List"."""
     if kind == IMAGE_TYPE:
         return {"_type": "Image"}
     if pa.types.is_fixed_size_list(kind):
-        return {
-            "feature": _feature(kind.value_type),
-            "length": kind.list_size,
-            "_type": "Sequence",
-        }
+        own = {"feature": _feature(kind.value_type), "length": kind.list_size}
+        return {**own, "_type": "Sequence"}
     if pa.types.is_list(kind):
         return {"feature": _feature(kind.value_type), "_type": "Sequence"}
     return {"dtype": type_name(kind), "_type": "Value"}
@@ -136,59 +290,6 @@ def _feature(kind: pa.DataType) -> dict[str, Any]:
 def type_name(kind: pa.DataType) -> str:
     """The name of a scalar type, as in NumPy."""
     return {"double": "float64", "float": "float32"}.get(str(kind), str(kind))
-
-
-def row(touch: "Touch", roles: Mapping[str, str], index: int, split: str) -> dict[str, Any]:
-    """The columns of the base schema of one press. roles: of the sensors by their names."""
-    shape, command = touch.command.shape, vars(touch.command)
-    columns = {**command, "family": family_of(shape), "split": split, "index": index}
-    for name, role in roles.items():
-        reading = touch.readings[name]
-        own = reading.row(f"{file_stem(shape)}-{index}-{role}.png")
-        for key in CONTACT:
-            found = reading.contact is not None
-            own[key] = getattr(reading.contact, key) if found else NO_CONTACT[key]
-        columns |= {column(role, key): value for key, value in own.items()}
-    return columns
-
-
-def dense_row(touch: "Touch", roles: Mapping[str, str], with_tractions: bool) -> dict[str, Any]:
-    """The columns of the dense counts of one touch."""
-    columns = {}
-    for name, role in roles.items():
-        own = touch.readings[name].dense_row(with_tractions)
-        columns |= {column(role, key): value for key, value in own.items()}
-    return columns
-
-
-def contact_row(touch: "Touch", roles: Mapping[str, str]) -> dict[str, Any]:
-    """The columns of the contact maps of one touch."""
-    columns = {}
-    for name, role in roles.items():
-        own = touch.readings[name].contact_row()
-        columns |= {column(role, key): value for key, value in own.items()}
-    return columns
-
-
-def motion_row(
-    touch: "Touch", roles: Mapping[str, str], path: int, friction: Mapping[str, float]
-) -> dict[str, Any]:
-    """The columns of motion of one touch, zero without contact.
-
-    path: index of the first touch of its path. friction: by the sensors' names.
-    """
-    columns: dict[str, Any] = {PATH: path}
-    for name, role in roles.items():
-        contact = touch.contacts.get(name)
-        values = [friction[name]] + [0.0] * (len(MOTION) - 1)
-        if contact is not None:
-            values[1:] = *contact.shear_n.tolist(), contact.torque_nmm, contact.slip_share
-        columns |= {column(role, n): value for n, value in zip(MOTION, values, strict=True)}
-    return columns
-
-
-RANDOM_FAMILY = "random"
-"""Family of random shapes."""
 
 
 def family_of(shape: str) -> str:

@@ -1,16 +1,24 @@
-"""Makes a dataset, here or on a cluster, and continues a stopped one."""
+"""Makes a dataset, here or on a Dask cluster, and continues a stopped one."""
 
-import importlib
 import json
-import shutil
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
 import time
 from collections import Counter
-from collections.abc import Generator
-from contextlib import closing, suppress
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from types import ModuleType
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 from msgspec import structs
 from msgspec.json import encode
 
@@ -24,40 +32,22 @@ from t2twin.core.words import counted
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape_cache import code_digest
 from t2twin.sim.contact.elastomer import elastomer_json
-from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.card import write_card
-from t2twin.sim.dataset.info import (
-    FORMAT,
-    SPLITS,
-    DatasetInfo,
-    SensorInfo,
-    Shard,
-    versions,
-)
-from t2twin.sim.dataset.schedule import Schedule
+from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, SensorInfo, Shard, versions
 from t2twin.sim.dataset.shard import (
     STAGES,
     ShardContext,
-    Stopwatch,
-    Work,
-    WorkResult,
+    ShardResult,
+    make_shard,
+    make_shard_in_worker,
     peak_memory,
     process_name,
 )
-from t2twin.sim.dataset.store import (
-    GROUPS,
-    INFO,
-    LOG,
-    add_shard,
-    read_info,
-    sha256_of,
-    write_info,
-    write_whole,
-)
+from t2twin.sim.dataset.store import INFO, LOG, read_info, sha256_of, write_info, write_whole
 from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.held_out import check_held_out
-from t2twin.sim.sampling.plan import Batch, Group, groups_of, plan
+from t2twin.sim.sampling.plan import Batch, plan
 from t2twin.sim.sampling.recipe import NAMED, PAPER, RANDOM, Recipe, checked, load_recipe
 from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.sensors.pair import SensorPair
@@ -65,19 +55,11 @@ from t2twin.sim.sensors.pair import SensorPair
 STATE = ("shards", "complete")
 """Fields of info.json that change while a dataset is made; the others are its parameters."""
 
-MADE_WITH = {
-    "versions": "other versions of its libraries",
-    "source": "another source or options of it",
-    "target": "another target or options of it",
-    "shapes": "other presses on the grid",
-    "only": "other shapes",
-    "pairs": "other pairs",
-    "recipe": "another recipe",
-    "files": "other solids",
-    "shape_code": "another shape code (the code that makes the shapes has changed)",
-}
-"""Text of a message for a field of info.json that differs; other fields are "another" and their
-name."""
+MAX_WORKERS = 1000
+"""Largest number of processes (assumed: more than any machine has cores)."""
+
+CONNECT_SECONDS = 20
+"""Timeout of the connection to a Dask scheduler, s."""
 
 
 @dataclass(frozen=True)
@@ -123,27 +105,32 @@ def make_dataset(
     it later if the disk is full or a worker is lost.
     """
     folder = arguments.path(folder, "folder").absolute()
-    pool.check_workers(workers)
+    check_workers(workers)
     check_seed(0 if seed is None else seed)
     if recipe == PAPER and scale is None:
         scale, recipe = PAPER, None
     recipe, sensors = _recipe(scale, recipe, seed, sensors)
     if scheduler is not None:
         arguments.text(scheduler, "scheduler")
-        # The import raises T2TwinError where Dask is missing.
-        importlib.import_module("t2twin.sim.dataset.cluster").check_address(scheduler)
+        _distributed()
     for name in arguments.texts(shapes, "shapes"):
         catalogue.split(name)  # raises for an unknown name
     batches = plan(recipe, shapes)
     check_held_out(recipe, cache)
     kept = catalogue.cache_folder(cache)
     context = ShardContext(
-        recipe, sensors, str(folder), None if kept is None else str(kept.absolute())
+        recipe, sensors, str(folder), None if kept is None else str(kept.absolute()), versions()
     )
     only = None if set(shapes) == set(catalogue.NAMES) else tuple(shapes)
     info = build_info(context, scale, batches, only)
     with locked(folder):
         return _make_dataset(context, batches, info, workers or cores(), scheduler)
+
+
+def check_workers(workers: int | None) -> None:
+    """Raises T2TwinError for a number of processes out of range; None is the number of cores."""
+    if workers is not None:
+        arguments.whole_number(workers, "workers", 1, MAX_WORKERS)
 
 
 def build_info(
@@ -165,7 +152,7 @@ def build_info(
         pairs={s: sum(b.pairs for b in batches if b.split == s) for s in SPLITS},
         source=sensor_info(sensors.source, recipe),
         target=sensor_info(sensors.target, recipe),
-        versions=versions(),
+        versions=context.versions,
         shards={},
         scale=scale,
         seed=recipe.seed,
@@ -239,86 +226,87 @@ def _make_dataset(
     is_new = not (folder / INFO).exists()
     if is_new and not is_empty(folder):
         raise T2TwinError(f"{folder} is not empty and contains no dataset; choose another folder")
-    info = wanted if is_new else read_info(folder)
-    _check_same_parameters(folder, info, wanted)
-    _sweep(folder)
+    present = wanted if is_new else read_info(folder)
+    _check_same_parameters(folder, present, wanted)
     try:
-        todo = [batch for batch in batches if not _is_made(folder, batch, info)]
+        made = {
+            batch.path: shard
+            for batch in batches
+            if (shard := _made(folder, batch, present)) is not None
+        }
+        todo = [batch for batch in batches if batch.path not in made]
         if todo:
-            info = replace(info, complete=False)
-            write_info(folder, info)
-            info = _make_shards(context, todo, info, workers, scheduler)
-        info = replace(info, complete=True)
+            write_info(folder, replace(present, complete=False))
+            made |= _make_shards(context, todo, workers, scheduler)
+        info = replace(present, complete=True, shards=made)
         write_info(folder, info)
         write_card(folder, info)
-        shutil.rmtree(folder / GROUPS, ignore_errors=True)
     except BaseException:
-        if is_new:
-            _remove_empty(folder)
+        _remove_temporary(folder)
+        if is_new and not any(folder.glob("*/*.parquet")):
+            (folder / INFO).unlink(missing_ok=True)
+            for split in SPLITS:
+                with suppress(OSError):
+                    (folder / split).rmdir()
         raise
-    _sweep(folder)
+    _remove_temporary(folder)
     return info
-
-
-def _remove_empty(folder: Path) -> None:
-    """Remove a dataset without rows, so that the folder can be used by another command."""
-    _sweep(folder)
-    if not any(folder.glob("*/*.parquet")) and not any(folder.glob(f"{GROUPS}/*")):
-        (folder / INFO).unlink(missing_ok=True)
-        for place in (*SPLITS, GROUPS):
-            with suppress(OSError):
-                (folder / place).rmdir()
 
 
 def _check_same_parameters(folder: Path, present: DatasetInfo, wanted: DatasetInfo) -> None:
     for name in ("scale", "seed", *(each.name for each in fields(DatasetInfo))):
         if name not in STATE and getattr(present, name) != getattr(wanted, name):
             raise T2TwinError(
-                f"{folder} holds a dataset made with {MADE_WITH.get(name, f'another {name}')}; "
-                "choose another folder, or remove that one"
+                f"{folder} holds a dataset made with another {name.replace('_', ' ')}; choose "
+                "another folder, or remove that one"
             )
 
 
-def _sweep(folder: Path) -> None:
-    """Remove the temporary files of killed runs and workers, and no other files."""
-    for place in (folder, *(folder / name for name in (*SPLITS, GROUPS))):
+def _remove_temporary(folder: Path) -> None:
+    """Remove the temporary files of killed workers, also of other machines."""
+    for place in (folder, *(folder / split for split in SPLITS)):
         for left_over in place.glob(TEMPORARY_NAMES):
             left_over.unlink(missing_ok=True)
 
 
-def _is_made(folder: Path, batch: Batch, info: DatasetInfo) -> bool:
-    path = folder / batch.path
-    if batch.path not in info.shards or not path.is_file():
-        return False
-    return sha256_of(path) == info.shards[batch.path].sha256
+def _made(folder: Path, batch: Batch, info: DatasetInfo) -> Shard | None:
+    """A shard that exists and is whole, also one of an interrupted run; None for another."""
+    path, known = folder / batch.path, info.shards.get(batch.path)
+    try:
+        with pq.ParquetFile(path) as file:
+            rows = file.metadata.num_rows
+    except (OSError, pa.ArrowException):
+        return None
+    shard = Shard(sha256_of(path), rows)
+    return shard if rows == batch.pairs and known in (None, shard) else None
 
 
 def _make_shards(
-    context: ShardContext,
-    todo: list[Batch],
-    info: DatasetInfo,
-    workers: int,
-    scheduler: str | None,
-) -> DatasetInfo:
-    """Make the shards and enter each into the dataset; returns the info with all of them."""
-    folder = Path(context.folder)
-    made = {path.name for path in (folder / GROUPS).glob("*")}
-    schedule = Schedule([groups_of(context.recipe, batch) for batch in todo], made)
-    start, new = time.monotonic(), {}
-    watch, peaks, rejected, notes, pairs = Stopwatch(), {}, Counter(), Counter(), 0
-    with Progress(total=schedule.pairs, unit="pair", desc="simdata") as bar:
-        results = _results(context, schedule, workers, scheduler, info, bar)
-        with closing(results):  # an interrupt ends the workers here, not later
-            for work, result in results:
-                if result.sha256 is not None and not isinstance(work, Group):
-                    batch = work[0].batch
-                    new[batch.path] = Shard(result.sha256, batch.pairs)
-                    add_shard(folder, batch.path, new[batch.path])
-                watch.add(result.watch)
-                pairs += result.pairs
-                rejected.update(result.rejected)
-                notes.update(result.notes)
-                peaks[result.process] = result.peak_memory
+    context: ShardContext, todo: list[Batch], workers: int, scheduler: str | None
+) -> dict[str, Shard]:
+    """Make shards, and log the time; returns them by path."""
+    start, made, seconds = time.monotonic(), {}, dict.fromkeys(STAGES, 0.0)
+    peaks, rejected, notes = {}, Counter(), Counter()
+    # The largest first, so that no long one is left alone at the end.
+    todo = sorted(todo, key=lambda batch: -batch.pairs)
+    pairs = sum(batch.pairs for batch in todo)
+    results = _results(context, todo, min(workers, len(todo)), scheduler)
+    with (
+        Progress(total=pairs, unit="pair", desc="simdata") as bar,
+        closing(results),  # an interrupt ends the workers here, not later
+    ):
+        where = counted(min(workers, len(todo)), "worker") if scheduler is None else scheduler
+        bar.write(f"{counted(pairs, 'pair')} to make with {where}")
+        if context.recipe.light.renderer == "pyrender":
+            bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
+        for batch, result in results:
+            made[batch.path] = Shard(result.sha256, batch.pairs)
+            for stage, value in result.seconds.items():
+                seconds[stage] += value
+            rejected.update(result.rejected)
+            notes.update(result.notes)
+            peaks[result.process] = result.peak_memory
+            bar.update(batch.pairs)
     busy = len(peaks)
     peaks[process_name()] = peak_memory()
     timing = RunTiming(
@@ -326,35 +314,106 @@ def _make_shards(
         pairs=pairs,
         workers=busy,
         seconds=round(time.monotonic() - start, 2),
-        stage_seconds={stage: round(value, 3) for stage, value in watch.seconds.items()},
+        stage_seconds={stage: round(value, 3) for stage, value in seconds.items()},
         peak_memory_bytes=sum(peaks.values()),
         rejected=dict(sorted(rejected.items())),
         notes=dict(sorted(notes.items())),
     )
     print(summary(timing))
-    _log(folder, timing)
-    return replace(info, shards=info.shards | new)
+    log = Path(context.folder) / LOG
+    before = log.read_text() if log.is_file() else ""
+    write_whole(log, (before + json.dumps(asdict(timing)) + "\n").encode())
+    return made
 
 
 def _results(
-    context: ShardContext,
-    schedule: Schedule,
-    workers: int,
-    scheduler: str | None,
-    info: DatasetInfo,
-    bar: Progress,
-) -> Generator[tuple[Work, WorkResult]]:
-    """Each finished work, here or on the cluster."""
-    if scheduler is not None:
-        from t2twin.sim.dataset import cluster
+    context: ShardContext, todo: list[Batch], workers: int, scheduler: str | None
+) -> Iterator[tuple[Batch, ShardResult]]:
+    """Each shard as it is finished: made in this process, in others, or on a cluster."""
+    if scheduler is None and workers == 1:
+        for batch in todo:
+            yield batch, make_shard(context, batch)
+        return
+    # All workers read the context from the folder that they write to.
+    file = Path(context.folder) / f".context.{os.getpid()}.part"
+    file.write_bytes(pickle.dumps(context))
+    with _processes(workers) if scheduler is None else _dask(scheduler) as pool:
+        futures = {pool.submit(make_shard_in_worker, str(file), batch): batch for batch in todo}
+        for future in as_completed(futures):
+            yield futures.pop(future), future.result()
 
-        bar.write(f"{counted(schedule.pairs, 'pair')} to make on the cluster at {scheduler}")
-        return cluster.run(context, schedule, scheduler, info.versions, bar.update)
-    workers = min(workers, schedule.length)
-    bar.write(f"{counted(schedule.pairs, 'pair')} to make with {counted(workers, 'worker')}")
-    if context.recipe.light.renderer == "pyrender":
-        bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
-    return pool.run(context, schedule, workers, bar.update)
+
+@contextmanager
+def _processes(number: int) -> Iterator[Executor]:
+    """Processes on this machine; after an error in the block they are killed.
+
+    Raises T2TwinError where one of them is killed or cannot start.
+    """
+    others = {*multiprocessing.active_children()}
+    spawn = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(number, mp_context=spawn, initializer=_start_worker)
+    try:
+        yield pool
+    except BaseException as error:
+        for child in {*multiprocessing.active_children()} - others:
+            child.kill()
+        if isinstance(error, BrokenProcessPool):
+            raise T2TwinError(
+                "a worker was killed, as the system does when memory runs out, or could not start; "
+                "repeat the command with fewer --workers, and make the dataset of a script below "
+                "`if __name__ == '__main__':`"
+            ) from error
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _start_worker() -> None:
+    """Initialize a worker: signals are for its parent, which ends it, also when killed."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def _dask(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster, which repeats the shards of a lost worker.
+
+    Raises T2TwinError without Dask, without a scheduler at the address, and where the workers die.
+    """
+    distributed = _distributed()
+    try:
+        client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise T2TwinError(
+            f"no Dask scheduler answers at {address}; expected an address like tcp://10.0.0.1:8786"
+        ) from error
+    with client:
+        pool = client.get_executor(pure=False)
+        try:
+            yield pool
+        except distributed.KilledWorker as error:
+            raise T2TwinError(f"the workers that ran {error.task} died; see their logs") from error
+        finally:
+            pool.shutdown(wait=False)
+
+
+def _distributed() -> ModuleType:
+    """Dask's package. Raises T2TwinError where it is not installed."""
+    try:
+        import distributed
+    except ImportError as error:
+        raise T2TwinError(
+            "--scheduler needs Dask; install it with: pip install 't2twin[cluster]'"
+        ) from error
+    return distributed
 
 
 def summary(run: RunTiming) -> str:
@@ -378,10 +437,3 @@ def summary(run: RunTiming) -> str:
         f"the shapes\n{rejected}{notes}"
         f"peak memory of all processes together: {run.peak_memory_bytes / 2**30:.2f} GiB"
     )
-
-
-def _log(folder: Path, timing: RunTiming) -> None:
-    """Add a line to the dataset's log of runs, which no shard depends on."""
-    path = folder / LOG
-    before = path.read_text() if path.is_file() else ""
-    write_whole(path, (before + json.dumps(asdict(timing)) + "\n").encode())

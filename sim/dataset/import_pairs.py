@@ -35,8 +35,7 @@ from t2twin.core.files import new_folder, open_regular, read_file
 from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names
 from t2twin.sim.dataset.card import write_card
-from t2twin.sim.dataset.columns import COUNTS, IMAGE, POSE, PRESS, column, schema_of
-from t2twin.sim.dataset.format_1 import COLUMNS as COLUMNS_OF_FORMAT_1
+from t2twin.sim.dataset.columns import COUNTS, IMAGE, POSE, column, schema_of
 from t2twin.sim.dataset.info import (
     FORMAT,
     MAX_COUNTS,
@@ -65,8 +64,8 @@ LONGEST_NAME = 220
 VALUES = {"source": IMAGE, "target": COUNTS}
 """Values of the two sensors."""
 
-COLUMNS = [*PRESS, *COLUMNS_OF_FORMAT_1.values()]
-"""Columns of tables of pairs. Not all are read."""
+COLUMNS = ["image", "taxels", "split", "shape", "family", "index", *POSE]
+"""Columns of tables of pairs. All but the index are read."""
 
 OWN = "own"
 """Shape and family of pairs without a name."""

@@ -47,22 +47,16 @@ from t2twin.core.templates import render
 from t2twin.sim.dataset.card import CARD
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
-    CONTACT_MAPS,
     COUNTS,
-    DENSE_COUNTS,
     IMAGE,
     IMAGE_TYPE,
-    MARKERS,
-    MOTION,
     PATH,
-    TRACTIONS,
     UNIT,
-    column,
-    pose_of,
+    columns_of,
     schema_of,
     with_features,
 )
-from t2twin.sim.dataset.info import SPLITS, DatasetInfo, SensorInfo
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import (
     BATCH_ROWS,
     INFO,
@@ -352,48 +346,40 @@ INDICES = (
 
 
 def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
-    """The features of a dataset. present: names of the columns with a value in every row."""
-    wanted = [feature for role, sensor in info.sensors.items() for feature in _values(role, sensor)]
-    for role in ROLES:
-        names = ["depth_mm", "force_n", *MOTION]
-        names = [name for name in names if column(role, name) in present]
-        columns = tuple(column(role, name) for name in names)
-        size = (len(names),)
-        wanted.append(
-            Feature(f"observation.{role}_contact", "float32", size, tuple(names), columns)
-        )
-    pose = pose_of(info.recipe)
-    wanted.append(Feature("action", "float32", (len(pose),), pose, pose))
-    flags = [column(role, flag) for role in ROLES for flag in ("settled", "bottomed", MARKERS)]
-    wanted += [Feature(name, "bool", (1,), None, (name,)) for name in flags]
-    wanted.append(Feature("press_index", "int64", (1,), None, ("index",)))
-    units = [column(role, UNIT) for role in ROLES]
-    wanted += [Feature(name, "int64", (1,), None, (name,)) for name in units]
-    return [each for each in wanted if each.columns and present.issuperset(each.columns)]
+    """The features of a dataset. present: names of the columns with a value in every row.
 
-
-def _values(role: str, sensor: SensorInfo) -> list[Feature]:
-    """The features of a sensor's values."""
-    shape = sensor.image_shape
-    if shape is not None:
-        axes, frame = ("height", "width", "channels"), column(role, BACKGROUND)
-        features = {role: column(role, IMAGE), frame: frame}
-        rows, columns = sensor.contact_grid or (0, 0)
-        maps = [column(role, name) for name in CONTACT_MAPS]
-        return [
-            *(
-                Feature(f"observation.images.{feature}", IMAGE, shape, axes, (name,))
-                for feature, name in features.items()
-            ),
-            *(Feature(f"observation.{n}", "float32", (rows * columns,), None, (n,)) for n in maps),
-        ]
-    taxels = tuple(f"taxel_{number}" for number in range(len(sensor.x_mm)))
-    places, counts = (len(sensor.dense_x_mm or ()),), column(role, COUNTS)
-    dense = [column(role, name) for name in (DENSE_COUNTS, *TRACTIONS)]
-    return [
-        Feature(f"observation.{counts}", "float32", (len(taxels),), taxels, (counts,)),
-        *(Feature(f"observation.{name}", "float32", places, None, (name,)) for name in dense),
-    ]
+    The type of a column decides: an image, a list and a flag are a feature each; numbers of a
+    sensor are components of its contact, those of the press of the action.
+    """
+    features: list[Feature] = []
+    components: dict[str, list[str]] = {f"observation.{role}_contact": [] for role in ROLES}
+    components["action"] = []
+    for stored in columns_of(info.values, info.recipe):
+        name, role, kind = stored.name, stored.role, stored.column.type
+        if name not in present:
+            continue
+        if kind == IMAGE_TYPE:
+            shape = info.sensors[role].image_shape
+            assert shape is not None
+            feature = role if stored.column.name == IMAGE else name
+            axes = ("height", "width", "channels")
+            features.append(Feature(f"observation.images.{feature}", IMAGE, shape, axes, (name,)))
+        elif stored.column.size is not None:
+            size = stored.column.size(info.sensors[role])
+            is_counts = stored.column.name == COUNTS
+            names = tuple(f"taxel_{n}" for n in range(size)) if is_counts else None
+            features.append(Feature(f"observation.{name}", "float32", (size,), names, (name,)))
+        elif pa.types.is_floating(kind):
+            components[f"observation.{role}_contact" if role else "action"].append(name)
+        elif pa.types.is_boolean(kind):
+            features.append(Feature(name, "bool", (1,), None, (name,)))
+        elif name == "index" or stored.column.name == UNIT:
+            own = "press_index" if name == "index" else name
+            features.append(Feature(own, "int64", (1,), None, (name,)))
+    for feature, own in components.items():
+        names = tuple(name.removeprefix("source_").removeprefix("target_") for name in own)
+        features.append(Feature(feature, "float32", (len(own),), names, tuple(own)))
+    return [each for each in features if each.columns]
 
 
 def vector_statistics(values: np.ndarray) -> Statistics:

@@ -1,9 +1,10 @@
-"""Makes a group of presses of a shard row by row, and a shard of its groups.
+"""Makes a shard of a dataset.
 
 A sampled press is repeated until it touches the shape and settles.
 """
 
 import os
+import pickle
 import platform
 import resource
 import sys
@@ -13,15 +14,12 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from t2twin.core.arguments import MAX_SEED
-from t2twin.core.cached_files import is_intact
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import encode_png
 from t2twin.core.machine import trim_memory
@@ -32,18 +30,16 @@ from t2twin.sim.dataset.columns import (
     BACKGROUND,
     MARKERS,
     UNIT,
-    Values,
-    column,
-    contact_row,
-    dense_row,
-    motion_row,
-    row,
+    Sample,
+    columns_of,
+    row_values,
     schema_of,
 )
-from t2twin.sim.dataset.store import group_path, read_group, write_group, write_tables
+from t2twin.sim.dataset.info import versions
+from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.units import log_uniform
-from t2twin.sim.sampling.plan import Group, group_paths, load_shape, name_of
+from t2twin.sim.sampling.plan import Batch, load_shape, name_of, paths_of
 from t2twin.sim.sampling.presses import (
     FRAME_STREAM,
     MAX_ATTEMPTS,
@@ -52,7 +48,6 @@ from t2twin.sim.sampling.presses import (
     path_attempts,
     sample_friction,
 )
-from t2twin.sim.sampling.protocol import press_at
 from t2twin.sim.sampling.recipe import Recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
@@ -77,12 +72,6 @@ maps", "light" and "motion" only where the recipe has them or samples the light.
 
 STATUS = Path("/proc/self/status")
 """File with the memory of this process on Linux."""
-
-TRIM_WORKS = 16
-"""Works after which freed memory is returned: some 500 presses, of which few fragments remain."""
-
-_made = count(1)
-"""Works of this process."""
 
 MARKER_STREAM = 18
 """Random stream of a seed: markers of the units."""
@@ -120,10 +109,6 @@ class Stopwatch:
         finally:
             self.seconds[stage] += time.process_time() - start
 
-    def add(self, other: "Stopwatch") -> None:
-        for stage, seconds in other.seconds.items():
-            self.seconds[stage] += seconds
-
     @property
     def total(self) -> float:
         return sum(self.seconds.values())
@@ -149,133 +134,107 @@ def process_name() -> str:
 
 @dataclass(frozen=True, eq=False)
 class ShardContext:
-    """Input of all shards of a dataset. cache: as for catalogue.load."""
+    """Input of all shards of a dataset. cache: as for catalogue.load. versions: of info.json."""
 
     recipe: Recipe
     sensors: SensorPair
     folder: str
     cache: str | None
-
-
-Work = Group | tuple[Group, ...]
-"""One group, or all groups of a shard, which is then written."""
+    versions: dict[str, str]
 
 
 @dataclass(frozen=True)
-class WorkResult:
-    """Time and memory of finished work.
+class ShardResult:
+    """A shard that was made.
 
-    sha256: of the shard, None of a group. pairs: that were made here. watch: processor time by
-    stage. process: name of the process. peak_memory: of the process so far, bytes. rejected:
-    attempts at presses that were rejected, by reason. notes: pairs with each note of their touch.
+    seconds: processor time by stage. process: name of the process. peak_memory: of the process so
+    far, bytes. rejected: attempts at presses that were rejected, by reason. notes: pairs with each
+    note of their touch.
     """
 
-    sha256: str | None
-    pairs: int
-    watch: Stopwatch
+    sha256: str
+    seconds: dict[str, float]
     process: str
     peak_memory: int
     rejected: dict[str, int]
     notes: dict[str, int]
 
 
-def make(work: Work, context: ShardContext, progress: Callable[[], object]) -> WorkResult:
-    """Press, render and encode; write the rows of a group, or a shard.
+@lru_cache(maxsize=1)
+def _read_context(file: str) -> ShardContext:
+    """The context of a worker's run. Raises T2TwinError on a worker that must not take part."""
+    try:
+        context = pickle.loads(Path(file).read_bytes())
+    except OSError as error:
+        raise T2TwinError(
+            f"the worker {process_name()} cannot read {file}; use a folder that all workers share"
+        ) from error
+    installed = versions()
+    for name, version in context.versions.items():
+        if installed[name] != version:
+            raise T2TwinError(
+                f"the worker {process_name()} has {name} {installed[name]} and the dataset "
+                f"{version}; all must have the same"
+            )
+    return context
 
-    The rows of a shard are those of its groups that are made already; the others are made here.
-    progress: called after each pair that is made. Raises T2TwinError as press_until_accepted does,
-    and where a file cannot be written.
+
+def make_shard_in_worker(context_file: str, batch: Batch) -> ShardResult:
+    """As make_shard, in another process. context_file: the pickled context."""
+    return make_shard(_read_context(context_file), batch)
+
+
+def make_shard(context: ShardContext, batch: Batch) -> ShardResult:
+    """Press, render, encode and write the pairs of a shard.
+
+    Raises T2TwinError as press_until_accepted does, and where the file cannot be written.
     """
-    watch, rejected, notes, digest, pairs = Stopwatch(), Counter(), Counter(), None, 0
+    watch, rejected, notes = Stopwatch(), Counter(), Counter()
     start = time.process_time()
-    values: Values = dict(zip(ROLES, context.sensors.values, strict=True))
-    schema = schema_of(values, context.recipe)
+    values = dict(zip(ROLES, context.sensors.values, strict=True))
+    columns = columns_of(values, context.recipe)
 
-    def table(group: Group) -> pa.Table:
-        nonlocal pairs
-        rows = list(_rows(group, context, watch, rejected, notes, progress))
-        pairs += len(rows)
-        return pa.Table.from_pylist(rows, schema=schema)
+    def rows() -> Iterator[dict[str, Any]]:
+        for sample in _samples(batch, context, watch, rejected):
+            with watch.running("encoding"):
+                notes.update(sample.touch.notes)
+            yield dict(row_values(columns, sample, watch.running))
 
-    if isinstance(work, Group):
-        path = group_path(context.folder, work.batch.path, work.start)
-        if not is_intact(path):  # another worker may have been lost after it was written
-            write_group(path, table(work))
-    else:
-        shard = work[0].batch.path
-        paths = {group_path(context.folder, shard, group.start): group for group in work}
-        tables = (
-            table(group) if (made := read_group(path)) is None else made
-            for path, group in paths.items()
-        )
-        digest = write_tables(Path(context.folder) / shard, tables, schema)
-        for path in paths:
-            path.unlink(missing_ok=True)
-    if next(_made) % TRIM_WORKS == 0:
-        trim_memory()
+    path = Path(context.folder) / batch.path
+    digest = write_shard(path, rows(), schema_of(values, context.recipe))
+    trim_memory()
     # The rows are made while the shard is written; the rest of the time is the writing.
     watch.seconds["writing"] += time.process_time() - start - watch.total
-    return WorkResult(
-        digest, pairs, watch, process_name(), peak_memory(), dict(rejected), dict(notes)
+    return ShardResult(
+        digest, watch.seconds, process_name(), peak_memory(), dict(rejected), dict(notes)
     )
 
 
-def warm_up() -> None:
-    """Load the compiled code that each group needs, by a press into the default sensors."""
-    shape = catalogue.load(catalogue.NAMES[0])
-    SensorPair().press(shape, press_at(shape, 0), np.random.default_rng(0))
-
-
-@lru_cache(maxsize=1)
-def _shape(context: ShardContext, part: int, source: str) -> Shape:
-    """A shape of a part; successive groups are often of the same one."""
-    return load_shape(context.recipe.parts[part], source, context.cache)
-
-
-def _rows(
-    group: Group,
-    context: ShardContext,
-    watch: Stopwatch,
-    rejected: Counter[str],
-    notes: Counter[str],
-    progress: Callable[[], object],
-) -> Iterator[dict[str, Any]]:
-    """The rows of a group, shape by shape, path by path."""
-    recipe, roles, batch = context.recipe, context.sensors.roles, group.batch
+def _samples(
+    batch: Batch, context: ShardContext, watch: Stopwatch, rejected: Counter[str]
+) -> Iterator[Sample]:
+    """The touches of a shard, shape by shape, path by path."""
+    recipe, part = context.recipe, batch.part
     ranges = {name: sensor.FRICTION for name, sensor in context.sensors.by_name.items()}
-    present, sensors, of_unit = None, context.sensors, {}
-    for source, number, paths in group_paths(recipe, group):
+    present, sensors, units = None, context.sensors, {}
+    for source, number in zip(batch.shapes, batch.numbers, strict=True):
         with watch.running("shape"):
-            shape = _shape(context, batch.part, source)
+            shape = load_shape(recipe.parts[part], source, context.cache)
         first, friction = 0, {}
         if recipe.motion:
-            friction = sample_friction(recipe.motion, ranges, (recipe.seed, batch.part), number)
-        for path in paths:
+            friction = sample_friction(recipe.motion, ranges, (recipe.seed, part), number)
+        for path in paths_of(recipe, batch, number):
             unit = number if recipe.light.each == "shape" else number * batch.presses + path.index
             unit = 0 if recipe.light.kind == "fixed" else unit
             if unit != present:
-                sensors, of_unit = _unit(batch.part, unit, recipe, context.sensors, watch)
+                sensors, units = _unit(part, unit, recipe, context.sensors, watch)
                 present = unit
-            attempts = path_attempts(recipe, batch.part, name_of(source), number, path, first)
+            attempts = path_attempts(recipe, part, name_of(source), number, path, first)
             press = partial(_touches, sensors, friction, watch)
             touches, accepted = press_until_accepted(attempts, shape, press, rejected)
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
             for index, touch in enumerate(touches, start=path.index):
-                columns = of_unit
-                if recipe.dense_counts:
-                    with watch.running("dense counts"):
-                        columns = columns | dense_row(touch, roles, bool(recipe.motion))
-                if recipe.contact_maps:
-                    with watch.running("contact maps"):
-                        columns = columns | contact_row(touch, roles)
-                if recipe.motion:
-                    with watch.running("motion"):
-                        columns = columns | motion_row(touch, roles, path.index, friction)
-                with watch.running("encoding"):
-                    notes.update(touch.notes)
-                    columns = row(touch, roles, index, batch.split) | columns
-                yield columns
-                progress()
+                yield Sample(touch, index, batch.split, path.index, friction, units)
 
 
 def press_until_accepted(
@@ -373,11 +332,11 @@ def _markers(rng: np.random.Generator, share: float) -> Markers | None:
 
 def _unit(
     part: int, number: int, recipe: Recipe, sensors: SensorPair, watch: Stopwatch
-) -> tuple[SensorPair, dict[str, Any]]:
+) -> tuple[SensorPair, dict[str, dict[str, Any]]]:
     """The sensors of a part's unit, gel cameras with sampled light and markers, and the columns of
-    the rows of its presses."""
+    the rows of its presses by role."""
     own: dict[str, Any] = {}
-    columns: dict[str, Any] = {}
+    columns: dict[str, dict[str, Any]] = {}
     for place, role in enumerate(ROLES):
         sensor = getattr(sensors, role)
         if not sensor.HAS_UNITS:
@@ -388,8 +347,7 @@ def _unit(
             )
             for stream in (UNIT_STREAM, ARTIFACT_STREAM, MARKER_STREAM, FRAME_STREAM)
         }
-        if recipe.has_more:
-            columns[column(role, UNIT)] = number
+        columns[role] = {UNIT: number}
         if not _is_fixed(recipe, part, number):
             with watch.running("light"):
                 light, artifacts = rngs[UNIT_STREAM], rngs[ARTIFACT_STREAM]
@@ -398,11 +356,10 @@ def _unit(
         if recipe.motion:
             markers = _markers(rngs[MARKER_STREAM], recipe.motion.markers)
             sensor = replace(sensor, markers=markers)
-            columns[column(role, MARKERS)] = sensor.markers is not None
-        if recipe.has_more and recipe.background_frames:
+            columns[role][MARKERS] = sensor.markers is not None
+        if recipe.background_frames:
             with watch.running("encoding"):
                 png = encode_png(sensor.background_frame(rngs[FRAME_STREAM]))
-            path = f"background-{number}-{role}.png"
-            columns[column(role, BACKGROUND)] = {"bytes": png, "path": path}
+            columns[role][BACKGROUND] = {"bytes": png, "path": f"background-{number}-{role}.png"}
         own[role] = sensor
     return replace(sensors, **own), columns

@@ -1,26 +1,23 @@
-"""Reads and writes a paired dataset.
+"""Reads, writes and verifies a paired dataset.
 
-    DIR/info.json                    recipe, parameters, a sha256 per shard
-    DIR/README.md                    the dataset card, with the header of the Hugging Face hub
-    DIR/croissant.json               the same for programs: columns, splits, a sha256 per shard
-    DIR/log.jsonl                    time and memory of each run of `t2twin simdata`
-    DIR/shards.jsonl, DIR/groups/    of an unfinished dataset: shards that info.json does not
-                                     contain yet, and groups of rows of unfinished shards
-    DIR/cache/                       decoded images of trainings; not part of the dataset
+    DIR/info.json         recipe, parameters, a sha256 per shard
+    DIR/README.md         the dataset card, with the header of the Hugging Face hub
+    DIR/croissant.json    the same for programs: columns, splits, a sha256 per shard
+    DIR/log.jsonl         time and memory of each run of `t2twin simdata`
+    DIR/cache/            decoded images of trainings; not part of the dataset
     DIR/{train,val,test}/SHAPE.parquet, or part-PART-NUMBER.parquet of sampled presses
 
-A shard is written to a temporary name and renamed, so it is complete or absent. Its columns and
-counts are checked when it is read, and its sha256 when a process first reads it: 2 s per GB on one
-core, so 3 s for the scale paper.
+A shard is written to a temporary name and renamed, so it is complete or absent. Its sha256 is
+compared when a process first reads it: 2 s per GB on one core, so 3 s for the scale paper.
 """
 
 import hashlib
 import json
 import os
-from codecs import BOM_UTF8
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from io import BufferedRandom
 from pathlib import Path
 from typing import Any
@@ -30,28 +27,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from t2twin.core.cached_files import read_checked, write_checked
+from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, read_file, write_error
-from t2twin.core.records import convert, decode_json
-from t2twin.sim.dataset.columns import (
-    BACKGROUND,
-    CONTACT_MAPS,
-    COUNTS,
-    DENSE_COUNTS,
-    IMAGE_TYPE,
-    TRACTIONS,
-    column,
-    schema_of,
-)
-from t2twin.sim.dataset.format_1 import COLUMNS, converted
-from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
+from t2twin.core.files import atomic_write, read_file
+from t2twin.core.machine import cores
+from t2twin.core.progress import Progress
+from t2twin.core.records import decode_json
+from t2twin.sim.dataset.columns import BACKGROUND, IMAGE_TYPE, schema_of
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.sensors.defaults import ROLES
 
 INFO, LOG = "info.json", "log.jsonl"
-
-MADE, GROUPS = "shards.jsonl", "groups"
-"""File with a line for each new shard, and folder with the rows of unfinished ones."""
 
 BATCH_ROWS = 128
 """Rows of a row group, some 9 MB: the memory of a shard that is being written."""
@@ -62,41 +48,20 @@ MAX_DICTIONARY_BYTES = 32_000_000
 _intact: set[tuple[Path, int, int, str]] = set()
 """Shards whose sha256 this process has compared: path, size, time of change, sha256."""
 
-REQUIRED = ("shape", "family", "split", "index", *(column(role, COUNTS) for role in ROLES))
-"""Columns with a value in every row; imported pairs may have no value in the others."""
-
 
 def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema) -> str:
     """Write rows as one shard, as they come; returns its sha256.
 
-    schema: from schema_of. Raises T2TwinError where the shard cannot be written; then there is
-    none.
+    schema: from schema_of. Raises T2TwinError where the shard cannot be written or has a value that
+    is not finite; then there is none.
     """
-    with row_writer(path, schema, _repeated(schema)) as write:
+    # All rows of a unit have one background frame: a dictionary stores it once per row group.
+    frames = [name for name in schema.names if name.endswith(f"_{BACKGROUND}")]
+    repeated = ["shape", "family", "split", *(f"{name}.bytes" for name in frames)]
+    with row_writer(path, schema, repeated) as write:
         for each in rows:
             write(each)
     return sha256_of(path)
-
-
-def write_tables(path: Path, tables: Iterable[pa.Table], schema: pa.Schema) -> str:
-    """Write tables as one shard, as they come; the bytes are those of write_shard."""
-    with _group_writer(path, schema, _repeated(schema)) as write:
-        rest = schema.empty_table()
-        for each in tables:
-            rest = pa.concat_tables([rest, each])
-            while len(rest) >= BATCH_ROWS:
-                write(rest.slice(0, BATCH_ROWS).combine_chunks())
-                rest = rest.slice(BATCH_ROWS)
-        if len(rest):
-            write(rest.combine_chunks())
-    return sha256_of(path)
-
-
-def _repeated(schema: pa.Schema) -> list[str]:
-    """Columns of repeated values. All rows of a unit have one background frame: a dictionary
-    stores it once per group."""
-    frames = [name for name in schema.names if name.endswith(f"_{BACKGROUND}")]
-    return ["shape", "family", "split", *(f"{name}.bytes" for name in frames)]
 
 
 @contextmanager
@@ -109,27 +74,6 @@ def row_writer(
     written. After an error there is no new file.
     """
     group: list[dict[str, Any]] = []
-    with _group_writer(path, schema, repeated) as write_group:
-
-        def write(row: dict[str, Any]) -> None:
-            group.append(row)
-            if len(group) == BATCH_ROWS:
-                flush()
-
-        def flush() -> None:
-            write_group(pa.Table.from_pylist(group, schema=schema))
-            group.clear()
-
-        yield write
-        if group:
-            flush()
-
-
-@contextmanager
-def _group_writer(
-    path: Path, schema: pa.Schema, repeated: list[str]
-) -> Iterator[Callable[[pa.Table], None]]:
-    """As row_writer, for whole row groups."""
     with _durable(path) as file:
         # Images are compressed already; dictionaries are useful for repeated values only.
         writer = pq.ParquetWriter(
@@ -141,36 +85,36 @@ def _group_writer(
                 MAX_DICTIONARY_BYTES if any(name.endswith(".bytes") for name in repeated) else None
             ),
         )
+
+        def flush() -> None:
+            table = pa.Table.from_pylist(group, schema=schema)
+            _check_finite(table, path)
+            writer.write_table(table)
+            group.clear()
+
+        def write(row: dict[str, Any]) -> None:
+            group.append(row)
+            if len(group) == BATCH_ROWS:
+                flush()
+
         try:
-            yield writer.write_table
+            yield write
+            if group:
+                flush()
             writer.close()
         except BaseException:
             writer.is_open = False  # its destructor would write to the closed file
             raise
 
 
-def group_path(folder: str | Path, shard: str, start: int) -> Path:
-    """The file of the rows of an unfinished shard from `start` on."""
-    return Path(folder) / GROUPS / group_name(shard, start)
-
-
-def group_name(shard: str, start: int) -> str:
-    """Name of that file."""
-    return f"{shard.removesuffix('.parquet').replace('/', '-')}-{start:06d}.arrow"
-
-
-def write_group(path: Path, table: pa.Table) -> None:
-    """Write the rows of a group. Raises T2TwinError where that fails."""
-    sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, table.schema) as writer:
-        writer.write_table(table)
-    write_checked(path, sink.getvalue().to_pybytes())
-
-
-def read_group(path: Path) -> pa.Table | None:
-    """The rows of a group; None where the file is missing or damaged."""
-    content = read_checked(path)
-    return None if content is None else pa.ipc.open_stream(content).read_all()
+def _check_finite(table: pa.Table, path: Path) -> None:
+    """Raises T2TwinError for numbers that are not finite; an empty cell is allowed."""
+    for name in table.column_names:
+        values = table[name]
+        while pa.types.is_list(values.type) or pa.types.is_fixed_size_list(values.type):
+            values = pa.chunked_array([chunk.flatten() for chunk in values.chunks])
+        if pa.types.is_floating(values.type) and not np.isfinite(values.drop_null()).all():
+            raise T2TwinError(f"{path}: the column {name} has values that are not finite")
 
 
 def sha256_of(path: Path) -> str:
@@ -195,34 +139,11 @@ def _durable(path: Path) -> Iterator[BufferedRandom]:
 
 
 def write_info(folder: Path, info: DatasetInfo) -> None:
-    """Write a dataset's info.json, without fields that are None, and remove shards.jsonl."""
+    """Write a dataset's info.json, without fields that are None."""
     content = _given(msgspec.to_builtins(info))
     content |= {role: _given(content[role]) for role in ROLES}
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
     write_whole(folder / INFO, f"{text}\n".encode())
-    (folder / MADE).unlink(missing_ok=True)
-
-
-def add_shard(folder: Path, path: str, shard: Shard) -> None:
-    """Enter a new shard of an unfinished dataset, at the same cost for any number of shards."""
-    line = json.dumps({"path": path, **msgspec.to_builtins(shard)})
-    try:
-        with (folder / MADE).open("a") as file:
-            file.write(f"{line}\n")
-    except OSError as error:
-        raise write_error(folder / MADE, error) from error
-
-
-def _with_added(info: DatasetInfo, path: Path) -> DatasetInfo:
-    """The info with the shards of shards.jsonl. A line that is not complete is ignored."""
-    if not path.is_file():
-        return info
-    entries = [decode_json(line, _AddedShard, path) for line in read_file(path).split(b"\n")[:-1]]
-    added = {each.path: Shard(each.sha256, each.pairs) for each in entries}
-    try:
-        return replace(info, shards=info.shards | added)
-    except ValueError as error:
-        raise T2TwinError(f"{path}: {error}") from None
 
 
 def _given(content: dict[str, Any]) -> dict[str, Any]:
@@ -230,8 +151,7 @@ def _given(content: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_info(folder: str | Path) -> DatasetInfo:
-    """A dataset's info.json with the shards of shards.jsonl; one of format 1 with the names of
-    format 2.
+    """A dataset's info.json.
 
     Raises T2TwinError for a folder without a dataset, another format, and an invalid info.json.
     """
@@ -241,29 +161,7 @@ def read_info(folder: str | Path) -> DatasetInfo:
             f"{folder} contains no dataset (no {INFO}); make one with "
             f"`t2twin simdata --out {folder}`"
         )
-    content = read_file(path).removeprefix(BOM_UTF8)
-    found = decode_json(content, _FormatNumber, path).format
-    if found == FORMAT:
-        return _with_added(decode_json(content, DatasetInfo, path), Path(folder) / MADE)
-    if found == 1:
-        return convert(converted(decode_json(content, dict[str, Any], path)), DatasetInfo, path)
-    raise T2TwinError(
-        f"{path} is of format {found}; this version of t2twin reads formats 1 and {FORMAT}"
-    )
-
-
-@dataclass(frozen=True)
-class _AddedShard(Shard):
-    """A line of shards.jsonl."""
-
-    path: str
-
-
-@dataclass(frozen=True)
-class _FormatNumber:
-    """The format number of info.json."""
-
-    format: int
+    return decode_json(read_file(path), DatasetInfo, path)
 
 
 def split_shards(info: DatasetInfo, split: str) -> list[str]:
@@ -274,8 +172,8 @@ def split_shards(info: DatasetInfo, split: str) -> list[str]:
 def read_split(folder: str | Path, split: str, columns: list[str] | None = None) -> pa.Table:
     """All rows of a split, shards sorted by name. columns: default all.
 
-    Raises T2TwinError for a missing or unfinished dataset, an unknown or empty split, and a damaged
-    shard.
+    Raises T2TwinError for a missing or unfinished dataset, an unknown or empty split, a column that
+    the dataset lacks, and a damaged shard.
     """
     return pa.concat_tables(list(iter_shards(folder, split, columns)))
 
@@ -296,84 +194,12 @@ def iter_shards(
         raise T2TwinError(
             f"the dataset in {folder} has no {split} pairs; its recipe or its table must have some"
         )
-    missing = [path for path in shards if not (Path(folder) / path).is_file()]
-    if missing:
-        raise T2TwinError(f"the dataset in {folder} lacks {missing[0]}; {_repair(info)}")
-    schema = schema_of(info.values, info.recipe)
     for path in shards:
-        with _opened(folder, path) as file:
-            stored = None if columns is None else [stored_name(each, info) for each in columns]
-            table = file.read(columns=stored)
-        if info.format == 1:
-            names = {old: new for new, old in COLUMNS.items()}
-            table = table.rename_columns([names.get(each, each) for each in table.column_names])
-        try:
-            check_table(table, columns or schema.names, schema, info.shards[path], info)
-        except ValueError as error:
-            raise T2TwinError(
-                f"{Path(folder) / path} is damaged: {error}; `t2twin simdata --verify {folder}` "
-                "lists all damage"
-            ) from None
-        _check_bytes(folder, path, info)
-        yield table
-
-
-def check_table(
-    table: pa.Table, columns: list[str], schema: pa.Schema, shard: Shard, info: DatasetInfo
-) -> None:
-    """Raises ValueError with the reason for a damaged table of a shard.
-
-    columns: those that were read. schema: the dataset's. shard, info: of the shard and the dataset.
-    """
-    for name in columns:
-        if name not in table.column_names:
-            raise ValueError(f"it lacks the column {name}")
-        kind, expected = table.schema.field(name).type, schema.field(name).type
-        if kind != expected:
-            raise ValueError(f"its column {name} holds {kind} and must hold {expected}")
-        if name in REQUIRED and table[name].null_count:
-            raise ValueError(f"its column {name} has empty rows")
-        if pa.types.is_floating(kind) and not np.isfinite(table[name].drop_null()).all():
-            raise ValueError(f"its column {name} has values that are not finite")
-    if table.num_rows != shard.pairs:
-        raise ValueError(f"it has {table.num_rows} rows instead of {shard.pairs}")
-    for name, (size, largest) in list_limits(info).items():
-        if name in columns:
-            _check_lists(table[name].combine_chunks(), name, size, largest)
-
-
-def list_limits(info: DatasetInfo) -> dict[str, tuple[int, float]]:
-    """The size of each list in the sensors' columns, and its largest value."""
-    limits: dict[str, tuple[int, float]] = {}
-    for role, sensor in info.sensors.items():
-        if sensor.full_scale_counts is not None:
-            places, most = len(sensor.dense_x_mm or ()), sensor.full_scale_counts
-            limits[column(role, COUNTS)] = len(sensor.x_mm), most
-            limits[column(role, DENSE_COUNTS)] = places, most
-            limits |= {column(role, name): (places, np.inf) for name in TRACTIONS}
-        elif sensor.contact_grid is not None:
-            rows, columns = sensor.contact_grid
-            limits |= {column(role, name): (rows * columns, np.inf) for name in CONTACT_MAPS}
-    return limits
-
-
-def stored_name(name: str, info: DatasetInfo) -> str:
-    """The name of a column in the dataset's files."""
-    return COLUMNS.get(name, name) if info.format == 1 else name
-
-
-def _check_lists(rows: pa.ListArray, name: str, size: int, largest: float) -> None:
-    """Raises ValueError for lists of another size, and for values that are missing, not finite or
-    too large."""
-    lengths = set(rows.value_lengths().fill_null(0).to_pylist()) - {size}
-    if lengths:
-        raise ValueError(f"it has rows of {min(lengths)} {name} instead of {size}")
-    values = rows.flatten()
-    if values.null_count or not np.isfinite(values.to_numpy()).all():
-        raise ValueError(f"its {name} has values that are missing or not finite")
-    found = values.to_numpy().max(initial=0)
-    if found > largest:
-        raise ValueError(f"it has {found} in {name}, over the full scale of {largest}")
+        with _opened(folder, path, info) as file:
+            lacking = {*(columns or ())} - {*file.schema_arrow.names}
+            if lacking:
+                raise T2TwinError(f"{folder} has no column {min(lacking)}")
+            yield file.read(columns=columns)
 
 
 def lists(table: pa.Table, name: str) -> np.ndarray:
@@ -387,30 +213,33 @@ def iter_images(folder: str | Path, shard: str, name: str) -> Iterator[bytes]:
 
     name: of a column of images or background frames. Raises T2TwinError for a damaged shard.
     """
-    info = read_info(folder)
-    stored = stored_name(name, info)
-    with _opened(folder, shard) as file:
-        if stored not in file.schema_arrow.names or (
-            file.schema_arrow.field(stored).type != IMAGE_TYPE
-        ):
-            raise T2TwinError(f"{Path(folder) / shard} is damaged: it contains no column of images")
-        _check_bytes(folder, shard, info)
-        for batch in file.iter_batches(BATCH_ROWS, columns=[stored]):
+    with _opened(folder, shard, read_info(folder)) as file:
+        names = file.schema_arrow.names
+        if name not in names or file.schema_arrow.field(name).type != IMAGE_TYPE:
+            raise T2TwinError(f"{Path(folder) / shard} has no column of images {name}")
+        for batch in file.iter_batches(BATCH_ROWS, columns=[name]):
             for image in batch.column(0).to_pylist():
                 yield image["bytes"] if image else b""
 
 
-def _check_bytes(folder: str | Path, shard: str, info: DatasetInfo) -> None:
-    """Raises T2TwinError for a readable shard that is not the one of info.json."""
-    path, sha256 = (Path(folder) / shard).absolute(), info.shards[shard].sha256
-    about = path.stat()
-    key = (path, about.st_size, about.st_mtime_ns, sha256)
-    if key not in _intact and sha256_of(path) != sha256:
+@contextmanager
+def _opened(folder: str | Path, shard: str, info: DatasetInfo) -> Iterator[pq.ParquetFile]:
+    """A shard. Raises T2TwinError where its bytes are not those of info.json."""
+    path = (Path(folder) / shard).absolute()
+    try:
+        about, sha256 = path.stat(), info.shards[shard].sha256
+        key = (path, about.st_size, about.st_mtime_ns, sha256)
+        is_intact = key in _intact or sha256_of(path) == sha256
+    except OSError as error:
+        raise T2TwinError(f"{path} cannot be read ({error.strerror}); {_repair(info)}") from error
+    if not is_intact:
         raise T2TwinError(
             f"{path} is not the shard that was written, by its SHA-256; `t2twin simdata --verify "
             f"{folder}` lists all damage, and {_repair(info)}"
         )
     _intact.add(key)
+    with pq.ParquetFile(path) as file:
+        yield file
 
 
 def _repair(info: DatasetInfo) -> str:
@@ -420,13 +249,53 @@ def _repair(info: DatasetInfo) -> str:
     return "`t2twin import-pairs` into a new folder makes it again"
 
 
-@contextmanager
-def _opened(folder: str | Path, shard: str) -> Iterator[pq.ParquetFile]:
-    path = Path(folder) / shard
-    try:
-        with pq.ParquetFile(path) as file:
-            yield file
-    except (pa.ArrowException, OSError) as error:
-        raise T2TwinError(
-            f"{path} cannot be read; `t2twin simdata --verify {folder}` lists all damage"
-        ) from error
+@dataclass(frozen=True)
+class Fault:
+    """A fault of a dataset. part: a file below its folder. reason: a message."""
+
+    part: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.part}: {self.reason}"
+
+
+def verify_dataset(folder: str | Path) -> list[Fault]:
+    """All faults of a dataset, none if it is complete and undamaged.
+
+    Compares the sha256, the columns and the number of rows of each shard, and the number of pairs
+    of each split. Raises T2TwinError without a dataset.
+    """
+    folder = arguments.path(folder, "folder")
+    info = read_info(folder)
+    faults = [] if info.complete else [Fault(INFO, "the dataset is unfinished")]
+    for split, pairs in info.pairs.items():
+        found = sum(info.shards[path].pairs for path in split_shards(info, split))
+        if info.complete and found != pairs:
+            faults.append(Fault(INFO, f"it lists shards of {found} {split} pairs, not of {pairs}"))
+        present = {f"{split}/{path.name}" for path in (folder / split).glob("[!.]*.parquet")}
+        if info.complete:
+            faults += [
+                Fault(path, "it is not part of this dataset; remove it")
+                for path in present - {*info.shards}
+            ]
+    with ThreadPoolExecutor(cores()) as pool:
+        checked = pool.map(lambda path: _fault_of(folder, path, info), info.shards)
+        bar = Progress(checked, total=len(info.shards), desc="verify", unit="shard")
+        faults += [fault for fault in bar if fault is not None]
+    return sorted(faults, key=lambda fault: fault.part)
+
+
+def _fault_of(folder: Path, path: str, info: DatasetInfo) -> Fault | None:
+    """The first fault of a shard."""
+    shard, schema = info.shards[path], schema_of(info.values, info.recipe)
+    if not (folder / path).is_file():
+        return Fault(path, "it is missing")
+    if sha256_of(folder / path) != shard.sha256:
+        return Fault(path, "its bytes are not those that were written (sha256)")
+    with pq.ParquetFile(folder / path) as file:
+        if not file.schema_arrow.equals(schema):
+            return Fault(path, "its columns are not the dataset's")
+        if file.metadata.num_rows != shard.pairs:
+            return Fault(path, f"it has {file.metadata.num_rows} rows instead of {shard.pairs}")
+    return None

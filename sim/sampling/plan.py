@@ -1,9 +1,7 @@
-"""Plans the presses of a recipe, divided into shards, and these into groups of presses."""
+"""Plans the presses of a recipe, divided into shards."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
-from math import ceil
 from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
@@ -21,11 +19,6 @@ from t2twin.sim.sampling.recipe import NAMED, RANDOM, Part, Recipe, Split
 
 PRESSES_PER_SHARD = 500
 """Approximate number of presses of a shard: some 40 MB, made in half a minute."""
-
-PRESSES_PER_GROUP, FEW_GROUPS = 32, 4
-"""Largest number of presses of a group, made in a second (assumed: a worker that has nothing left
-to do waits for the others at most that long). A random shape with more is one group. Shards of up
-to FEW_GROUPS such groups are the last ones, and have groups of half the size."""
 
 
 @dataclass(frozen=True)
@@ -48,45 +41,6 @@ class Batch:
     @property
     def pairs(self) -> int:
         return self.presses * len(self.shapes)
-
-
-@dataclass(frozen=True)
-class Group:
-    """Presses of a shard that one worker makes at a time.
-
-    start, stop: rows of the shard. A path belongs to the group in which it starts.
-    """
-
-    batch: Batch
-    start: int
-    stop: int
-
-    @property
-    def pairs(self) -> int:
-        return self.stop - self.start
-
-
-def groups_of(recipe: Recipe, batch: Batch) -> tuple[Group, ...]:
-    """The groups of a shard, in the order of its rows."""
-    # Later attempts at a random shape start with the stand-in of its earlier presses.
-    step = batch.presses if recipe.parts[batch.part].shapes == RANDOM else 1
-    steps, number = batch.pairs // step, ceil(batch.pairs / PRESSES_PER_GROUP)
-    number = min(steps, 2 * number if 1 < number <= FEW_GROUPS else number)
-    borders = [step * (steps * nth // number) for nth in range(number + 1)]
-    return tuple(Group(batch, *rows) for rows in pairwise(borders))
-
-
-def group_paths(recipe: Recipe, group: Group) -> Iterator[tuple[str, int, tuple[MotionPath, ...]]]:
-    """The shapes of a group: name or file, number in the part, and paths."""
-    batch = group.batch
-    for place in range(group.start // batch.presses, ceil(group.stop / batch.presses)):
-        number, row, paths = batch.numbers[place], place * batch.presses, []
-        for path in paths_of(recipe, batch, number):
-            if group.start <= row < group.stop:
-                paths.append(path)
-            row += 1 + path.steps
-        if paths:
-            yield batch.shapes[place], number, tuple(paths)
 
 
 def paths_of(recipe: Recipe, batch: Batch, number: int) -> tuple[MotionPath, ...]:

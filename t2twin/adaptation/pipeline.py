@@ -54,8 +54,7 @@ from t2twin.sim.calibrate.calibrate import (
 )
 from t2twin.sim.calibrate.coverage import coverage_sentences
 from t2twin.sim.calibrate.measurements import Tolerance
-from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.pool import check_workers
+from t2twin.sim.dataset.generate import check_workers, make_dataset
 from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE, TARGET

@@ -64,21 +64,7 @@ def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
     _check_options(options)
     if options.verify is not None:
         sys.exit(_verify(options.verify))
-
-    from t2twin.sim.dataset.workers import started_early
-
-    with started_early(_early_workers(options)):
-        _make(options)
-
-
-def _early_workers(options: SimdataOptions) -> int:
-    """The number of workers to start before the imports of this process; 1 for none."""
-    from t2twin.core.machine import cores
-
-    number = cores() if options.workers is None else options.workers
-    has_imported = "t2twin.sim.dataset.shard" in sys.modules
-    is_elsewhere = options.scheduler is not None
-    return 1 if has_imported or is_elsewhere or number > cores() else number
+    _make(options)
 
 
 def _make(options: SimdataOptions) -> None:

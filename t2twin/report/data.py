@@ -20,7 +20,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.report.page import check_out, printable
 from t2twin.sim.dataset.columns import CONTACT, COUNTS, IMAGE, POSE, column
-from t2twin.sim.dataset.format_1 import TACTILE_IMAGE
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo, SensorInfo
 from t2twin.sim.dataset.store import (
     INFO,
@@ -34,6 +33,7 @@ from t2twin.sim.dataset.store import (
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.reading import expected_reading
+from t2twin.translate.data.sides import TACTILE_IMAGE
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.findings import gap_between
 from t2twin.translate.evaluation.predictions import (

@@ -18,7 +18,6 @@ from msgspec import field as renamed
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer, elastomer_of
 from t2twin.sim.dataset.columns import COUNTS, IMAGE
-from t2twin.sim.dataset.format_1 import COVER, IMAGE_SHAPE, TACTILE_IMAGE, VIEW_MM
 from t2twin.sim.dataset.info import MAX_COUNTS, SensorInfo
 from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.phi import Phi
@@ -29,8 +28,17 @@ SAME_MM = 1e-3
 of a printed board)."""
 
 
+IMAGE_SHAPE, VIEW_MM = (320, 240, 3), (6.25, 25 / 3)
+TACTILE_IMAGE = (396, 240, 8.8)
+COVER = {
+    "name": "cyskin", "thickness_mm": 2.5, "young_mpa": 0.1, "poisson": 0.47, "width_mm": 28.0,
+    "length_mm": 46.0,
+}  # fmt: skip
+"""Values of the DIGIT and the CySkin, for runs that do not record them."""
+
+
 class CameraSide(Struct, frozen=True, tag_field="value", tag=IMAGE):
-    """A gel camera of a run. The defaults are those of datasets of format 1.
+    """A gel camera of a run. The defaults are a DIGIT's.
 
     sensor: its name, None in older runs. image_shape: rows, columns and channels of its images.
     view_mm: half of what they show along x and y.
@@ -70,7 +78,7 @@ class ArraySide(Struct, frozen=True, tag_field="value", tag=COUNTS):
     counts. pad_diameter_mm: (N,) of the taxels, None if unknown. tactile_image: rows, columns and
     px/mm. dense_pad_mm: diameter of the dense counts' pads. cover: as in elastomer_json. sensor:
     its name, None in older runs. Some fields have other names in a run's config.json. The defaults
-    are those of datasets of format 1.
+    are a CySkin's.
     """
 
     value: ClassVar[str] = COUNTS
