@@ -1,7 +1,5 @@
 import json
 import re
-import shutil
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,20 +20,17 @@ from t2twin.sim.dataset.store import (
     read_info,
     read_split,
     sha256_of,
-    write_info,
+    verify_dataset,
 )
-from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.optical import pyrender_renderer
 from t2twin.sim.sampling import presses
 from t2twin.sim.sampling.plan import plan
 from t2twin.sim.sampling.presses import (
     MAX_ATTEMPTS,
-    name_at,
-    planned_name,
     sample_force,
     sample_press,
 )
-from t2twin.sim.sampling.recipe import ForceRange, Place, bundled_recipes, load_recipe
+from t2twin.sim.sampling.recipe import ForceRange, bundled_recipes, load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -213,14 +208,6 @@ def test_same_seed_same_bytes_however_made(made, recipe_file, tmp_path, shape_ca
         make_dataset(tmp_path / "two", recipe=recipe, cache=shape_cache, shapes=TOOL)
 
 
-def test_a_shard_of_more_shapes_is_what_a_smaller_recipe_begins_with(made, recipe_file):
-    recipe = load_recipe(recipe_file)
-    part = structs.replace(recipe.parts[0], count=4, val_share=0.0)
-    first = plan(structs.replace(recipe, parts=(part,)))[0]
-    here = next(batch for batch in plan(recipe) if batch.path == first.path)
-    assert first.shapes == here.shapes and first.numbers == here.numbers
-
-
 def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     made, recipe_file, tmp_path, shape_cache, monkeypatch
 ):
@@ -247,25 +234,6 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     with pytest.raises(T2TwinError, match="no attempt at a press touched random-3000000001"):
         monkeypatch.setattr(presses, "max_attempts", lambda part: MAX_ATTEMPTS)
         make_dataset(tmp_path / "none", recipe=whole, workers=1, cache=shape_cache)
-
-
-def test_only_a_shapes_own_stand_ins_pass_for_it():
-    names = [name_at("random-3000000007", 20 * which) for which in range(9)]
-    assert names[:2] == ["random-3000000007", "random-3500000007"]
-    assert len(set(names)) == 9
-    assert {planned_name(name) for name in names} == {names[0]}
-    assert planned_name("random-3500000008") == "random-3000000008"
-
-
-def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):
-    info = read_info(made)
-    assert info.recipe is not None
-    part = structs.replace(info.recipe.parts[0], place=Place(normal_mm=2.6))
-    other = structs.replace(info.recipe, parts=(part, *info.recipe.parts[1:]))
-    shutil.copytree(made, tmp_path / "moved")
-    write_info(tmp_path / "moved", replace(info, recipe=other))
-    faults = [str(fault) for fault in verify_dataset(tmp_path / "moved")]
-    assert any("is not the planned one of press" in fault for fault in faults)
 
 
 def test_draws_keep_to_their_distributions():

@@ -8,8 +8,7 @@ import trimesh
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.store import read_split
-from t2twin.sim.dataset.verify import verify_dataset
+from t2twin.sim.dataset.store import read_split, verify_dataset
 from t2twin.sim.sampling.plan import load_shape
 from t2twin.sim.sampling.recipe import Part, Place
 
