@@ -54,6 +54,7 @@ def fake_run(counts, kind=OODClass.IN_DISTRIBUTION) -> Any:
         Any,
         SimpleNamespace(
             config=SimpleNamespace(data=SimpleNamespace(array=array)),
+            has_uncertainty=False,
             predict=lambda image, background: counts,
             classify_frames=lambda image, background: [kind],
         ),

@@ -22,21 +22,27 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.evaluation.table import contact_text
-from t2twin.translate.inference.contact import EDGE_NOTE, EMPTY_NOTE, PNG_MM, PNG_ZERO, contacts_of
+from t2twin.translate.inference.contact import (
+    EDGE_NOTE,
+    EMPTY_NOTE,
+    PNG_MM,
+    PNG_ZERO,
+    ContactEstimate,
+    contacts_of,
+)
 from t2twin.translate.inference.load import load
 from t2twin.translate.inference.onnx_export import PARITY_COUNTS, export_onnx, open_onnx
 from t2twin.translate.models.contact import (
-    ContactPrediction,
-    ContactReadout,
+    CENTER,
+    MAPS,
     center_of_pressure,
     contact_scale,
     depth_errors_mm,
     fit_contact_knots,
     fit_contact_limits,
+    read_contact,
 )
-from t2twin.translate.models.field_readout import AllPredictions, FieldPrediction
-from t2twin.translate.networks.contact_head import ContactOutputs
-from t2twin.translate.networks.field_net import CONTACT, LIMITS, SCALE, FieldNet
+from t2twin.translate.networks.field_net import CONTACT, LIMITS, SCALE, ContactOutputs, FieldNet
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, HOME, load_config
 from t2twin.translate.training.train import train
@@ -180,9 +186,8 @@ def test_onnx_files_predict_the_same_contact(alone, images, tmp_path) -> None:
     assert export_onnx(by_torch, tmp_path / "run.onnx") < PARITY_COUNTS
     session = open_onnx(tmp_path / "run.onnx")
     shapes = {each.name: each.shape[1:] for each in session.get_outputs()}
-    assert {name: shapes[name] for name in ContactPrediction._fields} == {
-        name: [2] if name.startswith("center") else [48, 48] for name in ContactPrediction._fields
-    }
+    assert all(shapes[name] == [48, 48] for name in MAPS)
+    assert all(shapes[name] == [2] for name in CENTER)
 
 
 def test_published_and_averaged_runs_keep_the_contact(alone, plain, images, tmp_path) -> None:
@@ -272,19 +277,16 @@ def test_the_studio_shows_the_contact(alone, plain, images, tmp_path) -> None:
     assert 'data-name="contact"' not in frame_html((frames[0], "a.png"), None, [without])
 
 
-def prediction(pressure: torch.Tensor) -> ContactPrediction:
-    """A sure prediction of a pressure, (1, H, H)."""
+def estimate_of(
+    pressure: torch.Tensor, depth: torch.Tensor | None = None, size: tuple[int, int] = (96, 96)
+) -> ContactEstimate:
+    """The estimate of a sure prediction of a pressure and a depth, (1, H, H)."""
     probability, zero = (pressure > 0).float(), torch.zeros_like(pressure)
+    maps = (zero if depth is None else depth, zero, pressure, zero, probability)
     centers = center_of_pressure(pressure, zero, VIEW_MM)
-    return ContactPrediction(zero, zero, pressure, zero, probability, *centers)
-
-
-def estimate_of(pressure: torch.Tensor):
-    none, one = torch.zeros(1, 1), torch.ones(1)
-    field = FieldPrediction(none, none, none, none, one, one)
-    found = AllPredictions(field, None, prediction(pressure)).named()
-    outputs = {name: each.numpy() for name, each in found.items()}
-    return contacts_of(outputs, [(96, 96)], VIEW_MM, [OODClass.IN_DISTRIBUTION])[0]
+    found = zip((*MAPS, *CENTER), (*maps, *centers), strict=True)
+    outputs = {name: each.numpy() for name, each in found} | {"force_n": np.ones(1)}
+    return contacts_of(outputs, [size], VIEW_MM, [OODClass.IN_DISTRIBUTION])[0]
 
 
 def test_empty_contacts_and_contacts_at_the_edge_are_named() -> None:
@@ -303,10 +305,7 @@ def test_empty_contacts_and_contacts_at_the_edge_are_named() -> None:
 
 def test_an_even_slope_is_even_in_the_size_of_the_image() -> None:
     depth = torch.arange(48.0).repeat(1, 48, 1)
-    zero = torch.zeros(1, 48, 48)
-    found = prediction(zero)._replace(depth_mm=depth)
-    outputs = {name: each.numpy() for name, each in found._asdict().items()}
-    (contact,) = contacts_of(outputs, [(320, 240)], VIEW_MM, [OODClass.IN_DISTRIBUTION])
+    contact = estimate_of(torch.zeros(1, 48, 48), depth, (320, 240))
     np.testing.assert_allclose(np.diff(contact.depth_mm[:, 20:-20]), 48 / 240, rtol=1e-3)
 
 
@@ -366,8 +365,8 @@ def test_calibrated_intervals_cover_what_they_promise() -> None:
     depth, pressure = (scaled[:, n] + error[n] for n in range(2))
     outputs = ContactOutputs(depth, log_spread, pressure, log_spread, torch.full_like(depth, 9.0))
     fit_contact_knots(network, VIEW_MM, [(outputs, true)])
-    found = ContactReadout(network, VIEW_MM)(outputs, torch.tensor(True))
-    covered = (found.depth_mm - true[:, 0]).abs() <= 1.645 * found.depth_std_mm
+    found = read_contact(network, outputs, torch.tensor(True), VIEW_MM)
+    covered = (found["depth_mm"] - true[:, 0]).abs() <= 1.645 * found["depth_std_mm"]
     assert covered.float().mean() == pytest.approx(0.9, abs=0.01)
 
 
@@ -382,9 +381,8 @@ def test_below_its_limit_an_image_has_no_contact() -> None:
     logit[0, 3, 3], logit[1, 3, 3] = 1.0, 1.1
     zero = torch.zeros_like(logit)
     outputs = ContactOutputs(zero, zero, zero + 1.0, zero, logit)
-    readout = ContactReadout(network, VIEW_MM)
-    modes = torch.tensor(False), torch.tensor(True)
-    largest = [readout(outputs, given).probability.amax(dim=(1, 2)) for given in modes]
+    found = (read_contact(network, outputs, torch.tensor(n), VIEW_MM) for n in (False, True))
+    largest = [each["probability"].amax(dim=(1, 2)) for each in found]
     assert (torch.stack(largest) > 0.5).tolist() == [[False, True], [True, True]]
 
 

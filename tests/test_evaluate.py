@@ -53,9 +53,8 @@ from t2twin.translate.evaluation.records import (
     write_evaluation,
 )
 from t2twin.translate.evaluation.table import FURTHER, MAIN, PAPER, figures_table
-from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import require
+from t2twin.translate.inference.predictor import with_background
 from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.log import best_epoch, read_log
 
@@ -311,7 +310,8 @@ def test_drawn_images_become_counts_and_tactile_images(
     translator = run.translator
     assert isinstance(translator, Touch2Touch)
     perfect = translator.phi.to_torch(torch.tensor(true, dtype=torch.float32))
-    monkeypatch.setattr(translator, "predict_tactile_images", lambda images: perfect)
+    outputs = perfect * (2.0 / translator.full_scale) - 1.0
+    monkeypatch.setattr(translator, "outputs", lambda images: outputs)
     images = load_pairs(data_dir, "val", 64, grey=False).images[:6]
     np.testing.assert_allclose(run.predict(images), true, atol=1.0)
     tactile = run.tactile_images(images)
@@ -338,7 +338,7 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
     info = json.loads((other / "info.json").read_text())
     info["target"]["x_mm"] = [0.5 * x for x in info["target"]["x_mm"]]
     (other / "info.json").write_text(json.dumps(info))
-    with pytest.raises(T2TwinError, match="a ResNet18, which predicts only the 20 taxels"):
+    with pytest.raises(T2TwinError, match="with its 20 taxels needs a touch2touch"):
         evaluate(runs[1:], other, "val", tmp_path / "out")
     with pytest.raises(T2TwinError, match="outside the array"):
         evaluate(runs, other, "val", tmp_path / "out")
@@ -350,10 +350,10 @@ def test_a_field_run_is_given_the_background_of_the_default_optics(
 ) -> None:
     found = evaluate(["field"], small_dataset, "val", tmp_path / "default")
     assert found.background == OF_OPTICS
-    run = require(load_run("field"), FieldPredictor, "the test")
+    run = load_run("field").need_uncertainty("the test")
     pairs = load_pairs(small_dataset, "val", 96, grey=False)
     frame = SensorPair().camera.image_renderer.background
-    expected = run.estimate_pixels(run.with_background(pairs.images[:], run.pixels_of(frame)[0]))
+    expected = run.estimate_pixels(with_background(pairs.images[:], run.pixels_of(frame)[0]))
     expected = as_readings(expected, read_info(small_dataset))
     predictions = read_predictions(tmp_path / "default").by_model["field"]
     np.testing.assert_allclose(predictions, expected.counts, atol=0.5)

@@ -4,6 +4,7 @@ calibrated."""
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -26,10 +27,9 @@ from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, uncertainty
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.predictions import read_predictions
 from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.inference.batch import translate_files
-from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.files import translate_files
 from t2twin.translate.inference.load import load, load_run
-from t2twin.translate.inference.predictor import require
+from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.models import field as field_model
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
@@ -41,7 +41,6 @@ from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     MIN_STD,
     Errors,
-    UncertaintyCalibration,
     fit_calibration,
     identity_knots,
     interpolate_scale,
@@ -95,8 +94,8 @@ def run_dir(data_dir: Path) -> Path:
 
 
 @pytest.fixture
-def run(run_dir: Path) -> FieldPredictor:
-    return require(load_run(run_dir), FieldPredictor, "the test")
+def run(run_dir: Path) -> TrainedTranslator:
+    return load_run(run_dir).need_uncertainty("the test")
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +104,7 @@ def frame(data_dir: Path) -> np.ndarray:
     return pairs.images[:1][0]
 
 
-def translator_of(run: FieldPredictor) -> FieldTranslator:
+def translator_of(run: TrainedTranslator) -> FieldTranslator:
     return cast(FieldTranslator, run.translator)
 
 
@@ -128,10 +127,10 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
 
 
 def test_a_turned_picture_is_told_by_the_background_frame(
-    data_dir: Path, run: FieldPredictor
+    data_dir: Path, run: TrainedTranslator
 ) -> None:
     pixels = load_pairs(data_dir, "train", 64, grey=False, with_dense_counts=True).inputs[:]
-    assert set(run.classify(pixels)) == {"in distribution"} and run.in_distribution(pixels).all()
+    assert set(run.classify(pixels)) == {"in distribution"}
     for turned, how in (
         (pixels[:, ::-1, ::-1], "upside down"),
         (pixels[:, :, ::-1], "mirrored"),
@@ -144,7 +143,7 @@ def test_a_turned_picture_is_told_by_the_background_frame(
         assert set(found) <= {how, "of another sensor than its background frame"}
         assert found.count(how) > 0.5 * len(found)
     others = np.concatenate([pixels[..., :3], np.roll(pixels[..., 3:], 4, axis=0)], axis=-1)
-    assert not run.in_distribution(others).any()
+    assert "in distribution" not in run.classify(others)
     assert set(run.classify(others[..., :3])) == {"in distribution"}
 
 
@@ -234,11 +233,11 @@ def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> N
             translator.optimizers["field"].param_groups[0]["lr"] = 1e-4
         last = translator.step(examples)
     assert last["field"] < first["field"] / 20 and last["spread"] < first["spread"] - 1
-    estimated = translator.predict_field(examples.images)
+    estimated = SimpleNamespace(**translator.predict_all(examples.images))
     assert examples.dense_counts is not None
     rmse = (estimated.dense_counts - examples.dense_counts).square().mean().sqrt().item()
     assert rmse < 0.02 * info.array.full_scale_counts
-    assert estimated.force_n is not None and examples.force_n is not None
+    assert examples.force_n is not None
     assert (estimated.force_n - examples.force_n).abs().max() < 0.2 * examples.force_n.max()
 
 
@@ -254,9 +253,9 @@ def errors_of(true: torch.Tensor, spread: torch.Tensor, seed: int) -> Errors:
     )
 
 
-def held_by(found: UncertaintyCalibration, errors: Errors) -> torch.Tensor:
+def held_by(found: dict[str, torch.Tensor], errors: Errors) -> torch.Tensor:
     """(P, F) whether intervals of 90 % hold."""
-    std = standard_deviation(errors.spread.log(), found.place, found.press)
+    std = standard_deviation(errors.spread.log(), found["place_knots"], found["press_knots"])
     return errors.dense_counts.abs() <= HALF_WIDTH * std
 
 
@@ -268,11 +267,11 @@ def test_intervals_hold_as_much_among_small_spreads_as_among_large() -> None:
     held = held_by(found, errors_of(0.02 * (spread / 0.01) ** 0.75, spread, 2)).float()
     by_size = held.flatten()[spread.flatten().argsort()].chunk(10)
     assert [float(part.mean()) for part in by_size] == pytest.approx([0.9] * 10, abs=0.02)
-    std = standard_deviation(spread.log(), found.place, found.press)
+    std = standard_deviation(spread.log(), found["place_knots"], found["press_knots"])
     assert float(std.square().mean() / errors.dense_counts.square().mean()) == pytest.approx(
         1.0, abs=0.1
     )
-    factor = interpolate_scale(torch.zeros(1), found.force)
+    factor = interpolate_scale(torch.zeros(1), found["force_knots"])
     assert float(factor) == pytest.approx(0.5, rel=0.06)
 
 
@@ -296,17 +295,17 @@ def test_errors_that_go_together_are_drawn_together() -> None:
                               normal[:, 2]], dim=1)  # fmt: skip
     one = torch.ones(4000)
     found = fit_calibration([Errors(off, torch.full_like(off, 0.02), one, one)])
-    assert found.correlation.diagonal().tolist() == [1.0, 1.0, 1.0]
-    assert float(found.correlation[0, 1]) == pytest.approx(0.8, abs=0.05)
-    assert float(found.correlation[0, 2]) == pytest.approx(0.0, abs=0.05)
-    assert torch.linalg.eigvalsh(found.correlation).min() > 0
+    assert found["correlation"].diagonal().tolist() == [1.0, 1.0, 1.0]
+    assert float(found["correlation"][0, 1]) == pytest.approx(0.8, abs=0.05)
+    assert float(found["correlation"][0, 2]) == pytest.approx(0.0, abs=0.05)
+    assert torch.linalg.eigvalsh(found["correlation"]).min() > 0
 
 
 def test_few_presses_that_all_hit_leave_standard_deviations() -> None:
     nothing = torch.zeros(2)
     few = fit_calibration([Errors(torch.zeros(2, 3), torch.ones(2, 3), nothing, torch.ones(2))])
-    assert torch.isfinite(few.correlation).all()
-    std = standard_deviation(torch.zeros(2, 3), few.place, few.press)
+    assert torch.isfinite(few["correlation"]).all()
+    std = standard_deviation(torch.zeros(2, 3), few["place_knots"], few["press_knots"])
     assert torch.isfinite(std).all() and (std > 0).all()
 
 
@@ -322,7 +321,7 @@ def test_a_larger_spread_never_makes_a_smaller_standard_deviation(presses: int) 
     spread = torch.exp(2 * torch.randn(presses, 5, generator=generator) - 5)
     found = fit_calibration([errors_of(torch.full_like(spread, 0.01), spread, 0)])
     steps = torch.linspace(-14.0, 2.0, 1000)
-    std = steps + interpolate_scale(steps, found.place).log()
+    std = steps + interpolate_scale(steps, found["place_knots"]).log()
     assert (std.diff() >= -1e-5).all()
 
 
@@ -335,17 +334,8 @@ def test_certainty_of_what_is_right_by_half() -> None:
     force, nothing = np.full(500, 8.0), np.zeros((500, 1))
 
     def estimate(part: float) -> Estimate:
-        return Estimate(
-            said,
-            part * std,
-            nothing,
-            nothing,
-            np.full(500, 8.8),
-            np.full(500, 1.0),
-            None,
-            None,
-            4e4,
-        )
+        forces = {"force_n": np.full(500, 8.8), "force_std_n": np.full(500, 1.0)}
+        return Estimate(4e4, said, part * std, nothing, nothing, **forces)
 
     right, bold = (uncertainty_metrics(estimate(part), truth, force) for part in (1.0, 0.5))
     for level, held in zip(right.levels, right.coverage, strict=True):
@@ -363,7 +353,7 @@ def test_certainty_of_what_is_right_by_half() -> None:
     assert by_press.sparsification_gain(0.8) == pytest.approx(0.2, abs=0.02)
 
 
-def test_estimates(run: FieldPredictor, frame: np.ndarray) -> None:
+def test_estimates(run: TrainedTranslator, frame: np.ndarray) -> None:
     one, several = run.estimate(frame), run.estimate([frame, frame[:, ::-1]])
     assert one.counts.shape == one.counts_std.shape == (20,) and one.dense_counts.shape == (216,)
     assert several.counts.shape == (2, 20)
@@ -379,7 +369,7 @@ def test_estimates(run: FieldPredictor, frame: np.ndarray) -> None:
         one.interval(1.0)
 
 
-def test_drawn_fields_spread_as_is_said(run: FieldPredictor, frame: np.ndarray) -> None:
+def test_drawn_fields_spread_as_is_said(run: TrainedTranslator, frame: np.ndarray) -> None:
     estimated, drawn = run.estimate(frame), run.sample_dense_counts(frame, 3000, seed=1)
     assert drawn.shape == (3000, 216)
     clear = (estimated.dense_counts > 4 * estimated.dense_counts_std) & (
@@ -397,28 +387,29 @@ def test_drawn_fields_spread_as_is_said(run: FieldPredictor, frame: np.ndarray) 
             run.sample_dense_counts(images, count)
 
 
-def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: FieldPredictor) -> None:
+def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: TrainedTranslator) -> None:
     """Fully correlated errors of one size give the sum of the weights times it; independent ones
     the root of the sum of squares."""
     translator = translator_of(run)
     dense = load_layout("cyskin-63")
     network = cast(FieldNet, translator.predictor)
     network.correlation.copy_(torch.full((216, 216), 0.9999) + 1e-4 * torch.eye(216))
-    together = translator.read_at(dense).readout
+    together = translator.read_at(dense)
+    _ = together._factor
     network.correlation.copy_(torch.eye(216))
-    apart = translator.read_at(dense).readout
+    apart = translator.read_at(dense)
     said = network(torch.zeros(1, 6, 64, 64))
     said = said._replace(log_spread=torch.full((1, 216), -4.0))
     sizes = [
-        teller(said).counts_std[0] / teller(said).dense_counts_std[0, 0]
-        for teller in (together, apart)
+        each.read(said)["counts_std"][0] / each.read(said)["dense_counts_std"][0, 0]
+        for each in (together, apart)
     ]
     weights = torch.from_numpy(reading_matrix(DENSE.layout, dense, DENSE.cover)).float()
     torch.testing.assert_close(sizes[0], weights.sum(dim=1).abs(), atol=0.05, rtol=0)
     torch.testing.assert_close(sizes[1], weights.square().sum(dim=1).sqrt(), atol=1e-3, rtol=0)
 
 
-def test_another_layout_and_other_pads(run: FieldPredictor, frame: np.ndarray) -> None:
+def test_another_layout_and_other_pads(run: TrainedTranslator, frame: np.ndarray) -> None:
     dense = load_layout("cyskin-63")
     at_63 = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm)
     estimated = at_63.estimate(frame)
@@ -430,7 +421,7 @@ def test_another_layout_and_other_pads(run: FieldPredictor, frame: np.ndarray) -
     assert wide is not run and not np.array_equal(wide.predict(frame), run.predict(frame))
 
 
-def test_a_background_frame_counts(run: FieldPredictor, data_dir: Path, frame) -> None:
+def test_a_background_frame_counts(run: TrainedTranslator, data_dir: Path, frame) -> None:
     translator = translator_of(run)
     pairs = load_pairs(data_dir, "val", 64, False, with_dense_counts=True)
     assert pairs.backgrounds is not None
@@ -560,8 +551,7 @@ def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp
     out = tmp_path / "out"
     translated = translate_files(run_dir, [tmp_path / "press.png"], out)
     (entry,) = json.loads((out / "counts.json").read_text())["images"]
-    assert translated.estimate is not None
-    stds = np.ceil(translated.estimate.counts_std[0]).astype(int).tolist()
+    stds = np.ceil(translated.counts_std[0]).astype(int).tolist()
     assert entry["counts_std"] == stds and entry["force_n"] >= 0 and entry["force_std_n"] > 0
     rows = (out / "counts_std.csv").read_text().splitlines()
     assert rows[0].startswith("image,taxel_0") and rows[1].split(",")[1:] == list(map(str, stds))
@@ -578,8 +568,9 @@ def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_p
     Image.fromarray(frame).save(tmp_path / "frame.png")
     for folder in untrained_runs:
         run = load(folder, engine="torch")
-        with pytest.raises(T2TwinError, match="predicts counts; estimate needs a field run"):
-            run.estimate(frame)
+        assert run.estimate(frame).counts_std is None
+        with pytest.raises(T2TwinError, match="the contact needs a field run"):
+            run.contact(frame)
         with pytest.raises(T2TwinError, match="a background frame needs a field run"):
             translate_files(
                 folder,
@@ -589,7 +580,7 @@ def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_p
             )
 
 
-def test_the_onnx_file_says_the_same(run: FieldPredictor, frame, tmp_path) -> None:
+def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) -> None:
     onnxruntime = pytest.importorskip("onnxruntime")
     from t2twin.translate.inference.onnx_export import export_onnx
 
@@ -607,15 +598,15 @@ def test_the_onnx_file_says_the_same(run: FieldPredictor, frame, tmp_path) -> No
         "force_n", "force_std_n", "frame_features"
     ]  # fmt: skip
     for given, estimated in (
-        ({}, run.estimate([frame, frame[::-1]])),
-        ({"background": images[1:]}, run.estimate([frame, frame[::-1]], frame[::-1])),
+        ({}, run.estimate([frame, frame[::-1]], tactile=True)),
+        ({"background": images[1:]}, run.estimate([frame, frame[::-1]], frame[::-1], tactile=True)),
     ):
         said = dict(zip(names, session.run(None, {"images": images, **given}), strict=True))
         for name in ("counts", "counts_std", "dense_counts", "dense_counts_std"):
             np.testing.assert_allclose(said[name], getattr(estimated, name), rtol=1e-3, atol=1.0)
         assert estimated.force_n is not None
         np.testing.assert_allclose(said["force_n"], estimated.force_n, rtol=1e-3)
-        np.testing.assert_allclose(said["tactile_images"], run.dense_images(estimated)[0], atol=1.0)
+        np.testing.assert_allclose(said["tactile_images"], estimated.tactile_images, atol=1.0)
 
 
 def test_an_evaluation_says_how_right_it_is_in_that(

@@ -14,9 +14,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info, split_shards
 from t2twin.translate.data.images import to_input
-from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import require
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.networks.frame_check import (
     CLASSES,
@@ -55,13 +53,14 @@ def test_a_frame_is_wrong_above_the_limit_of_its_kind():
         check.hidden.weight[0, 0] = 1.0
         check.logits.weight[3, 0] = 9.0
         check.logits.bias[1:] = -9.0
-    features, images = torch.tensor([[-1.0, 0.0], [2.0, 0.0]]), torch.zeros(2, 3, 64, 64)
+    features = np.array([[-1.0, 0.0], [2.0, 0.0]], np.float32)
+    images = np.zeros((2, 64, 64, 3), np.uint8)
     assert check.classify(features, images, False) == [CLASSES[0], CLASSES[3]]
     assert check.classify(features, images, True) == [CLASSES[0]] * 2
 
 
 def test_the_second_network_names_transforms():
-    check, features = FrameCheck(2), torch.zeros(2, 2)
+    check, features = FrameCheck(2), np.zeros((2, 2), np.float32)
     last = check.transforms.layers[-1]
     assert isinstance(last, torch.nn.Linear)
     with torch.no_grad():
@@ -69,7 +68,7 @@ def test_the_second_network_names_transforms():
             layer.weight.zero_()
             layer.bias.zero_()
         last.bias[2] = 5.0
-    images = torch.rand(2, 3, 96, 96)
+    images = np.random.default_rng(0).integers(0, 256, (2, 96, 96, 3)).astype(np.uint8)
     assert check.classify(features, images, False) == [CLASSES[0]] * 2  # no limit yet
     check.limits.copy_(torch.tensor([torch.inf, torch.inf, 0.0]))
     for has_background in (False, True):
@@ -111,11 +110,11 @@ def test_a_run_gets_a_check_that_its_predictions_use(
 
     check.limits.fill_(-torch.inf)  # all frames are wrong
     save_weights(run_dir / FRAME_CHECK, check)
-    run = require(load_run(run_dir), FieldPredictor, "the test")
+    run = load_run(run_dir).need_uncertainty("the test")
     even = np.full((320, 240, 3), 90, np.uint8)
     assert run.classify_frames(even) != [OODClass.IN_DISTRIBUTION]
     (run_dir / FRAME_CHECK).write_bytes(b"not weights")
-    run = require(load_run(run_dir), FieldPredictor, "the test")
+    run = load_run(run_dir).need_uncertainty("the test")
     with pytest.raises(T2TwinError, match="is not a frame check"):
         run.classify_frames(even)
 
@@ -143,7 +142,7 @@ def test_near_units_are_not_other_units_and_drift(moving_dataset: Path) -> None:
 
 
 def test_a_frame_that_is_wrong_as_its_background_frame_is_named() -> None:
-    twin, run = t2twin.Twin(), require(load_run(HOME / "field"), FieldPredictor, "the test")
+    twin, run = t2twin.Twin(), load_run(HOME / "field").need_uncertainty("the test")
     frame, background = twin.press("hemisphere-2", force_n=5.0, seed=0).image, twin.background
     assert run.classify_frames(frame, background) == [OODClass.IN_DISTRIBUTION]
     for kind in (OODClass.MIRRORED, OODClass.UPSIDE_DOWN_MIRRORED, OODClass.BLUE_FIRST):
@@ -152,7 +151,7 @@ def test_a_frame_that_is_wrong_as_its_background_frame_is_named() -> None:
 
 
 def test_a_force_outside_the_training_is_named() -> None:
-    twin, run = t2twin.Twin(), require(load_run(HOME / "field"), FieldPredictor, "the test")
+    twin, run = t2twin.Twin(), load_run(HOME / "field").need_uncertainty("the test")
     assert run.config.data.force_n == (0.4, 15.0)
     forces_n = {"square-2": (0.1, 25.0), "hemisphere-4": (0.1, 18.0), "random-12": (0.1, 30.0)}
     for shape, outside in forces_n.items():
@@ -162,7 +161,7 @@ def test_a_force_outside_the_training_is_named() -> None:
 
 
 def test_a_background_frame_that_shows_a_contact_is_named() -> None:
-    twin, run = t2twin.Twin(), require(load_run(HOME / "field"), FieldPredictor, "the test")
+    twin, run = t2twin.Twin(), load_run(HOME / "field").need_uncertainty("the test")
     frame, touched = (
         twin.press(shape, force_n=4.0, seed=0).image for shape in ("hemisphere-2", "square-2")
     )
@@ -205,14 +204,14 @@ def test_the_frames_of_a_single_unit_are_enough():
     right, wrong = (torch.from_numpy(rng.normal(n, 1.0, (600, 4))).float() for n in (0.0, 9.0))
     kinds = np.full(600, CLASSES.index(OODClass.OTHER))
     check = fitting._trained([fitting._Part([[right, wrong]], kinds, [b"unit"] * 600)], 0)
-    images = torch.zeros(600, 3, 32, 32)
-    assert check.classify(right, images, False).count(OODClass.IN_DISTRIBUTION) >= 590
+    images = np.zeros((600, 32, 32, 3), np.uint8)
+    assert check.classify(right.numpy(), images, False).count(OODClass.IN_DISTRIBUTION) >= 590
     assert check.limits[WITHOUT] == 0.0  # not that of the rightmost of frames that are all right
-    assert check.classify(wrong, images, False) == [OODClass.OTHER] * 600
+    assert check.classify(wrong.numpy(), images, False) == [OODClass.OTHER] * 600
 
 
 def test_the_pretrained_run_names_turned_frames_without_a_background():
-    run = require(load_run("field"), FieldPredictor, "the test")
+    run = load_run("field").need_uncertainty("the test")
     frame = t2twin.press("hemisphere-2", force_n=8, x_mm=3).image
     assert run.classify_frames(frame) == [OODClass.IN_DISTRIBUTION]
     for kind, transform in FORWARD.items():

@@ -19,7 +19,7 @@ from t2twin.translate.evaluation.baselines import (
 )
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import CountsPredictor
+from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.models.touch2touch import Touch2Touch
 
 pytestmark = pytest.mark.filterwarnings(
@@ -30,7 +30,7 @@ PITCH_MM = 4.0
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, CountsPredictor]:
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, TrainedTranslator]:
     folder = tmp_path_factory.mktemp("layouts")
     data = write_spots(folder / "data", train=16, val=4, test=2)
     return {
@@ -51,15 +51,16 @@ def dense() -> tuple[np.ndarray, np.ndarray]:
     return x[inside], y[inside]
 
 
-def drawing(run: CountsPredictor, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def drawing(run: TrainedTranslator, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes the run's generator draw exactly the tactile images of these trained counts."""
     assert isinstance(run.translator, Touch2Touch)
     perfect = run.translator.phi.to_torch(torch.tensor(counts, dtype=torch.float32))
-    monkeypatch.setattr(Touch2Touch, "predict_tactile_images", lambda self, images: perfect)
+    outputs = perfect * (2.0 / run.translator.full_scale) - 1.0
+    monkeypatch.setattr(Touch2Touch, "outputs", lambda self, images: outputs)
 
 
 def test_linear_response_is_read_exactly_by_any_layout(
-    runs: dict[str, CountsPredictor],
+    runs: dict[str, TrainedTranslator],
     dense: tuple[np.ndarray, np.ndarray],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -78,7 +79,7 @@ def test_linear_response_is_read_exactly_by_any_layout(
     assert run.predict(np.zeros((1, 320, 240, 3), np.uint8)).shape == (1, 20)
 
 
-def test_own_layout_changes_nothing(runs: dict[str, CountsPredictor]) -> None:
+def test_own_layout_changes_nothing(runs: dict[str, TrainedTranslator]) -> None:
     layout = load_layout()
     for run in runs.values():
         assert run.at_layout(layout.x_mm, layout.y_mm + 1e-6, "again") is run
@@ -86,13 +87,13 @@ def test_own_layout_changes_nothing(runs: dict[str, CountsPredictor]) -> None:
 
 
 def test_layouts_that_cannot_be_read_are_refused(
-    runs: dict[str, CountsPredictor], dense: tuple[np.ndarray, np.ndarray]
+    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray]
 ) -> None:
     with pytest.raises(T2TwinError, match="needs a touch2touch or a field run"):
         runs["resnet18"].at_layout(*dense, "dense")
     x_mm, y_mm = dense[0].copy(), dense[1].copy()
     x_mm[3] += 12.0
-    with pytest.raises(T2TwinError, match=r"1 taxel\(s\) outside .* taxel 3 at"):
+    with pytest.raises(T2TwinError, match=r"taxel 3 of the layout wide, .* outside the array"):
         runs["touch2touch"].at_layout(x_mm, y_mm, "wide")
     close = np.linspace(-1.0, 1.0, 5)
     x_mm, y_mm = (v.ravel() for v in np.meshgrid(close, close))
@@ -101,7 +102,7 @@ def test_layouts_that_cannot_be_read_are_refused(
 
 
 def test_what_the_trained_layout_can_say(
-    runs: dict[str, CountsPredictor], dense: tuple[np.ndarray, np.ndarray]
+    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray]
 ) -> None:
     """A projection of rank 20: any trained array's interpolation passes, nothing is added."""
     trained = runs["touch2touch"].config.data.array
@@ -113,7 +114,7 @@ def test_what_the_trained_layout_can_say(
 
 
 def test_evaluation_on_a_denser_layout(
-    runs: dict[str, CountsPredictor], dense: tuple[np.ndarray, np.ndarray], tmp_path: Path,
+    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray], tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """Errors are of the new layout's taxels; a generator that drew the truth meets the floor."""

@@ -21,8 +21,6 @@ from t2twin.live.sources import (
     _opencv,
     open_source,
 )
-from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.predictor import require
 from t2twin.translate.uncertainty.ood import OODClass
 
 HZ, FRAMES = 30.0, 24
@@ -303,7 +301,7 @@ def _wait_for(holds):
 
 
 def test_a_field_run_gives_standard_deviations_and_force():
-    run = require(t2twin.load("field"), FieldPredictor, "the test")
+    run = t2twin.load("field").need_uncertainty("the test")
     lines, background = [], np.full((64, 48, 3), 90, np.uint8)
     follow(run, listed(1), lines.append, silent, background=background)
     record, size = json.loads(lines[0]), run.config.preset.size

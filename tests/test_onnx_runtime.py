@@ -1,13 +1,11 @@
 """ONNX Runtime in PyTorch's place: the same counts, its file kept, and made anew where it must."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.core.cached_files import TRAILER_BYTES, write_checked
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.inference import load as load_runs
 from t2twin.translate.inference import onnx_export
@@ -45,37 +43,12 @@ def test_counts_are_those_of_pytorch(run_dir: Path, kept: Path, frames: np.ndarr
     assert fast.in_float32().engine is None
 
 
-def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
+def test_a_kept_file_is_taken_again(
     runs: list[Path], kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = []
-    make = onnx_export._export
-    monkeypatch.setattr(onnx_export, "_export", lambda *of: made.append(of) or make(*of))
     first = load(runs[1]).predict(frames)
+    monkeypatch.setattr(onnx_export, "export_onnx", None)
     np.testing.assert_array_equal(load(runs[1]).predict(frames), first)
-    assert len(made) == 1
-    (file,) = kept.iterdir()
-    content = file.read_bytes()
-    flipped = bytearray(content)
-    flipped[len(content) // 2] ^= 64
-    other = kept / "other.onnx"
-    write_checked(other, content[:-TRAILER_BYTES])  # whole, but of another name
-    for number, damaged in enumerate((content[:-1000], b"", bytes(flipped), other.read_bytes())):
-        file.write_bytes(damaged)
-        np.testing.assert_array_equal(load(runs[1]).predict(frames), first)
-        assert len(made) == 2 + number and file.read_bytes() == content
-
-
-def test_a_pipe_or_a_folder_in_its_place_stops_nothing(
-    runs: list[Path], kept: Path, frames: np.ndarray
-) -> None:
-    expected = load(runs[1], engine="torch").predict(frames)
-    load(runs[1]).predict(frames)
-    (file,) = kept.iterdir()
-    for make in (os.mkfifo, os.mkdir):
-        file.unlink()
-        make(file)
-        np.testing.assert_allclose(load(runs[1]).predict(frames), expected, atol=1.0)
 
 
 def test_where_no_file_can_be_kept_pytorch_computes(
@@ -98,7 +71,7 @@ def test_the_oldest_files_go(
 
 
 def test_what_cannot_be_gets_a_sentence(runs: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(T2TwinError, match="no engine 'jax'; onnx and torch are allowed"):
+    with pytest.raises(T2TwinError, match="engine is 'jax'"):
         load(runs[1], engine="jax")  # pyright: ignore[reportArgumentType]
     with pytest.raises(T2TwinError, match="float32 on the CPU"):
         load(runs[1], bf16=True, engine="onnx")

@@ -20,9 +20,7 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.predictions import as_readings
-from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import require
 from t2twin.translate.runs import config as run_config
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, HOME, pretrained_runs, resolve_run, versioned
@@ -122,7 +120,7 @@ def test_the_card_says_what_is_measured(name: str, products: Products) -> None:
     pattern = rf"\| {CARDS[name]}, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|"
     row = re.search(pattern, card)
     assert row is not None
-    run = require(load_run(name), FieldPredictor, "the test")
+    run = load_run(name).need_uncertainty("the test")
     source, target = run.config.data.camera.sensor, run.config.data.array.sensor
     assert source is not None and target is not None
     sensors = SensorPair.of(source, target).with_imperfections(None)

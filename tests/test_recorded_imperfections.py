@@ -104,8 +104,8 @@ def test_an_estimate_of_noiseless_counts_becomes_one_of_readings(tmp_path):
     rng = np.random.default_rng(3)
     truth = rng.uniform(0.0, 12_000.0, (400, LAYOUT.size)).astype(np.float32)
     truth[rng.random(truth.shape) < 0.5] = 0.0
-    none, unknown = np.zeros_like(truth), np.zeros(len(truth), np.float32)
-    exact = Estimate(truth, none, none, none, unknown, unknown, None, None, 40_000.0)
+    none = np.zeros_like(truth)
+    exact = Estimate(40_000.0, truth, none)
     estimate = as_readings(exact, info)
     readings = np.stack(
         [read_after(None, row, LAYOUT, RECORDED, COUNTS, rng)[0].astype(float) for row in truth]

@@ -85,7 +85,7 @@ def test_overfits_one_batch(data_dir: Path) -> None:
     for _ in range(60):
         last = ours.step(examples)
     assert last["l1"] < first["l1"] / 4
-    drawn = ours.predict_images(inputs).numpy()[..., 0]
+    drawn = ours.predict(inputs).numpy()[..., 0]
     assert np.sqrt(np.square(drawn - pixels[..., 0]).mean()) < 0.02 * 255
 
 
@@ -219,14 +219,14 @@ def test_a_loaded_run_gives_no_counts(
     ask: Callable, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(T2TwinError, match=r"predicts images; .* (field|image-to-counts) run"):
+    with pytest.raises(T2TwinError, match=r"is touch2touch counts-to-image; .* needs"):
         ask(t2twin.load(run_dir), np.zeros((320, 240, 3), np.uint8))
     assert not list(tmp_path.iterdir())
 
 
 def test_a_run_of_the_papers_way_draws_no_pictures(untrained_runs: list[Path]) -> None:
     for run in untrained_runs:
-        with pytest.raises(T2TwinError, match="predict_image needs a counts-to-image or"):
+        with pytest.raises(T2TwinError, match="predict_image needs a run that predicts images"):
             t2twin.load(run).predict_image(np.zeros(20))
 
 

@@ -117,7 +117,7 @@ def test_the_generator_minimises_it_with_its_weight(data_dir: Path) -> None:
         drawn = before.generator(images)
         before.discriminator.load_state_dict(one.discriminator.state_dict())
         likely = torch.sigmoid(before.discriminator(images, drawn))
-        real = before.scaled_tactile_images(counts)
+        real = before.target_pictures(counts)
         shape = soft_iou_loss((drawn + 1) / 2, (real + 1) / 2)
         whole = -likely.log().mean() + 100 * (drawn - real).abs().mean() + weight * shape
         whole.backward()

@@ -16,10 +16,8 @@ from t2twin.translate.evaluation.array_errors import shear_metrics
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.evaluation.table import motion_text
-from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.onnx_export import export_onnx
-from t2twin.translate.inference.predictor import require
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import (
@@ -215,7 +213,7 @@ def test_a_trained_run_predicts_it_in_both_engines(
     run_dir: Path, moving_dataset: Path, tmp_path: Path
 ) -> None:
     pytest.importorskip("onnxruntime")
-    run = require(load_run(run_dir), FieldPredictor, "the test")
+    run = load_run(run_dir).need_uncertainty("the test")
     pairs = load_pairs(moving_dataset, "val", SMOKE.size, False, tmp_path, True)
     estimate = run.estimate_pixels(pairs.inputs)
     assert estimate.shear_n is not None and estimate.shear_std_n is not None
@@ -254,7 +252,7 @@ def test_shear_metrics_of_known_errors() -> None:
     turned = true @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     found, nothing = 1.2 * turned, np.zeros((400, 1))
     pairs = Pairs(None, nothing, *[nothing] * 6, shear_n=true, is_moving=angle < 6.0)  # pyright: ignore[reportArgumentType]
-    estimate = Estimate(nothing, nothing, nothing, nothing, None, None, found, found, 4e4)
+    estimate = Estimate(4e4, nothing, nothing, shear_n=found)
     estimate = replace(estimate, shear_std_n=np.abs(found - true) / np.array([1.0, 2.0]))
     metrics = shear_metrics(estimate, pairs)
     assert metrics is not None and metrics.pairs == (angle < 6.0).sum()
@@ -271,7 +269,7 @@ def test_calibrated_intervals_of_the_shear_cover_ninety_percent() -> None:
     field = torch.randn(4000, 3, generator=generator)
     still = Errors(field, torch.ones(4000, 3), one, one)
     found = fit_calibration([still, replace(still, shear=errors, shear_spread=spread)])
-    assert found.shear is not None and fit_calibration([still]).shear is None
-    std = spread * interpolate_scale(spread.log(), found.shear)
+    assert "shear_knots" not in fit_calibration([still])
+    std = spread * interpolate_scale(spread.log(), found["shear_knots"])
     assert float((errors.abs() <= HALF_WIDTH * std).float().mean()) == pytest.approx(0.9, abs=0.01)
     np.testing.assert_allclose(std / spread, 3.0, rtol=0.1)

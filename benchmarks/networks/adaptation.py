@@ -25,7 +25,7 @@ from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
     from t2twin.adaptation.real_frame_evaluation import SimulatedReference
-    from t2twin.translate.inference.predictor import CountsPredictor
+    from t2twin.translate.inference.predictor import TrainedTranslator
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.adaptation",
@@ -101,7 +101,7 @@ def _arrange(frames: Path, folder: Path, rotation: int) -> tuple[Path, Path]:
 
 
 def _scores(
-    run: CountsPredictor, references: list[SimulatedReference], background: np.ndarray
+    run: TrainedTranslator, references: list[SimulatedReference], background: np.ndarray
 ) -> dict[str, Any]:
     """Scores of a run on the real frames of a third."""
     from t2twin.adaptation.real_frame_evaluation import AdaptationScores, evaluate_frames

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from t2twin.sim.optical.gel_camera import GelCamera
     from t2twin.translate.inference.contact import ContactEstimate
-    from t2twin.translate.inference.field_predictor import FieldPredictor
+    from t2twin.translate.inference.predictor import TrainedTranslator
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.contact_frames",
@@ -94,9 +94,7 @@ FORCES_N = (1.0, 2.0, 4.0, 8.0)
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
-    from t2twin.translate.inference.predictor import require
 
     if not (options.frames / BACKGROUND).is_file():
         raise T2TwinError(
@@ -108,7 +106,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     shapes, still = shape_references(sensor), sensor.background_frame(np.random.default_rng(0))
     runs = {}
     for folder in options.runs:
-        run: Any = require(load_run(folder), FieldPredictor, "the contact")  # one or several
+        run: Any = load_run(folder).need_uncertainty("the contact")  # one or several
         name = f"{run.config.model}-of-{run.config.data.recipe_shown}"
         if name in runs:
             raise T2TwinError(f"two runs are a {name}; name one of them")
@@ -258,7 +256,7 @@ def _center_mm(pressure: np.ndarray, contact: ContactEstimate) -> np.ndarray:
     ])  # fmt: skip
 
 
-def _milliseconds(run: FieldPredictor, frame: np.ndarray, background: np.ndarray) -> float:
+def _milliseconds(run: TrainedTranslator, frame: np.ndarray, background: np.ndarray) -> float:
     """Median time of a prediction of one frame."""
     seconds = []
     for _ in range(TIMED + 1):

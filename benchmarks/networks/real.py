@@ -31,7 +31,7 @@ from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
     from t2twin.adaptation.real_frame_evaluation import PressComparison, SimulatedReference
-    from t2twin.translate.inference.predictor import CountsPredictor
+    from t2twin.translate.inference.predictor import TrainedTranslator
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.real",
@@ -101,7 +101,7 @@ def real_references(folder: Path) -> tuple[list[SimulatedReference], np.ndarray]
 
 
 def _scores(
-    run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray
+    run: TrainedTranslator, references: Sequence[SimulatedReference], background: np.ndarray
 ) -> dict[str, Any]:
     from t2twin.adaptation.real_frame_evaluation import (
         AdaptationScores,
@@ -120,7 +120,7 @@ def _scores(
     }
 
 
-def _moved(run: CountsPredictor, comparisons: Sequence[PressComparison]) -> float:
+def _moved(run: TrainedTranslator, comparisons: Sequence[PressComparison]) -> float:
     """How far the predicted centroids move when the simulated ones move by 1, by least squares."""
     from t2twin.adaptation.real_frame_evaluation import centroid_mm
 

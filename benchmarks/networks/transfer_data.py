@@ -25,8 +25,6 @@ from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.evaluation.predictions import predict_runs, prepare
-from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.predictor import require
 from t2twin.translate.runs.config import BEST, DEFAULT_RUN, resolve_run
 from t2twin.translate.training.train import train
 
@@ -167,7 +165,7 @@ def _predicted(
     """(P, N) counts and (P, F) float16 maps. cache: of decoded images."""
     inputs = prepare([run], data, [split])
     (loaded,) = inputs.applied.values()
-    network = require(loaded, FieldPredictor, "the benchmark").translator.predictor
+    network = loaded.need_uncertainty("the benchmark").translator.predictor
     maps = []
     hook = network.pool.register_forward_hook(
         lambda _layer, _inputs, output: maps.append(output.flatten(1).half().numpy())

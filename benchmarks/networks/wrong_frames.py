@@ -22,7 +22,7 @@ from PIL import Image, ImageDraw
 from benchmarks.evidence import Argument, Benchmark, Figure, main
 
 if TYPE_CHECKING:
-    from t2twin.translate.inference.field_predictor import FieldPredictor
+    from t2twin.translate.inference.predictor import TrainedTranslator
 
 Frames = list[np.ndarray]
 
@@ -66,12 +66,10 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.sim.dataset.columns import BACKGROUND, IMAGE, column
     from t2twin.sim.dataset.generate import make_dataset
     from t2twin.sim.dataset.store import iter_images, read_info, read_split, split_shards
-    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
-    from t2twin.translate.inference.predictor import require
 
     make_dataset(options.data, recipe=RECIPE)
-    run = require(load_run(options.run), FieldPredictor, "the benchmark")
+    run = load_run(options.run).need_uncertainty("the benchmark")
     info = read_info(options.data)
     role = info.role_of(IMAGE)
     frames, backgrounds = (
@@ -130,7 +128,7 @@ def _as_it_is(frame: np.ndarray, _: np.random.Generator) -> np.ndarray:
 
 
 def _named(
-    run: FieldPredictor, alter: Alter, frames: Frames, backgrounds: Frames
+    run: TrainedTranslator, alter: Alter, frames: Frames, backgrounds: Frames
 ) -> dict[str, float]:
     """Share of frames that are named when altered, with and without background frame, and with one
     that is altered in the same way, %."""
@@ -148,7 +146,7 @@ def _named(
     }
 
 
-def _share(run: FieldPredictor, frames: Frames, backgrounds: Frames | None) -> float:
+def _share(run: TrainedTranslator, frames: Frames, backgrounds: Frames | None) -> float:
     from t2twin.translate.uncertainty.ood import OODClass
 
     if backgrounds is None:

@@ -85,9 +85,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 def _measure_contact(name: str) -> dict[str, float]:
     """Times of the contact by a pretrained run, from frames without contact of its sensor."""
     from t2twin.sim.sensors.files import load_sensor
-    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load
-    from t2twin.translate.inference.predictor import require
 
     with tempfile.TemporaryDirectory() as folder:
         os.environ[VARIABLE] = folder
@@ -98,7 +96,7 @@ def _measure_contact(name: str) -> dict[str, float]:
         frames = [sensor.background_frame(rng) for _ in range(ROUNDS + 2)]
         ways = {
             way: partial(
-                require(run, FieldPredictor, "the benchmark").estimate_with_contact,
+                run.need_uncertainty("the benchmark").estimate_with_contact,
                 background=frames[0],
             )
             for way, run in runs.items()

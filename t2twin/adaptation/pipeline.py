@@ -59,7 +59,7 @@ from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.translate.inference.background_contact import contact_warnings
+from t2twin.translate.inference.load import contact_warnings
 from t2twin.translate.models.presets import Preset, find_preset
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import HOME, load_config, pretrained_runs

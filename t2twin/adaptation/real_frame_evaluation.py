@@ -32,9 +32,8 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL
 from t2twin.translate.inference.contact import ContactEstimate
-from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import CountsPredictor
+from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.models.contact import CONTACT_KPA
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG
@@ -206,7 +205,7 @@ def simulate_reference(
 
 
 def evaluate_frames(
-    run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray | None
+    run: TrainedTranslator, references: Sequence[SimulatedReference], background: np.ndarray | None
 ) -> list[PressComparison]:
     """Evaluates a run on the real and the simulated frame of every press.
 
@@ -234,7 +233,7 @@ def _depth_rmse_mm(contact: ContactEstimate | None, reference: SimulatedReferenc
 
 
 def evaluate_frame(
-    run: CountsPredictor,
+    run: TrainedTranslator,
     image: np.ndarray,
     reference: SimulatedReference,
     background: np.ndarray | None,
@@ -245,7 +244,7 @@ def evaluate_frame(
     `evaluate_frames`.
     """
     layout, truth = run.config.data.array, reference.counts
-    own = background if isinstance(run, FieldPredictor) else None
+    own = background if run.has_uncertainty else None
     counts, predicted_n, coverage, depth_rmse_mm = _predict(run, image, reference, own)
     rmse = float(np.sqrt(np.mean((counts - truth) ** 2)))
     least = MIN_CONTACT_SHARE * layout.full_scale_counts
@@ -264,21 +263,21 @@ def evaluate_frame(
 
 
 def predict_counts(
-    run: CountsPredictor, image: np.ndarray, background: np.ndarray | None
+    run: TrainedTranslator, image: np.ndarray, background: np.ndarray | None
 ) -> np.ndarray:
     """Predicted counts, (N,); a field run also receives the background frame."""
-    own = background if isinstance(run, FieldPredictor) else None
+    own = background if run.has_uncertainty else None
     return np.asarray(run.predict(image, own), dtype=float)
 
 
 def _predict(
-    run: CountsPredictor,
+    run: TrainedTranslator,
     image: np.ndarray,
     reference: SimulatedReference,
     background: np.ndarray | None,
 ) -> tuple[np.ndarray, float | None, float | None, float | None]:
     """Counts, force, N, covered share of the true counts, RMSE of the contact's depth, mm."""
-    if not isinstance(run, FieldPredictor):
+    if not run.has_uncertainty:
         return predict_counts(run, image, background), None, None, None
     contact = None
     if run.predicts_contact:
@@ -292,7 +291,7 @@ def _predict(
     return estimate.counts.astype(float), force_n, coverage, _depth_rmse_mm(contact, reference)
 
 
-def centroid_mm(run: CountsPredictor, counts: np.ndarray) -> np.ndarray:
+def centroid_mm(run: TrainedTranslator, counts: np.ndarray) -> np.ndarray:
     """(2,) mm: count-weighted centroid of the contact in counts of the run's layout, (N,); center
     of the array without contact."""
     layout = run.config.data.array
@@ -308,7 +307,7 @@ def _regions(image: np.ndarray, least: float) -> int:
 
 
 def baseline_rmse_percent(
-    references: Sequence[SimulatedReference], run: CountsPredictor
+    references: Sequence[SimulatedReference], run: TrainedTranslator
 ) -> tuple[float, float]:
     """RMSE, percent of full scale, of zero counts and of the mean array of the presses."""
     truth = np.array([reference.counts for reference in references])
@@ -324,7 +323,7 @@ class Candidate:
     """A run, with its scores on the held-out presses."""
 
     run_dir: Path
-    run: CountsPredictor
+    run: TrainedTranslator
     comparisons: list[PressComparison]
     scores: RunScores
 
@@ -372,7 +371,7 @@ def publish(candidates: Mapping[str, Candidate], kept: str, out_dir: Path) -> No
 
 def write_adapt_page(
     out: Path,
-    run: CountsPredictor,
+    run: TrainedTranslator,
     comparisons: Sequence[PressComparison],
     result: AdaptationResult,
 ) -> Path:
@@ -389,7 +388,7 @@ def write_adapt_page(
     return write_page(out, TITLE, templates, sections, result=result)
 
 
-def _summary(result: AdaptationResult, run: CountsPredictor) -> dict[str, Any]:
+def _summary(result: AdaptationResult, run: TrainedTranslator) -> dict[str, Any]:
     rows = [
         [
             name,
@@ -411,7 +410,7 @@ def _summary(result: AdaptationResult, run: CountsPredictor) -> dict[str, Any]:
     return {"table": Table(heads, {"": rows}), "min_contact_counts": least}
 
 
-def _figure(run: CountsPredictor, comparison: PressComparison) -> bytes:
+def _figure(run: TrainedTranslator, comparison: PressComparison) -> bytes:
     """A PNG of both frames of a press, their translations and the reference."""
     reference, layout = comparison.reference, run.config.data.array
     phi = layout.phi

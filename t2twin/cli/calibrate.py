@@ -127,7 +127,7 @@ def _warn_of_contact(background: Path, camera: "Camera", sensor: str) -> None:
     Raises T2TwinError for a frame that cannot be read or has another size.
     """
     from t2twin.sim.calibrate.frames import read_frame, upright_frame
-    from t2twin.translate.inference.background_contact import contact_warnings
+    from t2twin.translate.inference.load import contact_warnings
 
     frame = upright_frame(read_frame(background), camera)
     for warning in contact_warnings(frame, str(background), sensor):

@@ -10,7 +10,7 @@ import tyro
 from t2twin.core.words import counted
 
 if TYPE_CHECKING:
-    from t2twin.translate.inference.batch import TranslationResult
+    from t2twin.translate.uncertainty.estimate import Estimate
 
 MAX_PRINTED = 5
 """Images whose counts are printed; the output files contain all."""
@@ -78,9 +78,8 @@ def translate(
         target: What a field run predicts. contact writes contacts.csv, and for each image NAME.npz,
             NAME.json, NAME_depth.png (16 bits, micrometers) and NAME_relief.png.
     """
-    from t2twin.translate.inference.batch import find_images, translate_files
-    from t2twin.translate.inference.field_predictor import NO_BACKGROUND
-    from t2twin.translate.inference.readings import translate_readings
+    from t2twin.translate.inference.files import find_images, translate_files, translate_readings
+    from t2twin.translate.inference.predictor import NO_BACKGROUND
     from t2twin.translate.models.distributed import use_all_cores
     from t2twin.translate.uncertainty.ood import unlike
 
@@ -99,9 +98,9 @@ def translate(
     )
     _print(result, files)
     print(f"written to {out}")
-    if result.estimate is not None and options.background is None:
+    if result.counts_std is not None and options.background is None:
         print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
-    if warning := unlike(result.ood_classes, options.name, files):
+    if warning := unlike(list(result.ood_class), options.name, files):
         print(f"t2twin: {warning}", file=sys.stderr)
 
 
@@ -109,9 +108,8 @@ def _translate_contacts(
     images: tuple[Path, ...], options: PredictionOptions, out: Path, png: bool
 ) -> None:
     from t2twin.core.errors import T2TwinError
-    from t2twin.translate.inference.batch import find_images
-    from t2twin.translate.inference.contact_files import translate_contacts
-    from t2twin.translate.inference.field_predictor import NO_BACKGROUND
+    from t2twin.translate.inference.files import find_images, translate_contacts
+    from t2twin.translate.inference.predictor import NO_BACKGROUND
 
     if options.layout is not None or options.bf16:
         raise T2TwinError("--layout and --bf16 are for counts; give them without --target contact")
@@ -150,7 +148,7 @@ def _is_image_to_counts(options: PredictionOptions) -> bool:
     return False
 
 
-def _print(result: "TranslationResult", files: list[Path]) -> None:
+def _print(result: "Estimate", files: list[Path]) -> None:
     """Prints the counts of the first images."""
     import numpy as np
 
@@ -201,7 +199,6 @@ def live(
     from t2twin.live.sources import open_source
     from t2twin.translate.data.images import open_image
     from t2twin.translate.inference.load import load
-    from t2twin.translate.inference.predictor import CountsPredictor, require
     from t2twin.translate.models.distributed import use_all_cores
 
     if frames is not None and frames < 1:
@@ -215,7 +212,7 @@ def live(
         if rerun is not None:
             outputs.append(stack.enter_context(recorded(rerun)))
         follow(
-            require(loaded, CountsPredictor, "live"),
+            loaded.need_counts("live"),
             open_source(source, turn_deg, _report),
             lambda line: print(line, flush=True),
             _report,

@@ -16,10 +16,9 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.live.sources import Frame, LatestFrame, Report, Source
 from t2twin.rerun_log import RerunLog
-from t2twin.translate.inference.batch import ood_entry
 from t2twin.translate.inference.contact import ContactEstimate
-from t2twin.translate.inference.field_predictor import NO_BACKGROUND, FieldPredictor
-from t2twin.translate.inference.predictor import CountsPredictor, require
+from t2twin.translate.inference.files import ood_entry
+from t2twin.translate.inference.predictor import NO_BACKGROUND, TrainedTranslator
 from t2twin.translate.uncertainty.ood import classify_frame, combined, unlike
 
 REPORT_EVERY_S = 5.0
@@ -53,7 +52,7 @@ class Throughput:
 
 
 def follow(
-    run: CountsPredictor,
+    run: TrainedTranslator,
     source: Source,
     write: Callable[[str], None],
     report: Report,
@@ -115,17 +114,17 @@ def follow(
 
 
 def _translator(
-    run: CountsPredictor, background: np.ndarray | None, report: Report
+    run: TrainedTranslator, background: np.ndarray | None, report: Report
 ) -> Callable[[np.ndarray], tuple[dict[str, Any], ContactEstimate | None]]:
     """A function from an image to the predicted values of its line, and the contact if it is
     predicted. Arguments: as for `follow`."""
     if background is not None:
-        require(run, FieldPredictor, "a background frame")
-    elif isinstance(run, FieldPredictor):
+        run.need_uncertainty("a background frame")
+    elif run.has_uncertainty:
         report(NO_BACKGROUND)
 
     def translate(image: np.ndarray) -> tuple[dict[str, Any], ContactEstimate | None]:
-        if isinstance(run, FieldPredictor):
+        if run.has_uncertainty:
             return _of_field(run, image, background)
         pixels = run.pixels_of(image)
         own = classify_frame(image, run.config.data.camera.aspect)
@@ -137,7 +136,7 @@ def _translator(
 
 
 def _of_field(
-    run: FieldPredictor, image: np.ndarray, background: np.ndarray | None
+    run: TrainedTranslator, image: np.ndarray, background: np.ndarray | None
 ) -> tuple[dict[str, Any], ContactEstimate | None]:
     """Predicted values of a line, of a field run, and the contact if it is predicted."""
     contact: Any = None  # one, of one image

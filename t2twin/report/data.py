@@ -45,7 +45,7 @@ from t2twin.translate.evaluation.predictions import (
 from t2twin.translate.evaluation.records import Evaluation, Finding, read_evaluation, write_findings
 from t2twin.translate.evaluation.table import counts_form
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import CountsPredictor
+from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.runs.config import BEST, load_config, resolve_run
 from t2twin.translate.runs.log import EpochRecord, read_log
 from t2twin.translate.training.trainer import stop_reason
@@ -240,7 +240,7 @@ class ReportData(Dataset):
     pairs may lack a split. gap: findings about the difference between both splits.
     """
 
-    runs: dict[str, CountsPredictor]
+    runs: dict[str, TrainedTranslator]
     histories: dict[str, list[EpochRecord]]
     evaluations: dict[str, Evaluation]
     predictions: dict[str, Predictions]
@@ -303,7 +303,7 @@ def read_report_data(
 
 
 def _find_or_evaluate(
-    runs: Sequence[CountsPredictor],
+    runs: Sequence[TrainedTranslator],
     names: Sequence[str],
     data: Path,
     split: str,

@@ -64,7 +64,7 @@ class FrameSource:
 
     def files(self) -> list[Path]:
         """The image files of a folder, sorted by name; empty for other sources."""
-        from t2twin.translate.inference.batch import find_images
+        from t2twin.translate.inference.files import find_images
 
         if not self._argument.isdigit() and Path(self._argument).is_dir():
             with suppress(T2TwinError):  # a folder without images so far

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from t2twin.sim.touch import Touch
     from t2twin.translate.data.sides import ArraySide
     from t2twin.translate.inference.contact import ContactEstimate
-    from t2twin.translate.inference.predictor import CountsPredictor
+    from t2twin.translate.inference.predictor import TrainedTranslator
     from t2twin.translate.uncertainty.estimate import Estimate
 
 RUNS = Path("runs")
@@ -90,7 +90,7 @@ class Translators:
         self._folders: dict[str, Path] = {}
         self._models: dict[str, str] = {}
         self._fixed: tuple[str, ...] = ()
-        self._loaded: dict[str, CountsPredictor] = {}
+        self._loaded: dict[str, TrainedTranslator] = {}
         self._loading = Lock()
 
     def search(self, given: Sequence[Path] = (), below: Path = RUNS) -> None:
@@ -162,42 +162,38 @@ class Translators:
         self, name: str, image: np.ndarray, background: np.ndarray | None, touch: "Touch | None"
     ) -> Translation:
         from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
-        from t2twin.translate.inference.field_predictor import FieldPredictor
         from t2twin.translate.uncertainty.ood import OODClass
 
         run = self._load(name)
         data, interval, force = run.config.data.array, None, None
         contacts: Any = [None]  # one, of one image
-        if isinstance(run, FieldPredictor):
-            if run.predicts_contact:
-                estimate, contacts = run.estimate_with_contact([image], background)
-            else:
-                estimate = run.estimate([image], background)
-            counts, tactile = estimate.counts, run.dense_images(estimate)[0]
-            low, high = estimate.interval(LEVEL)
-            interval, force, classes = (low[0], high[0]), _force(estimate), estimate.ood_class
+        own = background if run.has_uncertainty else None
+        if run.predicts_contact:
+            estimate, contacts = run.estimate_with_contact([image], own, tactile=True)
         else:
-            counts, tactile = run.counts_and_tactile_images(run.pixels_of(image))
-            classes = run.classify_frames([image])
+            estimate = run.estimate([image], own, tactile=True)
+        if run.has_uncertainty:
+            low, high = estimate.interval(LEVEL)
+            interval, force = (low[0], high[0]), _force(estimate)
         pads = data.pad_diameter_mm
         pads = np.full(data.x_mm.size, PAD_DIAMETER_MM) if pads is None else pads
         layout = Layout(data.layout, data.x_mm, data.y_mm, pads)
         return Translation(
             name=name,
             model=run.config.model,
-            counts=counts[0],
+            counts=estimate.counts[0],
             layout=layout,
-            tactile_image=tactile[0],
-            in_distribution=classes[0] == OODClass.IN_DISTRIBUTION,
+            tactile_image=estimate.tactile_images[0],
+            in_distribution=estimate.ood_class[0] == OODClass.IN_DISTRIBUTION,
             px_per_mm=data.tactile_image[2],
             truth=None if touch is None else _truth(touch, layout, data),
             interval=interval,
             force=force,
-            background_used=isinstance(run, FieldPredictor) and background is not None,
+            background_used=own is not None,
             contact=contacts[0],
         )
 
-    def _load(self, name: str) -> "CountsPredictor":
+    def _load(self, name: str) -> "TrainedTranslator":
         from t2twin.translate.inference import load
 
         with self._loading:
@@ -232,11 +228,10 @@ def _force(estimate: "Estimate") -> ForceInterval | None:
 
 def _model_of(folder: Path) -> str:
     """Model of a run. Raises T2TwinError for a folder that is not a run or predicts no counts."""
-    from t2twin.translate.inference.load import check_predicts_counts
     from t2twin.translate.runs.config import load_config
 
     config = load_config(folder)
-    check_predicts_counts(folder, config, "the studio")
+    config.need(config.is_image_to_counts, folder, "the studio", "an image-to-counts run")
     return config.model
 
 

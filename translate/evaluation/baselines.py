@@ -27,7 +27,6 @@ from t2twin.translate.data.pairs import Pairs, Readings
 from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.evaluation.predictions import EvaluationInputs
 from t2twin.translate.evaluation.records import MeanOf, PaperRow, ViewSummary
-from t2twin.translate.inference.field_predictor import FieldPredictor
 
 MEAN_ARRAY, NEAREST_NEIGHBOR = "mean-array", "nearest-neighbour"
 """Names of their rows."""
@@ -291,7 +290,7 @@ def predict_baselines(
     x_mm, y_mm = inputs.info.array.x_mm, inputs.info.array.y_mm
     for run in inputs.trained.values():  # the first of another layout
         array = run.config.data.array
-        if not isinstance(run, FieldPredictor) and not array.same_layout(x_mm, y_mm):
+        if not run.has_uncertainty and not array.same_layout(x_mm, y_mm):
             projection = representable(array, x_mm, y_mm)
             rows[LAYOUT_FLOOR] = (pairs.counts @ projection.T).astype(np.float32)
             break

@@ -6,14 +6,15 @@ contact.
 Shape letters: P pairs, B batch, H side of the maps.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import torch
 
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import ImageFile, Pictures
 from t2twin.translate.evaluation.records import ContactMetrics
-from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.predictor import parts_of
+from t2twin.translate.inference.predictor import TrainedTranslator, parts_of
 from t2twin.translate.models.contact import CONTACT_KPA, EVEN, center_of_pressure
 from t2twin.translate.uncertainty.estimate import half_width
 
@@ -25,7 +26,7 @@ MIN_CELLS = 4
 
 
 def contact_metrics(
-    run: FieldPredictor,
+    run: TrainedTranslator,
     pictures: Pictures,
     contact: ImageFile,
     force_n: np.ndarray,
@@ -41,8 +42,7 @@ def contact_metrics(
     parts, false_contacts = [], []
     for part in parts_of(len(contact), progress):
         inputs = to_input(pictures[part].astype(np.float32) / 255.0)
-        found = run.translator.predict_all(inputs, with_contact=True).contact
-        assert found is not None
+        found = SimpleNamespace(**run.translator.predict_all(inputs, with_contact=True))
         maps = torch.from_numpy(contact[part].astype(np.float32)).to(found.depth_mm.device)
         depth, pressure = maps.unbind(dim=1)
         inside, mask = pressure > CONTACT_KPA, found.probability > EVEN

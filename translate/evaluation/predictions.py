@@ -36,10 +36,9 @@ from t2twin.translate.data.pairs import (
 from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.evaluation.contact_errors import contact_metrics
 from t2twin.translate.evaluation.records import ContactMetrics
-from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.load import AnyPredictor, load_torch
-from t2twin.translate.inference.predictor import CountsPredictor, TrainedTranslator
-from t2twin.translate.networks.contact_head import side_of_maps
+from t2twin.translate.inference.load import load_torch
+from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.networks.field_net import side_of_maps
 from t2twin.translate.uncertainty.estimate import Estimate, readings_of
 
 SPLITS = ("val", "test")
@@ -76,8 +75,8 @@ class EvaluationInputs:
     data_dir: Path
     dataset: DatasetInfo
     info: DataInfo
-    trained: dict[str, AnyPredictor]
-    applied: dict[str, AnyPredictor]
+    trained: dict[str, TrainedTranslator]
+    applied: dict[str, TrainedTranslator]
     background: Background | None
     reverse: bool = False
 
@@ -105,7 +104,7 @@ def prepare(
         _check_sides(run, info, data_dir)
     trained = dict(zip(run_names(loaded), loaded, strict=True))
     applied = {name: _applied(run, info) for name, run in trained.items()}
-    has_dense_counts = any(isinstance(run, FieldPredictor) for run in loaded)
+    has_dense_counts = any(run.has_uncertainty for run in loaded)
     if background is not None and not has_dense_counts:
         raise T2TwinError(
             f"{background} is a background frame, which only field runs use; none of the runs is "
@@ -138,7 +137,7 @@ def _check_sides(run: TrainedTranslator, info: DataInfo, data_dir: Path) -> None
     trained = run.config.data
     is_other = trained.direction != info.direction
     takes = trained.source.fits(info.source)
-    gives = isinstance(run, CountsPredictor) or trained.target.fits(info.target)
+    gives = run.config.is_image_to_counts or trained.target.fits(info.target)
     if is_other or not takes or not gives:
         raise T2TwinError(
             f"{run.run_dir} predicts {trained.target.words} from {trained.source.words}; "
@@ -146,9 +145,9 @@ def _check_sides(run: TrainedTranslator, info: DataInfo, data_dir: Path) -> None
         )
 
 
-def _applied(run: AnyPredictor, info: DataInfo) -> AnyPredictor:
+def _applied(run: TrainedTranslator, info: DataInfo) -> TrainedTranslator:
     """The run at the dataset's layout."""
-    if not isinstance(run, CountsPredictor):
+    if not run.config.is_image_to_counts:
         return run
     array = info.array
     return run.at_layout(array.x_mm, array.y_mm, array.layout, array.pad_diameter_mm)
@@ -262,14 +261,14 @@ def predict_runs(
     predictions, estimates, contacts = {}, {}, {}
     for name, run in inputs.applied.items():
         preset = run.config.preset
-        has_contact = isinstance(run, FieldPredictor) and run.predicts_contact
+        has_contact = run.predicts_contact
         # Pairs with dense counts usually have background frames too.
-        with_dense_counts = isinstance(run, FieldPredictor) and has_dense_counts
+        with_dense_counts = run.has_uncertainty and has_dense_counts
         own = load_pairs(
             inputs.data_dir, split, preset.size, preset.grey, cache, with_dense_counts,
             inputs.reverse, side_of_maps(preset.size) if has_contact else None,
         )  # fmt: skip
-        if isinstance(run, FieldPredictor):
+        if run.has_uncertainty:
             images = own.inputs
             if background is not None and background.image is not None:
                 frame = to_pixels(background.image, preset.size, grey=False)

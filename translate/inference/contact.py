@@ -17,7 +17,7 @@ from torch.nn import functional
 from t2twin.core import arguments
 from t2twin.core.draw import relief
 from t2twin.core.files import locked, move_into, temporary_folder
-from t2twin.translate.models.contact import EVEN, ContactPrediction
+from t2twin.translate.models.contact import CENTER, EVEN, MAPS
 from t2twin.translate.uncertainty.estimate import with_std
 from t2twin.translate.uncertainty.ood import OODClass
 
@@ -31,7 +31,6 @@ EDGE_CELLS = 1
 EDGE_NOTE = "the contact reaches the edge of the view; force and depth may be of a part of it"
 EMPTY_NOTE = "no contact was found; there is no center of pressure"
 
-MAPS, CENTER = ContactPrediction._fields[:5], ContactPrediction._fields[5:]
 ARRAYS = (*MAPS, "mask")
 VALUES = ("force_n", "force_std_n", *CENTER, "shear_n", "shear_std_n")
 

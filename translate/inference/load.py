@@ -4,8 +4,9 @@ import dataclasses
 from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
+import numpy as np
 import torch
 from msgspec import structs
 from torch import nn
@@ -14,21 +15,17 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.dataset.columns import COUNTS, IMAGE
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.onnx_export import OnnxEngine
-from t2twin.translate.inference.picture_predictor import ArrayPredictor, ImagePredictor
-from t2twin.translate.inference.predictor import CountsPredictor, not_predicted, require
-from t2twin.translate.models.presets import IMAGE_TO_COUNTS
+from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.runs.checkpoint import build, has_bf16, load_weights
-from t2twin.translate.runs.config import BEST, DEFAULT_RUN, RunConfig, load_config, resolve_run
-
-AnyPredictor = CountsPredictor | ArrayPredictor | ImagePredictor
-"""A run of any pair of sensors."""
-
-PREDICTORS: dict[str, type[AnyPredictor]] = {COUNTS: ArrayPredictor, IMAGE: ImagePredictor}
-"""Predictors by value of the target, unless they are from images to counts."""
+from t2twin.translate.runs.config import (
+    BEST,
+    DEFAULT_RUN,
+    load_config,
+    pretrained_runs,
+    resolve_run,
+)
 
 
 def fold_batchnorm(network: nn.Module) -> None:
@@ -50,19 +47,13 @@ def fold_batchnorm(network: nn.Module) -> None:
     network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
 
 
-ENGINES = ("onnx", "torch")
-
-
 def load(
     run: str | Path = DEFAULT_RUN,
     layout: str | Path | None = None,
     bf16: bool = False,
     engine: Literal["onnx", "torch"] | None = None,
-) -> Any:
-    """A run with its best weights: a CountsPredictor, a FieldPredictor, an ImagePredictor or an
-    ArrayPredictor.
-
-    The class depends on the run, so that the annotation is Any.
+) -> TrainedTranslator:
+    """A run with its best weights.
 
     run: its folder, or the name of a pretrained run. layout: name or file of a taxel layout that a
     touch2touch or field run is read at, by default its own. bf16: compute in bfloat16 if the run's
@@ -73,13 +64,13 @@ def load(
     Raises T2TwinError for a folder that is not a run, a layout that it cannot be read at, an
     unknown engine, and "onnx" if it is not available.
     """
-    if engine is not None and arguments.text(engine, "engine") not in ENGINES:
-        raise T2TwinError(f"there is no engine {engine!r}; {' and '.join(ENGINES)} are allowed")
+    if engine is not None:
+        arguments.choice(engine, "engine", ("onnx", "torch"))
     predictor = load_torch(run, layout, bf16)
     if engine == "torch":
         return predictor
     obstacle = _onnx_obstacle(predictor, bf16)
-    if obstacle is None and isinstance(predictor, CountsPredictor):
+    if obstacle is None:
         return dataclasses.replace(predictor, engine=OnnxEngine)
     if engine == "onnx":
         raise T2TwinError(f"{run} cannot be used with ONNX Runtime: {obstacle}")
@@ -88,48 +79,49 @@ def load(
 
 def load_run(
     run: str | Path, layout: str | Path | None = None, bf16: bool = False
-) -> CountsPredictor:
+) -> TrainedTranslator:
     """As `load`, in PyTorch; raises T2TwinError for a run that is not from images to counts."""
-    return require(load_torch(run, layout, bf16), CountsPredictor, "a prediction of counts")
+    return load_torch(run, layout, bf16).need_counts("a prediction of counts")
 
 
 def load_torch(
     run: str | Path, layout: str | Path | None = None, bf16: bool = False
-) -> AnyPredictor:
+) -> TrainedTranslator:
     """As `load`, in PyTorch."""
     run_dir, bf16 = resolve_run(run), arguments.flag(bf16, "bf16")
     config = load_config(run_dir)
     translator = build(structs.replace(config, bf16=bf16 and config.preset.bf16 and has_bf16()))
     load_weights(run_dir / BEST, translator.predictor)
     fold_batchnorm(translator.predictor)
-    predictor: AnyPredictor = _class_of(config)(run_dir, config, translator)
+    predictor = TrainedTranslator(run_dir, config, translator)
     if layout is None:
         return predictor
-    counts = require(predictor, CountsPredictor, "a layout")
     places = load_layout(layout)
-    return counts.at_layout(places.x_mm, places.y_mm, places.name, places.pad_diameter_mm)
+    return predictor.need_counts("a layout").at_layout(
+        places.x_mm, places.y_mm, places.name, places.pad_diameter_mm
+    )
 
 
-def _onnx_obstacle(run: AnyPredictor, bf16: bool) -> str | None:
+def _onnx_obstacle(run: TrainedTranslator, bf16: bool) -> str | None:
     """Why a run cannot use ONNX Runtime, or None."""
     if not all(map(find_spec, ("onnx", "onnxruntime"))):
         return "it needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
-    if not isinstance(run, CountsPredictor):
-        return f"it predicts {run.PREDICTS}, and ONNX Runtime is used for counts from images"
+    if not run.config.is_image_to_counts:
+        return "it is used for counts from images"
     if run.translator.device.type != "cpu" or bf16:
-        return "ONNX Runtime is used in float32 on the CPU only"
+        return "it is used in float32 on the CPU only"
     return None if cache_dir() is not None else "there is no writable folder for its file"
 
 
-def check_predicts_counts(run_dir: Path, config: RunConfig, purpose: str) -> None:
-    """Raises T2TwinError, naming the purpose, for a run that does not predict counts."""
-    kind = _class_of(config)
-    if not issubclass(kind, CountsPredictor):
-        raise not_predicted(run_dir, config, kind, purpose, CountsPredictor.RUNS)
+def contact_warnings(frame: np.ndarray, name: str, sensor: str) -> list[str]:
+    """A sentence for each pretrained run of a sensor that finds a contact in a background frame.
 
-
-def _class_of(config: RunConfig) -> Any:
-    """The class of a run's predictor."""
-    if config.direction == IMAGE_TO_COUNTS:
-        return FieldPredictor if config.model == "field" else CountsPredictor
-    return PREDICTORS[config.data.target.value]
+    frame: (rows, columns, 3) uint8, upright. name: names it in the sentences.
+    """
+    said = []
+    for run_name in pretrained_runs():
+        config = load_config(resolve_run(run_name))
+        is_own = config.data.camera.sensor == sensor and config.has_uncertainty
+        if is_own and load_run(run_name).shows_contact(frame)[0]:
+            said.append(f"{name} shows a contact, by {run_name}; expected a frame without")
+    return said

@@ -7,18 +7,8 @@ and the clipping to full scale.
     outputs  counts          (B, N) float32, within zero and full scale
              tactile_images  (B, R, C) float32, counts, R x C = 396 x 240
 
-A field run also has
-
-    input    background      (1, 3, S, S), background frame of the same sensor; by default the mean
-                             frame of the run's dataset
-    outputs  counts_std      (B, N) float32, counts, standard deviations
-             dense_counts, dense_counts_std    (B, F) float32, counts, at their places
-             force_n, force_std_n    (B,) float32, N, of a run trained on several forces
-             shear_n, shear_std_n    (B, 2) float32, N, of a run trained on motion
-             frame_features  (B, n) float32, for the frame check
-             depth_mm, pressure_kpa, their standard deviations depth_std_mm and pressure_std_kpa,
-             and the probability of contact    (B, H, H) float32, and center_mm, center_std_mm
-             (B, 2) float32, of a run that predicts the contact
+A field run also has the input background, (1, 3, S, S), a background frame of the same sensor, by
+default the mean frame of the run's dataset, and as outputs all that FieldTranslator.read returns.
 
 In place of PyTorch, ONNX Runtime takes half the time per frame. For predictions the file is written
 on first use, which takes seconds, and stored in the cache folder. Predictions that a call does not
@@ -27,8 +17,7 @@ need are removed before the file is opened.
 B is free. The metadata of the file contain the model, its preset, and the layout with its positions
 and full scale.
 
-Shape letters: c channels, S image side of the run, N taxels, F places of the dense counts, R rows,
-C columns, n features, H side of the contact maps.
+Shape letters: c channels, S image side of the run, N taxels, R rows, C columns.
 """
 
 import hashlib
@@ -45,22 +34,16 @@ import torch
 
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
-from t2twin.core.cached_files import read_checked, write_checked
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, temporary_folder
+from t2twin.core.files import atomic_write
 from t2twin.core.machine import installed_version
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.translate.data.images import to_input
-from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.predictor import COUNTS, CountsPredictor, TrainedTranslator, require
-from t2twin.translate.models.contact import ContactPrediction
-from t2twin.translate.models.field_readout import NAMES, FromPixels
+from t2twin.translate.inference.predictor import COUNTS, TrainedTranslator
+from t2twin.translate.models.base import TACTILE_IMAGES
+from t2twin.translate.models.contact import CENTER, MAPS
 from t2twin.translate.runs.config import BEST
 
 INPUT, BACKGROUND = "images", "background"
-TACTILE_IMAGES = "tactile_images"
-OUTPUTS = (COUNTS, TACTILE_IMAGES, *NAMES[1:])
-"""Outputs in order; only a field run has more than two, those that it predicts."""
 
 OPSET = 17
 """Version of the ONNX operators, not the latest, so that older runtimes can read the file."""
@@ -72,6 +55,10 @@ PARITY_COUNTS = 1.0
 """Largest accepted difference, counts; for standard deviations above 1,000 counts, thousandths of
 them; for depths, micrometers."""
 
+FOLDER, MAX_FILES = "onnx", 20
+"""Folder of the files in the cache folder, and their maximum number; the oldest are removed
+(assumed: 200 MB of preset cpu)."""
+
 
 def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     """Writes a run at its layout as an ONNX file, and compares the two on random images.
@@ -81,7 +68,7 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     PARITY_COUNTS.
     """
     run, path = arguments.instance(run, "run", TrainedTranslator), arguments.path(path, "path")
-    counts_run = require(run, CountsPredictor, "an ONNX file")
+    run = run.need_counts("an ONNX file").in_float32()
     try:
         import onnx  # noqa: F401
         import onnxruntime  # noqa: F401
@@ -89,13 +76,12 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
         raise T2TwinError(
             "the export needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
         ) from None
-    counts_run = counts_run.in_float32()
-    preset = counts_run.config.preset
+    preset = run.config.preset
     shape = (PARITY_IMAGES, preset.size, preset.size, 1 if preset.grey else 3)
     pixels = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     with atomic_write(path) as temporary:
-        _write(counts_run, pixels, temporary)
-        difference = _difference(counts_run, pixels, temporary)
+        _write(run, pixels, temporary)
+        difference = _difference(run, pixels, temporary)
         if difference > PARITY_COUNTS:
             raise T2TwinError(
                 f"the ONNX file's outputs differ from the run's by {difference:.1f}, more than "
@@ -104,53 +90,73 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     return difference
 
 
-def _write(run: CountsPredictor, pixels: np.ndarray, path: Path) -> None:
+def _write(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> None:
     """Traces the run on pixels, (B, S, S, c) uint8, and writes the file."""
     import onnx
 
     module = run.translator.as_module().eval()
-    frame = [module.mean_frame] if isinstance(module, FromPixels) else []
-    images = torch.from_numpy(_to_input(pixels))
-    missing = module.missing if isinstance(module, FromPixels) else set(OUTPUTS[2:])
-    outputs = tuple(name for name in OUTPUTS if name not in missing)
+    frame = [module.mean_frame] if run.has_uncertainty else []
+    given = (torch.from_numpy(_to_input(pixels)), *frame)
+    with torch.no_grad():
+        module(*given)  # makes what is constant, and the names
     with warnings.catch_warnings():
         # The tracing exporter is deprecated, but its successor needs onnxscript as well.
         warnings.simplefilter("ignore", DeprecationWarning)
-        warnings.filterwarnings("ignore", "torch.from_numpy results are registered")
+        warnings.simplefilter("ignore", torch.jit.TracerWarning)
         torch.onnx.export(
             module,
-            (images, *frame),
+            given,
             str(path),
-            input_names=[INPUT, BACKGROUND][: 1 + len(frame)],
-            output_names=list(outputs),
-            dynamic_axes={name: {0: "batch"} for name in (INPUT, *outputs)},
+            input_names=[INPUT, BACKGROUND][: len(given)],
+            output_names=module.names,
+            dynamic_axes={name: {0: "batch"} for name in (INPUT, *module.names)},
             opset_version=OPSET,
             dynamo=False,
         )
     model = onnx.load(path)
     for each in frame:  # an input that is also an initializer has it as its default
         model.graph.initializer.append(onnx.numpy_helper.from_array(each.numpy(), BACKGROUND))
-    model.doc_string = _about(run, outputs)
-    onnx.helper.set_model_props(model, _metadata(run))
+    preset, info = run.config.preset, run.config.data.array
+    color = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
+    model.doc_string = (
+        f"{run.config.model} of t2twin: images to the counts of {info.x_mm.size} taxels. "
+        f"Input {INPUT}: {preset.size} x {preset.size} pixels, {color}, float32 in [0, 1], "
+        f"upright, resized bilinearly with antialiasing. Outputs {', '.join(module.names)}: "
+        f"float32, counts from 0 to {info.full_scale_counts:g}, forces in newtons, lengths in mm, "
+        "pressures in kPa."
+    )
+    metadata = {
+        "made_by": f"t2twin {installed_version('t2twin')}",
+        "model": run.config.model,
+        "preset": preset.name,
+        "size": str(preset.size),
+        "color": "grey" if preset.grey else "rgb",
+        "layout": info.layout,
+        "layout_x_mm": json.dumps(info.x_mm.tolist()),
+        "layout_y_mm": json.dumps(info.y_mm.tolist()),
+        "full_scale_counts": f"{info.full_scale_counts:g}",
+        "info_sha256": run.config.data.sha256,
+    }
+    onnx.helper.set_model_props(model, metadata)
     onnx.checker.check_model(model, full_check=True)
     onnx.save(model, path)
 
 
-def _difference(run: CountsPredictor, pixels: np.ndarray, path: Path) -> float:
+def _difference(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> float:
     """Largest difference between the outputs of the file and of the run, see PARITY_COUNTS."""
     session, images = open_onnx(path), _to_input(pixels)
-    (counts,) = session.run([COUNTS], {INPUT: images})
-    differences = [np.abs(counts - run.predict_pixels(pixels))]
-    if isinstance(run, FieldPredictor):
-        has_contact = run.predicts_contact
-        own = run.translator.predict_all(to_input(pixels / np.float32(255.0)), has_contact).named()
-        (stds,) = session.run(["counts_std"], {INPUT: images})
-        theirs = own["counts_std"].cpu().numpy()
+    names = [each.name for each in session.get_outputs()]
+    theirs = dict(zip(names, session.run(names, {INPUT: images}), strict=True))
+    inputs = run.translator.to_input(pixels / np.float32(255.0))
+    tensors = run.translator.predict_all(inputs, run.predicts_contact)
+    ours = {name: each.cpu().numpy() for name, each in tensors.items()}
+    differences = [np.abs(theirs[COUNTS] - ours[COUNTS])]
+    if run.has_uncertainty:
         # Standard deviations are exponentials: rounding errors are relative.
-        differences.append(np.abs(stds - theirs) / np.maximum(1.0, theirs / 1e3))
-        if has_contact:
-            (depth_mm,) = session.run(["depth_mm"], {INPUT: images})
-            differences.append(1e3 * np.abs(depth_mm - own["depth_mm"].cpu().numpy()))
+        relative = np.maximum(1.0, ours["counts_std"] / 1e3)
+        differences.append(np.abs(theirs["counts_std"] - ours["counts_std"]) / relative)
+    if run.predicts_contact:
+        differences.append(1e3 * np.abs(theirs["depth_mm"] - ours["depth_mm"]))
     return max(float(each.max()) for each in differences)
 
 
@@ -164,51 +170,15 @@ def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
-def _about(run: CountsPredictor, outputs: tuple[str, ...]) -> str:
-    preset, info = run.config.preset, run.config.data.array
-    color = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
-    return (
-        f"{run.config.model} of t2twin: images to the counts of {info.x_mm.size} taxels. "
-        f"Input {INPUT}: {preset.size} x {preset.size} pixels, {color}, float32 in [0, 1], "
-        f"upright, resized bilinearly with antialiasing. Outputs {', '.join(outputs)}: float32, "
-        f"counts from 0 to {info.full_scale_counts:g}, forces in newtons, lengths in mm, pressures "
-        "in kPa."
-    )
-
-
-def _metadata(run: CountsPredictor) -> dict[str, str]:
-    """All values are text; lists are JSON."""
-    preset, info = run.config.preset, run.config.data.array
-    return {
-        "made_by": f"t2twin {installed_version('t2twin')}",
-        "model": run.config.model,
-        "preset": preset.name,
-        "size": str(preset.size),
-        "color": "grey" if preset.grey else "rgb",
-        "layout": info.layout,
-        "layout_x_mm": json.dumps(info.x_mm.tolist()),
-        "layout_y_mm": json.dumps(info.y_mm.tolist()),
-        "full_scale_counts": f"{info.full_scale_counts:g}",
-        "info_sha256": run.config.data.sha256,
-    }
-
-
-FOLDER = "onnx"
-"""Folder of the files in the cache folder."""
-
-MAX_FILES = 20
-"""Maximum number of files in the cache; the oldest are removed (assumed: 200 MB of preset cpu)."""
-
-
 @dataclass(frozen=True)
 class OnnxEngine:
-    """Predictions of a run in ONNX Runtime; an engine of predictor.CountsPredictor.
+    """Predictions of a run in ONNX Runtime; an engine of a TrainedTranslator.
 
     The session starts on the first call, with as many threads as torch has at that time. Calls from
     several threads are safe.
     """
 
-    run: CountsPredictor
+    run: TrainedTranslator
 
     def __call__(self, pixels: np.ndarray, with_contact: bool) -> dict[str, np.ndarray] | None:
         """See predictor.Compute. None for images with different background frames, as the file has
@@ -238,14 +208,16 @@ class OnnxEngine:
         assert home is not None
         path = home / FOLDER / f"{_key(self.run)}.onnx"
         try:
-            content = read_checked(path)
-            if content is None:
-                content = _export(self.run, path.parent)
-                write_checked(path, content, MAX_FILES)
+            if not path.is_file():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                export_onnx(self.run, path)
+                files = sorted(path.parent.glob("*.onnx"), key=lambda each: each.stat().st_mtime)
+                for oldest in files[:-MAX_FILES]:
+                    oldest.unlink(missing_ok=True)
+            model = onnx.load(path)
         except (T2TwinError, OSError):
             return None
-        model = onnx.load_from_string(content)
-        unused = {TACTILE_IMAGES, *(() if with_contact else ContactPrediction._fields)}
+        unused = {TACTILE_IMAGES, *(() if with_contact else (*MAPS, *CENTER))}
         inputs = [each.name for each in model.graph.input]
         outputs = [each.name for each in model.graph.output if each.name not in unused]
         # ONNX Runtime computes all that is in a graph, used or not.
@@ -259,15 +231,7 @@ def _to_input(pixels: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pixels.transpose(0, 3, 1, 2), np.float32) / np.float32(255.0)
 
 
-def _export(run: CountsPredictor, parent: Path) -> bytes:
-    """The content of a run's file. parent: folder for temporary files."""
-    parent.mkdir(parents=True, exist_ok=True)
-    with temporary_folder(parent, "onnx") as folder:
-        export_onnx(run, folder / "whole.onnx")
-        return (folder / "whole.onnx").read_bytes()
-
-
-def _key(run: CountsPredictor) -> str:
+def _key(run: TrainedTranslator) -> str:
     """Hash of everything that the file depends on: weights, layout, preset and source code."""
     array, preset = run.config.data.array, run.config.preset
     taxels = array.taxels

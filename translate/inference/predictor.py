@@ -1,42 +1,52 @@
-"""Trained runs as predictors, and those that predict counts from images.
+"""A trained run as a predictor, of any pair of sensors.
 
-Modules field_predictor and picture_predictor have the others.
-`predict` of every run takes what its source measures and returns what its target measures.
+`predict` takes what the source measures and returns what the target measures. Predictions that only
+some runs have raise a T2TwinError that names these runs.
 
-`load.load` returns the class that fits the run. Attributes that only another class has raise a
-T2TwinError that names the kind of run that has them.
-
-Shape letters: B images, R rows, C columns, N taxels, S image side of the run.
+Shape letters: B readings, R rows, C columns, N taxels, F places of the dense counts, S image side
+of the run, c channels.
 """
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+from typing import Self
 
 import numpy as np
 import torch
 from msgspec import structs
+from PIL import Image
 
 from t2twin.core import arguments
+from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.progress import Progress
+from t2twin.sim.sensors.files import load_sensor
+from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.data.images import (
+    COLORS,
+    ONE,
+    WHITE_GREY,
     Images,
     check_pixels,
     image_list,
+    one_image,
     resized,
-    to_input,
 )
 from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures
-from t2twin.translate.data.sides import TactilePictures
-from t2twin.translate.models.base import CountsTranslator, Translator
-from t2twin.translate.models.field_readout import FEATURES
-from t2twin.translate.models.presets import IMAGE_TO_COUNTS
+from t2twin.translate.data.sides import ArraySide, TactilePictures
+from t2twin.translate.inference.contact import ContactEstimate, contacts_of
+from t2twin.translate.models.base import TACTILE_IMAGES, Translator
+from t2twin.translate.models.field import FEATURES
+from t2twin.translate.models.touch2touch import GENERATED
+from t2twin.translate.networks.frame_check import FrameCheck
+from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.runs.config import RunConfig
+from t2twin.translate.uncertainty.estimate import VALUES, Estimate, half_width
 from t2twin.translate.uncertainty.ood import (
+    MAX_BACKGROUNDS,
     OODClass,
     classify_frame,
     combined,
@@ -47,130 +57,183 @@ from t2twin.translate.uncertainty.ood import (
 BATCH_SIZE = 64
 """Images in one batch; bounds memory."""
 
-COUNTS = "counts"
-"""Name of the counts in the outputs of an engine."""
+COUNTS, IMAGE = "counts", "image"
+"""Names of predictions."""
 
+TACTILE_STD = "tactile_std"
+
+MAX_FIELDS = 100_000
+"""Maximum number of arrays that one call samples (assumed: 90 MB with 216 places)."""
+
+FORCE_LEVEL = 0.9
+"""Probability of the interval of a force that must not contain 0 (assumed)."""
+
+SURE = 3.0
+"""Half widths of its interval from which a low force is not 0 (assumed). Measured: at least 3.5 for
+0.1 and 0.2 N; at most 1.9 for frames of sampled units, without contact or with more than 0.4 N."""
+
+NEAR_HIGHEST = 0.97
+"""Share of the training's highest force above which a predicted one may be of any higher force:
+`field` predicts 15 to 17 N for 20 N (assumed)."""
+
+NO_BACKGROUND = (
+    "no background frame is given, which makes predictions less accurate; give an image of the "
+    "same sensor without contact with --background"
+)
+"""The commands' recommendation for a field run."""
 
 Outputs = dict[str, np.ndarray]
-"""Predictions for B images, by the names of the outputs of an ONNX file."""
+"""Predictions for B readings by name, see Translator."""
 
 Compute = Callable[[np.ndarray, bool], Outputs | None]
-"""Predicts pixels, as for `CountsPredictor.predict_pixels`, with the contact or without; None if it
-cannot."""
+"""Predicts pixels, as for `predict_pixels`, with the contact or without; None if it cannot."""
 
-
-class NotPredicted(T2TwinError, AttributeError):
-    """The run has no such prediction. Also an AttributeError, so that hasattr returns False."""
+INSIDE = OODClass.IN_DISTRIBUTION
 
 
 @dataclass(frozen=True)
 class TrainedTranslator:
-    """A trained run with its best weights; `load` returns one of its subclasses."""
+    """A trained run with its best weights, which `load` returns.
+
+    engine: returns what computes the counts of a run in place of PyTorch, if set.
+    """
 
     run_dir: Path
     config: RunConfig
     translator: Translator
+    engine: "Callable[[TrainedTranslator], Compute] | None" = None
 
-    PREDICTS: ClassVar[str] = ""
-    """The predictions of the class, in words."""
+    def predict(self, readings: Images, background: np.ndarray | None = None) -> np.ndarray:
+        """What the target measures for one reading of the source or for several.
 
-    RUNS: ClassVar[str] = ""
-    """The runs of the class, in words."""
+        readings: of a gel camera one image, (h, w, 3) or (h, w); a batch, (B, h, w, 3) or
+        (B, h, w, 1); or a list or tuple of images, whose sizes may differ. All are NumPy arrays of
+        uint8 of any h and w, channels red, green, blue. Of a taxel array counts, (N,) or (B, N),
+        from zero to full scale, in the order of its layout. A batch and a list may be empty.
+        background: the background frame of the same sensor, one image, for a field run; by default
+        the mean frame of its dataset.
 
-    if not TYPE_CHECKING:  # type checkers report attributes that a class does not have
-
-        def __getattr__(self, name: str) -> Any:
-            for kind in _kinds(TrainedTranslator):
-                if name in vars(kind) and not name.startswith("_"):
-                    raise not_predicted(self.run_dir, self.config, type(self), name, kind.RUNS)
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-
-
-def _kinds(kind: type[TrainedTranslator]) -> Iterator[type[TrainedTranslator]]:
-    """The classes of predictors below one."""
-    for each in kind.__subclasses__():
-        yield each
-        yield from _kinds(each)
-
-
-@dataclass(frozen=True)
-class CountsPredictor(TrainedTranslator):
-    """A run that predicts counts from images.
-
-    engine: returns what computes the predictions of a run in place of PyTorch, if set.
-    """
-
-    translator: CountsTranslator
-    engine: Callable[["CountsPredictor"], Compute] | None = None
-
-    PREDICTS: ClassVar[str] = "counts"
-    RUNS: ClassVar[str] = "an image-to-counts run"
-
-    def predict(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
-        """Counts of one image or of several.
-
-        images: one image, (h, w, 3) or (h, w); a batch, (B, h, w, 3) or (B, h, w, 1); or a list or
-        tuple of images, whose sizes may differ. All are NumPy arrays of uint8 of any h and w,
-        channels red, green, blue. A batch and a list may be empty. background: the background frame
-        of the same sensor, one image, for a field run; by default the mean frame of its dataset.
-        Returns (N,) float32 for one image, (B, N) for several, between zero and full scale. Warns
-        with T2TwinWarning of images that are out of distribution, see `classify_frames`. Raises
-        T2TwinError for other images, and for a background frame with another run.
+        Returns counts, (N,) or (B, N) float32, between zero and full scale; or images of the
+        target's size, (rows, columns, 3) or (B, rows, columns, 3) uint8. A run in grey has three
+        equal channels; detail finer than the network's picture is missing. Warns with T2TwinWarning
+        of images that are out of distribution, see `classify_frames`. Raises T2TwinError for other
+        readings, and for a background frame with another run.
         """
-        frames, is_one = image_list(images)
+        found, is_one = self._predict(readings, background)
+        if self.config.predicts_images:
+            rows, columns, _ = self.config.data.camera.image_shape
+            large = np.empty((len(found), rows, columns, COLORS), np.uint8)
+            for place, image in enumerate(found):
+                shown = Image.fromarray(image if image.shape[-1] == COLORS else image[..., 0])
+                shown = shown.convert("RGB").resize((columns, rows), Image.Resampling.BILINEAR)
+                large[place] = np.asarray(shown)
+            found = large
+        return found[0] if is_one else found
+
+    def predict_image(self, readings: Images) -> np.ndarray:
+        """Images at the network's size, of a run that predicts images.
+
+        readings: as for `predict`, with the same errors. Returns uint8 of one reading or of B, grey
+        (S, S), or (S, S, 3) of a run in color.
+        """
+        self.need(self.config.predicts_images, "predict_image", "a run that predicts images")
+        found, is_one = self._predict(readings, None)
+        found = found if found.shape[-1] == COLORS else found[..., 0]
+        return found[0] if is_one else found
+
+    def _predict(self, readings: Images, background: np.ndarray | None) -> tuple[np.ndarray, bool]:
+        """The predictions of B readings at the network's size, and whether there is one reading."""
+        source = self.config.data.source
+        if isinstance(source, ArraySide):
+            self._no_background(background)
+            counts = _checked_counts(readings, source)
+            pixels, is_one = self._pictures(np.atleast_2d(counts)), counts.ndim == 1
+            return self._outputs(pixels)[self._value], is_one
+        frames, is_one = image_list(readings)
         outputs, classes = self._predicted(frames, background)
+        self._warn(classes, stacklevel=4)
+        return outputs[self._value], is_one
+
+    @property
+    def _value(self) -> str:
+        return self.config.data.target.value
+
+    def _warn(self, classes: Sequence[OODClass], stacklevel: int) -> None:
         if warning := unlike(classes, self.run_dir.name):
-            warnings.warn(warning, T2TwinWarning, stacklevel=2)
-        return outputs[COUNTS][0] if is_one else outputs[COUNTS]
+            warnings.warn(warning, T2TwinWarning, stacklevel=stacklevel)
+
+    @cached_property
+    def _pictures(self) -> Callable[[np.ndarray], np.ndarray]:
+        """Makes the pictures of counts, (B, N), of a taxel array."""
+        array, preset = self.config.data.source, self.config.preset
+        assert isinstance(array, ArraySide)
+        empty = array.pictures(np.empty((0, array.x_mm.size)), preset.size, preset.grey)
+        return lambda counts: replace(empty, counts=counts)[:]
 
     def predict_pixels(
         self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None
     ) -> np.ndarray:
-        """(B, N) counts of images at the size and color of the run, as `pixels_of` returns them.
+        """(B, N) counts, or (B, S, S, c) uint8 images, of pictures of the run's size and color.
 
-        pixels: (B, S, S, c) uint8; c = 6 for a field run with background frames. progress: title of
-        a progress bar, or None.
+        pixels: (B, S, S, c), of images uint8, as `pixels_of` returns them; c = 6 for a field run
+        with background frames. progress: title of a progress bar, or None.
         """
         self._check_pixels(pixels)
-        return self._outputs(pixels, progress)[COUNTS]
+        return self._outputs(pixels, progress)[self._value]
 
     def _predicted(
         self,
         frames: Sequence[np.ndarray],
         background: np.ndarray | None,
-        with_contact: bool = False,
+        contact: bool = False,
+        tactile: bool = False,
     ) -> tuple[Outputs, list[OODClass]]:
         """Predictions and (B,) classes of checked images, in one pass."""
         pixels = self._pixels(frames, background)
-        outputs = self._outputs(pixels, None, with_contact, with_features=True)
+        outputs = self._outputs(pixels, None, contact, True, tactile)
         return outputs, self._own_classes(frames, background, self._classified(pixels, outputs))
 
     def _outputs(
         self,
         pixels: np.ndarray | Pictures | ImageFile,
         progress: str | None = None,
-        with_contact: bool = False,
-        with_features: bool = False,
+        contact: bool = False,
+        features: bool = False,
+        tactile: bool = False,
     ) -> Outputs:
-        """Predictions for checked pixels. with_contact, with_features: whether they contain these,
+        """Predictions for checked pixels. contact, features, tactile: whether they contain these,
         if the run has them."""
-        found = []
+        found, in_torch = [], tactile and not self.has_uncertainty
         for part in parts_of(len(pixels), progress):
             batch = pixels[part]
-            outputs = self._compute(batch, with_contact)
+            outputs = None if in_torch else self._compute(batch, contact)
             if outputs is None:
-                inputs = to_input(batch.astype(np.float32) / 255.0)
-                outputs = self._in_torch(inputs, with_contact, with_features)
-            elif not with_features:
+                inputs = self.translator.to_input(batch.astype(np.float32) / WHITE_GREY)
+                tensors = self.translator.predict_all(inputs, contact, features)
+                if in_torch:
+                    tensors |= self.translator.tactile_images(tensors)
+                outputs = {name: each.cpu().numpy() for name, each in tensors.items()}
+                outputs.pop(GENERATED, None)
+            elif not features:
                 outputs.pop(FEATURES, None)
+            if tactile and self.has_uncertainty:
+                for name, values in ((TACTILE_IMAGES, "counts"), (TACTILE_STD, "counts_std")):
+                    dense = torch.from_numpy(outputs[f"dense_{values}"])
+                    outputs[name] = self.translator.dense_image(dense).numpy()
+            if IMAGE in outputs:
+                outputs[IMAGE] = outputs[IMAGE].round().clip(0.0, WHITE_GREY).astype(np.uint8)
             found.append(outputs)
         if not found:
-            return {COUNTS: np.empty((0, self.config.data.array.x_mm.size), np.float32)}
+            return {self._value: self._nothing}
         return {name: np.concatenate([each[name] for each in found]) for name in found[0]}
 
-    def _in_torch(self, inputs: torch.Tensor, with_contact: bool, with_features: bool) -> Outputs:
-        """As `_outputs`, for one batch."""
-        return {COUNTS: self.translator.predict(inputs).cpu().numpy()}
+    @property
+    def _nothing(self) -> np.ndarray:
+        """The predictions for no readings."""
+        if not self.config.predicts_images:
+            return np.empty((0, self.config.data.array.x_mm.size), np.float32)
+        size, channels = self.config.preset.size, 1 if self.config.preset.grey else COLORS
+        return np.empty((0, size, size, channels), np.uint8)
 
     @cached_property
     def _compute(self) -> Compute:
@@ -182,25 +245,119 @@ class CountsPredictor(TrainedTranslator):
         For touch2touch the predicted images, resized; for ResNet18 phi of the counts; for field the
         interpolated dense counts. Arguments, warning and errors: as for `predict`.
         """
+        self.need_counts("tactile_images")
         frames, is_one = image_list(images)
-        if warning := unlike(self.classify_frames(images, background), self.run_dir.name):
-            warnings.warn(warning, T2TwinWarning, stacklevel=2)
-        tactile = self.counts_and_tactile_images(self._pixels(frames, background))[1]
+        outputs, classes = self._predicted(frames, background, tactile=True)
+        self._warn(classes, stacklevel=3)
+        tactile = outputs[TACTILE_IMAGES]
         return tactile[0] if is_one else tactile
 
-    def counts_and_tactile_images(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Counts, (B, N), and tactile images, (B, R, C), float32, counts.
+    def estimate(
+        self, images: Images, background: np.ndarray | None = None, tactile: bool = False
+    ) -> Estimate:
+        """All that a run from images to counts predicts, and the class of the frame.
 
-        pixels: as for `predict_pixels`.
+        Of a field run also standard deviations, the dense counts and the force. tactile: whether it
+        has tactile images. Arguments and errors: as for `predict`; at least one image. `ood_class`
+        of the result names images for which it is not reliable.
         """
-        self._check_pixels(pixels)
-        inputs = to_input(pixels.astype(np.float32) / 255.0)
-        counts, tactile = self.translator.counts_and_tactile_images(inputs)
-        return counts.cpu().numpy(), tactile.cpu().numpy()
+        self.need_counts("estimate")
+        frames, is_one = image_list(images)
+        _check_some(len(frames))
+        estimate = self._estimate(*self._predicted(frames, background, tactile=tactile))
+        return estimate.first() if is_one else estimate
 
-    def in_distribution(self, pixels: np.ndarray) -> np.ndarray:
-        """(B,) bool: whether images are in distribution. pixels: as for `predict_pixels`."""
-        return np.array([each == OODClass.IN_DISTRIBUTION for each in self.classify(pixels)], bool)
+    def contact(
+        self, images: Images, background: np.ndarray | None = None
+    ) -> ContactEstimate | list[ContactEstimate]:
+        """The contact itself: depth, pressure, force, center of pressure and shear force.
+
+        Arguments and errors: as for `predict`. Returns a ContactEstimate on the camera's view, in
+        the size of the image, or a list of them for several images. Its `notes` name what limits
+        it. Raises T2TwinError for a run that does not predict the contact.
+        """
+        return self.estimate_with_contact(images, background)[1]
+
+    def estimate_with_contact(
+        self, images: Images, background: np.ndarray | None = None, tactile: bool = False
+    ) -> tuple[Estimate, ContactEstimate | list[ContactEstimate]]:
+        """What `estimate` and `contact` return, in one pass. Arguments and errors: as for both."""
+        self.need_uncertainty("the contact")
+        if not self.predicts_contact:
+            raise T2TwinError(
+                f"{self.run_dir} does not predict the contact; train its layers with `t2twin train "
+                f"field --init-from {self.run_dir} --contact-alone` on a dataset with contact maps"
+            )
+        frames, is_one = image_list(images)
+        _check_some(len(frames))
+        outputs, classes = self._predicted(frames, background, True, tactile)
+        sizes = [frame.shape[:2] for frame in frames]
+        contacts = contacts_of(outputs, sizes, self.config.data.camera.view_mm, classes)
+        estimate = self._estimate(outputs, classes)
+        return (estimate.first(), contacts[0]) if is_one else (estimate, contacts)
+
+    def estimate_pixels(
+        self,
+        pixels: np.ndarray | Pictures,
+        progress: str | None = None,
+        classified: bool = False,
+        tactile: bool = False,
+    ) -> Estimate:
+        """As `estimate`, for one or more images as for `predict_pixels`. classified: whether the
+        result has the classes of `classify`."""
+        self.need_counts("estimate")
+        self._check_pixels(pixels)
+        _check_some(len(pixels))
+        outputs = self._outputs(pixels, progress, False, classified, tactile)
+        return self._estimate(outputs, self._classified(pixels[:], outputs) if classified else None)
+
+    def _estimate(self, outputs: Outputs, classes: list[OODClass] | None) -> Estimate:
+        return Estimate(
+            **{name: outputs[name] for name in VALUES if name in outputs},
+            full_scale_counts=self.config.data.array.full_scale_counts,
+            ood_class=None if classes is None else np.array(classes, dtype=object),
+            array=self._array,
+        )
+
+    @cached_property
+    def _array(self) -> TaxelArray | None:
+        """The array as in datasets, None if its file is not here."""
+        try:
+            sensor = load_sensor(self.config.data.array.sensor or self.config.data.array.layout)
+        except T2TwinError:
+            return None
+        return sensor.for_dataset() if isinstance(sensor, TaxelArray) else None
+
+    def sample_dense_counts(
+        self,
+        images: Images,
+        number: int,
+        seed: int = 0,
+        background: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Dense counts sampled from the predicted distribution of a field run.
+
+        images, background: as for `predict`. number: samples per image; at most MAX_FIELDS in all.
+        Returns (number, F) float32, counts, for one image, (B, number, F) for several. The F places
+        are `config.data.array.dense_x_mm` and `dense_y_mm`. Raises T2TwinError as `predict`, and
+        for a number or a seed that is not a whole number in range.
+        """
+        self.need_uncertainty("sample_dense_counts")
+        arguments.whole_number(number, "number", low=1, high=MAX_FIELDS)
+        check_seed(seed)
+        frames, is_one = image_list(images)
+        if number * len(frames) > MAX_FIELDS:
+            raise T2TwinError(
+                f"{number} fields of {len(frames)} images are {number * len(frames)}; expected at "
+                f"most {MAX_FIELDS} in all"
+            )
+        pixels = self._pixels(frames, background)
+        found = self.translator.predict_all(
+            self.translator.to_input(pixels.astype(np.float32) / WHITE_GREY)
+        )
+        dense_counts, std = found["dense_counts"], found["dense_counts_std"]
+        samples = self.translator.sample(dense_counts, std, int(number), int(seed)).cpu().numpy()
+        return samples[0] if is_one else samples
 
     def classify_frames(
         self, images: Images, background: np.ndarray | None = None
@@ -225,25 +382,114 @@ class CountsPredictor(TrainedTranslator):
         """(B,) classes of images, as for `predict_pixels`, by out-of-distribution detection.
 
         Images are compared with the training images of the run, if it has their statistics, and
-        with their background frames, if they have them.
+        with their background frames, if they have them. A run with a frame check uses it too, and
+        the predicted force.
         """
         self._check_pixels(pixels)
-        return self._classified(pixels, {})
+        needed = self._frame_check is not None
+        return self._classified(pixels, self._outputs(pixels, features=True) if needed else {})
 
     def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
         """As `classify`. outputs: predictions for the pixels."""
-        images, inside = pixels[..., :3], OODClass.IN_DISTRIBUTION
-        classes = like_training(self.config, images)
-        if pixels.shape[-1] <= images.shape[-1]:
-            return classes
-        compared = compare_with_background(images, pixels[..., 3:])
-        return [b if a == inside else a for a, b in zip(classes, compared, strict=True)]
+        images, detector = pixels[..., :COLORS], self.config.ood_detector
+        ways = [[INSIDE] * len(images) if detector is None else detector.classify(images)]
+        if pixels.shape[-1] > COLORS:
+            ways.append(compare_with_background(images, pixels[..., COLORS:]))
+        if self._frame_check is None or not len(pixels):
+            return _first_fault(ways)
+        has_background = pixels.shape[-1] > COLORS
+        ways.append(self._frame_check.classify(outputs[FEATURES], images, has_background))
+        vague = (INSIDE, OODClass.OTHER, OODClass.UNLIKE_BACKGROUND)
+        return [
+            by_force if named in vague and by_force != INSIDE else named
+            for named, by_force in zip(
+                _first_fault(ways), self._classes_by_force(pixels, outputs), strict=True
+            )
+        ]
+
+    def _classes_by_force(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
+        """(B,) classes by the predicted forces of images and of their background frames.
+
+        Predicted forces hardly exceed the training's highest force. Above NEAR_HIGHEST of it they
+        may be of any higher force. Below the lowest, only a force that is SURE not to be 0 counts:
+        frames without contact are in the training.
+        """
+        known = self.config.data.force_n
+        if not known or outputs.get("force_n") is None:
+            return [INSIDE] * len(pixels)
+        force_n, half = _force_and_half(outputs)
+        too_low = (force_n > SURE * half) & (force_n < known[0])
+        outside = (force_n > NEAR_HIGHEST * known[1]) | too_low
+        found = [OODClass.FORCE if each else INSIDE for each in outside]
+        if pixels.shape[-1] > COLORS:
+            touched = self._touched(pixels[..., COLORS:], known[0])
+            named = OODClass.TOUCHED_BACKGROUND
+            found = [named if touch else each for each, touch in zip(found, touched, strict=True)]
+        return found
+
+    def shows_contact(self, images: Images) -> list[bool]:
+        """(B,) whether frames show a contact, as a background frame must not.
+
+        Arguments and errors: as for `predict`. False for a run that predicts no force.
+        """
+        self.need_uncertainty("shows_contact")
+        pixels, known = self.pixels_of(images), self.config.data.force_n
+        return self._touched(pixels, known[0]) if known else [False] * len(pixels)
+
+    def _touched(self, frames: np.ndarray, low_n: float) -> list[bool]:
+        """(B,) whether frames, (B, S, S, 3) uint8, show a contact: the force is above low_n, and
+        its interval does not contain 0. A frame that returns is predicted once."""
+        keys, seen = [frame.tobytes() for frame in frames], self._seen_backgrounds
+        new = {key: number for number, key in enumerate(keys) if key not in seen}
+        if new:
+            outputs = self._outputs(frames[list(new.values())])
+            if "force_n" not in outputs:
+                return [False] * len(frames)
+            force_n, half = _force_and_half(outputs)
+            touched = (force_n > low_n) & (force_n > half)
+            seen |= dict(zip(new, touched.tolist(), strict=True))
+        found = [seen[key] for key in keys]
+        for key in list(seen)[:-MAX_BACKGROUNDS]:
+            seen.pop(key, None)
+        return found
+
+    @cached_property
+    def _seen_backgrounds(self) -> dict[bytes, bool]:
+        """Background frames of earlier images, and whether they show a contact."""
+        return {}
+
+    @cached_property
+    def _frame_check(self) -> FrameCheck | None:
+        """The run's frame check, if it has one. Raises T2TwinError for a damaged file."""
+        return load_frame_check(self.run_dir)
+
+    @property
+    def has_uncertainty(self) -> bool:
+        """Whether it is a field run, which predicts dense counts, force and uncertainty."""
+        return self.config.has_uncertainty
+
+    @property
+    def predicts_contact(self) -> bool:
+        """Whether the run predicts the contact."""
+        return bool(self.config.data.has_contact)
 
     @property
     def reads_any_layout(self) -> bool:
-        """Whether the network predicts an image or dense counts, from which any layout can be
-        read."""
-        return self.translator.reads_any_layout
+        """Whether the network predicts an image or dense counts, from which any layout is read."""
+        return self.config.is_image_to_counts and self.translator.reads_any_layout
+
+    def need(self, has: bool, purpose: str, needed: str) -> Self:
+        """The run. Raises T2TwinError unless it has what a purpose needs."""
+        self.config.need(has, self.run_dir, purpose, needed)
+        return self
+
+    def need_counts(self, purpose: str) -> Self:
+        """The run. Raises T2TwinError unless it predicts counts from images."""
+        return self.need(self.config.is_image_to_counts, purpose, "an image-to-counts run")
+
+    def need_uncertainty(self, purpose: str) -> Self:
+        """The run. Raises T2TwinError unless it is a field run."""
+        return self.need(self.has_uncertainty, purpose, "a field run")
 
     def at_layout(
         self,
@@ -269,15 +515,11 @@ class CountsPredictor(TrainedTranslator):
             trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm
         )
         if trained.same_layout(x_mm, y_mm) and (
-            not self.translator.learns_dense_counts or trained.same_pads(array.taxels)
+            not self.has_uncertainty or trained.same_pads(array.taxels)
         ):
             return self
-        if not self.translator.reads_any_layout:
-            raise T2TwinError(
-                f"{self.run_dir} is a ResNet18, which predicts only the {trained.x_mm.size} taxels "
-                f"of {trained.layout} that it was trained on; another layout needs a touch2touch "
-                "or a field run"
-            )
+        purpose = f"another layout than {trained.layout} with its {trained.x_mm.size} taxels"
+        self.need(self.reads_any_layout, purpose, "a touch2touch or a field run from images")
         translator = self.translator.read_at(array.taxels)
         config = structs.replace(self.config, data=structs.replace(data, target=array))
         return replace(self, config=config, translator=translator)
@@ -294,50 +536,68 @@ class CountsPredictor(TrainedTranslator):
         self, frames: Sequence[np.ndarray], background: np.ndarray | None = None
     ) -> np.ndarray:
         """(B, S, S, c) uint8. frames: checked images. background: not checked."""
+        pixels = resized(frames, self.config.preset.size, self.config.preset.grey)
+        self._no_background(background)
         if background is None:
-            return resized(frames, self.config.preset.size, self.config.preset.grey)
-        kind = type(self)
-        raise not_predicted(self.run_dir, self.config, kind, "a background frame", "field run")
+            return pixels
+        frame = one_image(background, "background", ONE)
+        behind = resized([frame], self.config.preset.size, self.config.preset.grey)[0]
+        return with_background(pixels, behind)
+
+    def _no_background(self, background: np.ndarray | None) -> None:
+        """Raises T2TwinError for a background frame with a run that has no use for it."""
+        self.need(background is None or self.has_uncertainty, "a background frame", "a field run")
 
     def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
         """Raises T2TwinError for pictures that `pixels_of` cannot return."""
+        preset, source = self.config.preset, self.config.data.source
+        if isinstance(source, ArraySide):
+            return
         if isinstance(pixels, TactilePictures):
-            raise T2TwinError(
-                f"pixels are pictures of counts; expected {self.config.data.source.words}"
-            )
+            raise T2TwinError(f"pixels are pictures of counts; expected {source.words}")
         if not isinstance(pixels, InputImages | ImageFile):
-            colors = (3, 6) if self.translator.learns_dense_counts else (3,)
-            preset = self.config.preset
+            colors = (COLORS, 2 * COLORS) if self.has_uncertainty else (COLORS,)
             check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
 
 
-Predictor = TypeVar("Predictor", bound=TrainedTranslator)
-
-
-def require(run: TrainedTranslator, kind: type[Predictor], purpose: str) -> Predictor:
-    """The run as a predictor of a kind. Raises T2TwinError for another kind, naming the purpose."""
-    if not isinstance(run, kind):
-        raise not_predicted(run.run_dir, run.config, type(run), purpose, kind.RUNS)
-    return run
-
-
-def not_predicted(
-    run_dir: Path, config: RunConfig, kind: type[TrainedTranslator], purpose: str, needed: str
-) -> NotPredicted:
-    """The error for a run of a kind, used for a purpose that needs runs of another kind."""
-    name = config.model if config.direction == IMAGE_TO_COUNTS else config.direction
-    return NotPredicted(
-        f"the run {run_dir} is {name}, which predicts {kind.PREDICTS}; {purpose} needs {needed}"
-    )
-
-
-def like_training(config: RunConfig, images: np.ndarray) -> list[OODClass]:
-    """(B,) classes of images, (B, S, S, c) uint8, by the statistics of the training images."""
-    if config.ood_detector is None:
-        return [OODClass.IN_DISTRIBUTION] * len(images)
-    return config.ood_detector.classify(images)
+def with_background(pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """(B, S, S, 6): pixels, (B, S, S, 3), each followed by a frame, (S, S, 3)."""
+    return np.concatenate([pixels, np.broadcast_to(frame, pixels.shape)], axis=-1)
 
 
 def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
+    """The slices of batches, with a progress bar of this title."""
     parts = [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
     return parts if progress is None else Progress(parts, desc=progress, unit="batch")
+
+
+def _first_fault(ways: Sequence[Sequence[OODClass]]) -> list[OODClass]:
+    """(B,) for each image the first class that is not right."""
+    return [next((e for e in each if e != INSIDE), INSIDE) for each in zip(*ways, strict=True)]
+
+
+def _check_some(images: int) -> None:
+    """Raises T2TwinError without an image."""
+    if not images:
+        raise T2TwinError("there is no image to estimate; expected at least one")
+
+
+def _force_and_half(outputs: Outputs) -> tuple[np.ndarray, np.ndarray]:
+    """(B,) predicted forces and half widths of their intervals at FORCE_LEVEL, N."""
+    return outputs["force_n"], half_width(FORCE_LEVEL) * outputs["force_std_n"]
+
+
+def _checked_counts(counts: object, data: ArraySide) -> np.ndarray:
+    """Counts of the layout as an array, (N,) or (B, N) float32; T2TwinError if they are invalid."""
+    found = arguments.array(counts, "counts").astype(np.float32)
+    if found.ndim not in (1, 2) or found.shape[-1] != data.x_mm.size:
+        raise T2TwinError(
+            f"counts have shape {found.shape}; they must be ({data.x_mm.size},) or "
+            f"(B, {data.x_mm.size}), one for each taxel of {data.layout}"
+        )
+    if not ((found >= 0) & (found <= data.full_scale_counts)).all():
+        raise T2TwinError(
+            f"a count is out of range; expected numbers from 0 to {data.full_scale_counts:,.0f}, "
+            f"the range of the taxels of {data.layout}"
+        )
+    return found

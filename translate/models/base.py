@@ -1,4 +1,4 @@
-"""Base classes of the translators, what training and prediction need, and their optimizers.
+"""Base class of the translators: what training, checkpoints and predictions need of a model.
 
 A translator gets pictures of the source's readings (data.sides).
 
@@ -12,7 +12,7 @@ of a tactile image.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from copy import copy
+from copy import copy, deepcopy
 from functools import cached_property
 from typing import Any, Self
 
@@ -22,25 +22,31 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
 from t2twin.sim.taxels.layout import Layout
-from t2twin.translate.data.images import WHITE_GREY, to_input
+from t2twin.translate.data.images import RGB_MEAN, RGB_STD, WHITE_GREY, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.distributed import average_gradients
 from t2twin.translate.models.presets import Preset
 
+Outputs = dict[str, torch.Tensor]
+"""Predictions for B pictures by name: "counts", (B, N), or "image", (B, S, S, c) in grey levels."""
+
+TACTILE_IMAGES = "tactile_images"
+
 
 class Translator(ABC):
-    """The networks of one model with their optimizers, as training and checkpoints need them.
+    """The networks of one model with their optimizers, losses and predictions.
 
     networks: all trained networks by name, the predicting one first. average: the weight average of
     the first network, if the preset has one. predictor: the network used for prediction,
     `average.module` or the first network. device: where the networks are; inputs are moved there.
-    bf16: whether networks compute in bfloat16.
-    learns_dense_counts: whether training needs pairs with the dense counts.
-    is_replayable: whether every step does the same, so that a GPU can replay a captured one.
+    bf16: whether networks compute in bfloat16. learns_dense_counts: whether training needs pairs
+    with the dense counts. reads_any_layout: whether `read_at` reads other layouts.
+    is_contact_alone: whether only the contact's layers are trained. mean, std: of the pictures,
+    which the network gets normalized.
     """
 
-    learns_dense_counts = False
-    is_replayable = True
+    learns_dense_counts = reads_any_layout = is_contact_alone = False
+    mean, std = RGB_MEAN, RGB_STD
 
     def __init__(
         self,
@@ -73,30 +79,48 @@ class Translator(ABC):
 
     @abstractmethod
     def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """New optimizers of all weights that are trained, as `optimizers` names them."""
+        """New optimizers of all weights that are trained."""
 
     def step(self, examples: Examples) -> dict[str, torch.Tensor]:
         """Takes one step on a batch of pairs. Returns the losses by name."""
         losses = self.optimize(examples)
-        self.update_average()
+        if self.average is not None:
+            self.average.update_parameters(next(iter(self.networks.values())))
         return losses
 
     @abstractmethod
     def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
         """The part of a step before the weight average. Returns the losses by name."""
 
-    def update_average(self) -> None:
-        """Adds the weights after a step to the weight average, if there is one."""
-        if self.average is not None:
-            self.average.update_parameters(next(iter(self.networks.values())))
+    def predict_all(
+        self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
+    ) -> Outputs:
+        """The predictions of one pass, in evaluation mode. images: as `to_input` returns them.
+
+        with_contact, with_features: whether those of a field run contain these.
+        """
+        with torch.inference_mode():
+            return self.read(self.outputs(images))
 
     @abstractmethod
+    def read(self, outputs: Any) -> Outputs:
+        """The predictions from the outputs of the predictor."""
+
+    @abstractmethod
+    def tactile_images(self, found: Outputs) -> Outputs:
+        """Tactile images, (B, R, C), counts, of predictions with counts, by TACTILE_IMAGES."""
+
+    def predict(self, images: torch.Tensor) -> torch.Tensor:
+        """Counts within zero and full scale, or images. images: as for `predict_all`."""
+        return self.predict_all(images)[self.info.target.value]
+
     def errors(self, pixels: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
         """Predictions minus targets, (B, n), in the unit of the target: counts or grey levels.
 
-        pixels: (B, S, S, c), from 0 to 255. truth: (B, N) counts or (B, S, S, c) uint8. The
-        predictor is in evaluation mode afterwards.
+        pixels: (B, S, S, c), from 0 to 255. truth: (B, N) counts or (B, S, S, c) uint8.
         """
+        predicted = self.predict(self.to_input(pixels.float() / WHITE_GREY))
+        return (predicted - truth.to(self.device)).flatten(1)
 
     def to_input(self, pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
         """The network's input, (B, c, S, S), of pictures, (B, S, S, c) float32 in [0, 1]."""
@@ -111,16 +135,22 @@ class Translator(ABC):
         return
 
     def shear_error(self, pairs: Pairs) -> float | None:
-        """Geometric mean of the shear force's relative error over the pairs that have moved.
-
-        None if it is not predicted or no pair has moved.
-        """
+        """Geometric mean of the shear force's relative error over the pairs that have moved; None
+        if it is not predicted or no pair has moved."""
         return None
 
     def contact_error(self, pairs: Pairs) -> float | None:
         """Mean over the presses of the RMSE of the depth in the contact, mm; None if it is not
         predicted or no press has contact maps."""
         return None
+
+    def read_at(self, layout: Layout) -> Self:
+        """The same networks with counts of another layout, if `reads_any_layout`.
+
+        Raises T2TwinError for a layout that phi cannot interpolate, and for one that the spatial
+        output does not cover or does not resolve.
+        """
+        raise NotImplementedError
 
     def in_float32(self) -> Self:
         """The same networks, computing in float32."""
@@ -146,12 +176,8 @@ class Translator(ABC):
     def set_rates(self, share: float) -> None:
         """Sets the learning rates of all optimizers. share: factor of the initial ones."""
         for optimizer in self.optimizers.values():
-            rate = share * optimizer.defaults["lr"]
             for group in optimizer.param_groups:
-                if isinstance(group["lr"], torch.Tensor):
-                    group["lr"].fill_(rate)
-                else:
-                    group["lr"] = rate
+                group["lr"] = share * optimizer.defaults["lr"]
 
     def precision(self) -> torch.autocast:
         """Context in which the networks compute.
@@ -161,43 +187,39 @@ class Translator(ABC):
         """
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16)
 
+    def as_module(self) -> "FromPixels":
+        """The whole prediction as one module in float32 on the CPU, ready for tracing."""
+        return FromPixels(self._on_cpu())
 
-class CountsTranslator(Translator):
-    """A translator to counts.
+    def _on_cpu(self) -> Self:
+        """A copy that predicts in float32 on the CPU."""
+        other = self.in_float32()
+        other.device, other.predictor = torch.device("cpu"), deepcopy(self.predictor).cpu()
+        return other
 
-    Input images are as `to_input` returns them, (B, c, S, S) float32; counts are (B, N) float32,
-    within zero and full scale. reads_any_layout: whether it has a spatial output, an image
-    or dense counts, which `read_at` reads.
-    """
 
-    reads_any_layout = False
+class FromPixels(nn.Module):
+    """From pixels in [0, 1], (B, c, S, S), to the predictions in `names`."""
 
-    def read_at(self, layout: Layout) -> "CountsTranslator":
-        """The same networks with counts of another layout.
+    mean: torch.Tensor
+    std: torch.Tensor
 
-        Raises T2TwinError for a layout that phi cannot interpolate, and for one that the spatial
-        output does not cover or does not resolve.
-        """
-        raise NotImplementedError
+    def __init__(self, translator: Translator) -> None:
+        super().__init__()
+        self.translator, self.network = translator, translator.predictor
+        self.names: list[str] = []
+        self.register_buffer("mean", torch.from_numpy(translator.mean).view(-1, 1, 1))
+        self.register_buffer("std", torch.from_numpy(translator.std).view(-1, 1, 1))
 
-    @abstractmethod
-    def predict(self, images: torch.Tensor) -> torch.Tensor:
-        """Counts. The predictor is in evaluation mode afterwards."""
+    def forward(self, pixels: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        return self.in_order(self.translator.read(self.network((pixels - self.mean) / self.std)))
 
-    @abstractmethod
-    def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Counts as `predict` returns them, and tactile images, (B, R, C) float32, counts."""
-
-    @abstractmethod
-    def as_module(self) -> nn.Module:
-        """The whole prediction as one module in float32 on the CPU, ready for tracing.
-
-        It maps (B, c, S, S) pixels in [0, 1], grey or RGB, to counts and tactile images, (B, R, C),
-        counts. Its networks are copies.
-        """
-
-    def errors(self, pixels: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-        return self.predict(self.to_input(pixels.float() / WHITE_GREY)) - truth.to(self.device)
+    def in_order(self, found: Outputs) -> tuple[torch.Tensor, ...]:
+        """The counts, the tactile images and the other predictions, which `names` then names."""
+        tactile = self.translator.tactile_images(found)
+        every = {"counts": found["counts"]} | tactile | found
+        self.names = list(every)
+        return tuple(every.values())
 
 
 def adamw(
@@ -205,23 +227,15 @@ def adamw(
 ) -> torch.optim.Optimizer:
     """AdamW (Loshchilov and Hutter 2019) for the weights of a network, or of a part of it.
 
-    rate_share: factor of the preset's learning rate. On a GPU, learning rates are tensors, so that
-    a captured step can be replayed with another one.
+    rate_share: factor of the preset's learning rate.
     """
-    weights = list(weights)
-    on_gpu = weights[0].is_cuda
-    optimizer = torch.optim.AdamW(
+    return torch.optim.AdamW(
         weights,
         preset.learning_rate * rate_share,
         (preset.beta1, preset.beta2),
         weight_decay=preset.weight_decay,
-        capturable=on_gpu,
         fused=True,  # five times as fast on a CPU
     )
-    if on_gpu:
-        for group in optimizer.param_groups:
-            group["lr"] = torch.tensor(group["lr"], device=weights[0].device)
-    return optimizer
 
 
 def weight_average(network: nn.Module, part: float) -> AveragedModel | None:

@@ -1,4 +1,4 @@
-"""The contact in the camera's view: the loss of its layers, their calibration, and its readout.
+"""The contact in the camera's view: the losses of its layers, their calibration, and its readout.
 
 Depth and pressure are trained on absolute and squared errors, with a larger weight in the contact,
 and contact itself on the likelihood of each cell. The spreads are trained as those of the dense
@@ -8,22 +8,20 @@ Shape letters: B batch, H side of the maps.
 """
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
 import torch
-from torch import nn
 from torch.nn import functional
 
 from t2twin.translate.data.pairs import ImageFile
-from t2twin.translate.networks.contact_head import ContactOutputs
-from t2twin.translate.networks.field_net import CONTACT_KNOTS, LIMITS, FieldNet
+from t2twin.translate.models.base import Outputs
+from t2twin.translate.networks.field_net import CONTACT_KNOTS, ContactOutputs, FieldNet
 from t2twin.translate.uncertainty.calibration import (
     MIN_ERRORS,
+    calibrated,
     fit_knots,
     identity_knots,
-    interpolate_scale,
+    negative_log_likelihood,
 )
-from t2twin.translate.uncertainty.likelihood import negative_log_likelihood
 
 CONTACT_KPA = 5.0
 """Pressure from which a cell is in contact, kPa (assumed: a hundredth of a gel's modulus)."""
@@ -31,9 +29,8 @@ CONTACT_KPA = 5.0
 IN_CONTACT_WEIGHT = 4.0
 """Weight of errors in the contact relative to others (assumed: it is about a tenth of the view)."""
 
-SQUARED_WEIGHT, MASK_WEIGHT = 0.3, 0.3
-"""Weights of squared errors and of the likelihood of contact relative to absolute errors (assumed).
-"""
+SQUARED_WEIGHT = 0.3
+"""Weight of squared errors relative to absolute errors (assumed)."""
 
 ROUNDING = 0.03
 """Error, as a fraction of the scale, below which an absolute error is rounded off (assumed)."""
@@ -54,6 +51,10 @@ SCALE_PRESSES = 2000
 EVEN = 0.5
 """Probability from which a cell is in contact."""
 
+MAPS = ("depth_mm", "depth_std_mm", "pressure_kpa", "pressure_std_kpa", "probability")
+CENTER = ("center_mm", "center_std_mm")
+"""Names of the predictions, see `read_contact`."""
+
 
 def contact_scale(maps: ImageFile) -> torch.Tensor:
     """(2,) root mean squares of depth, mm, and pressure, kPa, in the contacts of training pairs."""
@@ -63,10 +64,10 @@ def contact_scale(maps: ImageFile) -> torch.Tensor:
     return torch.stack(values).maximum(torch.tensor(MIN_SCALES))
 
 
-def contact_loss(
+def contact_losses(
     network: FieldNet, outputs: ContactOutputs, maps: torch.Tensor
-) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-    """The loss of a batch, and its parts by name. maps: (B, 2, H, H) depth, mm, and pressure, kPa.
+) -> dict[str, torch.Tensor]:
+    """The losses of a batch by name. maps: (B, 2, H, H) depth, mm, and pressure, kPa.
 
     Errors are divided by their scales, likelihoods are in nats.
     """
@@ -74,87 +75,56 @@ def contact_loss(
     weight = 1.0 + (IN_CONTACT_WEIGHT - 1.0) * inside
     weight = weight / weight.mean()
     scale = network.contact_scale.clamp(min=1e-3)
-    losses, loss = {}, torch.zeros((), device=maps.device)
+    losses = {}
     for number, name in enumerate(("depth", "pressure")):
-        predicted = getattr(outputs, name)
-        error = predicted - maps[:, number] / scale[number]
+        error = getattr(outputs, name) - maps[:, number] / scale[number]
         rounded = (error.square() + ROUNDING**2).sqrt() - ROUNDING
-        found = (weight * (rounded + SQUARED_WEIGHT * error.square())).mean()
+        losses[f"contact_{name}"] = (weight * (rounded + SQUARED_WEIGHT * error.square())).mean()
         spread = getattr(outputs, f"{name}_log_spread")
-        likelihood = negative_log_likelihood(error.detach(), spread).mean()
-        losses |= {f"contact_{name}": found, f"contact_{name}_spread": likelihood}
-        loss = loss + found + likelihood
+        likelihood = negative_log_likelihood(error.detach(), spread)
+        losses[f"contact_{name}_spread"] = likelihood.mean()
     losses["contact_mask"] = functional.binary_cross_entropy_with_logits(outputs.logit, inside)
-    return loss + MASK_WEIGHT * losses["contact_mask"], losses
+    return losses
 
 
 def depth_errors_mm(
     scale: torch.Tensor, outputs: ContactOutputs, maps: torch.Tensor
 ) -> torch.Tensor:
     """(b,) RMSE of the depth in the contact of each press that has one, mm. maps: as for
-    `contact_loss`."""
+    `contact_losses`."""
     inside = maps[:, 1] > CONTACT_KPA
     squares = (outputs.depth * scale[0] - maps[:, 0]).square() * inside
     cells = inside.sum(dim=(1, 2))
     return (squares.sum(dim=(1, 2))[cells > 0] / cells[cells > 0]).sqrt()
 
 
-class ContactPrediction(NamedTuple):
-    """The contact in the view of B images.
+def read_contact(
+    network: FieldNet,
+    outputs: ContactOutputs,
+    has_background: torch.Tensor,
+    view_mm: tuple[float, float],
+) -> Outputs:
+    """The calibrated predictions of the contact in the view of B images.
 
-    depth_mm, depth_std_mm, pressure_kpa, pressure_std_kpa, probability: (B, H, H), the last one of
-    contact. The pressure is 0 where the probability is below one half. center_mm, center_std_mm:
-    (B, 2) center of pressure along x and y from the middle of the view; not a number without
-    contact.
+    has_background: () bool, whether the images have background frames. view_mm: half the width and
+    half the height of the view. Returns by the names in MAPS (B, H, H) depth, pressure, their
+    standard deviations and the probability of contact. The pressure is 0 where that is below one
+    half. By those in CENTER (B, 2) center of pressure along x and y from the middle of the view;
+    not a number without contact.
     """
-
-    depth_mm: torch.Tensor
-    depth_std_mm: torch.Tensor
-    pressure_kpa: torch.Tensor
-    pressure_std_kpa: torch.Tensor
-    probability: torch.Tensor
-    center_mm: torch.Tensor
-    center_std_mm: torch.Tensor
-
-
-class ContactReadout(nn.Module):
-    """Reads the contact from the outputs of a calibrated network.
-
-    view_mm: half the width and half the height of the view.
-    """
-
-    contact_scale: torch.Tensor
-    contact_limits: torch.Tensor
-    contact_depth_knots: torch.Tensor
-    contact_pressure_knots: torch.Tensor
-    contact_center_knots: torch.Tensor
-
-    def __init__(self, network: FieldNet, view_mm: tuple[float, float]) -> None:
-        super().__init__()
-        self.view_mm = view_mm
-        for name in (*CONTACT_KNOTS, "contact_scale", LIMITS):
-            self.register_buffer(name, getattr(network, name).detach().clone())
-        self.to(network.contact_scale.device)
-
-    def forward(self, outputs: ContactOutputs, has_background: torch.Tensor) -> ContactPrediction:
-        """The calibrated predictions. has_background: () bool, whether the images have background
-        frames."""
-        of_depth, of_pressure = outputs.depth_log_spread, outputs.pressure_log_spread
-        depth_std = of_depth.exp() * interpolate_scale(of_depth, self.contact_depth_knots)
-        std = of_pressure.exp() * interpolate_scale(of_pressure, self.contact_pressure_knots)
-        without, given = self.contact_limits[0], self.contact_limits[1]
-        limit = torch.where(has_background, given, without)
-        largest = outputs.logit.amax(dim=(1, 2), keepdim=True)
-        probability = torch.sigmoid(outputs.logit)
-        probability = torch.where(largest > limit, probability, probability.clamp(max=EVEN))
-        pressure = torch.where(probability > EVEN, outputs.pressure.clamp(min=0.0), 0.0)
-        center, spread = center_of_pressure(pressure, std, self.view_mm)
-        factor = interpolate_scale(spread.log(), self.contact_center_knots)
-        mm, kpa = self.contact_scale[0], self.contact_scale[1]  # a trace cannot iterate
-        return ContactPrediction(
-            mm * outputs.depth, mm * depth_std, kpa * pressure, kpa * std,
-            probability, center, spread * factor,
-        )  # fmt: skip
+    depth_std = calibrated(outputs.depth_log_spread, network.contact_depth_knots)
+    std = calibrated(outputs.pressure_log_spread, network.contact_pressure_knots)
+    limits = network.contact_limits
+    limit = torch.where(has_background, limits[1], limits[0])
+    largest = outputs.logit.amax(dim=(1, 2), keepdim=True)
+    probability = torch.sigmoid(outputs.logit)
+    probability = torch.where(largest > limit, probability, probability.clamp(max=EVEN))
+    pressure = torch.where(probability > EVEN, outputs.pressure.clamp(min=0.0), 0.0)
+    center, spread = center_of_pressure(pressure, std, view_mm)
+    center_std = calibrated(spread.log(), network.contact_center_knots)
+    mm, kpa = network.contact_scale[0], network.contact_scale[1]  # a trace cannot iterate
+    maps = (mm * outputs.depth, mm * depth_std, kpa * pressure, kpa * std, probability)
+    return dict(zip((*MAPS, *CENTER), (*maps, center, center_std), strict=True))
 
 
 def fit_contact_limits(
@@ -202,7 +172,7 @@ def fit_contact_knots(
 ) -> None:
     """Sets the knots of the contact's uncertainty.
 
-    parts: outputs and maps, as for `contact_loss`, of held-out presses; nothing changes without.
+    parts: outputs and maps, as for `contact_losses`, of held-out presses; nothing changes without.
     """
     parts = list(parts)
     if not parts:
@@ -214,12 +184,12 @@ def fit_contact_knots(
         error = getattr(outputs, name) - maps[:, number] / network.contact_scale[number]
         _set_knots(network, name, getattr(outputs, f"{name}_log_spread").exp(), error)
     network.contact_center_knots.copy_(identity_knots(len(CONTACT_KNOTS["contact_center_knots"])))
-    found = ContactReadout(network, view_mm)(outputs, torch.tensor(True))
+    found = read_contact(network, outputs, torch.tensor(True), view_mm)
     true, _ = center_of_pressure(maps[:, 1], torch.zeros_like(maps[:, 1]), view_mm)
-    error = found.center_mm - true
+    error = found["center_mm"] - true
     known = error.isfinite().all(dim=1)
     if int(known.sum()) >= MIN_ERRORS:
-        _set_knots(network, "center", found.center_std_mm[known], error[known])
+        _set_knots(network, "center", found["center_std_mm"][known], error[known])
 
 
 def _set_knots(network: FieldNet, name: str, spread: torch.Tensor, error: torch.Tensor) -> None:

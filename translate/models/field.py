@@ -1,5 +1,4 @@
-"""field: from the image to the dense counts over the whole cover, its uncertainty, and the
-force.
+"""field: from the image to the dense counts over the whole cover, its uncertainty, and the force.
 
 The mean is trained on the squared error and, with a smaller weight, on the absolute error. The
 spread has layers of its own and is trained on the likelihood of the detached residual, so that it
@@ -15,7 +14,8 @@ at the predicted spread: without markers it cannot be predicted, and squared err
 would dominate (median magnitude 0.67 of the true one, measured). The contact in the view is
 predicted in the same way (module contact), if the training presses have contact maps.
 
-Shape letters: B batch, S image side, N taxels, F places of the dense counts.
+Shape letters: B batch, S image side, N taxels, F places of the dense counts, R rows and C columns
+of a tactile image.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,104 +26,58 @@ from typing import Self
 
 import numpy as np
 import torch
-from torch import nn
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.pads import reading_matrix
-from t2twin.translate.data.images import COLORS, to_input
+from t2twin.sim.taxels.phi import barycentric
+from t2twin.translate.data.images import COLORS, WHITE_GREY, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
-from t2twin.translate.models.base import CountsTranslator, adamw
+from t2twin.translate.models.base import TACTILE_IMAGES, FromPixels, Outputs, Translator, adamw
 from t2twin.translate.models.contact import (
     CONTACT_KPA,
-    ContactReadout,
-    contact_loss,
+    contact_losses,
     contact_scale,
     depth_errors_mm,
     fit_contact_knots,
     fit_contact_limits,
-)
-from t2twin.translate.models.field_readout import (
-    AllPredictions,
-    DenseImage,
-    FieldPrediction,
-    FieldReadout,
-    FromPixels,
-    force_target,
-    log_force,
-    predicts_force,
+    read_contact,
 )
 from t2twin.translate.models.presets import Preset
-from t2twin.translate.networks.contact_head import ContactOutputs
-from t2twin.translate.networks.field_net import CONTACT, SCALE, SHEAR, FieldNet, FieldOutputs
-from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
-from t2twin.translate.uncertainty.likelihood import negative_log_likelihood
-from t2twin.translate.uncertainty.spread_scale import fit_scale, part_of, scaled
+from t2twin.translate.networks.field_net import (
+    CONTACT,
+    SCALE,
+    SHEAR,
+    ContactOutputs,
+    FieldNet,
+    FieldOutputs,
+)
+from t2twin.translate.uncertainty.calibration import (
+    Errors,
+    calibrated,
+    fit_calibration,
+    negative_log_likelihood,
+    standard_deviation,
+)
+from t2twin.translate.uncertainty.spread_scale import SAME_FRAME, fit_scale, part_of, scaled
 
-ABSOLUTE_WEIGHT = 0.1
-"""Weight of the absolute error of the dense counts relative to the squared one, both divided by
-their standard deviation (assumed). Squared errors of places without contact are negligible next to
-those of a contact; without this term the network predicts up to 100 counts there."""
+WEIGHTS = {"field_absolute": 0.1, "force": 0.3, "contact_mask": 0.3}
+"""Weights of losses, 1 unless given (assumed). Squared errors of places without contact are
+negligible next to those of a contact; without the absolute ones the network predicts up to 100
+counts there."""
 
 ROUNDING = 0.01
 """Error, in standard deviations of the dense counts, below which the absolute error is rounded off
 (assumed)."""
 
-FORCE_WEIGHT = 0.3
-"""Weight of the force's squared error relative to that of the dense counts, both divided by their
-variance (assumed)."""
+FORCE_OFFSET_N = 0.1
+"""Added to a force before its logarithm is taken, N (assumed: the force is zero without contact,
+and at least half a newton otherwise)."""
 
 MIN_RELATIVE_SHEAR_N = 0.3
 """Shear force below which its error is no longer relative to it, N (assumed: as for the figures of
 an evaluation)."""
-
-
-def training_loss(
-    network: FieldNet, outputs: FieldOutputs, targets: Examples, full_scale: float
-) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-    """The loss of a batch, and its parts by name.
-
-    Errors are divided by the standard deviation of their target, likelihoods are in nats.
-    """
-    device = outputs.mean.device
-    assert targets.dense_counts is not None and targets.force_n is not None
-    error = outputs.mean - targets.dense_counts.to(device) / full_scale
-    relative = error / network.field_variance.sqrt()
-    losses = {
-        "field": relative.square().mean(),
-        "field_absolute": (relative.square() + ROUNDING**2).sqrt().mean(),
-        "spread": negative_log_likelihood(error.detach(), outputs.log_spread).mean(),
-    }
-    loss = losses["field"] + ABSOLUTE_WEIGHT * losses["field_absolute"] + losses["spread"]
-    if predicts_force(network):
-        error = outputs.force - force_target(network, targets.force_n.to(device))
-        likelihood = negative_log_likelihood(error.detach(), outputs.force_log_spread)
-        losses |= {"force": error.square().mean(), "force_spread": likelihood.mean()}
-        loss = loss + FORCE_WEIGHT * losses["force"] + losses["force_spread"]
-    if outputs.shear is not None and outputs.shear_log_spread is not None:
-        assert targets.shear_n is not None
-        shear_n = targets.shear_n.to(device)
-        error = outputs.shear - shear_n / network.shear_scale
-        log_spread = outputs.shear_log_spread
-        losses["shear"] = negative_log_likelihood(error, log_spread.detach()).mean()
-        likelihood = negative_log_likelihood(error.detach(), log_spread).mean(dim=1)
-        # Without markers, presses that stay still have no error.
-        moving = shear_n.any(dim=1).float()
-        losses["shear_spread"] = likelihood @ moving / moving.sum().clamp(min=1.0)
-        loss = loss + losses["shear"] + losses["shear_spread"]
-    if outputs.contact is not None:
-        assert targets.contact is not None
-        of_contact, parts = contact_loss(network, outputs.contact, targets.contact.to(device))
-        loss, losses = loss + of_contact, losses | parts
-    return loss, losses
-
-
-def relative_squares(error_n: torch.Tensor, shear_n: torch.Tensor) -> torch.Tensor:
-    """(B,): squared errors of shear forces relative to them. Both (B, 2), N."""
-    size = shear_n.square().sum(dim=1) + MIN_RELATIVE_SHEAR_N**2
-    return error_n.square().sum(dim=1) / size
-
 
 NEW_RATE_SHARE = 5.0
 """Learning rate of the layers of shear force and contact, divided by the preset's (assumed: they
@@ -153,13 +107,71 @@ percent need some hundreds)."""
 BATCH_SIZE = 64
 """Images in one batch of prediction; bounds memory."""
 
+FEATURES = "frame_features"
+"""Name of the features for the frame check, (B, n), among the predictions."""
 
-class FieldTranslator(CountsTranslator):
-    """One network, which predicts the dense counts; any layout can be read from it."""
+
+def training_losses(
+    network: FieldNet, outputs: FieldOutputs, targets: Examples, full_scale: float
+) -> dict[str, torch.Tensor]:
+    """The losses of a batch by name.
+
+    Errors are divided by the standard deviation of their target, likelihoods are in nats.
+    """
+    device = outputs.mean.device
+    assert targets.dense_counts is not None and targets.force_n is not None
+    error = outputs.mean - targets.dense_counts.to(device) / full_scale
+    relative = error / network.field_variance.sqrt()
+    losses = {
+        "field": relative.square().mean(),
+        "field_absolute": (relative.square() + ROUNDING**2).sqrt().mean(),
+        "spread": negative_log_likelihood(error.detach(), outputs.log_spread).mean(),
+    }
+    if network.predicts_force:
+        error = outputs.force - _force_target(network, targets.force_n.to(device))
+        likelihood = negative_log_likelihood(error.detach(), outputs.force_log_spread)
+        losses |= {"force": error.square().mean(), "force_spread": likelihood.mean()}
+    if outputs.shear is not None and outputs.shear_log_spread is not None:
+        assert targets.shear_n is not None
+        shear_n = targets.shear_n.to(device)
+        error = outputs.shear - shear_n / network.shear_scale
+        log_spread = outputs.shear_log_spread
+        losses["shear"] = negative_log_likelihood(error, log_spread.detach()).mean()
+        likelihood = negative_log_likelihood(error.detach(), log_spread).mean(dim=1)
+        # Without markers, presses that stay still have no error.
+        moving = shear_n.any(dim=1).float()
+        losses["shear_spread"] = likelihood @ moving / moving.sum().clamp(min=1.0)
+    if outputs.contact is not None:
+        assert targets.contact is not None
+        losses |= contact_losses(network, outputs.contact, targets.contact.to(device))
+    return losses
+
+
+def log_force(force_n: torch.Tensor) -> torch.Tensor:
+    """The shifted logarithm of forces, the target of training. Any shape, N."""
+    return torch.log(force_n + FORCE_OFFSET_N)
+
+
+def _force_target(network: FieldNet, force_n: torch.Tensor) -> torch.Tensor:
+    """The standardized logarithm of forces. Any shape."""
+    mean, std = network.force_scale
+    return (log_force(force_n) - mean) / std.clamp(min=1e-3)
+
+
+def relative_squares(error_n: torch.Tensor, shear_n: torch.Tensor) -> torch.Tensor:
+    """(B,): squared errors of shear forces relative to them. Both (B, 2), N."""
+    size = shear_n.square().sum(dim=1) + MIN_RELATIVE_SHEAR_N**2
+    return error_n.square().sum(dim=1) / size
+
+
+class FieldTranslator(Translator):
+    """One network, which predicts the dense counts; any layout can be read from it.
+
+    Inputs are images, (B, 3, S, S), or with background frames (B, 6, S, S).
+    """
 
     predictor: FieldNet
     learns_dense_counts = reads_any_layout = True
-    is_replayable = False  # mirrors features at random
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         array = info.array
@@ -173,7 +185,6 @@ class FieldTranslator(CountsTranslator):
             bool(info.has_shear), bool(info.has_contact),
         )  # fmt: skip
         super().__init__(preset, info, device, bf16, {"field": self.network})
-        self.is_contact_alone = False
 
     def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """See Translator."""
@@ -188,15 +199,11 @@ class FieldTranslator(CountsTranslator):
         own = [each for name, each in network.named_parameters() if not name.startswith(others)]
         return {"field": adamw(own, preset)} | found
 
-    def train_contact_alone(self) -> None:
-        """Leaves the weights and the calibration of everything but the contact as they are."""
-        self.is_contact_alone = True
-
     def prepare(self, pairs: Pairs) -> None:
         """Sets the mean frame, and the scales of the outputs if loaded weights lack them."""
-        if self.network.predicts_contact and not self.network.contact_scale.any():
-            assert pairs.contact is not None
-            for network in (self.network, self.predictor):
+        for network in (self.network, self.predictor):
+            if network.predicts_contact and not network.contact_scale.any():
+                assert pairs.contact is not None
                 network.contact_scale.copy_(contact_scale(pairs.contact))
         if self.is_contact_alone:
             return
@@ -209,11 +216,11 @@ class FieldTranslator(CountsTranslator):
             else pairs.backgrounds.mean()
         )
         for network in (self.network, self.predictor):
-            network.mean_frame.copy_(to_input(frame[None] / 255.0)[0])
+            network.mean_frame.copy_(to_input(frame[None] / WHITE_GREY)[0])
             if not network.field_mean.any():
                 network.field_mean.copy_(torch.from_numpy(field.mean(axis=0)))
                 network.field_variance.fill_(float(field.var(axis=0).mean()))
-            if not predicts_force(network):
+            if not network.predicts_force:
                 network.force_scale.copy_(torch.stack([forces.mean(), forces.std(correction=0)]))
             if network.predicts_shear and not network.shear_scale:
                 assert pairs.shear_n is not None
@@ -221,10 +228,7 @@ class FieldTranslator(CountsTranslator):
                 network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
 
     def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
-        """One step on the errors of dense counts and force and the likelihoods of their spreads.
-
-        Returns the losses by name: errors divided by the standard deviation, likelihoods in nats.
-        """
+        """One step on the errors of all outputs and the likelihoods of their spreads."""
         network, images = self.network, self._training_input(examples.images).to(self.device)
         if self.is_contact_alone:
             assert examples.contact is not None
@@ -232,65 +236,147 @@ class FieldTranslator(CountsTranslator):
             network.contact.train()
             with self.precision():
                 contact = network.contact_outputs(images)
-            loss, losses = contact_loss(network, contact, examples.contact.to(self.device))
+            losses = contact_losses(network, contact, examples.contact.to(self.device))
         else:
             with self.precision():
                 outputs = network(images, network.predicts_contact)
-            loss, losses = training_loss(network, outputs, examples, self.full_scale)
+            losses = training_losses(network, outputs, examples, self.full_scale)
+        loss = torch.stack([WEIGHTS.get(name, 1.0) * each for name, each in losses.items()]).sum()
         self.descend(loss, self.network, *self.optimizers)
         return {name: each.detach() for name, each in losses.items()}
 
-    def predict(self, images: torch.Tensor) -> torch.Tensor:
-        """See CountsTranslator. images: (B, 3, S, S), or (B, 6, S, S) with background frames."""
-        return self.predict_field(images).counts
-
-    def predict_field(self, images: torch.Tensor) -> FieldPrediction:
-        """All predictions. images: as for `predict`."""
-        return self.predict_all(images).field
-
     def predict_all(
         self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
-    ) -> AllPredictions:
-        """The predictions of one pass. images: as for `predict`. with_contact, with_features:
-        whether they contain these."""
+    ) -> Outputs:
+        """See Translator."""
         self.predictor.eval()
         with torch.inference_mode():
             with self.precision():
                 outputs = self.predictor(self._with_frame(images), with_contact, with_features)
-            contact = None
-            if outputs.contact is not None:
-                has_frame = torch.tensor(images.shape[1] > COLORS, device=self.device)
-                contact = self.contact_readout(outputs.contact, has_frame)
-            return AllPredictions(self.readout(outputs), outputs.features, contact)
+            has_frame = torch.tensor(images.shape[1] > COLORS, device=self.device)
+            return self.read(outputs, has_frame)
+
+    def read(self, outputs: FieldOutputs, has_frame: torch.Tensor | None = None) -> Outputs:
+        """The calibrated predictions for B images.
+
+        has_frame: () bool, whether they have background frames, for the contact. Returns counts,
+        counts_std, (B, N), and dense_counts, dense_counts_std, (B, F), counts, clipped to zero and
+        full scale; force_n, force_std_n, (B,), N, and shear_n, shear_std_n, (B, 2), N, if they are
+        predicted; FEATURES, and the predictions of `read_contact`, if they are wanted.
+        """
+        network, full_scale = self.predictor, self.full_scale
+        dense_counts = (outputs.mean * full_scale).clamp(0.0, full_scale)
+        std = standard_deviation(outputs.log_spread, network.place_knots, network.press_knots)
+        dense_counts_std = full_scale * std
+        reading, factor = self._reading, self._factor
+        # A taxel averages several places, whose errors are correlated.
+        parts = (dense_counts_std[:, None, :] * reading) @ factor
+        found = {
+            "counts": (dense_counts @ reading.T).clamp(0.0, full_scale),
+            "counts_std": parts.square().sum(dim=2).sqrt(),
+            "dense_counts": dense_counts,
+            "dense_counts_std": dense_counts_std,
+        }
+        if self._has_force:
+            mean, scale = network.force_scale[0], network.force_scale[1]  # a trace cannot iterate
+            shifted = torch.exp(outputs.force * scale + mean)
+            spread = calibrated(outputs.force_log_spread, network.force_knots) * scale
+            found["force_n"] = (shifted - FORCE_OFFSET_N).clamp(min=0.0)
+            found["force_std_n"] = shifted * spread
+        if outputs.shear is not None and outputs.shear_log_spread is not None:
+            found["shear_n"] = network.shear_scale * outputs.shear
+            spread = calibrated(outputs.shear_log_spread, network.shear_knots)
+            found["shear_std_n"] = network.shear_scale * spread
+        if outputs.features is not None:
+            found[FEATURES] = outputs.features
+        if outputs.contact is not None:
+            assert has_frame is not None
+            view_mm = self.info.camera.view_mm
+            found |= read_contact(network, outputs.contact, has_frame, view_mm)
+        return found
+
+    @cached_property
+    def _has_force(self) -> bool:
+        return self.predictor.predicts_force
+
+    @cached_property
+    def _reading(self) -> torch.Tensor:
+        """(N, F): maps dense counts to the counts of the layout."""
+        array = self.info.array
+        assert array.dense is not None
+        matrix = reading_matrix(array.dense, self.layout, array.elastomer)
+        return torch.from_numpy(matrix).float().to(self.device)
+
+    @cached_property
+    def _factor(self) -> torch.Tensor:
+        """(F, F): Cholesky factor of the correlation."""
+        correlation = self.predictor.correlation
+        return torch.linalg.cholesky(correlation.cpu().double()).float().to(correlation.device)
+
+    def _forget(self, *names: str) -> None:
+        for name in names:
+            vars(self).pop(name, None)
+
+    def sample(
+        self, dense_counts: torch.Tensor, std: torch.Tensor, number: int, seed: int
+    ) -> torch.Tensor:
+        """(B, number, F) fields sampled from predicted distributions, counts. Both (B, F)."""
+        generator = torch.Generator().manual_seed(seed)
+        shape = (dense_counts.shape[0], number, dense_counts.shape[1])
+        normal = torch.randn(shape, generator=generator).to(dense_counts.device)
+        deviation = std[:, None] * (normal @ self._factor.T)
+        return (dense_counts[:, None] + deviation).clamp(0.0, self.full_scale)
 
     def frame_features(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, n) features for the frame check, by the encoder alone. images: as for `predict`."""
+        """(B, n) features for the frame check, by the encoder alone."""
         self.predictor.eval()
         with torch.inference_mode(), self.precision():
             maps = self.predictor.encoded(self._with_frame(images))
             return self.predictor.frame_features(maps)
 
     def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
-        """The outputs of the contact's layers. images: as for `predict`."""
+        """The outputs of the contact's layers."""
         self.predictor.eval()
         with torch.inference_mode(), self.precision():
             return self.predictor.contact_outputs(self._with_frame(images))
 
-    @cached_property
-    def contact_readout(self) -> ContactReadout:
-        """Reads the contact from the network's outputs."""
-        return ContactReadout(self.predictor, self.info.camera.view_mm)
+    def tactile_images(self, found: Outputs) -> Outputs:
+        """See Translator: those of the dense counts, zero outside their places' convex hull."""
+        return {TACTILE_IMAGES: self.dense_image(found["dense_counts"])}
 
-    def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """See CountsTranslator. The tactile images are those of the dense counts."""
-        prediction = self.predict_field(images)
-        return prediction.counts, self.dense_image(prediction.dense_counts)
+    def dense_image(self, field: torch.Tensor) -> torch.Tensor:
+        """(B, R, C): interpolation of values at the places of the dense counts, (B, F)."""
+        corners, weights = self._triangles
+        device = field.device
+        parts = [
+            field.index_select(1, each.to(device)) * weight.to(device)
+            for each, weight in zip(corners, weights, strict=True)
+        ]
+        return (parts[0] + parts[1] + parts[2]).unflatten(1, self.info.array.tactile_image[:2])
+
+    @cached_property
+    def _triangles(self) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
+        """Three places whose interpolation is each pixel of a tactile image, and their weights."""
+        rows, columns, px_per_mm = self.info.array.tactile_image
+        columns_mm, rows_mm = (
+            (np.arange(size) + 0.5) / px_per_mm - size / px_per_mm / 2 for size in (columns, rows)
+        )
+        centers = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
+        matrix = barycentric(np.column_stack(self.places_mm), centers)
+        inside = np.diff(matrix.indptr) == 3
+        corners = np.zeros((centers.shape[0], 3), np.int64)
+        weights = np.zeros((centers.shape[0], 3), np.float32)
+        corners[inside] = matrix.indices.reshape(-1, 3)
+        weights[inside] = matrix.data.reshape(-1, 3).clip(0.0, 1.0)
+        both = (
+            list(map(torch.from_numpy, np.ascontiguousarray(each.T))) for each in (corners, weights)
+        )
+        return tuple(both)  # pyright: ignore[reportReturnType]
 
     def calibrate(self, *sets: Pairs) -> None:
         """See Translator: sets the knots and the correlation of the predictor."""
         network, chosen = self.predictor, [_mostly_new_shapes(pairs) for pairs in sets]
         if network.predicts_contact:
-            vars(self).pop("contact_readout", None)
             parts = [each for pairs in chosen for each in self._contacts_on(pairs)]
             fit_contact_knots(network, self.info.camera.view_mm, parts)
             fit_contact_limits(network, *self._largest_logits(sets))
@@ -308,14 +394,9 @@ class FieldTranslator(CountsTranslator):
         fit_scale(network.scale, [part_of(each, held_out=False) for each in errors])
         held_out = (part_of(each, held_out=True) for each in errors)
         found = fit_calibration([scaled(network.scale, each) for each in held_out])
-        network.place_knots.copy_(found.place)
-        network.press_knots.copy_(found.press)
-        if predicts_force(network):
-            network.force_knots.copy_(found.force)
-        if found.shear is not None:
-            network.shear_knots.copy_(found.shear)
-        network.correlation.copy_(found.correlation)
-        vars(self).pop("readout", None)
+        for name, values in found.items():
+            getattr(network, name).copy_(values)
+        self._forget("_factor", "_has_force")
 
     def shear_error(self, pairs: Pairs) -> float | None:
         """See Translator. The geometric mean counts touches with and without markers alike."""
@@ -341,16 +422,14 @@ class FieldTranslator(CountsTranslator):
         """The outputs for pairs, and their contact maps, batch by batch; none without maps."""
         if pairs.contact is None:
             return
-        for start in range(0, len(pairs), BATCH_SIZE):
-            part = slice(start, start + BATCH_SIZE)
-            inputs = to_input(pairs.inputs[part].astype(np.float32) / 255.0)
+        for part in _parts(len(pairs)):
             maps = torch.from_numpy(pairs.contact[part].astype(np.float32))
-            yield self.contact_outputs(inputs), maps.to(self.device)
+            yield self.contact_outputs(_input(pairs.inputs[part])), maps.to(self.device)
 
     def _largest_logits(
         self, sets: Sequence[Pairs]
     ) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
-        """Largest logits of contact in pairs without and with one, as for `fit_contact_limits`.
+        """Largest logits of pairs without and with a contact, as for `fit_contact_limits`.
 
         Background frames are images without contact too, for the mode without them.
         """
@@ -372,97 +451,106 @@ class FieldTranslator(CountsTranslator):
 
     def _largest_logit(self, pixels: np.ndarray) -> torch.Tensor:
         """(B,) largest logit of contact of pixels, (B, S, S, c) uint8."""
-        found = [torch.empty(0)]
-        for start in range(0, len(pixels), BATCH_SIZE):
-            part = pixels[start : start + BATCH_SIZE].astype(np.float32) / 255.0
-            found.append(self.contact_outputs(to_input(part)).logit.amax(dim=(1, 2)).cpu())
-        return torch.cat(found)
-
-    @cached_property
-    def readout(self) -> FieldReadout:
-        """Reads the counts of `layout` from the network's outputs."""
-        return FieldReadout(self.predictor, self._reading(self.layout), self.full_scale)
-
-    def _reading(self, layout: Layout) -> np.ndarray:
-        """(N, F): maps dense counts to the counts of a layout."""
-        array = self.info.array
-        assert array.dense is not None
-        return reading_matrix(array.dense, layout, array.elastomer)
-
-    @cached_property
-    def dense_image(self) -> DenseImage:
-        """Maps dense counts to tactile images."""
-        rows, columns, px_per_mm = self.info.array.tactile_image
-        return DenseImage(*self.places_mm, (rows, columns), px_per_mm).to(self.device)
+        inputs = (_input(pixels[part]) for part in _parts(len(pixels)))
+        found = [self.contact_outputs(each).logit.amax(dim=(1, 2)).cpu() for each in inputs]
+        return torch.cat([torch.empty(0), *found])
 
     def read_at(self, layout: Layout) -> Self:
-        """See CountsTranslator. Takes any layout on the cover, with its pad sizes."""
+        """See Translator. Takes any layout on the cover, with its pad sizes."""
         other = copy(self)
         other.layout = layout
-        other.readout = FieldReadout(self.predictor, self._reading(layout), self.full_scale)
+        other._forget("_reading")
+        _ = other._reading  # raises for taxels outside the cover
         return other
 
-    def as_module(self) -> nn.Module:
-        """See CountsTranslator. The module also takes a background frame, (1, 3, S, S), and also
-        returns uncertainty, dense counts, force and contact, as FromPixels describes."""
-        contact = self.contact_readout if self.predictor.predicts_contact else None
-        return FromPixels(self.predictor, self.readout, self.dense_image, contact)
+    def as_module(self) -> FromPixels:
+        """See Translator. It also takes a background frame, (1, 3, S, S)."""
+        return _FieldFromPixels(self._on_cpu())
+
+    def _on_cpu(self) -> Self:
+        other = super()._on_cpu()
+        other._forget("_reading", "_factor")
+        return other
 
     def _errors_on(self, pairs: Pairs) -> Errors:
         assert pairs.dense_counts is not None
-        parts = []
+        parts, network = [], self.predictor
         for part, inputs, outputs in self._outputs_on(pairs):
             field = torch.from_numpy(pairs.dense_counts[part].astype(np.float32)).to(self.device)
             force = torch.from_numpy(pairs.force_n[part].astype(np.float32)).to(self.device)
             error = field / self.full_scale - outputs.mean.clamp(0.0, 1.0)
-            force_error = force_target(self.predictor, force) - outputs.force
+            force_error = _force_target(network, force) - outputs.force
             spreads = outputs.log_spread.exp(), outputs.force_log_spread.exp()
-            features = self.predictor.scale.features(
-                inputs, self.predictor.mean_frame, *outputs[:4]
-            )
+            features = network.scale.features(inputs, network.mean_frame, *outputs[:4])
             values = [error, spreads[0], force_error, spreads[1], *features]
             if pairs.shear_n is not None and outputs.shear is not None:
                 assert outputs.shear_log_spread is not None
                 shear = torch.from_numpy(pairs.shear_n[part].astype(np.float32)).to(self.device)
                 moving = shear.any(dim=1)  # others have errors near zero without markers
-                values.append((shear / self.predictor.shear_scale - outputs.shear)[moving])
+                values.append((shear / network.shear_scale - outputs.shear)[moving])
                 values.append(outputs.shear_log_spread[moving].exp())
             parts.append(values)
         return Errors(*(torch.cat(part).cpu() for part in zip(*parts, strict=True)))
 
     def _outputs_on(self, pairs: Pairs) -> Iterator[tuple[slice, torch.Tensor, FieldOutputs]]:
         """The inputs, each with its background frame, and the outputs for pairs, batch by batch."""
-        for start in range(0, len(pairs), BATCH_SIZE):
-            part = slice(start, start + BATCH_SIZE)
-            inputs = self._with_frame(to_input(pairs.inputs[part].astype(np.float32) / 255.0))
+        for part in _parts(len(pairs)):
+            inputs = self._with_frame(_input(pairs.inputs[part]))
             yield part, inputs, self.outputs(inputs)
 
     def outputs(self, inputs: torch.Tensor) -> FieldOutputs:
-        """See Translator. inputs: as for `predict`."""
+        """See Translator."""
         return super().outputs(self._with_frame(inputs))
 
     def _with_frame(self, inputs: torch.Tensor) -> torch.Tensor:
         """(B, 6, S, S): images, each with a background frame, by default the mean frame."""
         images = inputs.to(self.device)
-        if images.shape[1] == 3:
+        if images.shape[1] == COLORS:
             images = torch.cat([images, self.predictor.mean_frame.expand_as(images)], dim=1)
         return images
 
     def _training_input(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 6, S, S): images with background frames, a share of them the mean frame."""
-        image, mean_frame = images[:, :3], self.network.mean_frame.to(images.device)
-        if images.shape[1] == 3:
+        image, mean_frame = images[:, :COLORS], self.network.mean_frame.to(images.device)
+        if images.shape[1] == COLORS:
             frame = mean_frame.expand_as(image)
         else:
             replaced = torch.rand(images.shape[0], 1, 1, 1) < MEAN_FRAME_SHARE
-            frame = torch.where(replaced.to(images.device), mean_frame, images[:, 3:])
+            frame = torch.where(replaced.to(images.device), mean_frame, images[:, COLORS:])
         both = torch.cat([image, frame], dim=1)
         return both.contiguous(memory_format=torch.channels_last)
 
 
+class _FieldFromPixels(FromPixels):
+    """From pixels and a background frame, (1, 3, S, S), both in [0, 1]."""
+
+    translator: FieldTranslator
+    network: FieldNet
+
+    @property
+    def mean_frame(self) -> torch.Tensor:
+        """(1, 3, S, S) in [0, 1]: the dataset's mean background frame."""
+        return (self.network.mean_frame * self.std + self.mean)[None]
+
+    def forward(self, pixels: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        both = [(each - self.mean) / self.std for each in (pixels, background.expand_as(pixels))]
+        network = self.network
+        outputs = network(torch.cat(both, dim=1), network.predicts_contact, True)
+        is_own = (both[1] - network.mean_frame).abs().amax() > SAME_FRAME
+        return self.in_order(self.translator.read(outputs, is_own))
+
+
+def _parts(number: int) -> list[slice]:
+    return [slice(start, start + BATCH_SIZE) for start in range(0, number, BATCH_SIZE)]
+
+
+def _input(pixels: np.ndarray) -> torch.Tensor:
+    """The network's input of (B, S, S, c) uint8."""
+    return to_input(pixels.astype(np.float32) / WHITE_GREY)
+
+
 def _mostly_new_shapes(pairs: Pairs) -> Pairs:
-    """The presses of random shapes and a third as many others, or all presses if there are few of
-    random shapes.
+    """The presses of random shapes and a third as many others, or all if few are random.
 
     Versions of trained primitives have smaller errors than new shapes, and users press both.
     """

@@ -18,24 +18,26 @@ is 1.
 Shape letters: B batch, S image side, N taxels, R rows and C columns of a full tactile image.
 """
 
-from copy import copy, deepcopy
+from abc import abstractmethod
+from copy import copy
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 import torch
 from scipy.spatial import ConvexHull
-from torch import nn
 from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import COLORS, WHITE_GREY, to_scaled
 from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.data.sides import ArraySide
-from t2twin.translate.models.base import CountsTranslator, Translator, adamw
+from t2twin.translate.models.base import TACTILE_IMAGES, Outputs, Translator, adamw
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.pix2pix import PatchGAN, UNet
+
+GENERATED = "generated"
 
 OUTSIDE_MM = 0.01
 """Largest distance of a taxel outside the trained layout's hull, mm: positions are often
@@ -93,12 +95,12 @@ class Pix2Pix(Translator):
     channels_out: of the predicted pictures.
     """
 
+    mean = std = np.array([0.5], np.float32)
+
     def __init__(
         self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool, channels_out: int
     ) -> None:
         channels_in = 1 if preset.grey else COLORS
-        self.l1_weight = preset.l1_weight
-        self.iou_weight = preset.iou_weight
         self.generator = UNet(preset.size, preset.filters, channels_in, channels_out)
         self.discriminator = PatchGAN(channels_in + channels_out, preset.filters)
         networks = {"generator": self.generator, "discriminator": self.discriminator}
@@ -106,27 +108,24 @@ class Pix2Pix(Translator):
 
     def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """See Translator."""
-        preset = self.preset
+        shares = {"generator": 1.0, "discriminator": self.preset.discriminator_share}
         return {
-            "generator": adamw(self.generator.parameters(), preset),
-            "discriminator": adamw(
-                self.discriminator.parameters(), preset, preset.discriminator_share
-            ),
+            name: adamw(self.networks[name].parameters(), self.preset, share)
+            for name, share in shares.items()
         }
-
-    def generate(self, inputs: torch.Tensor) -> torch.Tensor:
-        """The generator's outputs in evaluation mode. (B, c, S, S) -> (B, c', S, S), [-1, 1]."""
-        return self.outputs(inputs).float()
 
     def to_input(self, pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
         """See Translator. (B, c, S, S) in [-1, 1]."""
         return to_scaled(pixels)
 
-    def pix2pix_step(self, inputs: torch.Tensor, targets: torch.Tensor) -> dict[str, torch.Tensor]:
-        """One step of the discriminator, then one of the generator.
+    @abstractmethod
+    def target_pictures(self, targets: torch.Tensor) -> torch.Tensor:
+        """(B, c', S, S) in [-1, 1], of the targets of Examples."""
 
-        inputs, targets: (B, c, S, S) and (B, c', S, S), in [-1, 1]. Returns the losses by name.
-        """
+    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
+        """One step of the discriminator, then one of the generator."""
+        inputs = examples.images.to(self.device)
+        targets = self.target_pictures(examples.targets.to(self.device))
         with self.precision():
             generated = self.generator(inputs)
             real_logits = self.discriminator(inputs, targets)
@@ -144,12 +143,14 @@ class Pix2Pix(Translator):
         self.discriminator.requires_grad_(False)
         with self.precision():
             logits = self.discriminator(inputs, generated)
-        adversarial = _adversarial(logits, 1.0)
-        l1 = functional.l1_loss(generated.float(), targets)
-        losses, total = {"adversarial": adversarial, "l1": l1}, adversarial + self.l1_weight * l1
-        if self.iou_weight:
+        losses = {
+            "adversarial": _adversarial(logits, 1.0),
+            "l1": functional.l1_loss(generated.float(), targets),
+        }
+        total = losses["adversarial"] + self.preset.l1_weight * losses["l1"]
+        if self.preset.iou_weight:
             losses["iou"] = soft_iou_loss((generated.float() + 1.0) / 2.0, (targets + 1.0) / 2.0)
-            total = total + self.iou_weight * losses["iou"]
+            total = total + self.preset.iou_weight * losses["iou"]
         self.descend(total, self.generator, "generator")
         self.discriminator.requires_grad_(True)
         return {name: loss.detach() for name, loss in losses.items()}
@@ -160,7 +161,7 @@ def _adversarial(logits: torch.Tensor, label: float) -> torch.Tensor:
     return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, label))
 
 
-class Touch2Touch(Pix2Pix, CountsTranslator):
+class Touch2Touch(Pix2Pix):
     """pix2pix with tactile images as targets."""
 
     reads_any_layout = True
@@ -169,110 +170,62 @@ class Touch2Touch(Pix2Pix, CountsTranslator):
         self.phi = info.array.phi.resized((preset.size, preset.size))
         super().__init__(preset, info, device, bf16, channels_out=1)
 
-    def scaled_tactile_images(self, counts: torch.Tensor) -> torch.Tensor:
+    def target_pictures(self, targets: torch.Tensor) -> torch.Tensor:
         """(B, N) counts -> tactile images, (B, 1, S, S): -1 is zero, 1 is full scale."""
-        return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
+        return self.phi.to_torch(targets) * (2.0 / self.full_scale) - 1.0
 
-    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
-        """See Translator. images: (B, c, S, S) in [-1, 1]."""
-        targets = self.scaled_tactile_images(examples.targets.to(self.device))
-        return self.pix2pix_step(examples.images.to(self.device), targets)
+    def read(self, outputs: torch.Tensor) -> Outputs:
+        """See Translator: phi^-1, clipped to full scale, and the tactile images at the generator's
+        size, (B, 1, S, S), as GENERATED."""
+        small = (outputs.float() + 1.0) * (self.full_scale / 2.0)
+        return {"counts": self.phi.from_torch(small).clamp(0.0, self.full_scale), GENERATED: small}
 
-    def predict(self, images: torch.Tensor) -> torch.Tensor:
-        """See CountsTranslator. images: (B, c, S, S)."""
-        return self.counts_of(self.predict_tactile_images(images))
+    def tactile_images(self, found: Outputs) -> Outputs:
+        """See Translator: the generator's, resized."""
+        down, across = self._resize
+        large = down @ found.pop(GENERATED)[:, 0] @ across.T
+        return {TACTILE_IMAGES: large.clamp(min=0.0)}
 
-    def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """See CountsTranslator. The tactile images are the generator's, resized."""
-        small = self.predict_tactile_images(images)
-        large = functional.interpolate(small, self.shape, mode="bilinear", antialias=True)
-        return self.counts_of(small), large[:, 0].clamp(min=0.0)
-
-    def predict_tactile_images(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, c, S, S) -> tactile images at the generator's size, counts, (B, 1, S, S)."""
-        return (self.generate(images) + 1.0) * (self.full_scale / 2.0)
+    @cached_property
+    def _resize(self) -> list[torch.Tensor]:
+        """Matrices that resize the sides of the generator's images to those of tactile images."""
+        shape = self.info.array.tactile_image[:2]
+        return [
+            _resize_matrix(*each).to(self.device)
+            for each in zip(self.phi.shape, shape, strict=True)
+        ]
 
     def read_at(self, layout: Layout) -> Self:
-        """See CountsTranslator. The images keep their size; the new layout's phi^-1 reads them."""
+        """See Translator. The images keep their size; the new layout's phi^-1 reads them."""
         array = self.info.array
-        phi = array.phi_of(layout.x_mm, layout.y_mm)
-        _check_inside(array, layout.x_mm, layout.y_mm, layout.name)
+        phi = array.phi_of(layout.x_mm, layout.y_mm).resized(self.phi.shape)
+        _check_inside(array, layout)
         other = copy(self)
-        other.phi = _reading_at(phi.resized(self.phi.shape), self.phi)
+        # phi^-1 ignores the pixels on the rim that the two hulls cover differently, because their
+        # values also depend on what lies outside the new hull.
+        covers = [each.matrix.sum(axis=1) for each in (phi, self.phi)]
+        other.phi = phi.with_inverse_from(
+            np.flatnonzero(np.abs(covers[0] - covers[1]) < SAME_COVER)
+        )
         return other
 
-    def as_module(self) -> nn.Module:
-        """See CountsTranslator."""
-        return _FromPixels(self.predictor, self.phi, self.full_scale, self.shape)
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of a tactile image."""
-        return self.info.array.tactile_image[:2]
-
-    def counts_of(self, tactile_images: torch.Tensor) -> torch.Tensor:
-        """phi^-1, clipped to full scale. (B, 1, S, S) -> (B, N)."""
-        return self.phi.from_torch(tactile_images).clamp(0.0, self.full_scale)
-
-
-def _check_inside(trained: ArraySide, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> None:
-    """Raises T2TwinError for taxels outside the trained layout's hull, where images are undefined.
-
-    x_mm, y_mm: (N,), mm. name: the new layout's.
-    """
+def _check_inside(trained: ArraySide, layout: Layout) -> None:
+    """Raises T2TwinError for taxels outside the trained layout's hull, without an image there."""
+    x_mm, y_mm = layout.x_mm, layout.y_mm
     sides = ConvexHull(np.column_stack([trained.x_mm, trained.y_mm])).equations  # (sides, 3)
     distance_mm = (np.stack([x_mm, y_mm, np.ones_like(x_mm)], axis=1) @ sides.T).max(axis=1)
-    outside = np.flatnonzero(distance_mm > OUTSIDE_MM)
-    if outside.size:
-        n = int(outside[distance_mm[outside].argmax()])
+    n = int(distance_mm.argmax())
+    if distance_mm[n] > OUTSIDE_MM:
         raise T2TwinError(
-            f"the layout {name} has {outside.size} taxel(s) outside the array that the run was "
-            f"trained on ({trained.layout}), such as taxel {n} at x {x_mm[n]:g} mm, y "
-            f"{y_mm[n]:g} mm, {distance_mm[n]:.2f} mm outside; expected all taxels inside, where "
-            "the tactile image is defined"
+            f"taxel {n} of the layout {layout.name}, at x {x_mm[n]:g} mm, y {y_mm[n]:g} mm, is "
+            f"{distance_mm[n]:.2f} mm outside the array that the run was trained on "
+            f"({trained.layout}); expected all taxels inside, where the tactile image is defined"
         )
 
 
-def _reading_at(new: Phi, trained: Phi) -> Phi:
-    """`new` with a phi^-1 that reads images made by `trained`, both (S, S).
-
-    phi^-1 ignores the pixels on the rim that the two hulls cover differently, because their values
-    also depend on what lies outside the new hull.
-    Raises T2TwinError if the other pixels do not determine the new taxels.
-    """
-    covers = [phi.matrix.sum(axis=1) for phi in (new, trained)]
-    return new.with_inverse_from(np.flatnonzero(np.abs(covers[0] - covers[1]) < SAME_COVER))
-
-
-class _FromPixels(nn.Module):
-    """From grey pixels in [0, 1] to counts and tactile images, in float32 on the CPU."""
-
-    rows: torch.Tensor
-    columns: torch.Tensor
-
-    def __init__(
-        self, generator: nn.Module, phi: Phi, full_scale: float, shape: tuple[int, int]
-    ) -> None:
-        """shape: of the tactile images."""
-        super().__init__()
-        self.network = deepcopy(generator).cpu()
-        self.phi = phi
-        self.full_scale = full_scale
-        self.register_buffer("rows", _resize_matrix(phi.shape[0], shape[0]))
-        columns = _resize_matrix(phi.shape[1], shape[1]).T.contiguous()
-        self.register_buffer("columns", columns)
-
-    def forward(self, pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        small = (self.network(2.0 * pixels - 1.0) + 1.0) * (self.full_scale / 2.0)
-        counts = self.phi.from_torch(small).clamp(0.0, self.full_scale)
-        return counts, (self.rows @ small[:, 0] @ self.columns).clamp(min=0.0)
-
-
 def _resize_matrix(size: int, new: int) -> torch.Tensor:
-    """(new, size): bilinear resize along one side, as `counts_and_tactile_images` computes it.
-
-    The Resize operator of the exported ONNX version has no antialiasing.
-    """
+    """(new, size): bilinear resize along one side; ONNX's operator has no antialiasing."""
     unit = torch.eye(size)[None, None]
     return functional.interpolate(unit, (new, size), mode="bilinear", antialias=True)[0, 0]
 
@@ -283,15 +236,14 @@ class ImageTranslator(Pix2Pix):
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         super().__init__(preset, info, device, bf16, channels_out=1 if preset.grey else COLORS)
 
-    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
-        """See Translator. images, targets: (B, c, S, S) in [-1, 1]."""
-        return self.pix2pix_step(examples.images.to(self.device), examples.targets.to(self.device))
+    def target_pictures(self, targets: torch.Tensor) -> torch.Tensor:
+        """The images themselves."""
+        return targets
 
-    def predict_images(self, inputs: torch.Tensor) -> torch.Tensor:
-        """(B, c, S, S) in [-1, 1] -> images, (B, S, S, c), grey levels, not rounded."""
-        return (self.generate(inputs).permute(0, 2, 3, 1) + 1.0) * (WHITE_GREY / 2.0)
+    def read(self, outputs: torch.Tensor) -> Outputs:
+        """See Translator. Grey levels, not rounded."""
+        return {"image": (outputs.float().permute(0, 2, 3, 1) + 1.0) * (WHITE_GREY / 2.0)}
 
-    def errors(self, pixels: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-        """See Translator. (B, S * S * c), grey levels."""
-        images = self.predict_images(self.to_input(pixels.float() / WHITE_GREY))
-        return (images - truth.to(self.device)).reshape(len(pixels), -1)
+    def tactile_images(self, found: Outputs) -> Outputs:
+        """See Translator: none."""
+        raise NotImplementedError

@@ -13,6 +13,10 @@ is F h / G (Hooke's law). This is exact for an unbounded layer on a rigid base. 
 the displacement relative to the background frame in windows of the image (Lucas and Kanade 1981).
 The force is the sum of these displacements, with weights that a network predicts.
 
+A small feature pyramid (Lin et al. 2017) predicts the contact in the view. It adds the encoder's
+maps and fine maps of its own, from the coarsest to the finest, which has half the side of the
+image. Its gradients train the encoder too, if both are trained together.
+
 Shape letters: B batch, S image side, H side after a reduction, W windows along each side, F places,
 D columns of E places, G numbers of the vector. F = D * E.
 """
@@ -26,10 +30,8 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
-from t2twin.translate.networks.contact_head import ContactHead, ContactOutputs
-from t2twin.translate.networks.frame_check import features_of
+from t2twin.translate.networks.frame_check import convolution, features_of
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
-from t2twin.translate.networks.spread import with_minimum
 from t2twin.translate.uncertainty.calibration import (
     FORCE_SHARES,
     PLACE_SHARES,
@@ -176,6 +178,94 @@ class ShearHead(nn.Module):
         return moved, roots
 
 
+def with_minimum(least: float, log_spread: torch.Tensor) -> torch.Tensor:
+    """The logarithm of the sum of a spread and its minimum; a hard bound has no gradient."""
+    return torch.log(torch.exp(log_spread) + least)  # ONNX has no logaddexp
+
+
+MIN_DEPTH_SPREAD, MIN_PRESSURE_SPREAD = 2e-3, 1e-3
+"""Minimum spreads, fractions of the scales of depth and pressure (assumed: a micrometer)."""
+
+PLANES = 3
+"""Outputs of the mean: depth, pressure, and the logit of contact."""
+
+
+class ContactOutputs(NamedTuple):
+    """Outputs of the decoder, not calibrated, (B, H, H) each.
+
+    depth, pressure: fractions of their scales. depth_log_spread, pressure_log_spread: logarithms of
+    their raw spreads. logit: of the probability of contact.
+    """
+
+    depth: torch.Tensor
+    depth_log_spread: torch.Tensor
+    pressure: torch.Tensor
+    pressure_log_spread: torch.Tensor
+    logit: torch.Tensor
+
+
+def side_of_maps(size: int) -> int:
+    """H of a network with this image side."""
+    return size // 2
+
+
+class ContactHead(nn.Module):
+    """The decoder of a ResNet18 of base width `filters`."""
+
+    def __init__(self, filters: int) -> None:
+        super().__init__()
+        self.pixels = nn.Conv2d(6, filters, 4, 2, 1, bias=False)
+        self.place = nn.Conv2d(5, filters, 1, bias=False)
+        self.fine = nn.Sequential(nn.BatchNorm2d(filters), nn.ReLU())
+        self.coarser = convolution(filters, 2 * filters, 2)
+        # Widths of the maps of sides S / 32 to S / 2: of the encoder's, and of the decoder's.
+        theirs, own = (8, 4, 2, 1, 1), (8, 2, 2, 2, 1)
+        steps = range(1, len(own))
+        self.raised = nn.ModuleList(
+            nn.Conv2d(filters * own[n - 1], filters * own[n], 1, bias=False) for n in steps
+        )
+        self.lateral = nn.ModuleList(
+            nn.Conv2d(filters * theirs[n], filters * own[n], 1) for n in steps
+        )
+        self.merged = nn.ModuleList(convolution(filters * own[n], filters * own[n]) for n in steps)
+        self.last = convolution(filters, filters)
+        self.mean = nn.Conv2d(filters, PLANES, 1)
+        self.spread = nn.Sequential(
+            nn.Conv2d(filters, filters // 2, 3, 1, 1), nn.ReLU(), nn.Conv2d(filters // 2, 2, 1)
+        )
+
+    def forward(self, inputs: torch.Tensor, maps: tuple[torch.Tensor, ...]) -> ContactOutputs:
+        """inputs: (B, 6, S, S), of the encoder. maps: its outputs, S / 2 to S / 32 wide."""
+        *skips, found = maps
+        pixels = self.pixels(inputs)
+        fine = self.fine(pixels + self.place(_places(pixels)))
+        more = (None, None, self.coarser(fine), fine)
+        for raised, lateral, merged, skip, own in zip(
+            self.raised, self.lateral, self.merged, reversed(skips), more, strict=True
+        ):
+            coarse = functional.interpolate(raised(found), size=skip.shape[-2:], mode="nearest")
+            total = coarse + lateral(skip)
+            found = merged(total if own is None else total + own)
+        found = self.last(found)
+        depth, pressure, logit = self.mean(found).float().unbind(dim=1)
+        # Detached: the spread's loss does not change the features of the mean.
+        spread = self.spread(found.detach()).float()
+        return ContactOutputs(
+            depth,
+            with_minimum(MIN_DEPTH_SPREAD, spread[:, 0]),
+            pressure,
+            with_minimum(MIN_PRESSURE_SPREAD, spread[:, 1]),
+            logit,
+        )
+
+
+def _places(maps: torch.Tensor) -> torch.Tensor:
+    """(1, 5, H, H) powers of x and y of the cells, which the direction of the light depends on."""
+    line = torch.linspace(-1.0, 1.0, maps.shape[-1], device=maps.device)
+    x, y = torch.meshgrid(line, line, indexing="xy")
+    return torch.stack([x, y, x * x, x * y, y * y])[None]
+
+
 MAX_POOLED = 4
 """Maximum cells along each side of the last map that the vector is made from (assumed)."""
 
@@ -192,6 +282,10 @@ noise)."""
 
 MIN_FORCE_SPREAD = 0.01
 """Minimum spread of the force, in standard deviations of the training forces' logarithms
+(assumed)."""
+
+MIN_FORCE_SCALE = 1e-3
+"""Standard deviation of the training forces' logarithms above which the network predicts the force
 (assumed)."""
 
 MIN_SHEAR_SPREAD = 0.01
@@ -336,6 +430,11 @@ class FieldNet(nn.Module):
                 self.register_buffer(name, identity_knots(len(shares)))
             self.register_buffer(LIMITS, torch.zeros(2))
         self.scale = SpreadScale(x_mm, y_mm, view_mm, self.grid, size)
+
+    @property
+    def predicts_force(self) -> bool:
+        """Whether the network was trained on presses of several forces."""
+        return float(self.force_scale[1]) > MIN_FORCE_SCALE
 
     def encoded(self, images: torch.Tensor) -> tuple[torch.Tensor, ...]:
         """The encoder's maps. images: as for `forward`."""

@@ -13,13 +13,16 @@ Shape letters: B images, S image side of the run, n features, K classes, T trans
 
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
 
-from t2twin.translate.data.images import COLORS
-from t2twin.translate.networks.contact_head import convolution
+from t2twin.translate.data.images import COLORS, to_input
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
+
+BATCH_SIZE = 64
+"""Images in one batch; bounds memory."""
 
 CLASSES = (
     OODClass.IN_DISTRIBUTION,
@@ -112,18 +115,22 @@ class FrameCheck(nn.Module):
         return self.logits(self.drop(hidden))
 
     def classify(
-        self, features: torch.Tensor, images: torch.Tensor, has_background: bool
+        self, features: np.ndarray, images: np.ndarray, has_background: bool
     ) -> list[OODClass]:
         """(B,) classes of frames; of two transforms, that of the second network.
 
-        features: (B, n). images: (B, 3, S, S), normalized, without background frames.
-        has_background: whether the features are of frames with background frames.
+        features: (B, n). images: (B, S, S, 3) uint8, without background frames. has_background:
+        whether the features are of frames with background frames.
         """
-        if self.training:
-            self.eval()
+        self.eval()
+        found, named = [], []
         with torch.inference_mode():
-            found = self._named(self(features), WITH if has_background else WITHOUT)
-            named = self._named(self.transforms(images), TRANSFORMED)
+            for start in range(0, len(images), BATCH_SIZE):
+                part = slice(start, start + BATCH_SIZE)
+                logits = self(torch.from_numpy(features[part]))
+                found += self._named(logits, WITH if has_background else WITHOUT)
+                inputs = to_input(images[part] / np.float32(255.0))
+                named += self._named(self.transforms(inputs), TRANSFORMED)
         replaceable = CLASSES[: 1 + len(INVERSE_TRANSFORMS)]
         return [
             transform if kind in replaceable and transform != OODClass.IN_DISTRIBUTION else kind
@@ -162,3 +169,9 @@ class TransformNet(nn.Module):
 def scores(logits: torch.Tensor) -> torch.Tensor:
     """(B,): logarithm of the odds of a wrong frame. logits: (B, K), or (B, T + 1)."""
     return logits[:, 1:].logsumexp(dim=1) - logits[:, 0]
+
+
+def convolution(channels: int, width: int, stride: int = 1, size: int = 3) -> nn.Sequential:
+    """A convolution of an odd size, with normalization and rectification."""
+    layer = nn.Conv2d(channels, width, size, stride, size // 2, bias=False)
+    return nn.Sequential(layer, nn.BatchNorm2d(width), nn.ReLU())

@@ -68,8 +68,7 @@ def build(config: RunConfig) -> Translator:
     with torch.random.fork_rng(devices=[]):  # weights are initialized on the CPU
         torch.default_generator.manual_seed(config.seed)
         translator = translator_class(config)(config.preset, config.data, device(), config.bf16)
-    if config.contact_data is not None and isinstance(translator, FieldTranslator):
-        translator.train_contact_alone()
+    translator.is_contact_alone = config.contact_data is not None
     return translator
 
 

@@ -30,6 +30,7 @@ from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.data.sides import CameraSide
 from t2twin.translate.models.presets import (
     COUNTS_TO_IMAGE,
+    IMAGE_TO_COUNTS,
     MAX_BATCH,
     MAX_EPOCHS,
     MODELS,
@@ -105,6 +106,22 @@ class RunConfig(Struct, frozen=True):
     def predicts_images(self) -> bool:
         """Whether the run predicts images, rather than counts."""
         return isinstance(self.data.target, CameraSide)
+
+    @property
+    def is_image_to_counts(self) -> bool:
+        """Whether the run predicts counts from images."""
+        return self.direction == IMAGE_TO_COUNTS
+
+    @property
+    def has_uncertainty(self) -> bool:
+        """Whether it is a field run, which predicts dense counts, force and uncertainty."""
+        return self.model == "field"
+
+    def need(self, has: bool, run_dir: Path, purpose: str, needed: str) -> None:
+        """Raises T2TwinError unless the run has what a purpose needs."""
+        if not has:
+            kind = self.model if self.is_image_to_counts else f"{self.model} {self.direction}"
+            raise T2TwinError(f"the run {run_dir} is {kind}; {purpose} needs {needed}")
 
     @property
     def full_scale(self) -> float:

@@ -16,7 +16,7 @@ from t2twin.sim.dataset.columns import IMAGE
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.networks.contact_head import side_of_maps
+from t2twin.translate.networks.field_net import side_of_maps
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, load_config

@@ -42,7 +42,7 @@ from t2twin.translate.models.presets import (
     find_preset,
     is_reverse,
 )
-from t2twin.translate.networks.contact_head import side_of_maps
+from t2twin.translate.networks.field_net import side_of_maps
 from t2twin.translate.runs.card import CARD, write_card
 from t2twin.translate.runs.checkpoint import has_bf16, load_history, translator_class
 from t2twin.translate.runs.config import (

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -29,7 +29,6 @@ from t2twin.translate.runs.checkpoint import (
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, to_json, write_log
 from t2twin.translate.training.batches import Batches
-from t2twin.translate.training.captured_step import EAGER_STEPS, CapturedStep
 from t2twin.translate.uncertainty.ood import OODDetector, fit_ood_detector
 
 
@@ -104,9 +103,6 @@ SAVE_SECONDS = 600.0
 """Time between two saved states within an epoch, seconds (assumed: a state of the largest network
 takes a few seconds to write)."""
 
-Step = Callable[[Examples], dict[str, torch.Tensor]]
-"""A step on a batch, which returns the losses by name."""
-
 TIMED_STEPS = 3
 """Steps of the time estimate, after one that is not counted."""
 
@@ -162,7 +158,6 @@ class Trainer:
             self.translator.prepare(self.pairs)
             if self.rank == 0:
                 self.config.save(self.out_dir)
-        self.step = self._step_of(self.translator)
         self._announce(epoch_seconds)
         self._train()
         reason = stop_reason(self.config, self.history)
@@ -250,7 +245,7 @@ class Trainer:
         for step, batch in enumerate(islice(self._batches(epoch), first, None), first):
             rng = np.random.default_rng([config.seed, epoch, step, 1 + self.rank])
             torch.manual_seed(int(rng.integers(2**63)))  # dropout
-            losses = self.step(self._examples(translator, batch, rng))
+            losses = translator.step(self._examples(translator, batch, rng))
             for name, loss in losses.items():
                 sums[name] = sums.get(name, 0.0) + loss.double()  # does not wait for a GPU
             bar.update()
@@ -298,11 +293,6 @@ class Trainer:
                 current, order = data_pass, rng.permutation(len(self.pairs))
             yield order[place * self.batch : (place + 1) * self.batch]
 
-    def _step_of(self, translator: Translator) -> Step:
-        """The function of a step; captured on a GPU with one process if it can be replayed."""
-        on_gpu = translator.device.type == "cuda" and self.config.processes == 1
-        return CapturedStep(translator) if on_gpu and translator.is_replayable else translator.step
-
     def _examples(
         self, translator: Translator, batch: np.ndarray, rng: np.random.Generator
     ) -> Examples:
@@ -328,12 +318,11 @@ class Trainer:
         """Estimated seconds per epoch, from a few steps of other networks."""
         translator = build(self.config)
         rng = np.random.default_rng(self.config.seed)
-        step, batch = self._step_of(translator), np.arange(self.batch)
-        for _ in range(1 if step == translator.step else 1 + EAGER_STEPS):
-            _numbers(step(self._examples(translator, batch, rng)))
+        batch = np.arange(self.batch)
+        _numbers(translator.step(self._examples(translator, batch, rng)))
         started = time.perf_counter()
         for _ in range(TIMED_STEPS):
-            _numbers(step(self._examples(translator, batch, rng)))  # waits for a GPU
+            _numbers(translator.step(self._examples(translator, batch, rng)))  # waits for a GPU
         step_seconds = (time.perf_counter() - started) / TIMED_STEPS
         few = np.arange(min(VALIDATION_BATCH[translator.device.type], len(self.validation)))
         started = time.perf_counter()

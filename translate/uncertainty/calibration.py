@@ -13,7 +13,7 @@ Shape letters: P presses, F places of the dense counts, K knots.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -78,21 +78,13 @@ class Errors:
     shear_spread: torch.Tensor | None = None
 
 
-@dataclass(frozen=True)
-class UncertaintyCalibration:
-    """place, press, force, shear: (2, K) knots: ascending logarithms of spreads, and of their
-    factors. correlation: (F, F), of the standardized errors of the dense counts. shear: None if
-    unknown."""
+def fit_calibration(datasets: Sequence[Errors]) -> dict[str, torch.Tensor]:
+    """Fits the calibration to one or more datasets; every press has the same weight.
 
-    place: torch.Tensor
-    press: torch.Tensor
-    force: torch.Tensor
-    correlation: torch.Tensor
-    shear: torch.Tensor | None = None
-
-
-def fit_calibration(datasets: Sequence[Errors]) -> UncertaintyCalibration:
-    """Fits the calibration to one or more datasets; every press has the same weight."""
+    Returns by the names of FieldNet's buffers place_knots, press_knots, force_knots and, if it is
+    known, shear_knots, (2, K): ascending logarithms of spreads, and of their factors; and
+    correlation, (F, F), of the standardized errors of the dense counts.
+    """
     dense, spread, force, force_spread = (
         torch.cat([getattr(dataset, name) for dataset in datasets]).double()
         for name in ("dense_counts", "spread", "force", "force_spread")
@@ -111,18 +103,30 @@ def fit_calibration(datasets: Sequence[Errors]) -> UncertaintyCalibration:
     inverse_std = moment.diagonal().clamp(min=1e-12).rsqrt()
     correlation = (1.0 - SHRINKAGE) * inverse_std[:, None] * moment * inverse_std
     correlation.fill_diagonal_(1.0)
-    force_knots = fit_knots(force_spread, force, FORCE_SHARES, MIN_ERRORS)
-    found = UncertaintyCalibration(
-        place.float(), press.float(), force_knots.float(), correlation.float()
-    )
-    shear = [dataset.shear.double() for dataset in datasets if dataset.shear is not None]
-    spread = [
-        dataset.shear_spread.double() for dataset in datasets if dataset.shear_spread is not None
-    ]
-    if not sum(map(len, shear)):
-        return found
-    knots = fit_knots(torch.cat(spread), torch.cat(shear), SHEAR_SHARES, MIN_ERRORS)
-    return replace(found, shear=knots.float())
+    found = {
+        "place_knots": place,
+        "press_knots": press,
+        "force_knots": fit_knots(force_spread, force, FORCE_SHARES, MIN_ERRORS),
+        "correlation": correlation,
+    }
+    shear = [(each.shear, each.shear_spread) for each in datasets if each.shear is not None]
+    if sum(len(errors) for errors, _ in shear):
+        errors, spread = (torch.cat(each).double() for each in zip(*shear, strict=True))
+        found["shear_knots"] = fit_knots(spread, errors, SHEAR_SHARES, MIN_ERRORS)
+    return {name: each.float() for name, each in found.items()}
+
+
+DEGREES_OF_FREEDOM = 4.0
+"""Of the t distribution of the likelihood. After 2,000 steps on fixed features, validation without
+the least certain fifth has a 13 % lower RMSE, with a Gaussian 4 %; 3 and 8 are equally good
+(measured)."""
+
+
+def negative_log_likelihood(error: torch.Tensor, log_spread: torch.Tensor) -> torch.Tensor:
+    """Negative logarithms of Student's density, which spreads are trained on, up to a constant."""
+    square = error.square() * torch.exp(-2.0 * log_spread)
+    tail = torch.log1p(square / DEGREES_OF_FREEDOM)
+    return log_spread + 0.5 * (DEGREES_OF_FREEDOM + 1.0) * tail
 
 
 def standard_deviation(
@@ -132,9 +136,14 @@ def standard_deviation(
 
     log_spread: (B, F), logarithms of the raw spreads. place, press: (2, K) knots.
     """
-    std = log_spread.exp() * interpolate_scale(log_spread, place)
+    std = calibrated(log_spread, place)
     std = std * interpolate_scale(std.mean(dim=1, keepdim=True).log(), press)
     return std.clamp(min=MIN_STD)
+
+
+def calibrated(log_spread: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
+    """Standard deviations of raw spreads, of any shape. knots: (2, K)."""
+    return log_spread.exp() * interpolate_scale(log_spread, knots)
 
 
 def interpolate_scale(log_spread: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:

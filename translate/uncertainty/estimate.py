@@ -16,36 +16,46 @@ from t2twin.sim.taxels.spec import CountsTable, Imperfections
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.uncertainty.ood import OODClass
 
+VALUES = (
+    "counts", "counts_std", "dense_counts", "dense_counts_std", "force_n", "force_std_n",
+    "shear_n", "shear_std_n", "tactile_images", "tactile_std",
+)  # fmt: skip
+"""Names of the predictions of an estimate."""
+
 
 @dataclass(frozen=True)
 class Estimate:
     """The prediction for one image, or for B images with B before every shape.
 
-    counts, counts_std: (N,) float32, counts and their standard deviations. dense_counts,
-    dense_counts_std: (F,) float32, the same at the places of the dense counts. force_n,
-    force_std_n: () float32, N, or None if the run was trained on presses of one force. shear_n,
-    shear_std_n: (2,) float32, N, shear force on the gel camera along x and y, or None if the run
-    was trained without. full_scale_counts: where taxels saturate. ood_class: the OODClass, of B
-    images (B,) objects; None for an estimate of pixels. array: the taxel array as in datasets, with
-    its imperfections; None if it is unknown.
+    counts: (N,) float32. All else may be None. counts_std: (N,) float32, their standard deviations.
+    dense_counts, dense_counts_std: (F,) float32, the same at the places of the dense counts.
+    force_n, force_std_n: () float32, N, unless the run was trained on presses of one force.
+    shear_n, shear_std_n: (2,) float32, N, shear force on the gel camera along x and y.
+    tactile_images, tactile_std: (R, C) float32, counts. full_scale_counts: where taxels saturate.
+    ood_class: the OODClass, of B images (B,) objects. array: the taxel array as in datasets, with
+    its imperfections.
 
     Counts and their standard deviations are of the noiseless array.
     """
 
-    counts: np.ndarray
-    counts_std: np.ndarray
-    dense_counts: np.ndarray
-    dense_counts_std: np.ndarray
-    force_n: np.ndarray | None
-    force_std_n: np.ndarray | None
-    shear_n: np.ndarray | None
-    shear_std_n: np.ndarray | None
     full_scale_counts: float
+    counts: np.ndarray
+    counts_std: Any = None
+    dense_counts: Any = None
+    dense_counts_std: Any = None
+    force_n: Any = None
+    force_std_n: Any = None
+    shear_n: Any = None
+    shear_std_n: Any = None
+    tactile_images: Any = None
+    tactile_std: Any = None
     ood_class: Any = None
     array: TaxelArray | None = None
 
     def __repr__(self) -> str:
-        parts = [f"counts {self.counts.shape}", f"dense_counts {self.dense_counts.shape}"]
+        parts = [f"counts {self.counts.shape}"]
+        if self.dense_counts is not None:
+            parts.append(f"dense_counts {self.dense_counts.shape}")
         for name, value, std in (
             ("force", self.force_n, self.force_std_n),
             ("shear", self.shear_n, self.shear_std_n),
@@ -66,6 +76,8 @@ class Estimate:
         shape of counts. Raises T2TwinError for another level, and for a reading of an array whose
         noise is unknown.
         """
+        if self.counts_std is None:
+            raise T2TwinError("the run predicts no uncertainty; an interval needs a field run")
         counts, std = self.counts, self.counts_std
         if arguments.flag(reading, "reading"):
             if self.array is None:
@@ -120,5 +132,4 @@ def concatenate(parts: list[Estimate]) -> Estimate:
 
 def _arrays(estimate: Estimate) -> list[str]:
     """Names of the predictions that an estimate has."""
-    given = (name for name, value in vars(estimate).items() if value is not None)
-    return [name for name in given if name not in ("full_scale_counts", "array")]
+    return [name for name in (*VALUES, "ood_class") if getattr(estimate, name) is not None]

@@ -1,0 +1,401 @@
+"""Translation of files: thousands of images to counts, or to contacts, and readings of any pair.
+
+Threads read, decode and write files while the network computes; a few batches are in memory at a
+time. Outputs are written to a temporary folder and moved at the end, so that errors and
+interruptions leave no partial output.
+
+Shape letters: B images or readings, N taxels, S image side of the run, c channels.
+"""
+
+import io
+import json
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from t2twin.core import arguments
+from t2twin.core.draw import colored_tactile_image
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import locked, move_into, read_file, temporary_folder, write_csv
+from t2twin.core.images import SUFFIXES
+from t2twin.core.progress import Progress
+from t2twin.sim.tables import ERRORS, read_csv
+from t2twin.translate.data.images import open_image, to_pixels
+from t2twin.translate.data.sides import ArraySide
+from t2twin.translate.inference.contact import ContactEstimate
+from t2twin.translate.inference.load import load_run, load_torch
+from t2twin.translate.inference.predictor import BATCH_SIZE, TrainedTranslator, with_background
+from t2twin.translate.runs.config import DEFAULT_RUN
+from t2twin.translate.uncertainty.estimate import Estimate, concatenate
+from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
+
+COUNTS_CSV, COUNTS_JSON, COUNTS_STD_CSV = "counts.csv", "counts.json", "counts_std.csv"
+CONTACTS_CSV = "contacts.csv"
+
+TAXEL = "taxel_"
+"""Start of the columns of counts."""
+
+COLUMNS = ("force_n", "force_std_n", "largest_depth_mm", "area_mm2", "force_in_view_n")
+VECTORS = ("center_mm", "center_std_mm", "shear_n", "shear_std_n")
+VECTOR_COLUMNS = (
+    "center_x_mm", "center_y_mm", "center_std_x_mm", "center_std_y_mm",
+    "shear_x_n", "shear_y_n", "shear_std_x_n", "shear_std_y_n",
+)  # fmt: skip
+"""Numbers and vectors of ContactEstimate.summary in contacts.csv, and the vectors' columns."""
+
+
+def find_images(paths: Sequence[str | Path]) -> list[Path]:
+    """The image files in a list of files and folders, in its order.
+
+    From a folder: its PNG and JPEG files, sorted by name, without subfolders and hidden files.
+    Raises T2TwinError for an empty list, and for a folder without images.
+    """
+    images: list[Path] = []
+    for path in arguments.paths(paths, "paths"):
+        if not path.is_dir():
+            images.append(path)
+            continue
+        files = (file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
+        inside = sorted(file for file in files if not file.name.startswith("."))
+        if not inside:
+            raise T2TwinError(
+                f"the folder {path} contains no images; give PNG or JPEG files, or a folder of them"
+            )
+        images += inside
+    if not images:
+        raise T2TwinError("there is no image to translate; give at least one PNG or JPEG file")
+    return images
+
+
+def output_names(inputs: Sequence[Path]) -> list[str]:
+    """One PNG file name per input, all different even without case."""
+    names: dict[str, str] = {}
+    for path in inputs:
+        number, name = 1, f"{path.stem}.png"
+        while name.lower() in names:
+            number += 1
+            name = f"{path.stem}-{number}.png"
+        names[name.lower()] = name
+    return list(names.values())
+
+
+@contextmanager
+def _output(out_dir: Path, inputs: Sequence[Path]) -> Iterator[tuple[Path, list[str]]]:
+    """A temporary folder, and a list for the names of files to move from it to out_dir at the end.
+
+    Raises T2TwinError for a name that has the place of an input.
+    """
+    with locked(out_dir), temporary_folder(out_dir, "translate") as folder:
+        names: list[str] = []
+        yield folder, names
+        places = {path.resolve() for path in inputs}
+        for name in names:
+            if out_dir.resolve() / name in places:
+                raise T2TwinError(
+                    f"{out_dir / name} is one of the inputs and would be replaced; write into "
+                    "another folder"
+                )
+        move_into(out_dir, [folder / name for name in names])
+
+
+def translate_files(
+    run_dir: str | Path,
+    paths: Sequence[str | Path],
+    out_dir: str | Path,
+    layout: str | Path | None = None,
+    png: bool = True,
+    bf16: bool = False,
+    background: str | Path | None = None,
+) -> Estimate:
+    """Translates image files; writes counts.csv, counts.json and a PNG file per tactile image.
+
+    A field run also writes counts_std.csv, the standard deviations of the counts; its PNG files
+    fade to white with increasing uncertainty.
+
+    paths: PNG or JPEG files, or folders of them (see `find_images`), of any size, grey, color or
+    16-bit; upright, rows along the sensor's length. PNG files have the names of their inputs; for
+    equal names the second is `press-2.png`. layout: name or file of a taxel layout that a
+    touch2touch or field run is read at, by default its own. png: False writes no PNG files,
+    which is faster. bf16: as for `load_run`. background: image file of the background frame of the
+    same sensor, for a field run; by default the mean frame of its dataset.
+    PNG files of an earlier translation in the folder are removed. Returns the predictions in the
+    order of `find_images`.
+    Raises T2TwinError, without output, for no image, a file that is missing or not an image, and a
+    folder that is not a run. It also does for a layout that the run cannot be read at, a background
+    frame with another run, and a PNG file that would replace an input.
+    """
+    images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
+    still = None if background is None else arguments.path(background, "background")
+    names = output_names(images) if arguments.flag(png, "png") else []
+    run = load_run(run_dir, layout, bf16)
+    with ThreadPoolExecutor() as pool, _output(out_dir, images) as (folder, written):
+        found = _translate(run, images, [folder / name for name in names], pool, still)
+        written += [*names, *_write_tables(folder, run, images, names, found, still)]
+        inputs = {path.resolve() for path in images}
+        for path in _earlier_files(out_dir) - inputs - {out_dir.resolve() / n for n in written}:
+            path.unlink(missing_ok=True)
+    return found
+
+
+def translate_images(
+    paths: Sequence[str | Path],
+    out_dir: str | Path,
+    run: str | Path = DEFAULT_RUN,
+    layout: str | Path | None = None,
+    png: bool = True,
+    bf16: bool = False,
+    background: str | Path | None = None,
+) -> np.ndarray:
+    """As `translate_files`; returns the counts, (B, N) float32, in the order of `find_images`.
+
+    run: a folder that `train` wrote, or the name of a pretrained run.
+    """
+    return translate_files(run, paths, out_dir, layout, png, bf16, background).counts
+
+
+def _translate(
+    run: TrainedTranslator,
+    images: list[Path],
+    files: list[Path],
+    pool: ThreadPoolExecutor,
+    background: Path | None,
+) -> Estimate:
+    """Predicts all images and writes the PNG files, if there are any."""
+    native = None if background is None else np.asarray(open_image(background))
+    frame = None if native is None else run.pixels_of(native, native)[0, ..., 3:]
+    preset, info = run.config.preset, run.config.data.array
+
+    def read(path: Path) -> tuple[np.ndarray, OODClass]:
+        image = open_image(path)
+        own = classify_frame(np.asarray(image), run.config.data.camera.aspect, native)
+        return to_pixels(image, preset.size, preset.grey), own
+
+    def save(tactile: np.ndarray, std: np.ndarray | None, path: Path) -> None:
+        image = colored_tactile_image(
+            tactile, info.x_mm, info.y_mm, info.full_scale_counts, std, info.tactile_image[2]
+        )
+        image.save(path, compress_level=1)  # half the time, 1.5 times the size
+
+    waiting: deque[tuple[slice, Iterator[tuple[np.ndarray, OODClass]]]] = deque()
+    parts = deque(slice(n, n + BATCH_SIZE) for n in range(0, len(images), BATCH_SIZE))
+    estimates: list[Estimate] = []
+    bar = Progress(
+        total=len(images), desc="translating", unit="image", disable=len(images) <= BATCH_SIZE
+    )
+    with bar:
+        while parts or waiting:
+            while parts and len(waiting) < 2:  # one batch is read ahead
+                part = parts.popleft()
+                waiting.append((part, pool.map(read, images[part])))
+            part, reads = waiting.popleft()
+            pixels, own = zip(*reads, strict=True)
+            inputs = np.stack(pixels)
+            inputs = inputs if frame is None else with_background(inputs, frame)
+            found = run.estimate_pixels(inputs, classified=True, tactile=bool(files))
+            found.ood_class[:] = list(map(combined, own, found.ood_class))
+            if files:
+                stds = [None] * len(own) if found.tactile_std is None else found.tactile_std
+                list(pool.map(save, found.tactile_images, stds, files[part]))
+            estimates.append(replace(found, tactile_images=None, tactile_std=None))
+            bar.update(len(own))
+    return concatenate(estimates)
+
+
+def _write_tables(
+    folder: Path,
+    run: TrainedTranslator,
+    images: list[Path],
+    names: list[str],
+    found: Estimate,
+    background: Path | None,
+) -> list[str]:
+    """Writes counts.csv and counts.json, and counts_std.csv for a field run. Returns their names.
+
+    names: of the PNG files, or empty. background: file of the background frame, or None.
+    """
+    files, info = list(map(_text, images)), run.config.data.array
+    columns = ["image", *(f"{TAXEL}{n}" for n in range(found.counts.shape[1]))]
+    values = {"counts": np.rint(found.counts).astype(int).tolist()}
+    rows = zip(files, values["counts"], map(str, found.ood_class), strict=True)
+    lines = [[file, *row, ood_class] for file, row, ood_class in rows]
+    write_csv(folder / COUNTS_CSV, [*columns, "ood_class"], lines)
+    if found.counts_std is not None:
+        values["counts_std"] = np.ceil(found.counts_std).astype(int).tolist()
+        lines = [[file, *row] for file, row in zip(files, values["counts_std"], strict=True)]
+        write_csv(folder / COUNTS_STD_CSV, columns, lines)
+    for name in ("force_n", "force_std_n", "shear_n", "shear_std_n"):
+        if (value := getattr(found, name)) is not None:
+            values[name] = value.astype(float).round(3).tolist()
+    head = {
+        "model": run.config.model,
+        "preset": run.config.preset.name,
+        "layout": info.layout,
+        "layout_x_mm": info.x_mm.tolist(),
+        "layout_y_mm": info.y_mm.tolist(),
+        "full_scale_counts": info.full_scale_counts,
+        **({} if background is None else {"background": str(background)}),
+    }
+    entries = [
+        {"image": str(image)}
+        | ({"tactile_image": names[n]} if names else {})
+        | {name: each[n] for name, each in values.items()}
+        | ood_entry(found.ood_class[n])
+        for n, image in enumerate(images)
+    ]
+    # One line per image, so that large files stay readable by line.
+    lines = [f"  {json.dumps(key)}: {json.dumps(value)},\n" for key, value in head.items()]
+    body = ",\n    ".join(map(json.dumps, entries))
+    text = f'{{\n{"".join(lines)}  "images": [\n    {body}\n  ]\n}}\n'
+    (folder / COUNTS_JSON).write_text(text)
+    return [COUNTS_CSV, COUNTS_JSON, *([COUNTS_STD_CSV] if "counts_std" in values else [])]
+
+
+def ood_entry(ood_class: OODClass) -> dict[str, Any]:
+    """The JSON keys of an image's class: in_distribution, and ood_class if it is false."""
+    if ood_class == OODClass.IN_DISTRIBUTION:
+        return {"in_distribution": True}
+    return {"in_distribution": False, "ood_class": str(ood_class)}
+
+
+def _earlier_files(out_dir: Path) -> set[Path]:
+    """PNG files and counts_std.csv of an earlier translation, as listed in its counts.json."""
+    try:
+        images = json.loads((out_dir / COUNTS_JSON).read_text())["images"]
+        names = {str(entry.get("tactile_image", "")) for entry in images}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return set()
+    own = {name for name in names if name.endswith(".png") and Path(name).name == name}
+    return {out_dir.resolve() / name for name in (*own, COUNTS_STD_CSV)}
+
+
+def _text(path: Path) -> str:
+    """A path as text; names that are not valid text are escaped."""
+    return str(path).encode(errors="backslashreplace").decode()
+
+
+def translate_contacts(
+    run: str | Path,
+    paths: Sequence[str | Path],
+    out_dir: str | Path,
+    background: str | Path | None = None,
+    files: bool = True,
+) -> list[ContactEstimate]:
+    """Translates image files to contacts; writes contacts.csv, and the files of each contact.
+
+    run, paths, background: as for `translate_files`. files: whether the files of
+    ContactEstimate.save are written, with the names of the images. Returns the contacts in the
+    order of `find_images`. Raises T2TwinError, without output, as `translate_files`, and for a run
+    that does not predict the contact.
+    """
+    images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
+    names = [Path(name).stem for name in output_names(images)]
+    predictor, frame = load_run(run), None
+    if background is not None:
+        frame = np.asarray(open_image(arguments.path(background, "background")))
+    found: list[ContactEstimate] = []
+    with _output(out_dir, images) as (folder, written):
+        starts = range(0, len(images), BATCH_SIZE)
+        for start in Progress(starts, desc="translating", unit="batch", disable=len(starts) < 2):
+            part = slice(start, start + BATCH_SIZE)
+            contacts = predictor.contact([np.asarray(open_image(p)) for p in images[part]], frame)
+            assert isinstance(contacts, list)
+            for name, each in zip(names[part], contacts, strict=True):
+                written += [path.name for path in each.write(folder, name)] if files else []
+            found += contacts
+        rows = [_row(path, each) for path, each in zip(images, found, strict=True)]
+        write_csv(folder / CONTACTS_CSV, ["image", *COLUMNS, *VECTOR_COLUMNS, "notes"], rows)
+        written.append(CONTACTS_CSV)
+    return found
+
+
+def _row(path: Path, contact: ContactEstimate) -> list[object]:
+    summary = contact.summary()
+    values = [summary.get(name) for name in COLUMNS]
+    for name in VECTORS:
+        values += summary.get(name) or [None, None]
+    cells = ["" if value is None else value for value in values]
+    return [_text(path), *cells, "; ".join(contact.notes)]
+
+
+def translate_readings(
+    run: str | Path, paths: Sequence[str | Path], out_dir: str | Path, png: bool = True
+) -> np.ndarray:
+    """Translates files of any other pair; writes counts.csv, or a PNG file per predicted image.
+
+    run: one that predicts images, or counts from counts. paths: CSV or NPY files of counts, (N,) or
+    (B, N), in the order of the run's layout, CSV files with the columns taxel_0, taxel_1 and so on;
+    or image files and folders as for `find_images`. png: whether tactile images of predicted counts
+    are written too. Returns (B, N) counts, or (B, rows, columns, 3) uint8 images. Warns with
+    T2TwinWarning of images that are out of distribution. Raises T2TwinError, without output, for a
+    run from images to counts, files that cannot be read, and counts that the source cannot measure.
+    """
+    files, out_dir = arguments.paths(paths, "paths"), arguments.path(out_dir, "out_dir")
+    predictor = load_torch(run)
+    is_other = not predictor.config.is_image_to_counts
+    predictor.need(is_other, "a translation of readings", "a run of another direction")
+    source, target = predictor.config.data.source, predictor.config.data.target
+    if isinstance(source, ArraySide):
+        counts = [read_counts(path, source) for path in files]
+        readings: Any = np.concatenate(counts)
+        inputs = [path for path, each in zip(files, counts, strict=True) for _ in each]
+    else:
+        inputs = find_images(files)
+        readings = [np.asarray(open_image(path)) for path in inputs]
+    names = output_names(inputs)
+    with _output(out_dir, inputs) as (folder, written):
+        predicted = predictor.predict(readings)
+        if isinstance(target, ArraySide):
+            columns = ["reading", *(f"{TAXEL}{n}" for n in range(target.x_mm.size))]
+            rows = zip(map(_text, inputs), np.rint(predicted).astype(int).tolist(), strict=True)
+            write_csv(folder / COUNTS_CSV, columns, [[name, *row] for name, row in rows])
+            written.append(COUNTS_CSV)
+        if png or not isinstance(target, ArraySide):
+            for name, each in zip(names, predicted, strict=True):
+                _picture(each, target).save(folder / name, compress_level=1)
+            written += names
+    return predicted
+
+
+def _picture(predicted: np.ndarray, target: Any) -> Image.Image:
+    """The picture of predicted counts or of a predicted image."""
+    if not isinstance(target, ArraySide):
+        return Image.fromarray(predicted)
+    tactile, px_per_mm = target.phi(predicted), target.tactile_image[2]
+    return colored_tactile_image(
+        tactile, target.x_mm, target.y_mm, target.full_scale, None, px_per_mm
+    )
+
+
+def read_counts(path: Path, array: ArraySide) -> np.ndarray:
+    """(B, N) counts of a CSV or NPY file. Raises T2TwinError for a file that has no such counts."""
+    taxels, content = array.x_mm.size, read_file(path)
+    if path.suffix.lower() == ".npy":
+        try:
+            found = np.load(io.BytesIO(content), allow_pickle=False)
+        except (ValueError, EOFError, OSError):
+            raise T2TwinError(f"{path} cannot be read as an NPY file of numbers") from None
+        if found.ndim not in (1, 2) or found.shape[-1] != taxels or found.dtype.kind not in "iuf":
+            raise T2TwinError(
+                f"{path} has numbers of shape {found.shape}; expected ({taxels},) or "
+                f"(B, {taxels}), the {array.words}"
+            )
+        return np.atleast_2d(found).astype(np.float32)
+    columns = [f"{TAXEL}{n}" for n in range(taxels)]
+    try:
+        table, _ = read_csv(content)
+        own = [name for name in table.column_names if name.startswith(TAXEL)]
+        if sorted(own) != sorted(columns):
+            raise ValueError(f"it has {len(own)} columns of taxels")
+        return np.column_stack([table[name].to_numpy().astype(np.float32) for name in columns])
+    except (*ERRORS, ValueError, TypeError) as error:
+        raise T2TwinError(
+            f"{path} cannot be read ({error}); expected a CSV file with the columns {columns[0]} "
+            f"to {columns[-1]}, or an NPY file, of {array.words}"
+        ) from error
