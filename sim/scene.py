@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.mujoco_pins import BALL_MM, PIN_MASS, SHAPE_MASS
+from t2twin.sim.contact.mujoco_contact import BALL_MM, PIN_MASS, SHAPE_MASS
 from t2twin.sim.contact.types import Contact, PinState
 
 STEP_S = 0.02

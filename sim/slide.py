@@ -14,7 +14,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.sliding import MAX_FRICTION
+from t2twin.sim.contact.friction import Friction
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.touch import Touch
@@ -114,22 +114,17 @@ def _check_row(row: list[float], before: list[float], place: str) -> None:
         )
 
 
-def check_friction(friction: float | None) -> float | None:
-    """A coefficient of friction, or None. Raises T2TwinError for a value out of range."""
-    return None if friction is None else arguments.number(friction, "friction", 0.0, MAX_FRICTION)
-
-
 def touches_along(
     sensors: SensorPair,
     shape: Shape,
     commands: Sequence[PressCommand],
-    friction: float | None,
+    friction: float | Friction | None,
     rng: np.random.Generator | None,
     only: str | None = None,
 ) -> Iterator[Touch]:
     """The touches of a path, one for each command.
 
-    friction: as for `check_friction`. rng, only: as for `SensorPair.press`.
+    friction: or its coefficient. rng, only: as for `SensorPair.press`.
     Raises T2TwinError as `solve_contact` does, before the first slide if a row leaves a pad.
     """
     touch, is_checked = None, False
@@ -151,7 +146,7 @@ def slide_to(
     sensors: SensorPair,
     touch: Touch,
     command: PressCommand,
-    friction: float | dict[str, float] | None,
+    friction: float | Friction | dict[str, float] | None,
 ) -> Touch:
     """Slide the shape of a touch to another pose and force; without images and counts.
 

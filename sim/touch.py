@@ -26,9 +26,8 @@ from t2twin.core.machine import installed_version
 from t2twin.primitives_cad.mesh_files import binary_stl
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
-from t2twin.sim.contact.contact_notes import contact_notes
 from t2twin.sim.contact.elastomer import elastomer_json
-from t2twin.sim.contact.types import TILT, Contact, PressCommand
+from t2twin.sim.contact.types import TILT, Contact, PressCommand, contact_notes
 from t2twin.sim.optical.gel_camera import ImageReading
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA

@@ -52,7 +52,7 @@ def main() -> None:
     compiled by one of the two.
     """
     threading.Thread(target=lambda: (sys.stdin.read(), os._exit(0)), daemon=True).start()
-    from t2twin.sim.contact.convolution import convolve
+    from t2twin.sim.contact.layer import convolve
     from t2twin.sim.contact.solver_loops import precondition, spring_step
 
     for loop in (convolve, spring_step, precondition):

@@ -16,7 +16,7 @@ import t2twin
 from t2twin import T2TwinError
 from t2twin.attachment.contacts import Pose, relative_motion
 from t2twin.core.errors import T2TwinWarning
-from t2twin.sim.contact import mujoco_pins
+from t2twin.sim.contact import mujoco_contact
 
 RADIUS_M = 0.006
 FORCE_N = 8.0
@@ -493,7 +493,7 @@ def test_readings_do_not_wait_for_models(monkeypatch):
     def compiled(pins):
         raise AssertionError(f"a model of {pins} pins is compiled")
 
-    monkeypatch.setattr(mujoco_pins, "MujocoPins", compiled)
-    for pins in range(1, mujoco_pins.PREPARED_PINS, 99):
-        with mujoco_pins.borrowed_pins(pins) as model:
+    monkeypatch.setattr(mujoco_contact, "MujocoPins", compiled)
+    for pins in range(1, mujoco_contact.PREPARED_PINS, 99):
+        with mujoco_contact.borrowed_pins(pins) as model:
             assert model.pins >= pins

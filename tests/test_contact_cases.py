@@ -56,7 +56,7 @@ def test_small_parts_get_pins_of_half_the_size(sensor):
 def test_narrow_ridges_get_small_pins(seed, force_n, side_mm):
     own, command = SENSORS["cyskin"], PressCommand("", 0.0, 0.0, 0.4, force_n)
     body = RandomShape(seed), command
-    contact = solve_bodies([body], own.flat, own.pitch_mm, verify=False)
+    contact = solve_bodies([body], own.flat, own.pitch_mm, with_mujoco=False)
     assert contact.settled and contact.pins.side_mm.min() == pytest.approx(side_mm)
 
 

@@ -11,9 +11,9 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.loads.carry import carry
-from t2twin.sim.contact.loads.prescribed import Load, owner_of
+from t2twin.sim.contact.friction import Friction
 from t2twin.sim.contact.pin_layout import OffPadError
+from t2twin.sim.contact.prescribed import Load, carry, owner_of
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import Contact, PressCommand
 
@@ -32,7 +32,7 @@ def ball(x_mm=0.0, y_mm=0.0, radius_mm=4.0, name="ball"):
 
 
 def load(shape, force_n=4.0, shear_n=(0.0, 0.0), torque_nmm=0.0, motion=(0.0, 0.0, 0.0)):
-    return Load(shape, force_n, shear_n, torque_nmm, motion, FRICTION)
+    return Load(shape, force_n, shear_n, torque_nmm, motion, Friction(FRICTION))
 
 
 def pressed(load, elastomer=FLAT, pitch_mm=0.5):
@@ -82,7 +82,9 @@ def test_compliance_of_a_ball(share):
     3 mu P (2 - nu) / (16 G a) (1 - (1 - Q / mu P)^(2/3)), exact for nu = 0."""
     young, friction, force = 1.0, 0.2, 0.1
     half_space = Elastomer("thick", 100.0, young, 0.0, 12.0, 12.0, law="linear")
-    pushed = Load(ball(), force, (share * friction * force, 0.0), 0.0, (0.0, 0.0, 0.0), friction)
+    pushed = Load(
+        ball(), force, (share * friction * force, 0.0), 0.0, (0.0, 0.0, 0.0), Friction(friction)
+    )
     contact = carry(half_space, 0.1, [pushed], None)
     radius = (0.75 * force * 4.0 / young) ** (1 / 3)
     full_mm = 3 * friction * force * 2 / (16 * young / 2 * radius)
@@ -125,7 +127,7 @@ def test_too_large_a_torque_leaves_the_force():
 
 
 def test_no_friction_and_tiny_forces():
-    slick = replace(load(ball(), 4.0, (1.0, 0.0), 2.0, (0.1, 0.0, 0.0)), friction=0.0)
+    slick = replace(load(ball(), 4.0, (1.0, 0.0), 2.0, (0.1, 0.0, 0.0)), friction=Friction(0.0))
     contact = carry(FLAT, 0.5, [slick], carry(FLAT, 0.5, [slick], None))
     assert contact.settled and not contact.shear_kpa.any()
     light = load(ball(), 0.01, (1e-9, 0.0), -1e-9)
@@ -133,16 +135,6 @@ def test_no_friction_and_tiny_forces():
         contact = carry(FLAT, 0.5, [light], contact)
         assert contact.settled and contact.force_n == pytest.approx(0.01, rel=1e-3)
         assert contact.shear_n == pytest.approx([1e-9, 0.0], abs=2e-10)
-
-
-def test_a_rolling_body():
-    """The contact moves with the body's place; cells that it leaves have no traction."""
-    contact = None
-    for step in range(4):
-        wanted = load(ball(0.4 * step), 2.0, (0.4, 0.2), -0.2 + 0.08 * step)
-        contact = carry(FLAT, 0.5, [wanted], contact)
-        check_wrench(contact, wanted)
-        assert not contact.shear_kpa[:, contact.pressure_kpa == 0].any()
 
 
 def shares(contact: Contact):
@@ -171,14 +163,6 @@ def test_two_bodies_carry_their_own_forces():
     alone = carry(FLAT, 0.5, [one], contact)  # the other one is lifted off
     check_wrench(alone, one)
     assert not alone.pressure_kpa[:, alone.x_mm > 2].any()
-
-
-def test_two_equal_bodies_are_symmetric():
-    equal = [load(ball(x, radius_mm=3.0, name=str(x)), 3.0) for x in (-4.0, 4.0)]
-    contact = carry(FLAT, 0.5, equal, None)
-    assert shares(contact)[0] == pytest.approx(3.0, rel=1e-4)
-    pressure = contact.pressure_kpa
-    assert pressure == pytest.approx(pressure[:, ::-1], abs=1e-3 * float(pressure.max()))
 
 
 def test_a_far_body_with_the_least_force():

@@ -10,22 +10,15 @@ from benchmarks.motion.slides_closed_forms import FORCE_N, torsion, twisted_ball
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact import pin_layout, sliding
-from t2twin.sim.contact.contact_notes import FAR_SHEARED, contact_notes
+from t2twin.sim.contact.closed_forms import shear_kernels, spectra
 from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.displacements import FAR_SHARE, MAX_SHORTENING, is_far, unfolded
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.layer import base_stress, cached_layer, compliance_mm_per_mpa
+from t2twin.sim.contact.friction import Friction, solve_traction
+from t2twin.sim.contact.layer import DomedLayer, cached_layer, cached_shear_layer, domed_layer
 from t2twin.sim.contact.pin_layout import PinLayout, Survey
 from t2twin.sim.contact.sliding import advance
-from t2twin.sim.contact.tangential.displacements import (
-    FAR_SHARE,
-    MAX_SHORTENING,
-    is_far,
-    unfolded,
-)
-from t2twin.sim.contact.tangential.kernels import shear_kernels, spectra
-from t2twin.sim.contact.tangential.shear_layer import DomedLayer, cached_shear_layer, domed_layer
-from t2twin.sim.contact.tangential.traction import solve_traction
-from t2twin.sim.contact.types import PressCommand, SurfaceShift
+from t2twin.sim.contact.types import FAR_SHEARED, PressCommand, SurfaceShift, contact_notes
 from t2twin.sim.optical.surface import surface_on
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.pads import pad_pressure_mpa
@@ -78,13 +71,6 @@ def test_limits_of_the_spectra(poisson):
     assert abs(long.base_shear) < 1e-3
 
 
-def test_normal_part_is_that_of_the_normal_press():
-    k = np.geomspace(1e-3, 50, 40)
-    found = spectra(k, 2.5, 0.1, 0.47)
-    assert found.normal == pytest.approx(compliance_mm_per_mpa(k, 2.5, 0.1, 0.47), rel=1e-9)
-    assert found.base_pressure == pytest.approx(base_stress(k, 2.5, 0.47), rel=1e-9, abs=1e-30)
-
-
 def test_kernels_are_the_inverse_transform_of_the_spectra():
     pitch, n, over, period = 0.5, 16, 8, 96
     cover = COVER
@@ -95,25 +81,25 @@ def test_kernels_are_the_inverse_transform_of_the_spectra():
     of_layer = spectra(radius, cover.thickness_mm, cover.young_mpa, cover.poisson)
     cos, sin = kx / radius, ky / radius
     cell = (np.sinc(kx * pitch / 2 / np.pi) * np.sinc(ky * pitch / 2 / np.pi)) ** 2 * over**2
-    for name, spectrum in {
-        "xx": of_layer.longitudinal * cos**2 + of_layer.transverse * sin**2,
-        "xy": (of_layer.longitudinal - of_layer.transverse) * cos * sin,
-        "yy": of_layer.longitudinal * sin**2 + of_layer.transverse * cos**2,
-        "xz": 1j * of_layer.coupling * cos,
-        "yz": 1j * of_layer.coupling * sin,
-    }.items():
+    expected_spectra = (
+        of_layer.longitudinal * cos**2 + of_layer.transverse * sin**2,
+        (of_layer.longitudinal - of_layer.transverse) * cos * sin,
+        of_layer.longitudinal * sin**2 + of_layer.transverse * cos**2,
+        1j * of_layer.coupling * cos,
+        1j * of_layer.coupling * sin,
+    )
+    for kernel, spectrum in zip(kernels, expected_spectra, strict=True):
         values = np.roll(np.fft.ifft2(spectrum * cell).real, (period * over // 2,) * 2, (0, 1))
         middle = slice(period // 2 - n + 1, period // 2 + n)
         expected = values[::over, ::over][middle, middle]
-        error = np.abs(getattr(kernels, name) - expected).max()
-        assert error < 4e-3 * np.abs(expected).max(), name
+        assert np.abs(kernel - expected).max() < 4e-3 * np.abs(expected).max()
 
 
 # Friction
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.47])
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("share", [0.3, 0.9])
 def test_ball_pushed_sideways(poisson, share):
     """Cattaneo 1938 and Mindlin 1949; exact for a Poisson's ratio of 0."""
     pitch, friction, force = 0.025, 0.5, 1.0
@@ -260,18 +246,6 @@ def test_sliding_ends_at_the_limit_of_friction(press):
     assert contact.motion.slip_mm[contact.pressure_kpa > 0].min() > 0
 
 
-def test_gross_sliding_moves_the_contact(press):
-    contact = press("hemisphere-4", replace(GEL, dome_width_radius_mm=np.inf), 0.25)
-    for _ in range(10):
-        contact = advance(contact, 0.2, 0.0, 0.0, 4.0, 0.2)
-    pressure = contact.pressure_kpa
-    middle = (contact.x_mm * pressure).sum() / pressure.sum()
-    assert contact.motion is not None
-    displaced = (contact.sheared_mm[0] * pressure).sum() / pressure.sum()
-    assert displaced > 0.1
-    assert middle + displaced == pytest.approx(2.0, abs=0.15)
-
-
 def test_a_quarter_turn_turns_all_fields(press):
     one = advance(press("line-sharp-2", yaw=0.3), 0.3, 0.0, 0.1, 4.0, 0.8)
     other = advance(press("line-sharp-2", yaw=0.3 + np.pi / 2), 0.0, 0.3, 0.1, 4.0, 0.8)
@@ -332,23 +306,14 @@ def test_slides_do_not_depend_on_the_number_of_steps():
     assert touch.digit.motion is None  # the given touch does not change
 
 
-def test_the_force_may_change_on_the_way():
-    twin = t2twin.Twin()
-    touch = twin.press("square-2", force_n=2.0)
-    slid = twin.slide(touch, dx_mm=0.4, force_n=6.0, steps=2)
-    assert [round(each.digit.force_n, 2) for each in slid] == [4.0, 6.0]
-
-
 @pytest.mark.parametrize(
     "arguments, sentence",
     [
-        ({"dx_mm": np.nan}, "dx_mm is nan; expected a finite number"),
-        ({"dy_mm": "1"}, "dy_mm is '1' of type str; expected a number"),
-        ({"dyaw_deg": 1e3}, "dyaw_deg is 1000; expected a number"),
-        ({"steps": 0}, "steps is 0; expected a whole number"),
-        ({"friction": -0.1}, "friction is -0.1; expected a number"),
+        ({"dx_mm": np.nan}, "dx_mm is nan"),
+        ({"dyaw_deg": 1e3}, "dyaw_deg is 1000"),
+        ({"steps": 0}, "steps is 0"),
+        ({"friction": -0.1}, "friction is -0.1"),
         ({"force_n": 0.0}, "a force of 0 N cannot be pressed"),
-        ({"seed": -1}, "seed"),
         ({"dx_mm": 40.0}, "does not lie over the"),
         ({"force_n": 2.0}, "nothing changes; give dx_mm"),
     ],
@@ -360,24 +325,14 @@ def test_a_wrong_slide_is_refused(arguments, sentence):
         twin.slide(touch, **{"steps": 1, **arguments})
 
 
-def test_only_a_touch_with_contact_can_slide():
-    twin = t2twin.Twin()
-    with pytest.raises(
-        T2TwinError, match="touch is 'x' of type str; expected an object of the class Touch"
-    ):
-        twin.slide("x")  # pyright: ignore[reportArgumentType]
-    touch = twin.press("square-2", force_n=2.0)
-    with pytest.raises(T2TwinError, match="the touch has no contact"):
-        twin.slide(replace(touch, readings={}))
-
-
 def test_friction_does_not_increase_beyond_full_contact():
     pressures = np.array([[0.5, 4.0, 8.0]]) * COVER.young_mpa
     x = y = np.arange(20) * 0.5
     for elastomer, most in ((COVER, 4.0), (replace(COVER, law="linear"), 8.0)):
         layer = domed_layer(elastomer, x, y, np.ones((20, 20)))
         expected = 0.7 * COVER.young_mpa * np.array([[0.5, 4.0, most]])
-        assert layer.limit_mpa(0.7, pressures) == pytest.approx(expected)
+        limit = Friction(0.7).limit_mpa(pressures, layer.max_mpa)
+        assert limit == pytest.approx(expected)
 
 
 def test_equal_steps_of_a_slide_repeat_the_correction_of_the_last(press, monkeypatch):
@@ -393,7 +348,9 @@ def test_equal_steps_of_a_slide_repeat_the_correction_of_the_last(press, monkeyp
             contact = advance(contact, 0.2, 0.0, 0.0, 4.0, 1.0)
             assert contact.settled and contact.motion is not None
             if not remembers:
-                contact = replace(contact, motion=replace(contact.motion, response=None))
+                contact = replace(
+                    contact, motion=replace(contact.motion, window=None, travel_mm=None)
+                )
         return len(solved), contact
 
     (fewer, found), (more, expected) = slide(True), slide(False)
@@ -409,7 +366,7 @@ def test_a_dome_responds_as_a_layer_of_its_thickness(excess_mm):
     found = domed_layer(GEL, x, y, np.ones(shape))
     middle, slope, thickness = found.middle, found.slope, 4.0
     assert middle is cached_shear_layer(GEL, thickness, 0.25, shape) and slope is not None
-    dome = DomedLayer(middle, slope, np.full(shape, excess_mm))
+    dome = DomedLayer(middle, slope, thickness, np.full(shape, excess_mm))
     expected = cached_shear_layer(GEL, thickness + excess_mm, 0.25, shape)
     traction, pressure = rng.uniform(size=(2, *shape)), rng.uniform(size=shape)
     for one, other in (
@@ -487,6 +444,8 @@ def test_a_far_sheared_surface_is_named(press):
     for _ in range(4):
         far = advance(far, -0.1, 0.1, -0.03, 11.5, 1.2)
     assert FAR_SHEARED in contact_notes(far)
+    assert far.settled or far.smaller_than_grid
+    assert not advance(replace(far, settled=False), -0.1, 0.1, 0.0, 11.5, 1.2).settled
     ordinary = advance(press("hemisphere-4", GEL, 0.25, 4.0), 0.1, 0.0, 0.0, 4.0, 0.5)
     assert contact_notes(ordinary) == []
 
@@ -514,12 +473,3 @@ def test_a_layout_returns_to_smaller_pins_only_where_they_are_clearly_fewer(monk
     assert PinLayout([survey], [medium], before=large).sizes == large.sizes
     assert PinLayout([survey], [medium], before=small).sizes == small.sizes
     assert PinLayout([survey], [light], before=large).sizes == small.sizes
-
-
-def test_tips_settle_and_each_unsettled_step_counts(press):
-    """A tip that the linear response would pull through itself."""
-    contact = press("random-4322000000089", GEL, 0.25, 11.5)
-    for _ in range(4):
-        contact = advance(contact, -0.1, 0.1, -0.03, 11.5, 1.2)
-    assert contact.settled or contact.smaller_than_grid
-    assert not advance(replace(contact, settled=False), -0.1, 0.1, 0.0, 11.5, 1.2).settled

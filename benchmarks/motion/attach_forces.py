@@ -38,7 +38,7 @@ from t2twin.attachment.sensor import NOTHING, AttachedSensor
 from t2twin.core.errors import T2TwinWarning
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.contact.contact_notes import SMALL, UNSETTLED
+from t2twin.sim.contact.types import SMALL, UNSETTLED
 from t2twin.sim.touch import Touch
 
 BENCHMARK = Benchmark(

@@ -12,10 +12,10 @@ import numpy as np
 from scipy import integrate, special
 
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.closed_forms import shear_kernels, spectra
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.tangential.kernels import shear_kernels, spectra
-from t2twin.sim.contact.tangential.shear_layer import ShearLayer
-from t2twin.sim.contact.tangential.traction import Traction, solve_traction
+from t2twin.sim.contact.friction import Traction, solve_traction
+from t2twin.sim.contact.layer import ShearLayer
 
 YOUNG_MPA, THICK_MM = 1.0, 200.0
 

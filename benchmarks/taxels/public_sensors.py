@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.evidence import Benchmark, Figure, main
-from t2twin.sim.contact.layer import base_stress
+from t2twin.sim.contact.closed_forms import spectra
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.pads import disc_transform
 from t2twin.sim.taxels.spec import TransducerTable
@@ -79,7 +79,7 @@ def strain(law: TransducerTable, pressure_kpa: float) -> float:
 def blur(thickness_mm: float, pad_mm: float, poisson: float) -> float:
     """Transfer of the bonded cover and of the pad for one period of grooves over the other."""
     narrow, wide = (
-        base_stress(k, thickness_mm, poisson) * abs(disc_transform(k, pad_mm))
+        spectra(k, thickness_mm, 1.0, poisson).base_pressure * abs(disc_transform(k, pad_mm))
         for k in 2.0 * np.pi / np.array(PERIODS_MM)
     )
     return float(narrow / wide)

@@ -15,9 +15,9 @@ from t2twin.core.records import convert
 
 Law = Literal["linear", "stiffening"]
 
+# Least thickness of a domed gel at its corners, mm (assumed; the CAD's corners are rounded).
 THINNEST_MM = 0.5
-"""Least thickness of a domed gel at its corners, mm (assumed; the CAD's corners are rounded)."""
-
+# Smallest and largest allowed value of each property (assumed: beyond any sensor's).
 RANGES = {
     "thickness_mm": (0.1, 200.0),
     "young_mpa": (0.001, 100.0),
@@ -28,17 +28,12 @@ RANGES = {
     "dome_length_radius_mm": (1.0, np.inf),
     "dome_flat_mm": (0.0, 500.0),
 }
-"""Smallest and largest allowed value of each property (assumed: beyond any sensor's)."""
+MAY_BE_FLAT = ("dome_width_radius_mm", "dome_length_radius_mm")  # inf for a flat surface
 
-MAY_BE_FLAT = ("dome_width_radius_mm", "dome_length_radius_mm")
-"""Properties that are inf for a flat surface."""
-
-NEWTON_STEPS = 2
-"""Newton steps that bring the stretch from its initial guess to within 1e-9."""
-
+NEWTON_STEPS = 2  # that bring the stretch from its initial guess to within 1e-9
+# Coefficient of the rational initial guess of a stretch. The guess has the exact value and slope
+# for small strain and the right limit for large; this value also makes it exact at l^3 + l^2 = 1.
 GUESS = 0.36
-"""Coefficient of the rational initial guess of a stretch. The guess has the exact value and slope
-for small strain and the right limit for large; this value also makes it exact at l^3 + l^2 = 1."""
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,11 @@ import numpy as np
 
 from t2twin.core.jit import compiled
 
-Window = tuple[slice, slice]
-"""Rows and columns of a part of a grid."""
-
-WINDOW_STEP = 4
-"""Window sizes are multiples of this, cells, so that few sizes occur."""
-
+Window = tuple[slice, slice]  # rows and columns of a part of a grid
+WINDOW_STEP = 4  # window sizes are multiples of this, cells, so that few sizes occur
+# Weights of the means of four cells in a row for the value before the second, third and last cell:
+# exact for cubics.
 CENTER_WEIGHTS = np.array([[3, 13, -5, 1], [-1, 7, 7, -1], [1, -5, 13, 3]]) / 12
-"""Weights of the means of four cells in a row for the value before the second, third and last cell:
-exact for cubics."""
 
 
 def window_around(mask: np.ndarray) -> Window:

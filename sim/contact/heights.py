@@ -1,21 +1,43 @@
-"""Heights of a pressed shape at points of the sensor frame."""
+"""Heights of a pressed shape in the sensor frame: at points, and over the cells of a grid."""
 
-from typing import Any
+import weakref
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2twin.core.jit import compiled
+from t2twin.core.jit import INNER, compiled
 from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
-from t2twin.sim.contact.types import PressCommand, SurfaceShift
+
+if TYPE_CHECKING:
+    from t2twin.sim.contact.types import PressCommand, SurfaceShift
+
+SAMPLES = 5  # points a side at which a cell with a wall is sampled
+# Height difference within a cell, in cells, above which it contains a wall and not a slope.
+STEEPEST = 1.5
+# Least height difference of a wall, mm (assumed: about that within the usual smallest pin). The
+# steep rim of a round needle is no wall on pins that are smaller.
+MIN_WALL_MM = 0.18
+# Weight of a cell's center in its mean height, the corners sharing the rest: exact for quadratic
+# heights.
+CENTER_WEIGHT = 2 / 3
+MIN_COVER = 0.1  # cells covered by less than this share count as free
+BLOCK = 8  # points a side of the height map's blocks whose flatness is precomputed
+NOT_FLAT = np.float32(np.inf)  # marks a block that is not flat together with all blocks around it
+MAX_PLACES = 200  # points along a side of a map among which a high place is searched (assumed)
+TOP_MM = 0.1  # height range of a high place, mm (assumed: the depth of a light press)
+NO_SHIFT = np.zeros((3, 1, 1))  # shift that the compiled loops do not read
+LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"  # types of what `lookup` returns
+SHIFT = "b1, f8[:, :, ::1]"  # types of what `shifts_on` returns
 
 
 def heights_at(
     surface: HeightMap,
-    command: PressCommand,
+    command: "PressCommand",
     x_mm: np.ndarray,
     y_mm: np.ndarray,
-    shift: SurfaceShift | None = None,
+    shift: "SurfaceShift | None" = None,
 ) -> np.ndarray:
     """Heights of a pressed shape over the points of two axes, (y, x) float32, mm, bilinear.
 
@@ -41,7 +63,7 @@ def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
 
 
 def reaches_beyond(
-    surface: HeightMap, command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray
+    surface: HeightMap, command: "PressCommand", x_mm: np.ndarray, y_mm: np.ndarray
 ) -> bool:
     """Whether a corner of a pad with these axes lies beyond a pressed shape's height map."""
     x, y = np.meshgrid(x_mm[[0, -1]] - command.x_mm, y_mm[[0, -1]] - command.y_mm)
@@ -56,7 +78,7 @@ def is_cut(surface: HeightMap) -> bool:
 
 
 def shifts_on(
-    shift: SurfaceShift | None, x_mm: np.ndarray, y_mm: np.ndarray
+    shift: "SurfaceShift | None", x_mm: np.ndarray, y_mm: np.ndarray
 ) -> tuple[bool, np.ndarray]:
     """Arguments of the compiled loops: whether there is a shift, and its values, (3, y, x)."""
     if shift is None:
@@ -67,12 +89,12 @@ def shifts_on(
 def raise_to_shape(
     surface_mm: np.ndarray,
     shape_surface: HeightMap,
-    command: PressCommand,
+    command: "PressCommand",
     x_mm: np.ndarray,
     y_mm: np.ndarray,
     apex_mm: np.ndarray,
     near: tuple[np.ndarray, np.ndarray, np.ndarray],
-    shift: SurfaceShift | None = None,
+    shift: "SurfaceShift | None" = None,
 ) -> None:
     """Raise a surface, (y, x) float32, mm, in place to a pressed shape wherever that is higher.
 
@@ -84,7 +106,7 @@ def raise_to_shape(
     _raise(*lookup(shape_surface, command), x_mm, y_mm, *shifts, apex_mm, *near, surface_mm)
 
 
-def lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
+def lookup(surface: HeightMap, command: "PressCommand") -> tuple[Any, ...]:
     """Arguments of the compiled loops, of the types LOOKUP.
 
     The heights, column and row of the shape's origin, the press position, and cos and sin of the
@@ -100,22 +122,6 @@ def lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
         float(np.cos(command.yaw_rad)) * per_mm,
         float(np.sin(command.yaw_rad)) * per_mm,
     )
-
-
-MAX_PLACES = 200
-"""Points along a side of a map among which a high place is searched (assumed)."""
-
-TOP_MM = 0.1
-"""Height range of a high place, mm (assumed: the depth of a light press)."""
-
-LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"
-"""Types of what `lookup` returns."""
-
-NO_SHIFT = np.zeros((3, 1, 1))
-"""Shift that the compiled loops do not read."""
-
-SHIFT = "b1, f8[:, :, ::1]"
-"""Types of what `shifts_on` returns."""
 
 
 @compiled(inline="always")
@@ -197,3 +203,304 @@ def _raise(
             if shifted:
                 found[n] -= shift[2, i, j]
             out[i, j] = max(out[i, j], apex[i, j] + found[n])
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """A shape over the cells of a grid, all (ny, nx).
+
+    heights_mm: mean height of the part over each cell, mm, NOTHING_MM where there is none.
+    shares: covered share of the cell, 0 to 1.
+    peaks_mm: highest point over the cell, mm.
+    """
+
+    heights_mm: np.ndarray
+    shares: np.ndarray
+    peaks_mm: np.ndarray
+
+    def coarsened(self, per_side: int) -> "Footprint":
+        """The footprint on cells of per_side x per_side of these."""
+        if per_side == 1:
+            return self
+        sizes = [side // per_side for side in self.shares.shape]
+        mean, shares, peaks = (np.empty(sizes) for _ in range(3))
+        _coarsen(self.heights_mm, self.shares, self.peaks_mm, per_side, mean, shares, peaks)
+        return Footprint(mean, shares, peaks)
+
+
+def footprint(
+    surface: HeightMap,
+    command: "PressCommand",
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    active: np.ndarray | None = None,
+    shift: "SurfaceShift | None" = None,
+) -> Footprint:
+    """The footprint on cells with centers x_mm (nx,), y_mm (ny,), mm, equally spaced.
+
+    active: bool on coarser cells that each contain a whole number of these; the others are
+        treated as free. None includes all.
+    shift: of the layer's surface. Cells meet the shape where they are displaced to, and the heights
+        are above the lowered surface.
+    """
+    heights, shares, peaks = np.empty((3, y_mm.size, x_mm.size))
+    included = np.ones((1, 1), bool) if active is None else np.ascontiguousarray(active)
+    place = *lookup(surface, command), _flat_blocks(surface), x_mm, y_mm
+    _footprint(*place, *shifts_on(shift, x_mm, y_mm), included, heights, shares, peaks)
+    return Footprint(heights, shares, peaks)
+
+
+# Results of `_flat_blocks` for living surfaces, by identity.
+_flat: dict[int, tuple[weakref.ref, np.ndarray]] = {}
+
+
+def _flat_blocks(surface: HeightMap) -> np.ndarray:
+    """Height of each block of BLOCK x BLOCK points, mm; NOT_FLAT where a neighbor differs.
+
+    Computed once a surface: a base plate and a punch's face are most of a map.
+    """
+    known = _flat.get(id(surface))
+    if known is not None and known[0]() is surface:
+        return known[1]
+    heights = np.asarray(surface.heights_mm, np.float32)
+    blocks = np.empty([-(-side // BLOCK) for side in heights.shape], np.float32)
+    _find_flat_blocks(np.ascontiguousarray(heights), blocks)
+    place = id(surface)
+    _flat[place] = weakref.ref(surface, lambda _: _flat.pop(place, None)), blocks
+    return blocks
+
+
+@compiled("void(f4[:, ::1], f4[:, ::1])", nogil=True)
+def _find_flat_blocks(heights, blocks):
+    """Write the blocks of `_flat_blocks`."""
+    rows, columns = blocks.shape
+    low, high = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.float32)
+    for a in range(rows):
+        for b in range(columns):
+            least = most = heights[a * BLOCK, b * BLOCK]
+            for i in range(a * BLOCK, min((a + 1) * BLOCK, heights.shape[0])):
+                for j in range(b * BLOCK, min((b + 1) * BLOCK, heights.shape[1])):
+                    least, most = min(least, heights[i, j]), max(most, heights[i, j])
+            low[a, b], high[a, b] = least, most
+    for a in range(rows):
+        for b in range(columns):
+            least, most = low[a, b], high[a, b]
+            for i in range(max(a - 1, 0), min(a + 2, rows)):
+                for j in range(max(b - 1, 0), min(b + 2, columns)):
+                    least, most = min(least, low[i, j]), max(most, high[i, j])
+            blocks[a, b] = least if least == most else NOT_FLAT
+
+
+@compiled(inline="always")
+def _sample(heights, cos, sin, cell, count, at, samples):
+    """Write the heights of the samples of `count` cells, (SAMPLES^2, >= count).
+
+    at: (2, >= count) columns and rows of the cells' centers on the height map.
+    """
+    apart, first = cell / SAMPLES, -(SAMPLES - 1) / 2
+    columns, rows = np.empty(count), np.empty(count)
+    for a in range(SAMPLES):
+        for b in range(SAMPLES):
+            x, y = (first + b) * apart, (first + a) * apart
+            aside, ahead = cos * x + sin * y, sin * x - cos * y
+            for n in range(count):
+                columns[n], rows[n] = at[0, n] + aside, at[1, n] + ahead
+            heights_along(heights, columns, rows, count, samples[SAMPLES * a + b])
+
+
+@compiled(nogil=True, **INNER)
+def _mean_above(samples, count, lowest, mean, number):
+    """Write the mean of the samples of each cell that are not below the lowest, and their number.
+
+    samples: (SAMPLES^2, >= count). The others are (count,).
+    """
+    for n in range(count):
+        mean[n], number[n] = 0.0, 0.0
+    for k in range(samples.shape[0]):
+        for n in range(count):
+            above = samples[k, n] >= lowest[n]
+            mean[n] += samples[k, n] if above else 0.0
+            number[n] += 1.0 if above else 0.0
+    for n in range(count):
+        mean[n] /= max(number[n], 1.0)
+
+
+@compiled(inline="always")
+def _sampled_cells(heights, cos, sin, cell, wall, count, places, at, mean, share, peak):
+    """Write mean, share and peak of the part of cells above their walls, from all samples."""
+    # Some samples are on the wall, which the map interpolates as a slope. They are left out of the
+    # mean: those farther below the mean of all samples than the highest one is above it.
+    samples = np.empty((SAMPLES * SAMPLES, count), np.float32)
+    _sample(heights, cos, sin, cell, count, at, samples)
+    low, high = np.empty(count, np.float32), np.empty(count, np.float32)
+    bound, total, number = np.empty(count), np.empty(count), np.empty(count)
+    for n in range(count):
+        low[n] = high[n] = samples[0, n]
+        bound[n] = NOTHING_MM
+    for k in range(1, SAMPLES * SAMPLES):
+        for n in range(count):
+            low[n], high[n] = min(low[n], samples[k, n]), max(high[n], samples[k, n])
+    for n in range(count):
+        if high[n] - low[n] > wall:
+            bound[n] = max(high[n] - wall, NOTHING_MM / 2)
+    _mean_above(samples, count, bound, total, number)
+    for n in range(count):
+        i, j = places[0, n], places[1, n]
+        mean[i, j], peak[i, j], share[i, j] = total[n], high[n], number[n] / samples.shape[0]
+        if not high[n] - low[n] > wall:
+            share[i, j] = 1.0 if low[n] > NOTHING_MM / 2 else 0.0
+        else:
+            bound[n] = 2 * total[n] - high[n]
+    _mean_above(samples, count, bound, total, number)
+    for n in range(count):
+        i, j = places[0, n], places[1, n]
+        if high[n] - low[n] > wall:
+            mean[i, j] = total[n]
+            if share[i, j] < MIN_COVER:
+                mean[i, j], share[i, j], peak[i, j] = NOTHING_MM, 0.0, NOTHING_MM
+
+
+@compiled(nogil=True, **INNER)
+def _corner_heights(
+    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, i, first,
+    last, columns, rows, found, corners,
+):  # fmt: skip
+    """Write the heights at the corners between the rows i - 1 and i of cells to corners,
+    (nx + 1,), from the first to before the last one. A corner has the mean shift of its cells."""
+    half = 0.5 * (x_mm[1] - x_mm[0])
+    y = y_mm[i] - half if i < y_mm.size else y_mm[i - 1] + half
+    for j in range(first, last):
+        x = x_mm[j] - half if j < x_mm.size else x_mm[j - 1] + half
+        at_x, at_y = x, y
+        if shifted:
+            above, below = max(i - 1, 0), min(i, y_mm.size - 1)
+            left, right = max(j - 1, 0), min(j, x_mm.size - 1)
+            for k in (above, below):
+                for m in (left, right):
+                    at_x += 0.25 * shift[0, k, m]
+                    at_y += 0.25 * shift[1, k, m]
+        columns[j - first], rows[j - first] = column_and_row(
+            at_column, at_row, press_x, press_y, cos, sin, at_x, at_y
+        )
+    heights_along(heights, columns, rows, last - first, found)
+    for j in range(first, last):
+        corners[j] = found[j - first]
+
+
+@compiled(nogil=True, **INNER)
+def _chosen_cells(
+    heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted, shift,
+    included, i, chosen, columns, rows, mean, share, peak,
+):  # fmt: skip
+    """Write the cells of row i that have to be sampled, and their centers; return their number.
+
+    Cells over flat parts of the map are written to mean, share and peak at once.
+    """
+    # A cell's side in cells of the map: farther outside the map no sample of a cell is on it.
+    reach = (x_mm[1] - x_mm[0]) * np.hypot(cos, sin)
+    max_column, max_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
+    # So far from its center are the corners of a cell, whichever way it is turned.
+    within_block = 0.5 * np.sqrt(2.0) * reach + 1.0 < BLOCK
+    inner_column, inner_row = heights.shape[1] - 1 - reach, heights.shape[0] - 1 - reach
+    down, across = y_mm.size // included.shape[0], x_mm.size // included.shape[1]
+    count = 0
+    for j in range(x_mm.size):
+        if not included[i // down, j // across]:
+            continue
+        x, y = x_mm[j], y_mm[i]
+        if shifted:
+            x, y = x + shift[0, i, j], y + shift[1, i, j]
+        column, row = column_and_row(at_column, at_row, press_x, press_y, cos, sin, x, y)
+        if not (-reach < column < max_column and -reach < row < max_row):
+            continue
+        if within_block and reach < column < inner_column and reach < row < inner_row:
+            height = flat[int(row) // BLOCK, int(column) // BLOCK]
+            if height != NOT_FLAT:
+                mean[i, j] = peak[i, j] = height
+                share[i, j] = 1.0 if height > NOTHING_MM / 2 else 0.0
+                continue
+        chosen[count], columns[count], rows[count] = j, column, row
+        count += 1
+    return count
+
+
+@compiled(
+    f"void({LOOKUP}, f4[:, ::1], f8[::1], f8[::1], {SHIFT}, b1[:, ::1], f8[:, ::1], f8[:, ::1],"
+    " f8[:, ::1])",
+    nogil=True,
+)
+def _footprint(
+    heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted, shift,
+    included, mean, share, peak,
+):  # fmt: skip
+    """Writes mean, share and peak, all (ny, nx), of a Footprint."""
+    cell = x_mm[1] - x_mm[0]
+    wall = max(STEEPEST * cell, MIN_WALL_MM)
+    # The sampled cells of a row, their heights, and those at the corners above and below the row.
+    chosen = np.empty(x_mm.size, np.int64)
+    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
+    along, below = np.empty(x_mm.size + 1), np.empty(x_mm.size + 1)
+    found = np.empty(x_mm.size + 1, np.float32)
+    upper, lower = np.empty(x_mm.size + 1, np.float32), np.empty(x_mm.size + 1, np.float32)
+    known_from = known_to = 0  # of the corners above the row
+    # The cells with a wall, and their centers on the map.
+    walls, places, at = 0, np.empty((2, mean.size), np.int64), np.empty((2, mean.size))
+    for i in range(y_mm.size):
+        for j in range(x_mm.size):
+            mean[i, j], share[i, j], peak[i, j] = NOTHING_MM, 0.0, NOTHING_MM
+    for i in range(y_mm.size):
+        count = _chosen_cells(
+            heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted,
+            shift, included, i, chosen, columns, rows, mean, share, peak,
+        )  # fmt: skip
+        if count == 0:
+            known_from = known_to = 0
+            continue
+        first, last = chosen[0], chosen[count - 1] + 2
+        known = known_from <= first < last <= known_to
+        for side in range(1 if known else 0, 2):
+            _corner_heights(
+                heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift,
+                i + side, first, last, along, below, found, lower if side else upper,
+            )  # fmt: skip
+        heights_along(heights, columns, rows, count, found)
+        for n in range(count):
+            j, center = chosen[n], found[n]
+            low = min(center, min(min(upper[j], upper[j + 1]), min(lower[j], lower[j + 1])))
+            high = max(center, max(max(upper[j], upper[j + 1]), max(lower[j], lower[j + 1])))
+            if high - low > wall:
+                places[0, walls], places[1, walls] = i, j
+                at[0, walls], at[1, walls] = columns[n], rows[n]
+                walls += 1
+                continue
+            peak[i, j] = high
+            if low > NOTHING_MM / 2:
+                corners = upper[j] + upper[j + 1] + lower[j] + lower[j + 1]
+                mean[i, j] = CENTER_WEIGHT * center + (1.0 - CENTER_WEIGHT) / 4.0 * corners
+                share[i, j] = 1.0
+        upper, lower = lower, upper
+        known_from, known_to = first, last
+    _sampled_cells(heights, cos, sin, cell, wall, walls, places, at, mean, share, peak)
+    if shifted:
+        for i in range(y_mm.size):
+            for j in range(x_mm.size):
+                mean[i, j] -= shift[2, i, j]
+                peak[i, j] -= shift[2, i, j]
+
+
+@compiled(
+    "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, ::1], f8[:, ::1], f8[:, ::1])", nogil=True
+)
+def _coarsen(heights, shares, peaks, per_side, mean, share, peak):
+    """Write mean, share and peak of cells of per_side x per_side cells."""
+    for i in range(mean.shape[0]):
+        for j in range(mean.shape[1]):
+            covered, total, most = 0.0, 0.0, peaks[i * per_side, j * per_side]
+            for k in range(i * per_side, (i + 1) * per_side):
+                for m in range(j * per_side, (j + 1) * per_side):
+                    most = max(most, peaks[k, m])
+                    if shares[k, m] > 0.0:
+                        covered += shares[k, m]
+                        total += shares[k, m] * heights[k, m]
+            peak[i, j], share[i, j] = most, covered / per_side**2
+            mean[i, j] = total / max(covered, MIN_COVER) if covered > 0.0 else NOTHING_MM

@@ -1,100 +1,108 @@
-"""Response of an elastic layer, bonded to a rigid base and frictionless on top, to a pressure.
+"""Response of an elastic layer, bonded to a rigid base, to pressure and shear on its surface.
 
-Linear elasticity in plane-wave form: a surface pressure p cos(k.x) causes a surface deflection
-C(k) p cos(k.x), and a normal stress T(k) p cos(k.x) at the base.
+`Layer` is the response to pressure, frictionless, on windows of a fine grid: what couples the
+pins' springs of a press (`t2twin.sim.contact.contact_solver`). `DomedLayer` is the response to
+tangential traction, on windows of the contact's grid. Both are convolutions with the kernels of
+`t2twin.sim.contact.closed_forms`, computed by FFTs in single precision, which has an error of 1e-6
+and is twice as fast as double precision.
+
+Shape letters: R rows and C columns of a window, M rows and N columns of its nodes, D >= 2 R - 1
+rows and A >= 2 C - 1 columns of its transforms.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from threading import Lock
 from typing import Any
 
 import numpy as np
+from rocket_fft import c2c, c2r, r2c
 from scipy import fft
-from scipy.fft import next_fast_len
 
-from t2twin.core.cached_files import cached_array
-from t2twin.sim.contact.convolution import (
-    PADDING,
-    Transforms,
-    convolve,
-    interpolation,
-    work_arrays,
+from t2twin.core.jit import INNER, compiled
+from t2twin.sim.contact.closed_forms import (
+    HANKEL_RADII,
+    half_space_deflection,
+    pressure_profiles,
+    shear_kernels,
+    smooth_shear_kernels,
+    spectra,
 )
-from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.grid import block_means
+from t2twin.sim.contact.elastomer import Elastomer, neo_hookean_mm
+from t2twin.sim.contact.grid import Window, block_means, window_shape
 from t2twin.sim.splines import CubicSpline
 
-THICKNESSES = 17
-"""Number of thicknesses at which a domed layer's response is computed."""
-
+THICKNESSES = 17  # thicknesses at which a domed layer's response to pressure is computed
+# Principal components that represent the responses of all thicknesses. The error is 0.6 % of the
+# deflection on a domed gel of 4 mm; interpolation between three thicknesses has 1 to 3 %.
 COMPONENTS = 2
-"""Principal components that represent the responses of all thicknesses. The error is 0.6 % of the
-deflection on a domed gel of 4 mm; interpolation between three thicknesses has 1 to 3 %."""
-
-SMOOTH_REACH = 30.0
-"""Wavenumber times thickness above which the base has no effect: it is below exp(-60)."""
-
-HANKEL_POINTS_A_WAVE = 25
-"""Points per wave of the Hankel transform's integrand at the largest distance."""
-
-MIN_HANKEL_POINTS = 1000
-"""Points of the transform up to SMOOTH_REACH of the thickest layer."""
-
-HANKEL_RADII = 500
-"""Number of distances at which the transform is computed; splines interpolate between them."""
-
-MAX_CACHE_BYTES = 100_000_000
-"""Memory limit for a layer's cached transforms: the windows of a hundred presses and more."""
-
+# Largest distance of the nodes on which the smooth kernels are applied, mm, unless the cells are
+# larger: an eighth of the thickness over which they vary (assumed).
 NODE_MM = 0.5
-"""Largest distance of the nodes on which the smooth kernels are applied, mm, unless the cells are
-larger: an eighth of the thickness over which they vary (assumed)."""
+PADDING = 2  # nodes around a window on each side, which cubic interpolation needs
+SPRING_SHARE = 0.8  # a pin's compliance over the layer's largest; 0.6 to 1 converge equally fast
+MAX_CACHE_BYTES = 32_000_000  # of a layer's transforms: the windows of a hundred presses
+# Pressure, over Young's modulus, above which neither the friction of a stiffening layer nor its
+# displacement along the surface increases (assumed: it is compressed to a third there). Friction is
+# proportional to the area of real contact, which pressure does not increase beyond full contact
+# (Trejo, Fretigny and Chateauminois, arXiv 1701.08013). A linear response would displace the
+# surface around a tip by several cells, and under an edge that is pressed almost through by several
+# thicknesses.
+FULL_PRESSURE = 4.0
+# Thicknesses at the middle of a contact with a domed layer are rounded to this, mm, so that few
+# kernels are computed (assumed).
+THICKNESS_STEP_MM = 0.25
+MAX_LAYERS = 32  # layers that are kept (assumed: the thicknesses of two domed gels)
 
 
-def compliance_mm_per_mpa(
-    wavenumber: np.ndarray, thickness_mm: float, young_mpa: float, poisson: float
-) -> np.ndarray:
-    """Surface deflection per pressure at wavenumber k (rad/mm), mm/MPa; same shape as k.
+class WindowTransforms:
+    """Transforms of kernels that are even or odd along both axes, for windows of a grid.
 
-    Closed form of the bonded layer (Johnson, Contact Mechanics, 1985, section 5.8 gives the
-    plane-strain layer; the plane-wave problem is the same in three dimensions). Its limits are the
-    confined compression h (1 - 2 nu)(1 + nu) / ((1 - nu) E) for k = 0, and the half-space's
-    2 (1 - nu^2) / (E k) for large k.
+    kernels: (n, rows, columns) around the central cell. odd: how many of the last are odd in one
+    axis. Their transforms are imaginary, and their imaginary parts are kept; the others are real.
     """
-    s, kappa = _reduced(wavenumber, thickness_mm), 3 - 4 * poisson
-    shape = (2 * kappa * np.sinh(2 * s) - 4 * s) / _denominator(s, kappa)
-    return 2 * (1 - poisson**2) / young_mpa * thickness_mm * shape / s
+
+    def __init__(self, kernels: np.ndarray, odd: int = 0) -> None:
+        self.kernels, self._odd = kernels, odd
+        self._cached: OrderedDict[tuple[int, ...], np.ndarray] = OrderedDict()
+        self._lock = Lock()  # threads share a layer
+
+    def of(self, shape: tuple[int, ...]) -> np.ndarray:
+        """(n, D, A // 2 + 1) float32 for windows of (R, C); those of the last ones are cached."""
+        with self._lock:
+            if shape in self._cached:
+                self._cached.move_to_end(shape)
+                return self._cached[shape]
+        padded = padded_shape(shape)
+        offsets = [np.arange(1 - size, size) for size in shape]
+        to = np.ix_(*(offset % size for offset, size in zip(offsets, padded, strict=True)))
+        middle = [size // 2 for size in self.kernels.shape[1:]]
+        of = np.ix_(*(offset + at for offset, at in zip(offsets, middle, strict=True)))
+        cut = np.zeros((len(self.kernels), *padded), np.float32)
+        cut[:, *to] = self.kernels[:, *of]
+        found, even = np.asarray(fft.rfft2(cut)), len(cut) - self._odd
+        transforms = np.concatenate([np.real(found[:even]), np.imag(found[even:])])
+        with self._lock:
+            self._cached[shape] = transforms
+            while len(self._cached) > 1 and self._bytes() > MAX_CACHE_BYTES:
+                self._cached.popitem(last=False)
+        return transforms
+
+    def _bytes(self) -> int:
+        return sum(each.nbytes for each in self._cached.values())
 
 
-def base_stress(wavenumber: np.ndarray, thickness_mm: float, poisson: float) -> np.ndarray:
-    """Normal stress at the base per pressure on top, at wavenumber k (rad/mm); same shape as k.
-
-    From the same solution: T = 8 (1 - nu)(2 (1 - nu) cosh s + s sinh s) / D(s), s = k h. T(0) = 1:
-    the base carries the entire force.
-    """
-    s, kappa = _reduced(wavenumber, thickness_mm), 3 - 4 * poisson
-    return (
-        8
-        * (1 - poisson)
-        * (2 * (1 - poisson) * np.cosh(s) + s * np.sinh(s))
-        / _denominator(s, kappa)
-    )
-
-
-def _reduced(wavenumber: np.ndarray, thickness_mm: float) -> np.ndarray:
-    # Above s = 300 the hyperbolic functions overflow. The layer is a half-space there, except for
-    # the 1 / s in the compliance, which matters only for k far beyond the grids used here.
-    return np.clip(wavenumber * thickness_mm, 1e-6, 300.0)
-
-
-def _denominator(s: np.ndarray, kappa: float) -> np.ndarray:
-    return 2 * kappa * np.cosh(2 * s) + 1 + kappa**2 + 4 * s**2
+@lru_cache(maxsize=256)
+def padded_shape(shape: tuple[int, ...]) -> tuple[int, int]:
+    """D and A of windows of (R, C): fast transforms without wrapping around."""
+    rows, columns = (fft.next_fast_len(2 * length - 1, real=True) for length in shape)
+    return int(rows or 1), int(columns or 1)
 
 
 class Layer:
-    """Linear response of one elastomer on a grid of square cells.
+    """Linear response of one elastomer to pressure on a grid of square cells.
 
     pitch_mm: side of the cells. per_side: number of fine cells along each.
     Attributes, of the fine grid:
@@ -102,9 +110,14 @@ class Layer:
     - rows, columns; pitch_mm, side of a fine cell; x_mm (columns,), y_mm (rows,), cell centers;
     - rest_mm, thickness_mm, (rows, columns);
     - max_compliance_mm_per_mpa, largest deflection per pressure over all wavelengths, mm/MPa.
+
+    A domed layer has further kernels, with weights that depend on the place. They are smooth over
+    several cells and are applied on coarser nodes: cubic interpolation has an error of 1e-5 there.
+    A copy or a pickle of a layer is the layer of the same arguments.
     """
 
     def __init__(self, elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> None:
+        self._arguments = elastomer, pitch_mm, per_side
         self.elastomer = elastomer
         # Both even, so that a quarter turn about the center maps cells onto cells.
         self.columns = per_side * 2 * int(elastomer.width_mm / pitch_mm / 2 + 1e-9)
@@ -117,25 +130,27 @@ class Layer:
         x, y = np.meshgrid(self.x_mm, self.y_mm)
         self.rest_mm = elastomer.rest_surface_mm(x, y)
         self.thickness_mm = elastomer.thickness_at_mm(x, y)
-
-        self._kernel, self._smooth, self._weights, self._thickest = _kernels(self, elastomer)
+        kernel, smooth, self._weights, self._thickest = _kernels(self)
+        self._kernel, self._smooth = WindowTransforms(kernel[None]), WindowTransforms(smooth)
         self._interpolation = interpolation(self.per_node)
         self._bounds: dict[tuple[int, ...], float] = {}
         self._coarse: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-        self._lock = Lock()  # threads share a layer
-        self._transforms: OrderedDict[tuple[int, ...], Transforms] = OrderedDict()
         thickest = float(self.thickness_mm.max())
-        wavenumbers = np.linspace(1e-3, 10, 2000) / thickest
-        spectrum = compliance_mm_per_mpa(
-            wavenumbers, thickest, elastomer.young_mpa, elastomer.poisson
-        )
-        self.max_compliance_mm_per_mpa = float(spectrum.max())
+        waves = np.linspace(1e-3, 10, 2000) / thickest
+        of_waves = spectra(waves, thickest, elastomer.young_mpa, elastomer.poisson).normal
+        self.max_compliance_mm_per_mpa = float(of_waves.max())
 
-    def compliance_bound_mm_per_mpa(self, shape: tuple[int, ...]) -> float:
-        """Upper bound on the deflection per pressure in a window of (rows, columns), mm/MPa.
+    def __reduce__(self) -> tuple[Any, ...]:
+        return cached_layer, self._arguments
 
-        The smaller of the largest compliance over all wavelengths and the operator's row sum.
+    def spring_mm_per_mpa(self, loaded: Window) -> float:
+        """The pins' springs' compliance for a loaded window, mm/MPa: a share of the bound on the
+        deflection per pressure in it.
+
+        The bound is the smaller of the largest compliance over all wavelengths and the operator's
+        row sum.
         """
+        shape = window_shape(loaded)
         if shape not in self._bounds:
             rows, columns = min(shape[0], self.rows) // 2 + 1, min(shape[1], self.columns) // 2 + 1
             near = self._thickest[
@@ -143,11 +158,10 @@ class Layer:
                 self.columns - columns : self.columns + columns - 1,
             ]
             self._bounds[shape] = min(self.max_compliance_mm_per_mpa, float(np.abs(near).sum()))
-        return self._bounds[shape]
+        return SPRING_SHARE * self._bounds[shape]
 
     def coarse(self, per_side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x, y, and the mean height at rest, (y, x), of cells of per_side x per_side fine ones,
-        mm."""
+        """x, y, and the mean height at rest, (y, x), of cells of per_side x per_side, mm."""
         if per_side not in self._coarse:
             x, y = (axis.reshape(-1, per_side).mean(axis=1) for axis in (self.x_mm, self.y_mm))
             self._coarse[per_side] = x, y, block_means(self.rest_mm, per_side)
@@ -169,51 +183,41 @@ class Layer:
         convolve(padded, *operator, linear)
         return linear.astype(np.float64)
 
-    def operator(self, window: tuple[slice, slice]) -> tuple[Any, ...]:
-        """Arguments of `convolution.convolve` for a window, from kernel to work."""
-        rows, columns = window
-        shape = rows.stop - rows.start, columns.stop - columns.start
+    def by_law_mm(self, linear_mm: np.ndarray, window: Window | None = None) -> np.ndarray:
+        """Deflection by the elastomer's law from the linear one, (rows, columns) of a window."""
+        if self.elastomer.law == "linear":
+            return linear_mm
+        thickness_mm = self.thickness_mm if window is None else self.thickness_mm[window]
+        return neo_hookean_mm(linear_mm, thickness_mm)
+
+    def operator(self, window: Window) -> tuple[Any, ...]:
+        """Arguments of `convolve` for a window, from kernel to work."""
+        shape = window_shape(window)
         nodes = tuple(
             slice(side.start // self.per_node, side.stop // self.per_node + 2 * PADDING)
             for side in window
         )
-        transforms, weights = self._transformed(*shape), self._weights[:, *nodes]
-        work = work_arrays(transforms, shape, (weights.shape[1], weights.shape[2]))
-        return *transforms, weights, *self._interpolation, work
-
-    def _transformed(self, rows: int, columns: int) -> Transforms:
-        """Transforms of the kernels for a window of this size; the last are cached."""
-        with self._lock:
-            if (rows, columns) in self._transforms:
-                self._transforms.move_to_end((rows, columns))
-                return self._transforms[rows, columns]
-        kernel, padded = _transform(self._kernel[None], rows, columns)
-        smooth, node_padded = self._smooth, 0
-        if len(smooth):
-            nodes = (side // self.per_node + 2 * PADDING for side in (rows, columns))
-            smooth, node_padded = _transform(smooth, *nodes)
-        transforms = Transforms(kernel[0], padded, smooth, node_padded)
-        with self._lock:
-            cached = self._transforms
-            cached[rows, columns] = transforms
-            while (
-                len(cached) > 1 and sum(each.nbytes for each in cached.values()) > MAX_CACHE_BYTES
-            ):
-                cached.popitem(last=False)
-        return transforms
+        weights, smooth, node_columns = self._weights[:, *nodes], NO_KERNELS, 0
+        if len(weights):
+            smooth = self._smooth.of(weights.shape[1:])
+            node_columns = padded_shape(weights.shape[1:])[1]
+        kernel, columns = self._kernel.of(shape)[0], padded_shape(shape)[1]
+        half, node_half = columns // 2 + 1, node_columns // 2 + 1
+        work = (
+            np.empty((shape[0], half), np.complex64),
+            np.empty((kernel.shape[0], half), np.complex64),
+            np.empty((shape[0], columns), np.float32),
+            np.zeros((weights.shape[1], node_columns), np.float32),
+            np.empty((weights.shape[1], node_half), np.complex64),
+            np.empty((smooth.shape[1], node_half), np.complex64),
+            np.empty((smooth.shape[1], node_half), np.complex64),
+            np.empty(weights.shape[1:], np.float32),
+            np.empty((weights.shape[1], shape[1]), np.float32),
+        )
+        return kernel, columns, smooth, node_columns, weights, *self._interpolation, work
 
 
-def _transform(kernels: np.ndarray, rows: int, columns: int) -> tuple[np.ndarray, int]:
-    """Real transforms of kernels, (kernels, 2 n - 1, 2 m - 1), for windows of rows x columns, and
-    the columns of the transforms."""
-    down, across = (int(next_fast_len(2 * side - 1, real=True) or 0) for side in (rows, columns))
-    middle_row, middle_column = kernels.shape[1] // 2, kernels.shape[2] // 2
-    cut = np.zeros((len(kernels), down, across), np.float32)
-    offset_rows, offset_columns = np.arange(1 - rows, rows), np.arange(1 - columns, columns)
-    cut[:, *np.ix_(offset_rows % down, offset_columns % across)] = kernels[
-        :, *np.ix_(offset_rows + middle_row, offset_columns + middle_column)
-    ]
-    return np.ascontiguousarray(np.real(np.asarray(fft.rfft2(cut)))), across
+NO_KERNELS = np.zeros((0, 1, 1), np.float32)
 
 
 @lru_cache(maxsize=16)
@@ -222,28 +226,20 @@ def cached_layer(elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> La
     return Layer(elastomer, pitch_mm, per_side)
 
 
-def _kernels(
-    layer: Layer, elastomer: Elastomer
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Response of each place as a sum of a kernel and of further ones with weights.
 
     Returns the kernel, (2 rows - 1, 2 columns - 1) float32; the further ones on the layer's nodes,
     (kernels, 2 M - 1, 2 N - 1) float32; their weights, (kernels, M, N) float32; and the kernel of
-    the thickest place, as the first. M and N include the nodes around the grid. A kernel is the
-    mean deflection of each cell per unit pressure on the central one, mm/MPa. With pressures
-    constant on cells this is a Galerkin method; its error at a punch's edges is half that of
-    deflections at cell centers.
-
-    The half-space's kernel has a closed form. The base reduces it by a smooth part that depends on
-    the thickness and is expanded into its mean and principal components over the thicknesses. The
-    layer is laterally unbounded and not periodic.
+    the thickest place, as the first. M and N include the nodes around the grid.
+    The base's part depends on the thickness and is expanded into its mean and principal components
+    over the thicknesses.
     """
-    young, poisson, pitch = elastomer.young_mpa, elastomer.poisson, layer.pitch_mm
-    x = np.arange(1 - layer.columns, layer.columns) * pitch
-    y = np.arange(1 - layer.rows, layer.rows) * pitch
-    half_space = (1 - poisson**2) / (np.pi * young) * mean_inverse_distance(x, y, pitch)
+    elastomer, pitch = layer.elastomer, layer.pitch_mm
+    x, y = (np.arange(1 - size, size) * pitch for size in (layer.columns, layer.rows))
+    half_space = half_space_deflection(elastomer, x, y, pitch)
     distance = np.hypot(x[None, :], y[:, None])
-    node_distance, at_nodes = _nodes(layer, elastomer)
+    node_distance, at_nodes = _nodes(layer)
     radii = np.linspace(0.0, float(node_distance.max()), HANKEL_RADII)
 
     def kernel_of(profile: np.ndarray, distance_mm: np.ndarray) -> np.ndarray:
@@ -252,14 +248,11 @@ def _kernels(
     thickness = layer.thickness_mm
     thinnest, thickest = float(thickness.min()), float(thickness.max())
     if thickest - thinnest < 1e-6:
-        profile = _base_part(np.array([thickest]), radii, elastomer, pitch)[0]
+        profile = pressure_profiles(elastomer, np.array([thickest]), radii, pitch)[0]
         kernel = half_space + kernel_of(profile, distance)
-        none = np.zeros((0, 1, 1), np.float32)
-        weights = np.zeros((0, *at_nodes.shape), np.float32)
-        return kernel.astype(np.float32), none, weights, kernel
-
+        return kernel.astype(np.float32), NO_KERNELS, np.zeros((0, *at_nodes.shape), "f4"), kernel
     levels = np.linspace(thinnest, thickest, THICKNESSES)
-    profiles = _base_part(levels, radii, elastomer, pitch)
+    profiles = pressure_profiles(elastomer, levels, radii, pitch)
     nearest = np.rint((thickness - thinnest) / (levels[1] - levels[0])).astype(int)
     shares = np.bincount(nearest.ravel(), minlength=THICKNESSES) / nearest.size
     mean = shares @ profiles
@@ -270,17 +263,15 @@ def _kernels(
     scores = CubicSpline(thinnest, thickest, deviations @ axes.T)
     smooth = np.stack([kernel_of(each, node_distance) for each in axes / ring])
     weights = np.moveaxis(scores(at_nodes.clip(thinnest, thickest)), -1, 0)
-    kernel = (half_space + kernel_of(mean, distance)).astype(np.float32)
-    weights = np.ascontiguousarray(weights, np.float32)
     return (
-        kernel,
+        (half_space + kernel_of(mean, distance)).astype(np.float32),
         smooth.astype(np.float32),
-        weights,
+        np.ascontiguousarray(weights, np.float32),
         half_space + kernel_of(profiles[-1], distance),
     )
 
 
-def _nodes(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarray]:
+def _nodes(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
     """Distances of the nodes from one of them, (2 M - 1, 2 N - 1), and the thickness at each,
     (M, N), mm."""
     x, y = (
@@ -289,86 +280,325 @@ def _nodes(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarray]:
     )
     # The second half of an axis has the distances from the first node.
     at_x, at_y = np.meshgrid(*(axis[axis.size // 2 :] - axis[-1] / 2 for axis in (x, y)))
-    return np.hypot(x[None, :], y[:, None]), elastomer.thickness_at_mm(at_x, at_y)
+    return np.hypot(x[None, :], y[:, None]), layer.elastomer.thickness_at_mm(at_x, at_y)
 
 
-def _base_part(
-    thicknesses_mm: np.ndarray, radii_mm: np.ndarray, elastomer: Elastomer, pitch_mm: float
-) -> np.ndarray:
-    """Effect of the rigid base on a half-space's response to a point load.
+class ShearLayer:
+    """Response of a layer of one thickness to tangential traction, on windows of a grid.
 
-    (thicknesses, radii), mm/MPa per mm^2, averaged over the loaded and the responding cell. Cached
-    on disk, as it takes a tenth of a second.
+    kernels: (5, rows, columns), see `shear_kernels`, of a grid of at least the size of every
+    window.
     """
-    poisson, farthest = elastomer.poisson, float(radii_mm[-1])
-    key = repr((thicknesses_mm.tolist(), farthest, radii_mm.size, poisson, pitch_mm))
-    of_unit_modulus = cached_array(
-        "layers", key, __file__, lambda: _hankel(thicknesses_mm, radii_mm, poisson, pitch_mm)
+
+    def __init__(self, kernels: np.ndarray, pitch_mm: float) -> None:
+        self.pitch_mm = pitch_mm
+        self.transforms = WindowTransforms(kernels, odd=2)
+
+    def displacement_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
+        """(2, rows, columns) displacement along x and y, mm, by traction along x and y, MPa."""
+        return _responses((self,), traction_mpa, 2)[0]
+
+    def compliance_mm_per_mpa(self, side: int) -> float:
+        """Mean displacement per uniform traction on a square of side x side cells, mm/MPa."""
+        along_itself = self.transforms.kernels[0]
+        rows, columns = (length // 2 for length in along_itself.shape)
+        along = np.maximum(side - np.abs(np.arange(-rows, rows + 1)), 0)
+        across = np.maximum(side - np.abs(np.arange(-columns, columns + 1)), 0)
+        return float((along[:, None] * across * along_itself).sum() / side**2)
+
+    def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
+        """(3, rows, columns) displacement along x, along y and into the sensor, mm, by traction
+        along x and y, (2, rows, columns), MPa."""
+        return _responses((self,), traction_mpa, 3)[0]
+
+    def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
+        """(2, rows, columns) displacement along x and y, mm, by pressure, MPa."""
+        return _responses((self,), pressure_mpa[None], 2)[0]
+
+
+@dataclass(frozen=True)
+class DomedLayer:
+    """A layer under shear whose thickness varies from place to place.
+
+    Each place responds as a layer of its thickness, to first order in the difference from the
+    thickness at the middle of the contact. middle: the layer of that thickness, middle_mm. slope:
+    change of its response per mm of thickness; None for a flat layer. excess_mm: (rows, columns)
+    thickness above that of the middle. max_mpa: pressure above which neither friction nor the
+    displacement along its surface increases.
+    """
+
+    middle: ShearLayer
+    slope: ShearLayer | None
+    middle_mm: float
+    excess_mm: np.ndarray
+    max_mpa: float = np.inf
+
+    def window(self, window: Window) -> "DomedLayer":
+        """The same layer on a part of the grid."""
+        return replace(self, excess_mm=self.excess_mm[window])
+
+    def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
+        """See ShearLayer.response_mm."""
+        middle, dome = self.parts_mm(traction_mpa)
+        return middle + dome
+
+    def parts_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
+        """(2, 3, rows, columns) the response in two parts, mm: that of the layer of the middle, and
+        what the dome adds."""
+        if self.slope is None:
+            response = self.middle.response_mm(traction_mpa).astype(float)
+            return np.stack([response, np.zeros_like(response)])
+        parts = _responses((self.middle, self.slope), traction_mpa, 3).astype(float)
+        parts[1] *= self.excess_mm
+        return parts
+
+    def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
+        """See ShearLayer.spread_mm."""
+        pressure_mpa = np.minimum(pressure_mpa, self.max_mpa)
+        if self.slope is None:
+            return self.middle.spread_mm(pressure_mpa).astype(float)
+        middle, slope = _responses((self.middle, self.slope), pressure_mpa[None], 2)
+        return middle + self.excess_mm * slope
+
+
+def domed_layer(
+    elastomer: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, pressure: np.ndarray
+) -> DomedLayer:
+    """The layer under a contact with a pressure, (ny, nx), on the axes x_mm, (nx,), y_mm, (ny,)."""
+    pitch, shape = float(x_mm[1] - x_mm[0]), pressure.shape
+    thickness = _thickness_mm(elastomer, x_mm.tobytes(), y_mm.tobytes())
+    most = np.inf if elastomer.law == "linear" else FULL_PRESSURE * elastomer.young_mpa
+    if np.ptp(thickness) == 0:
+        flat_mm = elastomer.thickness_mm
+        layer = cached_shear_layer(elastomer, flat_mm, pitch, shape)
+        return DomedLayer(layer, None, flat_mm, thickness, most)
+    middle = float((pressure * thickness).sum() / pressure.sum())
+    middle = max(round(middle / THICKNESS_STEP_MM), 2) * THICKNESS_STEP_MM
+    layers = (each(elastomer, middle, pitch, shape) for each in (cached_shear_layer, _cached_slope))
+    return DomedLayer(*layers, middle, thickness - middle, most)
+
+
+@lru_cache(maxsize=8)
+def _thickness_mm(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
+    """(ny, nx) thickness over axes of float64, mm."""
+    return elastomer.thickness_at_mm(*np.meshgrid(np.frombuffer(x_mm), np.frombuffer(y_mm)))
+
+
+@lru_cache(maxsize=MAX_LAYERS)
+def cached_shear_layer(
+    elastomer: Elastomer, thickness_mm: float, pitch_mm: float, largest: tuple[int, int]
+) -> ShearLayer:
+    """A layer of one thickness for windows of up to `largest` rows and columns, computed once per
+    process."""
+    return ShearLayer(shear_kernels(elastomer, thickness_mm, *largest, pitch_mm), pitch_mm)
+
+
+@lru_cache(maxsize=MAX_LAYERS)
+def _cached_slope(
+    elastomer: Elastomer, thickness_mm: float, pitch_mm: float, largest: tuple[int, int]
+) -> ShearLayer:
+    """Change of a layer's response per mm of thickness, a central difference."""
+    # The half-space's part does not depend on the thickness.
+    thinner, thicker = (
+        smooth_shear_kernels(elastomer, thickness_mm + step, *largest, pitch_mm)
+        for step in (-THICKNESS_STEP_MM, THICKNESS_STEP_MM)
     )
-    return of_unit_modulus / elastomer.young_mpa
+    return ShearLayer((thicker - thinner) / (2 * THICKNESS_STEP_MM), pitch_mm)
 
 
-def _hankel(
-    thicknesses_mm: np.ndarray, radii_mm: np.ndarray, poisson: float, pitch_mm: float
-) -> np.ndarray:
-    """`_base_part` for a modulus of 1 MPa, by a Hankel transform."""
-    from scipy import special
+def _responses(layers: Sequence[ShearLayer], loads: np.ndarray, components: int) -> np.ndarray:
+    """(layers, components, rows, columns) responses to loads, see `respond`."""
+    loads = np.ascontiguousarray(loads, np.float32)
+    shape = loads.shape[1:]
+    found = np.empty((len(layers), components, *shape), np.float32)
+    work = shear_work(shape, len(loads))
+    for number, (layer, response) in enumerate(zip(layers, found, strict=True)):
+        respond(loads, layer.transforms.of(shape), work, number > 0, response)
+    return found
 
-    k, rule = hankel_rule(thicknesses_mm, float(radii_mm[-1]), pitch_mm)
-    difference = np.stack(
-        [
-            k * compliance_mm_per_mpa(k, float(thickness), 1.0, poisson) - 2 * (1 - poisson**2)
-            for thickness in thicknesses_mm
-        ]
+
+def shear_work(shape: tuple[int, ...], loads: int) -> tuple[np.ndarray, ...]:
+    """Arrays that `respond` works in, of types SHEAR_WORK, for a number of loads on (R, C)."""
+    rows, (down, across) = shape[0], padded_shape(shape)
+    half = across // 2 + 1
+    return (
+        np.zeros((rows, across), np.float32),
+        np.empty((rows, half), np.complex64),
+        np.empty((loads, down, half), np.complex64),
+        np.empty((down, half), np.complex64),
+        np.empty((rows, across), np.float32),
     )
-    # einsum, because the last bits of a BLAS product depend on the number of threads.
-    return np.einsum("tk,kr->tr", difference * rule, special.j0(k[:, None] * radii_mm))
 
 
-def hankel_rule(
-    thicknesses_mm: np.ndarray, farthest_mm: float, pitch_mm: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Wavenumbers k, rad/mm, and weights of a Hankel transform over them, both (k,).
+def interpolation(per_node: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic interpolation from nodes at the centers of blocks of per_node cells to the cells.
 
-    Simpson's rule, times the average over both cells to second order: sinc^4 is about
-    exp(-k^2 a^2 / 12). The integrand is without the factor k.
+    Returns for each cell of a block the first of its four nodes, (per_node,), counted from the
+    block's node less PADDING, and their weights, (per_node, 4) float32.
     """
-    reach = SMOOTH_REACH / float(thicknesses_mm.min())
-    step = min(
-        2 * np.pi / farthest_mm / HANKEL_POINTS_A_WAVE,
-        SMOOTH_REACH / float(thicknesses_mm.max()) / MIN_HANKEL_POINTS,
-    )
-    k = np.arange(1e-9, reach, step)
-    k = k[: len(k) - 1 + len(k) % 2]
-    rule = np.full(k.size, 2.0)
-    rule[1::2] = 4.0
-    rule[[0, -1]] = 1.0
-    rule *= step / 3 * np.exp(-((k * pitch_mm) ** 2) / 12) / (2 * np.pi)
-    return k, rule
+    place = (np.arange(per_node) + 0.5) / per_node - 0.5
+    first = np.where(place < 0, 0, 1)
+    u = place + (1 - first)
+    weights = [
+        -u * (u - 1) * (u - 2) / 6,
+        (u + 1) * (u - 1) * (u - 2) / 2,
+        -(u + 1) * u * (u - 2) / 2,
+        (u + 1) * u * (u - 1) / 6,
+    ]
+    return first, np.ascontiguousarray(np.stack(weights, axis=1), np.float32)
 
 
-def mean_inverse_distance(x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
-    """Integral of 1 / distance over a square cell, averaged over a cell at (x, y), mm; (y, x).
+# Types of the loops' arguments: of `convolve` from kernel to work, and of `respond`.
+REAL, COMPLEX = "f4[:, ::1]", "c8[:, ::1]"
+WORK = ", ".join([COMPLEX, COMPLEX, REAL, REAL, COMPLEX, COMPLEX, COMPLEX, REAL, REAL])
+OPERATOR = f"{REAL}, i8, f4[:, :, ::1], i8, f4[:, :, :], i8[::1], {REAL}, Tuple(({WORK}))"
+SHEAR_WORK = "Tuple((f4[:, ::1], c8[:, ::1], c8[:, :, ::1], c8[:, ::1], f4[:, ::1]))"
+KERNELS = "f4[:, :, ::1]"
 
-    The potential's derivative d^4 / dx^2 dy^2 is 1 / r.
+
+@compiled(f"void({REAL}, {OPERATOR}, {REAL})", nogil=True)
+def convolve(
+    pressure, kernel, columns, smooth, node_columns, weights, first, taps, work, linear
+):  # fmt: skip
+    """Write the response to a pressure, linear, (R, C) float32, mm.
+
+    pressure: (R, A) float32, MPa, zero from column C on. kernel: (D, A // 2 + 1) transform, of
+    columns A. smooth, node_columns: the same of the further kernels on the nodes. weights:
+    (kernels, M, N) of these. first, taps: see `interpolation`. work: see `Layer.operator`.
     """
-    return cell_mean(_inverse_distance, x_mm, y_mm, pitch_mm)
+    rows, spectrum, back, node_pressure, node_rows, node_spectrum, part, nodes, lines = work
+    along, down = np.array([1]), np.array([0])
+    r2c(pressure, rows, along, True, 1.0, 1)
+    c2c(rows, spectrum, down, True, 1.0, 1)
+    _multiply(spectrum, kernel, spectrum)
+    c2c(spectrum, spectrum, down, False, 1.0, 1)
+    scale = 1.0 / (spectrum.shape[0] * columns)
+    c2r(spectrum[: rows.shape[0]], back, along, False, scale, 1)
+    # Element by element: assigning an array compiles its error messages too, for seconds.
+    for i in range(linear.shape[0]):
+        for j in range(linear.shape[1]):
+            linear[i, j] = back[i, j]
+    if smooth.shape[0] == 0:
+        return
+    _to_nodes(pressure, first, taps, lines, node_pressure)
+    r2c(node_pressure, node_rows, along, True, 1.0, 1)
+    c2c(node_rows, node_spectrum, down, True, 1.0, 1)
+    scale = 1.0 / (node_spectrum.shape[0] * node_columns)
+    for k in range(smooth.shape[0]):
+        _multiply(node_spectrum, smooth[k], part)
+        c2c(part, part, down, False, 1.0, 1)
+        c2r(part[: node_rows.shape[0]], node_pressure, along, False, scale, 1)
+        for i in range(nodes.shape[0]):
+            for j in range(nodes.shape[1]):
+                before = nodes[i, j] if k > 0 else np.float32(0.0)
+                nodes[i, j] = before + weights[k, i, j] * node_pressure[i, j]
+    _add_from_nodes(nodes, first, taps, lines, linear)
 
 
-def _inverse_distance(x: np.ndarray, y: np.ndarray, r: np.ndarray) -> np.ndarray:
-    ax, ay = np.maximum(np.abs(x), 1e-12), np.maximum(np.abs(y), 1e-12)
-    potential = ax**2 * ay / 2 * np.arcsinh(ay / ax) + ay**2 * ax / 2 * np.arcsinh(ax / ay)
-    return potential - r**3 / 6
+@compiled(nogil=True)
+def _multiply(spectrum, kernel, product):
+    for i in range(spectrum.shape[0]):
+        for j in range(spectrum.shape[1]):
+            product[i, j] = spectrum[i, j] * kernel[i, j]
 
 
-def cell_mean(
-    potential: Callable[..., np.ndarray], x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float
-) -> np.ndarray:
-    """Integral of a function over a square cell, averaged over a cell at (x, y); (y, x).
+@compiled(nogil=True)
+def _clear(values):
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            values[i, j] = 0.0
 
-    potential: its integral, twice over x and twice over y, of x, y and the distance r.
+
+@compiled(nogil=True)
+def _to_nodes(pressure, first, taps, lines, nodes):
+    """Write the pressure, (R, >= C), distributed to the nodes, (M, >= N), MPa cells.
+
+    lines: (M, C) work array.
     """
-    x = np.concatenate([[x_mm[0] - pitch_mm], x_mm, [x_mm[-1] + pitch_mm]])[None, :]
-    y = np.concatenate([[y_mm[0] - pitch_mm], y_mm, [y_mm[-1] + pitch_mm]])[:, None]
-    values = potential(x, y, np.maximum(np.hypot(x, y), 1e-12))
-    return np.diff(np.diff(values, n=2, axis=0), n=2, axis=1) / pitch_mm**2
+    per_node, columns = first.size, lines.shape[1]
+    _clear(lines)
+    for i in range(pressure.shape[0]):
+        row, weights = i // per_node + first[i % per_node], taps[i % per_node]
+        for t in range(4):
+            for j in range(columns):
+                lines[row + t, j] += weights[t] * pressure[i, j]
+    _clear(nodes)
+    for i in range(lines.shape[0]):
+        for block in range(columns // per_node):
+            for cell in range(per_node):
+                value, at = lines[i, block * per_node + cell], block + first[cell]
+                for t in range(4):
+                    nodes[i, at + t] += taps[cell, t] * value
+
+
+@compiled(nogil=True)
+def _add_from_nodes(nodes, first, taps, lines, values):
+    """Add the interpolated nodes, (M, N), to values, (R, C). lines: (M, C) work array."""
+    per_node = first.size
+    for i in range(lines.shape[0]):
+        for block in range(lines.shape[1] // per_node):
+            for cell in range(per_node):
+                at, total = block + first[cell], np.float32(0.0)
+                for t in range(4):
+                    total += taps[cell, t] * nodes[i, at + t]
+                lines[i, block * per_node + cell] = total
+    for i in range(values.shape[0]):
+        row, weights = i // per_node + first[i % per_node], taps[i % per_node]
+        for j in range(values.shape[1]):
+            values[i, j] += (
+                weights[0] * lines[row, j]
+                + weights[1] * lines[row + 1, j]
+                + weights[2] * lines[row + 2, j]
+                + weights[3] * lines[row + 3, j]
+            )
+
+
+@compiled(f"void(f4[:, :, ::1], {KERNELS}, {SHEAR_WORK}, b1, f4[:, :, ::1])", nogil=True)
+def respond(loads, kernels, work, is_known, response):
+    """Write the response of a layer, (2 or 3, rows, columns), mm, to traction along x and y,
+    (2, rows, columns), or to pressure, (1, rows, columns), MPa.
+
+    kernels: the layer's transforms. is_known: whether the work arrays have the transforms of
+    these loads.
+    """
+    lines, rows, spectra, spectrum, back = work
+    along, down = np.array([1]), np.array([0])
+    if not is_known:
+        for k in range(loads.shape[0]):
+            for i in range(loads.shape[1]):
+                for j in range(loads.shape[2]):
+                    lines[i, j] = loads[k, i, j]
+            r2c(lines, rows, along, True, 1.0, 1)
+            c2c(rows, spectra[k], down, True, 1.0, 1)
+    scale = 1.0 / (spectrum.shape[0] * lines.shape[1])
+    for k in range(response.shape[0]):
+        if loads.shape[0] == 1:
+            _by_pressure(kernels[3 + k], spectra[0], spectrum)
+        else:
+            first, second = kernels[(0, 1, 3)[k]], kernels[(1, 2, 4)[k]]
+            _by_shear(first, second, spectra, k == 2, spectrum)
+        c2c(spectrum, spectrum, down, False, 1.0, 1)
+        c2r(spectrum[: rows.shape[0]], back, along, False, scale, 1)
+        for i in range(response.shape[1]):
+            for j in range(response.shape[2]):
+                response[k, i, j] = back[i, j]
+
+
+@compiled(nogil=True, **INNER)
+def _by_shear(first, second, traction, into, response):
+    """Write the transform of a component of the response to a traction. first, second: the
+    kernels of the traction along x and y. into: whether they are odd."""
+    for i in range(first.shape[0]):
+        for j in range(first.shape[1]):
+            value = first[i, j] * traction[0, i, j] + second[i, j] * traction[1, i, j]
+            response[i, j] = complex(-value.imag, value.real) if into else value
+
+
+@compiled(nogil=True, **INNER)
+def _by_pressure(kernel, pressure, response):
+    """Write the transform of the displacement by a pressure: by reciprocity, minus that of the
+    deflection by traction."""
+    for i in range(kernel.shape[0]):
+        for j in range(kernel.shape[1]):
+            value = kernel[i, j] * pressure[i, j]
+            response[i, j] = complex(value.imag, -value.real)

@@ -12,13 +12,6 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import INNER, compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
-from t2twin.sim.contact.fixed_point import (
-    GUESSES,
-    apply_law,
-    spring_compliance,
-    winkler_depth_mm,
-)
-from t2twin.sim.contact.footprint import footprint
 from t2twin.sim.contact.grid import (
     Window,
     block_means,
@@ -28,56 +21,42 @@ from t2twin.sim.contact.grid import (
     refined,
     window_around,
 )
-from t2twin.sim.contact.heights import heights_at
+from t2twin.sim.contact.heights import footprint, heights_at
 from t2twin.sim.contact.layer import Layer, cached_layer
-from t2twin.sim.contact.mujoco_pins import POOL_SIZES
+from t2twin.sim.contact.mujoco_contact import POOL_SIZES
 from t2twin.sim.contact.pins import Pins, joined, place_pins
+from t2twin.sim.contact.solver_loops import spring_depth
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
 
-SURVEY_MM = 0.5
-"""Largest cell of the survey and of a pin, mm."""
-
+SURVEY_MM = 0.5  # largest cell of the survey and of a pin, mm
+# Allowed numbers of pins along a survey cell: the smallest where the shape is even, the largest at
+# its edges and where it is uneven.
 FINER = (1, 2, 4)
-"""Allowed numbers of pins along a survey cell: the smallest where the shape is even, the largest at
-its edges and where it is uneven."""
-
-MIN_PINS = 200
-"""Number of pins that the expected contact covers at least, if FINER allows it."""
-
+MIN_PINS = 200  # pins that the expected contact covers at least, if FINER allows it
+# Number of smallest pins that the separate parts of an expected contact cover on average, below
+# which the body gets pins of half that size. Needles of 1 mm are such parts, and narrow ridges that
+# barely touch; no press of the protocol has them.
 PART_PINS = 200
-"""Number of smallest pins that the separate parts of an expected contact cover on average, below
-which the body gets pins of half that size. Needles of 1 mm are such parts, and narrow ridges that
-barely touch; no press of the protocol has them."""
-
-EDGE_FACTOR = 2
-"""Factor on the number of pins along a survey cell at the shape's edges."""
-
+EDGE_FACTOR = 2  # on the number of pins along a survey cell at the shape's edges
+# Height of a cell's highest point above its mean, over the expected depth, above which the cell
+# gets the smallest pins.
 UNEVEN = 0.1
-"""Height of a cell's highest point above its mean, over the expected depth, above which the cell
-gets the smallest pins."""
-
+# The rough and the last stage: coarsest grid of the layer, mm, and the relative change of the
+# pressure in a step below which the stage has converged.
 STAGES = ((0.25, 2e-2), (0.125, 5e-3))
-"""The rough and the last stage: coarsest grid of the layer, mm, and the relative change of the
-pressure in a step below which the stage has converged."""
-
+# Share of the largest model's pins above which a layout that had to use larger pins keeps them
+# (assumed). In the rounds of a step, a contact with nearly as many pins as the largest model would
+# switch between two sizes.
 REFINED_SHARE = 0.5
-"""Share of the largest model's pins above which a layout that had to use larger pins keeps them
-(assumed). In the rounds of a step, a contact with nearly as many pins as the largest model would
-switch between two sizes."""
-
+# Tolerated penetration of the shape's highest points outside the pins: in mm, or as a share of the
+# depth where that is less.
 MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
-"""Tolerated penetration of the shape's highest points outside the pins: in mm, or as a share of the
-depth where that is less."""
-
+# Parts of a survey cell's side in which a shape is searched that no survey cell sees. Their corners
+# and centers are closer together than the points of a height map.
 BLADE_CELLS = 8
-"""Parts of a survey cell's side in which a shape is searched that no survey cell sees. Their
-corners and centers are closer together than the points of a height map."""
-
-BETWEEN = 8
-"""Points along a fine cell at which the first touch of a tilted shape is searched (assumed)."""
-
-MARGIN_CELLS = 1
-"""Survey cells around the expected contact that get pins too."""
+BETWEEN = 8  # points along a fine cell at which a tilted shape's first touch is searched (assumed)
+MARGIN_CELLS = 1  # survey cells around the expected contact that get pins too
+GUESSES = 3  # rounds in which springs and their expected contact are adapted to each other
 
 
 class OffPadError(T2TwinError):
@@ -128,7 +107,7 @@ class Survey:
     def surface_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
         """The surface's deflection under a pressure, both on the contact's grid, (ny, nx), mm."""
         layer = self.layer
-        return center_values(apply_law(layer, layer.deflection_mm(pressure_mpa)), 1)
+        return center_values(layer.by_law_mm(layer.deflection_mm(pressure_mpa)), 1)
 
     def missed(self, active: np.ndarray, depth_mm: float, pressure_mpa: np.ndarray) -> np.ndarray:
         """(rows, columns) bool: the cells without pins where the shape penetrates the surface.
@@ -155,12 +134,12 @@ class Survey:
         depth, touching, before = 0.0, np.ones(self.gap_mm.shape, bool), 0.0
         for _ in range(GUESSES):
             loaded = refined(window_around(touching), self.per_side)
-            compliance = spring_compliance(self.layer, loaded)
+            compliance = self.layer.spring_mm_per_mpa(loaded)
             if compliance == before:
                 break  # with the same springs, the contact would be the same
             before = compliance
             force = force_n * compliance / (self.per_side * self.layer.pitch_mm) ** 2
-            depth = winkler_depth_mm(self.gap_mm, force)
+            depth = spring_depth(force, self.gap_mm.ravel(), np.ones(self.gap_mm.size))
             touching = self.gap_mm < depth
         return touching, depth
 
@@ -194,16 +173,15 @@ class PinLayout:
         self.active = [dilated(touching, MARGIN_CELLS) for touching, _ in expected]
         if at_least is not None:
             self.active = [own | more for own, more in zip(self.active, at_least, strict=True)]
-        taken = self.active[0] if len(surveys) == 1 else np.logical_or.reduce(self.active)
-        self.window = window_around(taken)
-        if before is None:
+        self.window = window_around(np.logical_or.reduce(self.active))
+        if before is not None:
+            finer, sizes = before.finer, before.sizes
+        else:
             finer = [
                 _allowed_pins(survey, touching)
                 for survey, (touching, _) in zip(surveys, expected, strict=True)
             ]
-        else:
-            finer = before.finer
-        sizes = list(map(len, finer)) if before is None else before.sizes
+            sizes = list(map(len, finer))
         finest = max(each[-1] for each in finer)
         self._bodies = [
             _BodyPins(survey, touching, depth_mm, active, self.window, allowed, finest, size)
@@ -222,11 +200,8 @@ class PinLayout:
         """Of each body, how many of the allowed numbers it uses."""
         return [body.sizes for body in self._bodies]
 
-    def stage(self, last: bool) -> tuple[Pins, float]:
-        """The pins of the rough or the last stage, and the tolerance of its convergence.
-
-        Raises OffPadError for a body without pins.
-        """
+    def stage(self, last: bool) -> Pins:
+        """The pins of the rough or the last stage. Raises OffPadError for a body without pins."""
         per_side = max(body.per_side(last) for body in self._bodies)
         pins = [body.pins(last, per_side) for body in self._bodies]
         for survey, each in zip(self.surveys, pins, strict=True):
@@ -237,7 +212,7 @@ class PinLayout:
                     "smaller force or a smaller friction",
                     name,
                 )
-        return joined(pins), STAGES[last][1]
+        return joined(pins)
 
 
 class _BodyPins:

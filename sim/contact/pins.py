@@ -15,18 +15,17 @@ import numpy as np
 
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM
-from t2twin.sim.contact.footprint import MIN_COVER, MIN_WALL_MM, STEEPEST, Footprint
 from t2twin.sim.contact.grid import Window, side_around
+from t2twin.sim.contact.heights import MIN_COVER, MIN_WALL_MM, STEEPEST, Footprint
 from t2twin.sim.contact.layer import Layer
 
+# Mean deflection of a uniformly loaded square of side s on a half-space, over (1 - nu^2) p s / E
+# (Johnson, Contact Mechanics, 1985, section 3.3).
 SQUARE_MEAN = 0.946
-"""Mean deflection of a uniformly loaded square of side s on a half-space, over (1 - nu^2) p s / E
-(Johnson, Contact Mechanics, 1985, section 3.3)."""
-
+# Coefficients of an edge cell's compliance (`_edge_compliance`), fitted to the reference solver's
+# depth of all primitives at 1 to 8 N. An error of 0.25 % remains (root mean square), without a bias
+# on either sensor. The fit also minimizes the dependence on how an edge falls on the grid.
 EDGE_SHARE, EDGE_RISE = 1.02, 1.15
-"""Coefficients of an edge cell's compliance (`_edge_compliance`), fitted to the reference solver's
-depth of all primitives at 1 to 8 N. An error of 0.25 % remains (root mean square), without a bias
-on either sensor. The fit also minimizes the dependence on how an edge falls on the grid."""
 
 
 @dataclass(frozen=True)
@@ -292,11 +291,8 @@ def _with_neighbors(rows, columns, sides, chosen, near, found):
 
 @compiled(inline="always")
 def _cover(heights, shares, wall, rows, columns, sides, cover):
-    """Write the covered share of each fine cell of pins that are covered enough; zero elsewhere.
-
-    wall: height difference from a pin's highest cell above which a cell is not part of it, mm per
-    fine cell of its side; at least MIN_WALL_MM.
-    """
+    """Write the covered share of each fine cell of pins that are covered enough; zero elsewhere."""
+    # A cell lower than a pin's highest one by `wall` mm per cell of its side is not part of it.
     for n in range(rows.size):
         side, highest, covered = sides[n], NOTHING_MM, 0.0
         for i in range(rows[n], rows[n] + side):

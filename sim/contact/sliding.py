@@ -15,76 +15,59 @@ traction.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.contact_solver import is_confirmed, solve_bodies
+from t2twin.sim.contact.contact_solver import solve_bodies
+from t2twin.sim.contact.displacements import is_small, means, moved, unfolded
+from t2twin.sim.contact.friction import (
+    PREDICTION_TOLERANCE,
+    TOLERANCE,
+    Friction,
+    check_friction,
+    solve_traction,
+)
 from t2twin.sim.contact.grid import Window, dilated, window_around, window_shape
+from t2twin.sim.contact.layer import DomedLayer
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.solver_loops import Anderson
-from t2twin.sim.contact.tangential.displacements import is_small, means, moved, unfolded
-from t2twin.sim.contact.tangential.shear_layer import DomedLayer
-from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
-from t2twin.sim.contact.types import (
-    Contact,
-    Correction,
-    Motion,
-    PressCommand,
-    Response,
-    SurfaceShift,
-)
+from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift, read_only
 
+# Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
+# acceleration. Whole steps overshoot by up to 0.45 of the error, and by several times it where a
+# wide contact twists.
 RELAXATION = 0.8
-"""Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
-acceleration. Whole steps overshoot by up to 0.45 of the error, and by several times it where a wide
-contact twists."""
-
+# Rounds with acceleration, the limit on all rounds, and the share of a change that the others make
+# (assumed; most steps need one or two rounds). The change is that of the pressure, or of the
+# displacement where the forces are prescribed.
 ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 16, 40, 0.2
-"""Rounds with acceleration, the limit on all rounds, and the share of a change that the others make
-(assumed; most steps need one or two rounds). The change is that of the pressure, or of the
-displacement where the forces are prescribed."""
-
+# Rounds after ACCELERATED_ROUNDS over which the displacement may change by the tolerance: as many
+# as DAMPED_RELAXATION averages the pressure over. The change is the mean error of these rounds.
+# Where the smallest displacement adds or removes a cell of the contact, only a mean pressure is a
+# solution.
 AVERAGED_ROUNDS = 5
-"""Rounds after ACCELERATED_ROUNDS over which the displacement may change by the tolerance: as many
-as DAMPED_RELAXATION averages the pressure over. The change is the mean error of these rounds. Where
-the smallest displacement adds or removes a cell of the contact, only a mean pressure is a
-solution."""
-
-MAX_HALVINGS = 8
-"""Limit on the halvings of a change of the displacement that leaves a body without surface
-(assumed)."""
-
+MAX_HALVINGS = 8  # of a change of the displacement that leaves a body without surface (assumed)
+# Factor on the tolerance after ACCELERATED_ROUNDS where the forces are prescribed (assumed: less
+# than a tenth of a cell). Small contacts and edges move from cell to cell.
 LATE_TOLERANCE = 4.0
-"""Factor on the tolerance after ACCELERATED_ROUNDS where the forces are prescribed (assumed: less
-than a tenth of a cell). Small contacts and edges move from cell to cell."""
-
+# Cells around the contact in which a step computes the displacement by shear, and the least number
+# with which it keeps the last step's window (assumed).
 WINDOW_CELLS, KEPT_CELLS = 4, 2
-"""Cells around the contact in which a step computes the displacement by shear, and the least number
-with which it keeps the last step's window (assumed)."""
 
-PREDICTION_TOLERANCE = 1e-2
-"""As t2twin.sim.contact.tangential.traction.TOLERANCE, of the traction under the pressure before a
-step, from which the step starts (assumed: 3e-3 takes more time and saves no round)."""
-
-MAX_FRICTION = 5.0
-"""Largest allowed coefficient of friction (assumed: above any rubber's on a dry solid)."""
-
-Friction = Callable[
+# Solves the traction of a step within a window of the grid. Arguments: the contact, whose pressure
+# it is; the displacements along the surface by the pressure and by the dome, mm; an initial guess
+# of the traction, MPa. Returns the traction; the displacement of a surface that sticks to the
+# shape, mm; whether the traction converged. All arrays are (2, rows, columns).
+Traction = Callable[
     [Contact, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, bool]
 ]
-"""Solves the friction of a step within a window of the grid. Arguments: the contact, whose pressure
-it is; the displacements along the surface by the pressure and by the dome, mm; an initial guess of
-the traction, MPa. Returns the traction; the displacement of a surface that sticks to the
-shape, mm; whether the traction converged. All arrays are (2, rows, columns)."""
-
-Drive = Callable[[Contact, DomedLayer, np.ndarray, Window], tuple[np.ndarray, Friction]]
-"""What moves the shape in a step. Its arguments are the contact before, the layer in the window,
-the displacement along the surface before the step, (2, rows, columns), mm, and the window. Returns
-the expected displacement of a surface that sticks to the shape, (2, rows, columns), mm, and the
-friction of the step."""
+# What moves the shape in a step. Its arguments are the contact before, the layer in the window, the
+# displacement along the surface before the step, (2, rows, columns), mm, and the window. Returns
+# the expected displacement of a surface that sticks to the shape, (2, rows, columns), mm, and the
+# traction of the step.
+Drive = Callable[[Contact, DomedLayer, np.ndarray, Window], tuple[np.ndarray, Traction]]
 
 
 def advance(
@@ -93,14 +76,14 @@ def advance(
     dy_mm: float,
     dyaw_rad: float,
     force_n: float,
-    friction: float,
+    friction: float | Friction,
 ) -> Contact:
     """The contact after a small motion of the shape, with a force.
 
-    dx_mm, dy_mm: motion of the shape's origin. dyaw_rad: rotation about it. friction: coefficient
-    of friction. The given contact does not change. Raises T2TwinError as solve_contact does.
+    dx_mm, dy_mm: motion of the shape's origin. dyaw_rad: rotation about it. friction: or its
+    coefficient. The given contact does not change. Raises T2TwinError as solve_contact does.
     """
-    command, step = contact.command, (dx_mm, dy_mm, dyaw_rad)
+    command, step, dry = contact.command, (dx_mm, dy_mm, dyaw_rad), check_friction(friction)
     moved = replace(
         command,
         x_mm=command.x_mm + dx_mm,
@@ -108,11 +91,10 @@ def advance(
         yaw_rad=command.yaw_rad + dyaw_rad,
         force_n=force_n,
     )
-    start = contact.motion or still_motion(contact, friction)
 
     def drive(
         contact: Contact, layer: DomedLayer, lateral_mm: np.ndarray, window: Window
-    ) -> tuple[np.ndarray, Friction]:
+    ) -> tuple[np.ndarray, Traction]:
         follows = lateral_mm + _rigid(contact, lateral_mm, step, window)
         tolerance = PREDICTION_TOLERANCE
 
@@ -120,16 +102,22 @@ def advance(
             normal: Contact, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray, bool]:
             nonlocal tolerance
-            pressure = 1e-3 * normal.pressure_kpa[window]
-            wanted = follows - spread - dome
-            limit = layer.limit_mpa(friction, pressure)
-            shear, converged = _friction(layer, limit, wanted, guess, tolerance)
+            limit = dry.limit_mpa(1e-3 * normal.pressure_kpa[window], layer.max_mpa)
+            traction, wanted = np.zeros_like(guess), follows - spread - dome
+            if not limit.any():  # without friction
+                return traction, follows, True
+            near = window_around(dilated(limit > 0, 1))
+            part = (slice(None), *near)
+            found = solve_traction(
+                layer.middle, limit[near], wanted[part], guess[part], tolerance=tolerance
+            )
+            traction[part] = found.q_mpa
             tolerance = TOLERANCE  # the first call predicts
-            return shear, follows, converged
+            return traction, follows, found.converged
 
         return follows, solve
 
-    start = replace(start, friction=friction)
+    start = replace(contact.motion or still_motion(contact, dry), friction=dry)
     found = step_contact(contact, start, [(contact.shape, moved)], drive)
     return replace(found, settled=contact.settled and found.settled)
 
@@ -166,20 +154,6 @@ def _outside(contact: Contact, window: Window) -> np.ndarray:
     return outside
 
 
-class _Start(NamedTuple):
-    """Where the rounds of a step start: at a contact near the solution, with a traction and the
-    displacement by shear that it causes, (2 or 3, rows, columns) of a window. predicted_mm: that
-    displacement without the correction of the last step. dome_mm: the part of the dome. moves: by
-    which the bodies have moved since that contact, see solve_bodies."""
-
-    near: Contact
-    shear_mpa: np.ndarray
-    seen_mm: np.ndarray
-    predicted_mm: np.ndarray
-    dome_mm: np.ndarray
-    moves: np.ndarray | None
-
-
 def _step(
     contact: Contact,
     start: Motion,
@@ -196,17 +170,18 @@ def _step(
     """
     part, pitch = (slice(None), *window), contact.pitch_mm
     layer = contact.shear_layer.window(window)
-    lateral = _lateral_mm(_response(contact, start, layer, window))
-    follows, friction = drive(contact, layer, lateral, window)
+    spread, parts = _response(contact, start, layer, window)
+    lateral = parts.sum(axis=0)[:2] + spread
+    follows, traction_of = drive(contact, layer, lateral, window)
     travel = None if prescribed else follows - lateral
     normal, shear, seen, predicted, dome, moves = _predicted(
-        contact, start, earlier, friction, layer, window, travel
+        contact, start, earlier, traction_of, layer, window, travel
     )
     converged, acceleration = False, Anderson(seen.size)
-    possible, reference, verify = np.zeros_like(seen), seen, not seen.any()
+    possible, reference, with_mujoco = np.zeros_like(seen), seen, not seen.any()
     pressure = 1e-3 * normal.pressure_kpa[window]
     for number in range(MAX_ROUNDS):
-        normal, seen = _press(bodies, normal, window, seen, possible, moves, verify)
+        normal, seen = _press(bodies, normal, window, seen, possible, moves, with_mujoco)
         possible, moves = seen, None
         before, pressure = pressure, 1e-3 * normal.pressure_kpa[window]
         late = number - ACCELERATED_ROUNDS
@@ -215,7 +190,7 @@ def _step(
             pressure = before + DAMPED_RELAXATION * (pressure - before)
             normal = _with_pressure(normal, pressure, window)
         spread = layer.spread_mm(pressure)
-        shear, follows, found = friction(normal, spread, dome, shear)
+        shear, follows, found = traction_of(normal, spread, dome, shear)
         parts = layer.parts_mm(shear)
         sheared, dome = parts.sum(axis=0), parts[1, :2]
         if not pressure.any() or _outside(normal, window).any():
@@ -225,9 +200,9 @@ def _step(
         change = seen + error - reference if averages else error
         change = change / LATE_TOLERANCE if late >= 0 and prescribed else change
         converged = is_due and found and is_small(change, sheared, pressure, normal.depth_mm)
-        if converged and (verify or is_confirmed(normal)):
+        if converged and (with_mujoco or normal.equilibrium.agrees_with_mujoco()):
             break
-        verify |= converged or late >= 0
+        with_mujoco |= converged or late >= 0
         reference = seen + error if is_due or late == 0 else reference
         if prescribed:
             over = _nearest_body(normal, window)
@@ -236,9 +211,10 @@ def _step(
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
-    correction = Correction(travel, unfolded(sheared, pitch) - predicted)
-    known = layer.middle, window, traction, normal.pressure_kpa, spread, parts, correction
-    motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=Response(*known))
+    motion = Motion(
+        start.friction, read_only(traction), read_only(slip_mm), window, layer.middle_mm,
+        spread, parts, travel, unfolded(sheared, pitch) - predicted,
+    )  # fmt: skip
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 
@@ -246,22 +222,26 @@ def _predicted(
     contact: Contact,
     start: Motion,
     earlier: Contact | None,
-    friction: Friction,
+    traction_of: Traction,
     layer: DomedLayer,
     window: Window,
     travel: np.ndarray | None,
-) -> _Start:
+) -> tuple[Contact, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
     """The start of a step's rounds, from the contact before or an earlier result; see _step.
 
     travel: (2, rows, columns) motion of the shape along the surface in the step, mm; None where the
     forces are prescribed.
+    Returns a contact near the solution; a traction and the displacement by shear that it causes,
+    (2 or 3, rows, columns) of the window; that displacement without the correction of the last
+    step; the part of the dome; and by how much the bodies have moved since that contact, see
+    solve_bodies.
     """
     near, motion = contact, start
     if earlier is not None and earlier.motion is not None:
         near, motion = earlier, earlier.motion
-    known, pressure = _response(near, motion, layer, window), 1e-3 * near.pressure_kpa[window]
-    dome, spread = known.parts_mm[1, :2], known.spread_mm
-    shear, follows, _ = friction(near, spread, dome, motion.shear_mpa[:, *window])
+    (spread, parts), pressure = _response(near, motion, layer, window), near.pressure_kpa[window]
+    pressure, dome = 1e-3 * pressure, parts[1, :2]
+    shear, follows, _ = traction_of(near, spread, dome, motion.shear_mpa[:, *window])
     seen, over, moves = layer.response_mm(shear), _nearest_body(near, window), None
     if near is contact and travel is None:
         by_mm = means(follows - seen[:2] - spread, pressure, over)
@@ -272,7 +252,7 @@ def _predicted(
         if travel is not None:
             more = _repeated(start, travel, pressure, window)
             seen = unfolded(seen + moved(more, moves, near.pitch_mm, over), near.pitch_mm)
-    return _Start(near, shear, seen, predicted, dome, moves)
+    return near, shear, seen, predicted, dome, moves
 
 
 def _repeated(
@@ -284,19 +264,13 @@ def _repeated(
     travel: see _predicted. pressure: (rows, columns). A step in another direction has no part of
     the correction, and a longer one has all of it.
     """
-    known = start.response
-    if known is None or known.correction is None or known.correction.travel_mm is None:
+    if start.travel_mm is None or start.window is None:
         return np.zeros((3, *pressure.shape))
     whole = np.zeros((5, *start.slip_mm.shape))
-    whole[:2, *known.window], whole[2:, *known.window] = known.correction
+    whole[:2, *start.window], whole[2:, *start.window] = start.travel_mm, start.error_mm
     before, more = whole[:2, *window], whole[2:, *window]
     square, product = ((pressure * before * each).sum() for each in (before, travel))
     return more * np.clip(product / square, 0.0, 1.0) if square > 0 else 0.0 * more
-
-
-def _lateral_mm(response: Response) -> np.ndarray:
-    """(2, rows, columns) displacement of the surface along x and y, mm."""
-    return response.parts_mm.sum(axis=0)[:2] + response.spread_mm
 
 
 def _nearest_body(contact: Contact, window: Window) -> list[np.ndarray]:
@@ -319,7 +293,7 @@ def _press(
     seen: np.ndarray,
     possible: np.ndarray,
     moves: np.ndarray | None,
-    verify: bool,
+    with_mujoco: bool,
 ) -> tuple[Contact, np.ndarray]:
     """The contact of bodies over a surface that is displaced by seen, and that displacement.
 
@@ -332,8 +306,9 @@ def _press(
         shift = SurfaceShift(near.x_mm[columns], near.y_mm[rows], seen)
         start = (shift, near, moves) if seen.any() else (None, None, None)
         try:
-            found = solve_bodies(bodies, near.elastomer, near.pitch_mm, *start, verify=verify)
-            return found, seen
+            return solve_bodies(
+                bodies, near.elastomer, near.pitch_mm, *start, with_mujoco=with_mujoco
+            ), seen
         except OffPadError:
             if halvings == MAX_HALVINGS or not seen.any():
                 raise
@@ -355,64 +330,38 @@ def _with_pressure(contact: Contact, pressure_mpa: np.ndarray, window: Window) -
     """The contact with another pressure in a window."""
     pressure_kpa = contact.pressure_kpa.copy()
     pressure_kpa[window] = 1e3 * pressure_mpa
-    pressure_kpa.setflags(write=False)
-    return replace(contact, pressure_kpa=pressure_kpa)
+    return replace(contact, pressure_kpa=read_only(pressure_kpa))
 
 
 def _window(contact: Contact, start: Motion) -> Window:
     """The window of a step: that of the last one, if it is wide enough."""
     loaded = contact.pressure_kpa > 0
-    if start.response is not None:
+    if start.window is not None:
         outside = dilated(loaded, KEPT_CELLS)
-        outside[start.response.window] = False
+        outside[start.window] = False
         if not outside.any():
-            return start.response.window
+            return start.window
     return window_around(dilated(loaded, WINDOW_CELLS))
 
 
-def _response(contact: Contact, start: Motion, layer: DomedLayer, window: Window) -> Response:
-    """The response at the start of a step, from the last one if nothing has changed."""
-    known, shear, pressure = start.response, start.shear_mpa, contact.pressure_kpa
-    if (
-        known is not None
-        and (known.layer, known.window) == (layer.middle, window)
-        and known.shear_mpa is shear
-        and known.pressure_kpa is pressure
-    ):
-        return known
-    spread, parts = layer.spread_mm(1e-3 * pressure[window]), layer.parts_mm(shear[:, *window])
-    return Response(layer.middle, window, shear, pressure, spread, parts)
+def _response(
+    contact: Contact, motion: Motion, layer: DomedLayer, window: Window
+) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement by the pressure and by the traction at the start of a step: those of the last
+    step in the same window."""
+    spread, parts = motion.spread_mm, motion.parts_mm
+    known = motion.window == window and motion.middle_mm == layer.middle_mm
+    if spread is None or parts is None or not known:
+        return layer.spread_mm(1e-3 * contact.pressure_kpa[window]), layer.parts_mm(
+            motion.shear_mpa[:, *window]
+        )
+    return spread, parts
 
 
-def _friction(
-    layer: DomedLayer,
-    limit_mpa: np.ndarray,
-    wanted_mm: np.ndarray,
-    start_mpa: np.ndarray,
-    tolerance: float,
-) -> tuple[np.ndarray, bool]:
-    """The traction of a step, (2, rows, columns), MPa, and whether it converged: see
-    solve_traction."""
-    traction = np.zeros_like(start_mpa)
-    if not limit_mpa.any():  # without friction
-        return traction, True
-    loaded = (slice(None), *window_around(dilated(limit_mpa > 0, 1)))
-    found = solve_traction(
-        layer.middle,
-        limit_mpa[loaded[1:]],
-        wanted_mm[loaded],
-        start_mpa[loaded],
-        tolerance=tolerance,
-    )
-    traction[loaded] = found.q_mpa
-    return traction, found.converged
-
-
-def still_motion(contact: Contact, friction: float) -> Motion:
+def still_motion(contact: Contact, friction: Friction) -> Motion:
     """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
-    none = np.zeros((2, *shape))
-    return Motion(friction, none, np.zeros(shape))
+    return Motion(friction, np.zeros((2, *shape)), np.zeros(shape))
 
 
 def _rigid(

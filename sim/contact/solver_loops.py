@@ -1,5 +1,6 @@
 """Compiled loops of the contact solver's fixed-point iteration, and its Anderson acceleration.
 
+The springs' contact is that of `t2twin.sim.contact.mujoco_contact`, here in closed form.
 Pins are given by their first row, first column and side in the window, all (n,) int64 in cells of
 the layer's fine grid. Every loop runs in one thread and sums in a fixed order, so that results are
 identical on every run.
@@ -8,35 +9,21 @@ identical on every run.
 import numpy as np
 
 from t2twin.core.jit import INNER, compiled
-from t2twin.sim.contact.convolution import OPERATOR, convolve
 from t2twin.sim.contact.elastomer import stiffened
+from t2twin.sim.contact.layer import OPERATOR, convolve
 from t2twin.sim.contact.pins import spread
 
-MIN_STEPS = 2
-"""Least number of steps: the first does not include pins that were added before it."""
-
-PENETRATION_MM = 1e-3
-"""Height of the shape above an inactive pin that is tolerated, mm: the change in a converged
-step."""
-
+MIN_STEPS = 2  # the first step does not include pins that were added before it
+PENETRATION_MM = 1e-3  # of the shape into an inactive pin that is tolerated, mm: a converged step
+# Limit on Newton steps on a convex, piecewise linear function. Each step drops springs that later
+# steps do not add again, so the iteration ends far sooner.
 MAX_NEWTON_STEPS = 200
-"""Limit on Newton steps on a convex, piecewise linear function. Each step drops springs that later
-steps do not add again, so the iteration ends far sooner."""
-
-FAR_MM = 1e9
-"""Deflection at which the spring of an inactive pin carries nothing, mm."""
-
+FAR_MM = 1e9  # deflection at which the spring of an inactive pin carries nothing, mm
+MEMORY = 4  # earlier steps that Anderson acceleration stores; more does not reduce the steps
+RIDGE = 1e-8  # relative addition to the diagonal of the normal equations: for equal steps
+RESTART_GROWTH = 2.0  # growth of the residual in a step above which the stored ones are discarded
+# Types of the arrays of pins: see `iterate`.
 PINS = "Tuple((i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1]))"
-"""Types of the arrays of pins: see `iterate`."""
-
-MEMORY = 4
-"""Earlier steps that Anderson acceleration stores; more does not reduce the number of steps."""
-
-RIDGE = 1e-8
-"""Relative addition to the diagonal of the normal equations, which regularizes equal steps."""
-
-RESTART_GROWTH = 2.0
-"""Growth of the residual in one step above which the stored steps are discarded."""
 
 
 @compiled(inline="always")
@@ -389,7 +376,7 @@ def iterate(
     see `_fit_springs`. pins: bodies, rows, columns, sides, gaps, areas, edge compliances and
     thicknesses, all (n,). cover: (bodies, R, C). active: (n,), pins that take part. forces:
     (bodies,) in units of a fine cell's spring x mm. compliance: (bodies,) of the springs, mm/MPa.
-    operator: see `convolution.convolve`. reaches, gains: see `precondition`.
+    operator: see `layer.convolve`. reaches, gains: see `precondition`.
     current: (n,) the initial pressure, MPa; afterwards that at which the last step started.
     Writes pressure, local, rest, (n,), depths, (bodies,), and linear, (R, C), the deflection of the
     linear layer, of the last step. depths are also the expected ones. Returns the last change and

@@ -10,16 +10,11 @@ from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import RANGES, Elastomer, Law
-from t2twin.sim.contact.sliding import MAX_FRICTION
+from t2twin.sim.contact.friction import MAX_FRICTION
 
-LARGEST_MM = 100.0
-"""Largest side of a sensor's layer, mm (assumed: beyond any published sensor of these kinds)."""
-
-MAX_CELLS = 500
-"""Limit on the cells of the contact's grid along a side (assumed: presses stay below a second)."""
-
-DEEPEST_MM = 200.0
-"""Largest depth of a sensor's housing, mm (assumed)."""
+LARGEST_MM = 100.0  # side of a layer, mm (assumed: beyond any published sensor of these kinds)
+MAX_CELLS = 500  # cells of the contact's grid along a side (assumed: presses stay below a second)
+DEEPEST_MM = 200.0  # largest depth of a sensor's housing, mm (assumed)
 
 Side = Annotated[float, Meta(ge=1.0, le=LARGEST_MM)]
 Radius = Annotated[float, Meta(ge=1.0)]

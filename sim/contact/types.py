@@ -4,10 +4,9 @@ Frames are those of t2twin.primitives_cad.shape. Every grid is rows x columns: t
 with y, the column index with x.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,26 +15,30 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG, quaternion_of, tilted
+from t2twin.sim.contact.displacements import is_far, unfolded
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.friction import AT_LIMIT, Friction
 from t2twin.sim.contact.grid import Window
-from t2twin.sim.contact.tangential.displacements import unfolded
-from t2twin.sim.contact.tangential.shear_layer import DomedLayer, ShearLayer, domed_layer
+from t2twin.sim.contact.heights import is_cut, reaches_beyond
+from t2twin.sim.contact.layer import DomedLayer, domed_layer
 
-FORCE_RANGE_N = (0.01, 100.0)
-"""Smallest and largest force that can be commanded, N."""
+if TYPE_CHECKING:
+    from t2twin.sim.contact.contact_solver import Equilibrium
 
-TILT = ("tilt_x_rad", "tilt_y_rad")
-"""Fields of the tilt in PressCommand."""
-
+FORCE_RANGE_N = (0.01, 100.0)  # smallest and largest force that can be commanded, N
+TILT = ("tilt_x_rad", "tilt_y_rad")  # fields of the tilt in PressCommand
 MAX_TILT_RAD = float(np.deg2rad(MAX_TILT_DEG))
-
+# Area of a contact up to which it is not resolved, mm2: one cell of a grid of 0.25 mm. A point of a
+# mesh that carries newtons has tens of MPa there, which no elastomer withstands.
 SMALLEST_CONTACT_MM2 = 0.0625
-"""Area of a contact up to which it is not resolved, mm2: one cell of a grid of 0.25 mm. A
-point of a mesh that carries newtons has tens of MPa there, which no elastomer withstands."""
 
-AT_LIMIT = 1e-3
-"""Share by which a traction may be below the limit of friction where the shape slips: three times
-the tolerance of the traction."""
+# Limits of a contact, in words.
+UNSETTLED = "the contact did not settle, so its pressure and depth are approximate"
+SMALL = "the contact is smaller than the grid, so its pressure and depth are approximate"
+BOTTOMED = "the shape bottomed out: its base plate (the lowest flat face) is in contact"
+FAR_SHEARED = (
+    "the surface is sheared beyond what the model describes, so its displacement is approximate"
+)
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,7 @@ class PressCommand:
     x_mm, y_mm: position of the shape's origin in the sensor frame, mm. yaw_rad: rotation about the
     sensor's z. force_n: force along the press axis, N. tilt_x_rad, tilt_y_rad: tilt about the
     shape's origin, before the yaw, see t2twin.primitives_cad.shape; up to 30 degrees.
-    Raises T2TwinError for values that are not numbers, for a pose that is not finite, and for a
-    larger tilt.
+    Raises T2TwinError for values that are not finite numbers, and for a larger tilt.
     """
 
     shape: str
@@ -118,7 +120,7 @@ def _interpolate(values, rows, down, columns, across, found):
 
 @dataclass(frozen=True)
 class PinState:
-    """The active pins of a solved press, all (n,), as `t2twin.sim.scene` shows them.
+    """The active pins of a solved press, all (n,): the state of MuJoCo's model in mm and N.
 
     x_mm, y_mm, rest_mm: positions of the pins, and heights of their undeformed tops.
     deflection_mm: deflections. gap_mm: distances from the shape at first touch. spring_rest_mm,
@@ -136,51 +138,34 @@ class PinState:
     side_mm: np.ndarray
 
 
-class Correction(NamedTuple):
-    """Error of a step's prediction, in a window of the grid, mm. travel_mm: (2, rows, columns)
-    motion of the shape along the surface in the step, None where the forces were prescribed.
-    values_mm: (3, rows, columns) displacement by shear, less the predicted one."""
-
-    travel_mm: np.ndarray | None
-    values_mm: np.ndarray
-
-
-@dataclass(frozen=True)
-class Response:
-    """Displacement of the surface by one pressure and traction, in a window of the grid, mm.
-
-    layer: the layer that responds. shear_mpa, pressure_kpa: the arrays of the contact. spread_mm:
-    (2, rows, columns) by the pressure. parts_mm: (2, 3, rows, columns) by the traction, see
-    DomedLayer.parts_mm. correction: of the prediction of the step that led to it, if there was one.
-    """
-
-    layer: ShearLayer
-    window: Window
-    shear_mpa: np.ndarray
-    pressure_kpa: np.ndarray
-    spread_mm: np.ndarray
-    parts_mm: np.ndarray
-    correction: Correction | None = None
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """What sliding and turning have done to a contact, on its grid.
 
-    friction: coefficient of friction, (ny, nx) for several bodies. shear_mpa: (2, ny, nx) traction
-    on the sensor along x and y. slip_mm: (ny, nx) length of the shape's path over the surface so
-    far. response: to the traction and the pressure, from which the next step starts.
+    friction: of the step. shear_mpa: (2, ny, nx) traction on the sensor along x and y. slip_mm:
+    (ny, nx) length of the shape's path over the surface so far.
+    The others are the response to the contact's pressure and traction in a window of the grid, from
+    which the next step starts; None before the first step. middle_mm: thickness of the layer that
+    responds, see DomedLayer. spread_mm: (2, rows, columns) displacement by the pressure. parts_mm:
+    (2, 3, rows, columns) by the traction, see DomedLayer.parts_mm. travel_mm: (2, rows, columns)
+    motion of the shape along the surface in the step, None where the forces were prescribed.
+    error_mm: (3, rows, columns) displacement by shear, less that predicted for the step.
     """
 
-    friction: Any
+    friction: Friction
     shear_mpa: np.ndarray
     slip_mm: np.ndarray
-    response: Response | None = field(default=None, repr=False, compare=False)
+    window: Window | None = None
+    middle_mm: float | None = None
+    spread_mm: np.ndarray | None = None
+    parts_mm: np.ndarray | None = None
+    travel_mm: np.ndarray | None = None
+    error_mm: np.ndarray | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Contact:
-    """The contact of one shape with one elastomer.
+    """The contact of one shape with one elastomer: plain data, which can be copied and pickled.
 
     shape, command, elastomer: the press.
     pressure_kpa: (ny, nx) normal pressure, >= 0.
@@ -194,9 +179,7 @@ class Contact:
         also in all steps since the press.
     bottomed: whether the shape's base plate is in contact.
     milliseconds: computing time without surface_mm.
-    compute_surface: returns surface_mm. Called at its first use, as taxels need only the
-        pressure.
-    equilibrium: the solver's state, from which it solves a contact close to this one.
+    equilibrium: the pins of the last stage, from which a contact close to this one is solved.
     shift: of the surface by shear when the shape was pressed; None without shear. surface_mm does
         not contain it.
     motion: the shear of a contact that has moved; None of a press, which has none.
@@ -215,8 +198,7 @@ class Contact:
     settled: bool
     bottomed: bool
     milliseconds: float
-    compute_surface: Callable[[], np.ndarray] = field(repr=False, compare=False)
-    equilibrium: Any = field(repr=False, compare=False)
+    equilibrium: "Equilibrium" = field(repr=False)
     shift: SurfaceShift | None = None
     motion: Motion | None = None
 
@@ -256,13 +238,13 @@ class Contact:
     @cached_property
     def surface_mm(self) -> np.ndarray:
         """(ny, nx) float32 deflection of the surface into the sensor, mm; negative where it bulges
-        out."""
-        return self.compute_surface()
+        out. Computed at its first use, as taxels need only the pressure."""
+        return read_only(self.equilibrium.surface_mm().astype(np.float32))
 
     @cached_property
     def pins(self) -> PinState:
         """The pins that carry the force."""
-        return self.equilibrium.solution.pin_state()
+        return self.equilibrium.pin_state()
 
     @property
     def moments_kpa_mm(self) -> np.ndarray:
@@ -280,7 +262,7 @@ class Contact:
         """Names of the bodies in contact."""
         return self.equilibrium.names
 
-    @cached_property
+    @property
     def shear_layer(self) -> DomedLayer:
         """The tangential response of the elastomer under the contact, on the contact's grid."""
         return domed_layer(self.elastomer, self.x_mm, self.y_mm, self.pressure_kpa)
@@ -334,7 +316,8 @@ class Contact:
         """(ny, nx) bool: where the shape slips, the traction being at the limit of friction."""
         if self.motion is None:
             return np.zeros(self.pressure_kpa.shape, bool)
-        limit = self.shear_layer.limit_mpa(self.motion.friction, 1e-3 * self.pressure_kpa)
+        pressure_mpa = 1e-3 * self.pressure_kpa
+        limit = self.motion.friction.limit_mpa(pressure_mpa, self.shear_layer.max_mpa)
         sizes = np.hypot(*self.motion.shear_mpa)
         return (self.pressure_kpa > 0) & (sizes >= (1 - AT_LIMIT) * limit)
 
@@ -342,6 +325,47 @@ class Contact:
     def slip_share(self) -> float:
         """Share of the cells in contact at which the shape slips."""
         return float(self.slipping.sum() / max((self.pressure_kpa > 0).sum(), 1))
+
+
+def contact_notes(contact: Contact) -> list[str]:
+    """A clause for each limit of a contact; none for an ordinary one."""
+    found = []
+    if contact.smaller_than_grid:
+        found.append(SMALL)
+    elif not contact.settled:
+        found.append(UNSETTLED)
+    motion = contact.motion
+    if motion is not None and motion.parts_mm is not None:
+        # Up to a mean strain of 1 the linear response is that of a rubber (assumed).
+        weights, most_mm = contact.pressure_kpa[motion.window], contact.elastomer.thickness_mm
+        if is_far(motion.parts_mm.sum(axis=0), weights, contact.pitch_mm, most_mm):
+            found.append(FAR_SHEARED)
+    if contact.bottomed:
+        found.append(BOTTOMED)
+    places = (contact.command.x_mm, contact.x_mm), (contact.command.y_mm, contact.y_mm)
+    half_x, half_y = (abs(axis).max() for _, axis in places)
+    if any(abs(at) > abs(axis).max() for at, axis in places):
+        found.append(
+            "the shape's middle lies off the sensor, whose soft layer reaches "
+            f"{half_x:.1f} mm to each side and {half_y:.1f} mm up and down"
+        )
+    shape = contact.command.tilted(contact.shape)
+    # Only then its solid is needed, which is slow to make.
+    if is_cut(shape.surface) and reaches_beyond(
+        shape.surface, contact.command, contact.x_mm, contact.y_mm
+    ):
+        corners, reach_mm = shape.triangles[0], max(shape.surface.x_mm[-1], shape.surface.y_mm[-1])
+        if len(corners) and abs(corners[:, :2]).max() > reach_mm:
+            beyond = f"beyond {reach_mm:.0f} mm from its middle"
+            found.append(f"parts of the shape {beyond} are not pressed")
+    return found
+
+
+def read_only(values: np.ndarray) -> np.ndarray:
+    """A view of an array that cannot be written."""
+    view = values.view()
+    view.setflags(write=False)
+    return view
 
 
 def check_force(force_n: float) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.friction import Friction
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import Survey
 from t2twin.sim.contact.sliding import advance
@@ -160,12 +161,15 @@ class SensorPair:
             Survey(touch.shape, command, cached_layer(contact.elastomer, contact.pitch_mm))
 
     def advance(
-        self, touch: Touch, command: PressCommand, friction: float | dict[str, float] | None
+        self,
+        touch: Touch,
+        command: PressCommand,
+        friction: float | Friction | dict[str, float] | None,
     ) -> Touch:
         """Move the shape of a touch by a small step, with friction; without images and counts.
 
-        command: the new pose and force. friction: of both sensors, or by their names; None is each
-        one's own. Raises T2TwinError as solve_contact does.
+        command: the new pose and force. friction: or its coefficient, of both sensors, or by their
+        names; None is each one's own. Raises T2TwinError as solve_contact does.
         """
         before = touch.command
         motion = (

@@ -28,9 +28,8 @@ from scipy import special
 from t2twin.core.cached_files import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
+from t2twin.sim.contact.closed_forms import spectra
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.layer import base_stress
-from t2twin.sim.contact.tangential.kernels import spectra
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.taxels.layout import MAX_TAXELS, Layout
 from t2twin.sim.taxels.spec import DenseTable
@@ -75,7 +74,7 @@ def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
         loads["shear"] = contact.motion.shear_mpa
     stress = np.zeros(layout.size)
     for force, load in loads.items():
-        by_direction = np.ascontiguousarray(load, float).reshape(-1, contact.pressure_kpa.size)
+        by_direction = np.array(load, float).reshape(-1, contact.pressure_kpa.size)
         for weights, values in zip(_weights(*key, force), by_direction, strict=True):
             _add_stress(weights, values, stress)
     return stress
@@ -155,12 +154,13 @@ def _hankel(
 ) -> np.ndarray:
     """`_pad_responses` at distances (n,), 1/mm^2: stress at the base, times a disc and a cell."""
     k = np.linspace(1e-4, 25.0 / thickness_mm, 3000)
+    layer = spectra(k, thickness_mm, 1.0, poisson)
     if force == "normal":
-        spectrum, bessel = base_stress(k, thickness_mm, poisson), special.j0
+        spectrum, bessel = layer.base_pressure, special.j0
     elif force == "moment":  # the derivative of J0 is -J1
-        spectrum, bessel = k * base_stress(k, thickness_mm, poisson), special.j1
+        spectrum, bessel = k * layer.base_pressure, special.j1
     else:
-        spectrum, bessel = spectra(k, thickness_mm, 1.0, poisson).base_shear, special.j1
+        spectrum, bessel = layer.base_shear, special.j1
     # a cell is a Gaussian with the second moment of the square, p^2 / 12 along each axis
     disc, cell = disc_transform(k, diameter_mm), np.exp(-((k * pitch_mm) ** 2) / 24)
     return _transformed(spectrum * disc * cell * k / (2 * np.pi), k, r_mm, bessel)
@@ -242,7 +242,7 @@ def _covariance(
 ) -> np.ndarray:
     """Covariance, for a white pressure, of a pad and one of the dense counts at distances."""
     k = np.linspace(1e-4, 25.0 / cover.thickness_mm, WAVENUMBERS)
-    transmission = base_stress(k, cover.thickness_mm, cover.poisson) ** 2
+    transmission = spectra(k, cover.thickness_mm, 1.0, cover.poisson).base_pressure ** 2
     own, other = disc_transform(k, diameter_mm), disc_transform(k, pad_mm)
     spectrum = transmission * own * other * k / (2 * np.pi)
     radii = np.linspace(0.0, float(distance_mm.max()) + 0.1, RADII)

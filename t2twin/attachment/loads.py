@@ -11,13 +11,11 @@ from t2twin.attachment.contacts import READ_N, READ_SHARE, UNSTEADY, Push, Wrenc
 from t2twin.attachment.rasterize import width_cells
 from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.sim.contact.contact_notes import SMALL, UNSETTLED
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.loads.carry import carry
-from t2twin.sim.contact.loads.prescribed import Load, owner_of
+from t2twin.sim.contact.friction import MAX_FRICTION, Friction
 from t2twin.sim.contact.pin_layout import SURVEY_MM, OffPadError
-from t2twin.sim.contact.sliding import MAX_FRICTION
-from t2twin.sim.contact.types import FORCE_RANGE_N, Contact
+from t2twin.sim.contact.prescribed import Load, carry, owner_of
+from t2twin.sim.contact.types import FORCE_RANGE_N, SMALL, UNSETTLED, Contact
 from t2twin.sim.touch import Notice
 
 MAX_FORCE_N = 0.9999 * FORCE_RANGE_N[1]
@@ -116,7 +114,7 @@ def _load(body: Body, shape: Shape, limit: float) -> Load:
         shear_n=(along_x, along_y),
         torque_nmm=limit * float(wrench.torque_nmm[2]),
         motion=body.motion,
-        friction=min(wrench.friction, MAX_FRICTION),
+        friction=Friction(min(wrench.friction, MAX_FRICTION)),
     )
 
 

@@ -114,7 +114,7 @@ def _solids() -> str:
 def _contact() -> str:
     import numpy as np
 
-    from t2twin.sim.contact.mujoco_pins import borrowed_pins
+    from t2twin.sim.contact.mujoco_contact import borrowed_pins
 
     depth_mm, none = 0.0, np.zeros(1)
     with borrowed_pins(1) as model:

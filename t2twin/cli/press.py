@@ -311,7 +311,8 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     from t2twin.compile_ahead import compile_ahead
     from t2twin.core.progress import Progress
     from t2twin.rerun_log import RerunLog, recorded
-    from t2twin.sim.slide import check_friction, touches_along
+    from t2twin.sim.contact.friction import check_friction
+    from t2twin.sim.slide import touches_along
     from t2twin.slide_files import FRAME_MS, write_slide
 
     shape = options.load_shape()
@@ -383,7 +384,7 @@ def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
 
 def contact_summary(sensor: str, contact: "Contact") -> str:
     """One line about a contact."""
-    from t2twin.sim.contact.contact_notes import contact_notes
+    from t2twin.sim.contact.types import contact_notes
 
     line = (
         f"{sensor}: {contact.force_n:.2f} N at {contact.depth_mm:.3f} mm, "

@@ -15,12 +15,12 @@ from t2twin.core.records import convert
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
+from t2twin.sim.contact.friction import check_friction
 from t2twin.sim.contact.types import check_force
 from t2twin.sim.sampling.protocol import FORCE_N, indices, press_of, scale_of
 from t2twin.sim.sensors.defaults import ALIASES, ROLES, SOURCE, TARGET
 from t2twin.sim.sensors.files import bundled_sensors
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.slide import check_friction
 from t2twin.sim.taxels.layout import layout_names
 from t2twin.sim.taxels.reading import NONE
 

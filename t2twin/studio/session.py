@@ -221,7 +221,8 @@ def _point(row: PathRow, touch: Touch) -> SlidePoint:
         {sensor: float(np.hypot(*contact.shear_n)) for sensor, contact in contacts.items()},
         {sensor: contact.torque_nmm for sensor, contact in contacts.items()},
         {
-            sensor: 0.0 if contact.motion is None else contact.motion.friction * contact.force_n
+            sensor: 0.0 if motion is None else float(motion.friction.limit_n(contact.force_n))
             for sensor, contact in contacts.items()
+            for motion in [contact.motion]
         },
     )

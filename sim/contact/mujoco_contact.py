@@ -1,9 +1,19 @@
-"""The MuJoCo model of a press: pins on springs, and a rigid shape on a slide.
+"""What MuJoCo solves in every press: the soft contact of a rigid shape with the pins of a layer.
 
 Each pin is a ball on a vertical slide joint with a spring. The shape is one body on a vertical
-slide joint, pushed with the commanded force; it has one ball above each pin, at the shape's height
-there. A pin can touch only the ball above it, without friction. Contact forces are therefore
+slide joint, pushed with the commanded force F; it has one ball above each pin, at the shape's
+height there. A pin can touch only the ball above it, without friction. Contact forces are therefore
 vertical, and the model is exact for normal contact with any outline or slope.
+
+At rest MuJoCo's contact solver finds the depth d of the shape, the deflections w_i of the pins and
+their contact forces f_i with
+
+    f_i = k_i (w_i - r_i),   f_i >= 0,   w_i >= d - g_i,   f_i = 0 where w_i > d - g_i,
+    sum f_i = F
+
+where g_i is the gap between shape and pin at first touch, and k_i and r_i are stiffness and rest
+deflection of the pin's spring. MuJoCo knows nothing of the elastic layer that couples the pins:
+`t2twin.sim.contact.contact_solver` sets k_i and r_i so that the springs respond as the layer does.
 
 Units inside the model: mm, s, and the force that compresses an unstiffened pin's spring by 1 mm.
 Springs are therefore about 1, and one compiled model serves every elastomer and pitch. The
@@ -27,47 +37,34 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.sim.contact.solver_loops import spring_depth
 
+# Radius of the balls, mm: more than the penetration in any step. Neighboring balls may overlap, as
+# each touches only its partner.
 BALL_MM = 1.0
-"""Radius of the balls, mm: more than the penetration in any step. Neighboring balls may overlap, as
-each touches only its partner."""
-
+# Overlap of every pin with its partner at the start of a step, mm, so that no contact is missed.
+# The equilibrium does not depend on where the pins start.
 TOUCH_MM = 1e-3
-"""Overlap of every pin with its partner at the start of a step, mm, so that no contact is missed.
-The equilibrium does not depend on where the pins start."""
-
+# MuJoCo's solimp and solref of the contacts: nearly rigid, and closed within a step of 1 s.
 IMPEDANCE, CONTACT_S = 0.9999, 1e-3
-"""MuJoCo's solimp and solref of the contacts: nearly rigid, and closed within a step of 1 s."""
-
+# Part of the overlap that the `discrete` integrator closes in a step of 1 s, mm.
 CLOSING_MM = TOUCH_MM / (1 + IMPEDANCE * CONTACT_S) ** 2
-"""Part of the overlap that the `discrete` integrator closes in a step of 1 s, mm."""
-
+# Mass of a pin over its stiffness x step^2: small, so that it is at rest after one step.
 PIN_MASS = 1e-5
-"""Mass of a pin over its stiffness x step^2: small, so that it is at rest after one step."""
-
+# Mass of the shape over one pin's stiffness x step^2: on more than a few pins it reaches the
+# equilibrium in one or two steps, and its contact stays stiff.
 SHAPE_MASS = 10.0
-"""Mass of the shape over one pin's stiffness x step^2: on more than a few pins it reaches the
-equilibrium in one or two steps, and its contact stays stiff."""
-
+# Numbers of pins for which a model is compiled; a press uses the smallest that fits.
 POOL_SIZES = (
     128, 192, 256, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 6144, 8192, 12288, 16384,
     24576,
 )  # fmt: skip
-"""Numbers of pins for which a model is compiled; a press uses the smallest that fits."""
-
-MIN_CACHED_PINS = 1024
-"""Compiled models with at least this number of pins are cached on disk."""
-
+MIN_CACHED_PINS = 1024  # compiled models with at least this number of pins are cached on disk
+# Models of up to this number of pins are prepared for attached sensors (assumed: boxes, balls and
+# cylinders on both bundled elastomers need up to 3,500).
 PREPARED_PINS = 4096
-"""Models of up to this number of pins are prepared for attached sensors (assumed: boxes, balls and
-cylinders on both bundled elastomers need up to 3,500)."""
-
-PARKED_MM = 1.0e4
-"""Height of the shape's ball above an unused pin, mm."""
-
-
+PARKED_MM = 1.0e4  # height of the shape's ball above an unused pin, mm
+# Pins that are read at once, to be attached to the others: MuJoCo's time to read bodies grows with
+# the square of their number.
 BLOCK_PINS = 512
-"""Pins that are read at once, to be attached to the others: MuJoCo's time to read bodies grows with
-the square of their number."""
 
 HEAD = f"""<mujoco model="press">
   <option timestep="1" integrator="discrete" solver="Newton" gravity="0 0 0" tolerance="1e-10">
@@ -215,16 +212,22 @@ _log.logto_file = False  # else a warning writes MUJOCO_LOG.TXT to the working d
 _log.logto_console = False  # the solver handles a step that diverges
 _log.set()
 
+# Pool of compiled models by number of pins: compiling takes longer than a press.
 _idle: dict[int, list[MujocoPins]] = {}
-"""Pool of compiled models by number of pins: compiling takes longer than a press."""
-
 _idle_lock = Lock()
 
 
 @contextmanager
 def borrowed_pins(pins: int) -> Iterator[MujocoPins]:
-    """A compiled model with at least this number of pins, used by no other thread in the block."""
-    size = next(size for size in POOL_SIZES if size >= pins)
+    """A compiled model with at least this number of pins, used by no other thread in the block.
+
+    Raises T2TwinError for more pins than the largest model has.
+    """
+    size = next((size for size in POOL_SIZES if size >= pins), None)
+    if size is None:
+        raise T2TwinError(
+            f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
+        )
     with _idle_lock:
         pool = _idle.setdefault(size, [])
         model = pool.pop() if pool else None
@@ -238,10 +241,7 @@ def borrowed_pins(pins: int) -> Iterator[MujocoPins]:
 
 
 def prepare_models() -> None:
-    """Compile or load the models of ordinary contacts, so that none of these has to wait for one.
-
-    Takes about 0.3 s in a process's first call, 1 s in the first one of a machine.
-    """
+    """Compile or load the models of ordinary contacts: up to 1 s, so that no contact waits."""
     for size in POOL_SIZES:
         if size <= PREPARED_PINS:
             with borrowed_pins(size):

@@ -10,21 +10,16 @@ from scipy import ndimage
 
 from t2twin.core.jit import compiled
 
+# Convergence of a step: mean error, weighted with the pressure, of the displacement by shear that
+# the normal contact sees. Along the surface: mm, or a share of the mean displacement where that is
+# more. Into the sensor: a share of the depth.
 COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
-"""Convergence of a step: mean error, weighted with the pressure, of the displacement by shear that
-the normal contact sees. Along the surface: mm, or a share of the mean displacement where that is
-more. Into the sensor: a share of the depth."""
-
-MIN_MOVE = 0.1
-"""Motion of a contact, in cells, below which its displacement does not move with it (assumed)."""
-
+MIN_MOVE = 0.1  # motion of a contact, cells, below which its displacement does not move (assumed)
+# Largest shortening of the surface in one direction, as a share of its length. A rubber's surface
+# that is shortened more forms creases instead (Hong, Zhao and Suo 2009, doi 10.1063/1.3211917: 0.35
+# in plane strain). With this limit contacts settle under a body that sinks into most of a layer.
 MAX_SHORTENING = 0.35
-"""Largest shortening of the surface in one direction, as a share of its length. A rubber's surface
-that is shortened more forms creases instead (Hong, Zhao and Suo 2009, doi 10.1063/1.3211917: 0.35
-in plane strain). With this limit contacts settle under a body that sinks into most of a layer."""
-
-FAR_SHARE = 0.2
-"""Share of the displacement that MAX_SHORTENING may change without a note (assumed)."""
+FAR_SHARE = 0.2  # of the displacement that MAX_SHORTENING may change without a note (assumed)
 
 
 def is_small(

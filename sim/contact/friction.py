@@ -1,0 +1,427 @@
+"""Dry friction of a contact: its tangential traction in one step of a motion.
+
+Kalker's problem (Three-Dimensional Elastic Bodies in Rolling Contact, 1990): among the tractions
+that nowhere exceed the limit of friction, that of the contact minimizes
+
+    1/2 q . A q - q . w
+
+with A the layer's tangential compliance and w the displacement that the shape would give the
+surface without slip. Where the traction is below its limit the surface sticks, A q = w. Elsewhere
+the shape slips over it, along the traction. The problem is convex, so its solution is unique.
+
+Bodies with prescribed forces and torques restrict the traction too; their rigid motions are then
+unknowns. A wrench is (3,): the force along x and y, and the torque over a length, all over the area
+of a cell, MPa. A rigid motion is (3,): along x and y, and the rotation times the same length, mm.
+The length and the center of rotation are those of a lever, (3,): x and y of the center and the
+length, mm. With u the displacement of a cell by a rigid motion, wrench . motion is the sum of
+q . u.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from t2twin.core import arguments
+from t2twin.core.jit import INNER, compiled
+from t2twin.sim.contact.layer import KERNELS, SHEAR_WORK, ShearLayer, respond, shear_work
+
+MAX_FRICTION = 5.0  # largest allowed coefficient (assumed: above any rubber's on a dry solid)
+# Share by which a traction may be below the limit of friction where the shape slips: three times
+# the tolerance of the traction.
+AT_LIMIT = 1e-3
+# Convergence: largest residual of the slip condition over the largest wanted displacement.
+TOLERANCE = 3e-4
+# The same of the traction under the pressure before a step, from which the step starts (assumed:
+# 3e-3 takes more time and saves no round).
+PREDICTION_TOLERANCE = 1e-2
+MAX_STEPS = 500  # of the minimization (assumed: twenty times as many as presses need)
+# Values of the energy above whose maximum a step may not end (Grippo, Lampariello and Lucidi 1986).
+STEPS_BACK = 6
+MAX_NEWTON_STEPS = 100  # for the rigid motion of a body (assumed: most need one or two)
+# Tolerance of a wrench: a share of the force that friction can carry, and of the wrench itself
+# (assumed: far below the tolerance of the traction).
+EXACT, EXACT_SHARE = 1e-8, 1e-6
+# Addition to the diagonal of the Newton equations, as a share of a stuck body's, and its factor
+# from step to step: where all cells slip, the equations are almost singular (assumed).
+RIDGE, LESS_RIDGE, MIN_RIDGE = 1e-4, 0.1, 1e-14
+ROUNDING = 1e-12  # relative increase of the potential that is due to rounding
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Dry friction between a shape and a layer.
+
+    coefficient: of stick and slip at every speed, of the whole contact or of each cell, (ny, nx).
+    """
+
+    coefficient: float | np.ndarray
+
+    @classmethod
+    def of_cells(cls, frictions: "Sequence[Friction]", owner: np.ndarray) -> "Friction":
+        """That of each cell, from those of the bodies and the index of each cell's body."""
+        return cls(np.array([each.coefficient for each in frictions])[owner])
+
+    def limit_mpa(self, pressure_mpa: np.ndarray, max_mpa: float = np.inf) -> np.ndarray:
+        """The largest traction under a pressure, which counts up to max_mpa; (rows, columns)."""
+        return self.coefficient * np.minimum(pressure_mpa, max_mpa)
+
+    def limit_n(self, force_n: float | np.ndarray) -> float | np.ndarray:
+        """The largest tangential force under a normal force, N."""
+        return self.coefficient * force_n
+
+
+def check_friction(friction: float | Friction | None) -> Friction | None:
+    """The friction of a coefficient. Raises T2TwinError for a value out of range."""
+    if friction is None or isinstance(friction, Friction):
+        return friction
+    return Friction(arguments.number(friction, "friction", 0.0, MAX_FRICTION))
+
+
+@lru_cache(maxsize=256)
+def _compliance(layer: ShearLayer, side: int) -> float:
+    return layer.compliance_mm_per_mpa(side)
+
+
+class Traction(NamedTuple):
+    """The result of one step. q_mpa: (2, rows, columns), along x and y. displacement_mm: (2, rows,
+    columns), of the surface by it. residual: see TOLERANCE. tolerance: of the residual. steps: of
+    the minimization."""
+
+    q_mpa: np.ndarray
+    displacement_mm: np.ndarray
+    residual: float
+    tolerance: float
+    steps: int
+
+    @property
+    def converged(self) -> bool:
+        return self.residual <= self.tolerance
+
+
+# Bodies with prescribed forces and torques, arguments of the loops: x, (columns,), and y, (rows,),
+# mm; owner, (rows, columns) index of each cell's body; levers, wrenches, (bodies, 3); slides,
+# (bodies,), bodies whose traction is at the limit, along their rigid motion, whatever the gradient;
+# rigid, (bodies, 3), the rigid motions, which are unknowns of the others.
+Bodies = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+BODIES = "Tuple((f8[::1], f8[::1], i8[:, ::1], f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1]))"
+NO_BODIES: Bodies = (
+    np.empty(0), np.empty(0), np.empty((0, 0), int), np.empty((0, 3)), np.empty((0, 3)),
+    np.empty(0, bool), np.empty((0, 3)),
+)  # fmt: skip
+
+
+def solve_traction(
+    layer: ShearLayer,
+    limit_mpa: np.ndarray,
+    wanted_mm: np.ndarray,
+    start_mpa: np.ndarray,
+    bodies: Bodies = NO_BODIES,
+    tolerance: float = TOLERANCE,
+) -> Traction:
+    """The traction of one step.
+
+    limit_mpa: (rows, columns) friction times pressure, 0 outside the contact. wanted_mm: (2, rows,
+    columns) w. start_mpa: (2, rows, columns) an initial guess, such as the last step's traction.
+    bodies: with prescribed forces, which restrict the traction too; the wanted displacement then
+    lacks their rigid motions, which are written to the last array. tolerance: of the residual.
+
+    Spectral projected gradients (Birgin, Martinez, Raydan 2000).
+    """
+    limit = np.ascontiguousarray(limit_mpa, np.float32)
+    inside = limit > 0
+    wanted = np.where(inside, wanted_mm, 0.0).astype(np.float32)
+    q = np.array(start_mpa, np.float32, order="C")
+    displacement = np.empty_like(wanted)
+    # A square of the contact's area, within the layer's window.
+    side = min(ceil(sqrt(inside.sum())), *inside.shape)
+    residual, steps = _minimize(
+        layer.transforms.of(limit.shape), shear_work(limit.shape, 2), limit, wanted, bodies,
+        1.0 / _compliance(layer, side), tolerance, q, displacement,
+    )  # fmt: skip
+    return Traction(q.astype(float), displacement.astype(float), residual, tolerance, steps)
+
+
+@compiled("b1(f8[:, ::1], f8[::1], f8[::1])", nogil=True)
+def _solve(matrix, right, solution):
+    """Solve a positive definite (3, 3) system by Cholesky's factors; False where it is not."""
+    lower = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            if i == j:
+                if not total > 0.0:
+                    return False
+                lower[i, i] = np.sqrt(total)
+            else:
+                lower[i, j] = total / lower[j, j]
+    for i in range(3):
+        total = right[i]
+        for k in range(i):
+            total -= lower[i, k] * solution[k]
+        solution[i] = total / lower[i, i]
+    for m in range(3):
+        i = 2 - m
+        total = solution[i]
+        for k in range(i + 1, 3):
+            total -= lower[k, i] * solution[k]
+        solution[i] = total / lower[i, i]
+    return True
+
+
+@compiled(
+    f"f8(f4[:, :, ::1], f4[:, :, ::1], f8, f4[:, ::1], {BODIES}, i8, f8[::1], f8[::1], f8[:, ::1])",
+    nogil=True,
+)
+def _residual(q, gradient, length, limit, bodies, body, rigid, error, slope):
+    """Potential of a rigid motion, see `balance`; writes its gradient and its Hessian."""
+    x, y, owner, levers, wrenches, _, _ = bodies
+    center_x, center_y, radius = levers[body, 0], levers[body, 1], levers[body, 2]
+    value = 0.0
+    error[:], slope[:] = 0.0, 0.0
+    for i in range(limit.shape[0]):
+        turn_x = (center_y - y[i]) / radius
+        for j in range(limit.shape[1]):
+            bound = np.float64(limit[i, j])
+            if bound <= 0.0 or owner[i, j] != body:
+                continue
+            turn_y = (x[j] - center_x) / radius
+            a = q[0, i, j] + length * (rigid[0] + turn_x * rigid[2] - gradient[0, i, j])
+            b = q[1, i, j] + length * (rigid[1] + turn_y * rigid[2] - gradient[1, i, j])
+            square = a * a + b * b
+            xx, xy, yy = length, 0.0, length
+            if square > bound * bound:
+                size = np.sqrt(square)
+                value += (bound * size - bound * bound / 2) / length
+                along, across = a / size, b / size
+                rate = length * bound / size
+                xx, xy, yy = rate * across * across, -rate * along * across, rate * along * along
+                a, b = bound * along, bound * across
+            else:
+                value += square / 2 / length
+            error[0] += a
+            error[1] += b
+            error[2] += turn_x * a + turn_y * b
+            slope[0, 0] += xx
+            slope[1, 0] += xy
+            slope[1, 1] += yy
+            slope[2, 0] += turn_x * xx + turn_y * xy
+            slope[2, 1] += turn_x * xy + turn_y * yy
+            slope[2, 2] += turn_x * (turn_x * xx + 2 * turn_y * xy) + turn_y * turn_y * yy
+    for k in range(3):
+        value -= wrenches[body, k] * rigid[k]
+        error[k] -= wrenches[body, k]
+    return value
+
+
+@compiled(
+    f"b1(f4[:, :, ::1], f4[:, :, ::1], f8, f4[:, ::1], {BODIES}, i8, f8, b1, f8[::1])", nogil=True
+)
+def balance(q, gradient, length, limit, bodies, body, capacity, turns, rigid):
+    """Find the rigid motion for which a body's traction has its wrench; False without convergence.
+
+    The traction is the nearest one within the limit to q - length (gradient - u), with u the
+    displacement by the rigid motion. q, gradient: (2, rows, columns). limit: (rows, columns), 0
+    outside the contact. capacity: sum of the body's limits. turns: whether the rotation is an
+    unknown; otherwise it is prescribed, and the torque is not. rigid: (3,) an initial guess,
+    replaced by the motion.
+
+    Newton's method with bisected steps on the potential, which is convex.
+    """
+    owner, wrench = bodies[2], bodies[4][body]
+    error, slope, step = np.empty(3), np.empty((3, 3)), np.zeros(3)
+    last, last_value, last_error = np.zeros(3), np.inf, np.inf
+    size = np.sqrt(wrench[0] ** 2 + wrench[1] ** 2 + wrench[2] ** 2)
+    allowed = EXACT * capacity + EXACT_SHARE * size
+    ridge, cells = RIDGE, 0
+    for i in range(limit.shape[0]):
+        for j in range(limit.shape[1]):
+            cells += limit[i, j] > 0.0 and owner[i, j] == body
+    for number in range(MAX_NEWTON_STEPS):
+        value = _residual(q, gradient, length, limit, bodies, body, rigid, error, slope)
+        if not turns:
+            error[2], slope[2, 0], slope[2, 1], slope[2, 2] = 0.0, 0.0, 0.0, 1.0
+        wrong = np.sqrt(error[0] ** 2 + error[1] ** 2 + error[2] ** 2)
+        if wrong <= allowed:
+            return True
+        rounding = ROUNDING * abs(last_value)
+        if number > 0 and not (
+            value < last_value or (value <= last_value + rounding and wrong < last_error)
+        ):
+            for k in range(3):
+                step[k] /= 2
+                rigid[k] = last[k] + step[k]
+            continue
+        last_value, last_error = value, wrong
+        for k in range(3):
+            slope[k, k] += ridge * length * cells
+        ridge = max(LESS_RIDGE * ridge, MIN_RIDGE)
+        if not _solve(slope, error, step):
+            return False
+        for k in range(3):
+            last[k] = rigid[k]
+            step[k] = -step[k]
+            rigid[k] += step[k]
+    return False
+
+
+@compiled(
+    f"UniTuple(f8, 3)(f4[:, :, ::1], f4[:, :, ::1], f4[:, ::1], f8, {BODIES}, f4[:, :, ::1])",
+    nogil=True,
+)
+def balanced_step(q, gradient, limit, length, bodies, direction):
+    """Write the step from q against the gradient to the nearest traction with the bodies' wrenches;
+    see `step_towards`. The returned product is with the gradient less the rigid motions' part."""
+    x, y, owner, levers, _, slides, rigid = bodies
+    for body in range(levers.shape[0]):
+        if not slides[body]:
+            capacity = 0.0
+            for i in range(limit.shape[0]):
+                for j in range(limit.shape[1]):
+                    if owner[i, j] == body:
+                        capacity += limit[i, j]
+            balance(q, gradient, length, limit, bodies, body, capacity, True, rigid[body])
+    largest, square, slope = 0.0, 0.0, 0.0
+    for i in range(limit.shape[0]):
+        for j in range(limit.shape[1]):
+            body, bound = owner[i, j], np.float64(limit[i, j])
+            radius = levers[body, 2]
+            a = rigid[body, 0] + (levers[body, 1] - y[i]) / radius * rigid[body, 2]
+            b = rigid[body, 1] + (x[j] - levers[body, 0]) / radius * rigid[body, 2]
+            against_x, against_y = gradient[0, i, j] - a, gradient[1, i, j] - b
+            if not slides[body]:
+                a, b = q[0, i, j] - length * against_x, q[1, i, j] - length * against_y
+            size = np.sqrt(a * a + b * b)
+            if size > bound or (slides[body] and size > 0.0):
+                a, b = a * bound / size, b * bound / size
+            a -= q[0, i, j]
+            b -= q[1, i, j]
+            direction[0, i, j], direction[1, i, j] = a, b
+            largest = max(largest, abs(a), abs(b))
+            square += a * a + b * b
+            slope += a * against_x + b * against_y
+    return largest, square, slope
+
+
+@compiled(
+    f"Tuple((f8, i8))({KERNELS}, {SHEAR_WORK}, f4[:, ::1], f4[:, :, ::1], {BODIES}, f8, f8,"
+    " f4[:, :, ::1], f4[:, :, ::1])",
+    nogil=True,
+)
+def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displacement):
+    """See `solve_traction`. length: of the first step. q: the initial guess, replaced by the
+    traction. Writes the displacement; returns the residual and the number of steps."""
+    has_bodies = bodies[3].shape[0] > 0
+    direction, moved = np.zeros_like(q), np.empty_like(q)
+    gradient, energies = np.zeros_like(q), np.empty(STEPS_BACK)
+    # The first step is the projection of the initial guess.
+    _towards(has_bodies, q, gradient, limit, 1.0, bodies, direction)
+    _add(q, direction, 1.0)
+    respond(q, kernels, work, False, displacement)
+    scale = 1e-9
+    for k in range(2):
+        for i in range(limit.shape[0]):
+            for j in range(limit.shape[1]):
+                if limit[i, j] > 0:
+                    gradient[k, i, j] = displacement[k, i, j] - wanted[k, i, j]
+                    scale = max(scale, abs(wanted[k, i, j]))
+                    if has_bodies:
+                        scale = max(scale, abs(displacement[k, i, j]))
+    energy = _dot(q, displacement) / 2 - _dot(q, wanted)
+    energies[:] = -np.inf
+    energies[0] = energy
+    steps = 0
+    while True:
+        largest, square, slope = _towards(has_bodies, q, gradient, limit, length, bodies, direction)
+        residual = largest / length / scale
+        if residual <= tolerance or steps == MAX_STEPS or (slope >= 0 and has_bodies):
+            break
+        steps += 1
+        respond(direction, kernels, work, False, moved)
+        curvature = _dot(direction, moved)
+        # The energy is quadratic, so the best fraction of the step is known.
+        fraction = 1.0
+        if energy + slope + curvature / 2 > energies.max():
+            fraction = min(1.0, -slope / curvature)
+        _add(q, direction, fraction)
+        take_step(displacement, moved, fraction, wanted, limit, gradient)
+        energy += fraction * slope + fraction**2 * curvature / 2
+        energies[steps % STEPS_BACK] = energy
+        length = square / max(curvature, 1e-30)
+    if has_bodies:
+        _add(q, direction, 1.0)  # within the restrictions, as the steps before need not be
+    return residual, steps
+
+
+@compiled(nogil=True, **INNER)
+def _towards(has_bodies, q, gradient, limit, length, bodies, direction):
+    """See `step_towards` and `balanced_step`."""
+    if has_bodies:
+        return balanced_step(q, gradient, limit, length, bodies, direction)
+    return step_towards(q, gradient, limit, length, direction)
+
+
+@compiled(nogil=True, **INNER)
+def _add(values, more, share):
+    share = np.float32(share)
+    for k in range(values.shape[0]):
+        for i in range(values.shape[1]):
+            for j in range(values.shape[2]):
+                values[k, i, j] += share * more[k, i, j]
+
+
+@compiled(nogil=True, **INNER)
+def _dot(a, b):
+    total = 0.0
+    for k in range(a.shape[0]):
+        for i in range(a.shape[1]):
+            for j in range(a.shape[2]):
+                total += np.float64(a[k, i, j]) * np.float64(b[k, i, j])
+    return total
+
+
+@compiled(
+    "UniTuple(f8, 3)(f4[:, :, ::1], f4[:, :, ::1], f4[:, ::1], f8, f4[:, :, ::1])", nogil=True
+)
+def step_towards(q, gradient, limit, length, direction):
+    """Write the step from q, (2, rows, columns), against the gradient to the nearest traction
+    within the limit, (rows, columns).
+
+    Returns the step's largest component, the sum of its squares, and its product with the gradient.
+    """
+    largest, square, slope = 0.0, 0.0, 0.0
+    for i in range(limit.shape[0]):
+        for j in range(limit.shape[1]):
+            x = q[0, i, j] - length * gradient[0, i, j]
+            y = q[1, i, j] - length * gradient[1, i, j]
+            magnitude = np.sqrt(x * x + y * y)
+            if magnitude > limit[i, j]:
+                x *= limit[i, j] / magnitude
+                y *= limit[i, j] / magnitude
+            x -= q[0, i, j]
+            y -= q[1, i, j]
+            direction[0, i, j], direction[1, i, j] = x, y
+            largest = max(largest, abs(x), abs(y))
+            square += x * x + y * y
+            slope += x * gradient[0, i, j] + y * gradient[1, i, j]
+    return largest, square, slope
+
+
+@compiled(
+    "void(f4[:, :, ::1], f4[:, :, :], f8, f4[:, :, ::1], f4[:, ::1], f4[:, :, ::1])",
+    nogil=True,
+)
+def take_step(displacement, moved, fraction, wanted, limit, gradient):
+    """Add a fraction of a displacement, (2, rows, columns), and write the gradient of the energy,
+    which is 0 outside the contact."""
+    for k in range(2):
+        for i in range(limit.shape[0]):
+            for j in range(limit.shape[1]):
+                displacement[k, i, j] += fraction * moved[k, i, j]
+                if limit[i, j] > 0:
+                    gradient[k, i, j] = displacement[k, i, j] - wanted[k, i, j]

@@ -1,1 +1,0 @@
-"""Contacts under prescribed forces and torques."""

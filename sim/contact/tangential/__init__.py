@@ -1,1 +1,0 @@
-"""Tangential contact: shear of an elastic layer, friction, stick and slip."""
