@@ -26,8 +26,10 @@ from t2twin.core.machine import installed_version
 from t2twin.primitives_cad.mesh_files import binary_stl
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
+from t2twin.sim.contact.displacements import is_far
 from t2twin.sim.contact.elastomer import elastomer_json
-from t2twin.sim.contact.types import TILT, Contact, PressCommand, contact_notes
+from t2twin.sim.contact.heights import is_cut, reaches_beyond
+from t2twin.sim.contact.types import SMALL, TILT, UNSETTLED, Contact, PressCommand
 from t2twin.sim.optical.gel_camera import ImageReading
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
@@ -46,6 +48,11 @@ PRESS_JSON = "press.json"
 
 MARKERS_CSV = "markers.csv"
 MARKER_COLUMNS = ("marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm")
+
+BOTTOMED = "the shape bottomed out: its base plate (the lowest flat face) is in contact"
+FAR_SHEARED = (
+    "the surface is sheared beyond what the model describes, so its displacement is approximate"
+)
 
 MaybeNone = Any
 """None, which type checkers need not exclude: most touches are of both sensors (as in typeshed)."""
@@ -74,7 +81,7 @@ class Notice:
         return f"{lacking}: {self.reason}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Touch:
     """One press of one shape into one sensor or two.
 
@@ -239,6 +246,40 @@ class Touch:
             move_into(folder, new)
             for name in old:
                 (folder / name).unlink(missing_ok=True)
+
+
+def contact_notes(contact: Contact) -> list[str]:
+    """A clause for each limit of a contact; none for an ordinary one."""
+    found = []
+    if contact.smaller_than_grid:
+        found.append(SMALL)
+    elif not contact.settled:
+        found.append(UNSETTLED)
+    motion = contact.motion
+    if motion is not None and motion.parts_mm is not None:
+        # Up to a mean strain of 1 the linear response is that of a rubber (assumed).
+        weights, most_mm = contact.pressure_kpa[motion.window], contact.elastomer.thickness_mm
+        if is_far(motion.parts_mm.sum(axis=0), weights, contact.pitch_mm, most_mm):
+            found.append(FAR_SHEARED)
+    if contact.bottomed:
+        found.append(BOTTOMED)
+    places = (contact.command.x_mm, contact.x_mm), (contact.command.y_mm, contact.y_mm)
+    half_x, half_y = (abs(axis).max() for _, axis in places)
+    if any(abs(at) > abs(axis).max() for at, axis in places):
+        found.append(
+            "the shape's middle lies off the sensor, whose soft layer reaches "
+            f"{half_x:.1f} mm to each side and {half_y:.1f} mm up and down"
+        )
+    shape = contact.command.tilted(contact.shape)
+    # Only then its solid is needed, which is slow to make.
+    if is_cut(shape.surface) and reaches_beyond(
+        shape.surface, contact.command, contact.x_mm, contact.y_mm
+    ):
+        corners, reach_mm = shape.triangles[0], max(shape.surface.x_mm[-1], shape.surface.y_mm[-1])
+        if len(corners) and abs(corners[:, :2]).max() > reach_mm:
+            beyond = f"beyond {reach_mm:.0f} mm from its middle"
+            found.append(f"parts of the shape {beyond} are not pressed")
+    return found
 
 
 def _files_of_touch(folder: Path) -> set[str]:

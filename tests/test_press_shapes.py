@@ -13,7 +13,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.pin_layout import OffPadError
-from t2twin.sim.contact.types import BOTTOMED, PressCommand
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.touch import BOTTOMED
 
 SENSORS = ((GEL, GEL_PITCH_MM), (COVER, COVER_PITCH_MM))
 

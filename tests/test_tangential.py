@@ -18,10 +18,11 @@ from t2twin.sim.contact.friction import Friction, solve_traction
 from t2twin.sim.contact.layer import DomedLayer, cached_layer, cached_shear_layer, domed_layer
 from t2twin.sim.contact.pin_layout import PinLayout, Survey
 from t2twin.sim.contact.sliding import advance
-from t2twin.sim.contact.types import FAR_SHEARED, PressCommand, SurfaceShift, contact_notes
+from t2twin.sim.contact.types import PressCommand, SurfaceShift
 from t2twin.sim.optical.surface import surface_on
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.pads import pad_pressure_mpa
+from t2twin.sim.touch import FAR_SHEARED, contact_notes
 
 GEL, COVER = load_sensor("digit").elastomer, load_sensor("cyskin-20").elastomer
 

@@ -6,7 +6,7 @@ with y, the column index with x.
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -15,15 +15,11 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG, quaternion_of, tilted
-from t2twin.sim.contact.displacements import is_far, unfolded
+from t2twin.sim.contact.displacements import unfolded
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.friction import AT_LIMIT, Friction
 from t2twin.sim.contact.grid import Window
-from t2twin.sim.contact.heights import is_cut, reaches_beyond
 from t2twin.sim.contact.layer import DomedLayer, domed_layer
-
-if TYPE_CHECKING:
-    from t2twin.sim.contact.contact_solver import Equilibrium
 
 FORCE_RANGE_N = (0.01, 100.0)  # smallest and largest force that can be commanded, N
 TILT = ("tilt_x_rad", "tilt_y_rad")  # fields of the tilt in PressCommand
@@ -35,10 +31,6 @@ SMALLEST_CONTACT_MM2 = 0.0625
 # Limits of a contact, in words.
 UNSETTLED = "the contact did not settle, so its pressure and depth are approximate"
 SMALL = "the contact is smaller than the grid, so its pressure and depth are approximate"
-BOTTOMED = "the shape bottomed out: its base plate (the lowest flat face) is in contact"
-FAR_SHEARED = (
-    "the surface is sheared beyond what the model describes, so its displacement is approximate"
-)
 
 
 @dataclass(frozen=True)
@@ -179,7 +171,7 @@ class Contact:
         also in all steps since the press.
     bottomed: whether the shape's base plate is in contact.
     milliseconds: computing time without surface_mm.
-    equilibrium: the pins of the last stage, from which a contact close to this one is solved.
+    equilibrium: the solver's Equilibrium, from which a contact close to this one is solved.
     shift: of the surface by shear when the shape was pressed; None without shear. surface_mm does
         not contain it.
     motion: the shear of a contact that has moved; None of a press, which has none.
@@ -198,7 +190,7 @@ class Contact:
     settled: bool
     bottomed: bool
     milliseconds: float
-    equilibrium: "Equilibrium" = field(repr=False)
+    equilibrium: Any = field(repr=False)
     shift: SurfaceShift | None = None
     motion: Motion | None = None
 
@@ -325,40 +317,6 @@ class Contact:
     def slip_share(self) -> float:
         """Share of the cells in contact at which the shape slips."""
         return float(self.slipping.sum() / max((self.pressure_kpa > 0).sum(), 1))
-
-
-def contact_notes(contact: Contact) -> list[str]:
-    """A clause for each limit of a contact; none for an ordinary one."""
-    found = []
-    if contact.smaller_than_grid:
-        found.append(SMALL)
-    elif not contact.settled:
-        found.append(UNSETTLED)
-    motion = contact.motion
-    if motion is not None and motion.parts_mm is not None:
-        # Up to a mean strain of 1 the linear response is that of a rubber (assumed).
-        weights, most_mm = contact.pressure_kpa[motion.window], contact.elastomer.thickness_mm
-        if is_far(motion.parts_mm.sum(axis=0), weights, contact.pitch_mm, most_mm):
-            found.append(FAR_SHEARED)
-    if contact.bottomed:
-        found.append(BOTTOMED)
-    places = (contact.command.x_mm, contact.x_mm), (contact.command.y_mm, contact.y_mm)
-    half_x, half_y = (abs(axis).max() for _, axis in places)
-    if any(abs(at) > abs(axis).max() for at, axis in places):
-        found.append(
-            "the shape's middle lies off the sensor, whose soft layer reaches "
-            f"{half_x:.1f} mm to each side and {half_y:.1f} mm up and down"
-        )
-    shape = contact.command.tilted(contact.shape)
-    # Only then its solid is needed, which is slow to make.
-    if is_cut(shape.surface) and reaches_beyond(
-        shape.surface, contact.command, contact.x_mm, contact.y_mm
-    ):
-        corners, reach_mm = shape.triangles[0], max(shape.surface.x_mm[-1], shape.surface.y_mm[-1])
-        if len(corners) and abs(corners[:, :2]).max() > reach_mm:
-            beyond = f"beyond {reach_mm:.0f} mm from its middle"
-            found.append(f"parts of the shape {beyond} are not pressed")
-    return found
 
 
 def read_only(values: np.ndarray) -> np.ndarray:

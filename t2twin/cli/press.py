@@ -384,7 +384,7 @@ def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
 
 def contact_summary(sensor: str, contact: "Contact") -> str:
     """One line about a contact."""
-    from t2twin.sim.contact.types import contact_notes
+    from t2twin.sim.touch import contact_notes
 
     line = (
         f"{sensor}: {contact.force_n:.2f} N at {contact.depth_mm:.3f} mm, "
