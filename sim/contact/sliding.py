@@ -163,11 +163,8 @@ def _step(
     window: Window,
     earlier: Contact | None,
 ) -> Contact:
-    """The contact after a step, see step_contact, whose shear is known within a window of the
-    grid. The step ends, unsettled, as soon as there is pressure outside the window.
-
-    earlier: the result of a smaller window, from which the step starts; None for none.
-    """
+    """The contact after a step, see step_contact, or an unsettled one with pressure outside the
+    window. earlier: the result of a smaller window, from which the step starts; None for none."""
     part, pitch = (slice(None), *window), contact.pitch_mm
     layer = contact.shear_layer.window(window)
     spread, parts = _response(contact, start, layer, window)
