@@ -16,7 +16,6 @@ from t2twin.core.cached_files import cached_array
 from t2twin.core.draw import in_colors
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_files import binary_stl
-from t2twin.sim.splines import CubicSpline
 
 SLOW = (
     "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "scipy.interpolate",
@@ -122,16 +121,6 @@ def test_an_stl_file_has_the_triangles(tmp_path):
     mesh, notes = read_solid(tmp_path / "square.stl", None)
     assert not notes and len(mesh.faces) == len(faces)
     assert mesh.volume == pytest.approx(catalogue.load("square-2").mesh.volume, rel=1e-5)
-
-
-@pytest.mark.parametrize("count", [4, 5, 6, 17, 200])
-def test_the_cubic_spline_is_scipy_s(count):
-    from scipy import interpolate
-
-    rng = np.random.default_rng(count)
-    values, at = rng.normal(size=(count, 2)), rng.uniform(0.3, 2.7, (7, 5))
-    expected = interpolate.CubicSpline(np.linspace(0.3, 2.7, count), values)(at)
-    np.testing.assert_allclose(CubicSpline(0.3, 2.7, values)(at), expected, atol=1e-11)
 
 
 def test_the_colors_are_matplotlib_s_viridis():

@@ -32,7 +32,6 @@ from t2twin.sim.contact.closed_forms import (
 )
 from t2twin.sim.contact.elastomer import Elastomer, neo_hookean_mm
 from t2twin.sim.contact.grid import Window, block_means, window_shape
-from t2twin.sim.splines import CubicSpline
 
 THICKNESSES = 17  # thicknesses at which a domed layer's response to pressure is computed
 # Principal components that represent the responses of all thicknesses. The error is 0.6 % of the
@@ -235,6 +234,8 @@ def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     The base's part depends on the thickness and is expanded into its mean and principal components
     over the thicknesses.
     """
+    from scipy.interpolate import CubicSpline  # slow to import
+
     elastomer, pitch = layer.elastomer, layer.pitch_mm
     x, y = (np.arange(1 - size, size) * pitch for size in (layer.columns, layer.rows))
     half_space = half_space_deflection(elastomer, x, y, pitch)
@@ -243,7 +244,7 @@ def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     radii = np.linspace(0.0, float(node_distance.max()), HANKEL_RADII)
 
     def kernel_of(profile: np.ndarray, distance_mm: np.ndarray) -> np.ndarray:
-        return pitch**2 * CubicSpline(0.0, radii[-1], profile)(distance_mm)
+        return pitch**2 * CubicSpline(radii, profile)(distance_mm)
 
     thickness = layer.thickness_mm
     thinnest, thickest = float(thickness.min()), float(thickness.max())
@@ -260,7 +261,7 @@ def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     deviations = (profiles - mean) * ring
     _, _, axes = np.linalg.svd(np.sqrt(shares)[:, None] * deviations, full_matrices=False)
     axes = axes[:COMPONENTS]
-    scores = CubicSpline(thinnest, thickest, deviations @ axes.T)
+    scores = CubicSpline(levels, deviations @ axes.T)
     smooth = np.stack([kernel_of(each, node_distance) for each in axes / ring])
     weights = np.moveaxis(scores(at_nodes.clip(thinnest, thickest)), -1, 0)
     return (
