@@ -19,7 +19,7 @@ from safetensors.torch import load_file, save_file
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.templates import environment
-from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, REPORTED_SHARE
+from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, ModelRow, read_evaluation
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.checkpoint import AVERAGE

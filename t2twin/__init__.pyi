@@ -23,7 +23,6 @@ from .sim.taxels.layout import Layout as Layout
 from .sim.taxels.layout import load_layout as load_layout
 from .sim.touch import Touch as Touch
 from .translate.evaluation.evaluate import evaluate as evaluate
-from .translate.evaluation.evaluate import evaluate_datasets as evaluate_datasets
 from .translate.inference.files import translate_images as translate_images
 from .translate.inference.load import load as load
 from .translate.inference.onnx_export import export_onnx as export_onnx

@@ -14,7 +14,7 @@ PUBLIC = {
     "AttachedSensor", "Contact", "Elastomer", "Layout", "PressCommand", "Recipe", "Shape",
     "T2TwinError", "T2TwinWarning", "Touch", "TrainedTranslator", "Twin", "adapt", "attach",
     "calibrate", "evaluate",
-    "evaluate_datasets", "export_onnx", "export_shapes", "guess_light", "import_pairs", "load",
+    "export_onnx", "export_shapes", "guess_light", "import_pairs", "load",
     "load_layout", "load_recipe", "Markers", "load_shape", "make_dataset", "press", "read_all",
     "sensors", "shapes",
     "train", "translate_images", "verify_dataset", "write_data_report", "write_report",

@@ -21,7 +21,7 @@ from t2twin.studio.translators import Translators
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.table import contact_text
+from t2twin.translate.evaluation.table import results_text
 from t2twin.translate.inference.contact import (
     EDGE_NOTE,
     EMPTY_NOTE,
@@ -398,8 +398,8 @@ def test_depth_errors_are_those_in_the_contact() -> None:
 
 def test_the_evaluation_has_the_errors_of_the_contact(alone, few, tmp_path) -> None:
     evaluate([alone], few, "val", tmp_path)
-    row = read_evaluation(tmp_path).models["field"]
-    assert row.contact is not None and row.contact.pairs == 4
-    assert 0.0 < row.contact.depth_rmse_mm < 3.0 and 0.0 <= row.contact.iou <= 1.0
-    (line,) = contact_text({"field": row})
-    assert line.startswith("field: contact in the view, 4 pairs: RMSE of the depth")
+    evaluation = read_evaluation(tmp_path)
+    contact = evaluation.models["field"].contact
+    assert contact is not None and contact["pairs"] == 4
+    assert 0.0 < contact["depth_rmse_mm"] < 3.0 and 0.0 <= contact["iou"] <= 1.0
+    assert "RMSE of the depth, median, mm" in results_text({"val": evaluation})

@@ -1,19 +1,13 @@
 """Errors by force: the bins, the mean array of each, what is said of presses that touch nothing."""
 
-import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from spots import write_spots
 
 from t2twin.translate.data.pairs import ImageFile, Pairs
-from t2twin.translate.evaluation.array_errors import (
-    PairFigures,
-    by_force,
-    replicates,
-    rmse_by_group,
-)
 from t2twin.translate.evaluation.baselines import (
     MAX_FORCES,
     MEAN_ARRAY_OF_FORCE,
@@ -22,7 +16,9 @@ from t2twin.translate.evaluation.baselines import (
     mean_array_of_force,
 )
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.records import METRICS, read_evaluation
+from t2twin.translate.evaluation.metrics import by_force, interval, resampled_means
+from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.evaluation.table import results_text
 
 FULL_SCALE = 40000.0
 
@@ -39,14 +35,10 @@ def presses(force_n: np.ndarray, counts: np.ndarray | None = None, shapes: int =
     )  # fmt: skip
 
 
-def figures_of_pairs(predicted: np.ndarray, pairs: Pairs) -> PairFigures:
-    """The errors alone; what needs an image is unknown."""
-    unknown = np.full(len(pairs), np.nan)
+def values_of_pairs(predicted: np.ndarray, pairs: Pairs) -> pd.DataFrame:
+    """The errors alone."""
     squares = np.square(predicted - pairs.counts.astype(float)).mean(axis=1)
-    totals = pairs.counts.sum(axis=1, dtype=float)
-    return PairFigures(
-        squares, unknown, unknown, unknown, unknown, unknown, totals, unknown, unknown, unknown
-    )
+    return pd.DataFrame({"squared_error": squares})
 
 
 def test_few_forces_are_a_bin_each() -> None:
@@ -70,7 +62,7 @@ def test_many_forces_lie_in_bins_as_wide_in_the_logarithm() -> None:
 def test_presses_of_unknown_force_are_in_no_bin() -> None:
     pairs = presses(np.full(5, np.nan))
     assert force_bins(pairs, pairs) == ()
-    assert by_force(pairs.counts, figures_of_pairs(pairs.counts, pairs), pairs, (), 1.0) == ()
+    assert by_force(pairs.counts, values_of_pairs(pairs.counts, pairs), pairs, (), 1.0) == ()
 
 
 def test_the_mean_array_of_a_force_is_its_training_presses() -> None:
@@ -82,7 +74,7 @@ def test_the_mean_array_of_a_force_is_its_training_presses() -> None:
     assert [one.mean_of for one in bins] == ["training", "split"]
     said = mean_array_of_force(bins, pairs, train)
     assert said[:, 0].tolist() == [1000.0, 4000.0, 4000.0, 1000.0]
-    rows = by_force(said, figures_of_pairs(said, pairs), pairs, bins, FULL_SCALE)
+    rows = by_force(said, values_of_pairs(said, pairs), pairs, bins, FULL_SCALE)
     assert [row.rmse_counts for row in rows] == [1000.0, 0.0]
     assert [row.of_mean_array for row in rows] == [1.0, None]  # there is no part of nothing
 
@@ -96,7 +88,7 @@ def test_every_force_is_measured_by_its_own_mean_array() -> None:
     even = presses(forces)
     predicted = pairs.counts + 100.0 * forces[:, None]
     bins = force_bins(pairs, even)
-    rows = by_force(predicted, figures_of_pairs(predicted, pairs), pairs, bins, FULL_SCALE)
+    rows = by_force(predicted, values_of_pairs(predicted, pairs), pairs, bins, FULL_SCALE)
     assert [row.rmse_counts for row in rows] == pytest.approx([100.0, 800.0])
     assert [row.rmse_percent for row in rows] == pytest.approx([0.25, 2.0])
     assert [row.of_mean_array for row in rows] == pytest.approx([0.5, 0.5])
@@ -107,7 +99,7 @@ def test_what_is_predicted_where_nothing_is_touched_is_a_phantom() -> None:
     predicted = np.full((3, 20), 50.0)
     bins = force_bins(pairs, pairs)
     nothing, touched = by_force(
-        predicted, figures_of_pairs(predicted, pairs), pairs, bins, FULL_SCALE
+        predicted, values_of_pairs(predicted, pairs), pairs, bins, FULL_SCALE
     )
     assert (nothing.phantom_counts, nothing.rmse_counts) == (1000.0, 50.0)
     assert nothing.of_mean_array is nothing.mean_of is None
@@ -118,10 +110,11 @@ def test_intervals_by_force_are_those_of_the_same_resamples() -> None:
     """One group of all pairs is the overall figure's."""
     rng = np.random.default_rng(1)
     pairs = presses(np.full(40, 8.0), shapes=7)
-    figures = figures_of_pairs(pairs.counts + rng.normal(0, 300, (40, 20)), pairs)
-    whole = replicates(figures, pairs.shapes, FULL_SCALE)
-    alone = rmse_by_group(figures.squared_error, pairs.shapes, np.zeros(40, int), 1)
-    np.testing.assert_allclose(alone[:, 0], whole["rmse_counts"], rtol=1e-12)
+    predicted = pairs.counts + rng.normal(0, 300, (40, 20))
+    values = values_of_pairs(predicted, pairs)
+    (alone,) = by_force(predicted, values, pairs, force_bins(pairs, pairs), FULL_SCALE)
+    whole = np.sqrt(resampled_means(values, pairs.shapes)["squared_error"])
+    assert alone.interval == pytest.approx(interval(whole.to_numpy()), rel=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -149,6 +142,9 @@ def test_several_forces_have_an_entry_each_and_a_row_of_their_mean_arrays(
 ) -> None:
     evaluation = evaluate(runs, forces_dir, "val", tmp_path)
     assert read_evaluation(tmp_path) == evaluation and evaluation.has_forces
+    text = results_text({"val": evaluation})
+    assert "no contact, 8 pairs" in text and "0.5 N, 8 pairs" in text
+    assert "resnet18 was trained on smoke, 32 pairs, 12 steps." in text
     assert list(evaluation.models)[:3] == ["mean-array", MEAN_ARRAY_OF_FORCE, "nearest-neighbour"]
     for name, row in evaluation.models.items():
         assert [one.low_n for one in row.by_force] == [0.0, 0.5, 1.0, 2.0, 8.0]
@@ -166,19 +162,3 @@ def test_several_forces_have_an_entry_each_and_a_row_of_their_mean_arrays(
     assert (run.same_data, run.trained_recipe, run.trained_pairs) == (False, "smoke", 32)
     assert run.trained_steps == 3 * 4  # epochs of 32 pairs in batches of 8
     assert evaluation.paper == {} and evaluation.recipe is None
-
-
-def test_an_older_file_without_forces_is_read(
-    runs: list[Path], data_dir: Path, tmp_path: Path
-) -> None:
-    evaluate(runs, data_dir, "val", tmp_path)
-    content = json.loads((tmp_path / METRICS).read_text())
-    del content["recipe"]
-    newer = ("by_force", "trained_data", "trained_recipe", "trained_pairs", "trained_steps")
-    for row in content["models"].values():
-        for key in newer:
-            row.pop(key, None)
-    (tmp_path / METRICS).write_text(json.dumps(content))
-    older = read_evaluation(tmp_path)
-    assert not older.has_forces and older.recipe is None
-    assert older.runs["resnet18"].trained_steps is None

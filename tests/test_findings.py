@@ -1,10 +1,11 @@
-"""Floors, intervals and findings on cases whose answers are known."""
+"""Floors, intervals and differences on cases whose answers are known."""
 
 import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks.networks.irreducible_error import (
@@ -18,9 +19,8 @@ from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.reading import expected_reading
 from t2twin.sim.taxels.spec import Imperfections
-from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.evaluation import array_errors
-from t2twin.translate.evaluation.array_errors import GroupedFigures, PairFigures
+from t2twin.translate.data.pairs import Pairs, load_pairs
+from t2twin.translate.evaluation import metrics
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     NEAREST_NEIGHBOR,
@@ -30,9 +30,7 @@ from t2twin.translate.evaluation.baselines import (
     predict_baselines,
     second_reading,
 )
-from t2twin.translate.evaluation.findings import findings, gap, paired
-from t2twin.translate.evaluation.predictions import EvaluationInputs
-from t2twin.translate.evaluation.records import ModelRow
+from t2twin.translate.evaluation.evaluate import _paired, _row
 
 FULL_SCALE = 40000.0
 
@@ -89,8 +87,7 @@ def test_noise_without_contact_is_counted_once(info: DatasetInfo) -> None:
 def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
     near = Neighbors(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
-    inputs = EvaluationInputs(data_dir, read_info(data_dir), load_info(data_dir), {}, {}, None)
-    rows = predict_baselines(inputs, pairs, train, near, ())
+    rows = predict_baselines(pairs, train, near, (), read_info(data_dir), "target", ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
     array = SensorPair().array.for_dataset()
     flaws, table = array.flaws, array.spec.counts
@@ -100,21 +97,26 @@ def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     assert error < np.sqrt(np.square(rows[NEAREST_NEIGHBOR] - pairs.counts).mean()) / 5
 
 
-def figures_of(errors: np.ndarray) -> PairFigures:
+def values_of(errors: np.ndarray) -> pd.DataFrame:
     """Pairs with these RMSEs, and SSIM and the rest following from them."""
-    ones = np.ones_like(errors)
-    return PairFigures(
-        squared_error=errors**2,
-        ssim=1.0 - errors / 1e4,
-        ssim_contact=1.0 - errors / 5e3,
-        contact_iou=1.0 - errors / 5e3,
-        centroid_error_mm=np.where(errors > 0, errors / 1e3, np.nan),
-        total_error=errors,
-        total=1e4 * ones,
-        squared_error_under=errors**2,
-        squared_error_near=np.nan * ones,
-        squared_error_beyond=np.nan * ones,
+    return pd.DataFrame(
+        {
+            "squared_error": errors**2,
+            "ssim": 1.0 - errors / 1e4,
+            "ssim_contact": 1.0 - errors / 5e3,
+            "contact_iou": 1.0 - errors / 5e3,
+            "centroid_error_mm": np.where(errors > 0, errors / 1e3, np.nan),
+            "total_error": errors,
+            "total": 1e4,
+            "squared_error_under": errors**2,
+            "squared_error_near": np.nan,
+            "squared_error_beyond": np.nan,
+        }
     )
+
+
+def resampled(values: pd.DataFrame, shapes: np.ndarray) -> pd.DataFrame:
+    return metrics.figures_of(metrics.resampled_means(values, shapes), FULL_SCALE)
 
 
 def test_interval_is_that_of_the_mean_of_shapes() -> None:
@@ -122,8 +124,8 @@ def test_interval_is_that_of_the_mean_of_shapes() -> None:
     rng = np.random.default_rng(0)
     of_shape = rng.uniform(500, 1500, 400)
     shapes = np.repeat(np.array([f"s{n}" for n in range(400)]), 2)
-    drawn = array_errors.replicates(figures_of(np.repeat(of_shape, 2)), shapes, FULL_SCALE)
-    span = array_errors.interval(np.square(drawn["rmse_counts"]))
+    drawn = resampled(values_of(np.repeat(of_shape, 2)), shapes)
+    span = metrics.interval(np.square(drawn["rmse_counts"].to_numpy()))
     assert span is not None
     error = np.square(of_shape).std() / math.sqrt(400)
     assert span[0] == pytest.approx(np.square(of_shape).mean() - 1.96 * error, rel=0.01)
@@ -132,71 +134,38 @@ def test_interval_is_that_of_the_mean_of_shapes() -> None:
 
 
 def test_resamples_of_one_shape_are_no_interval() -> None:
-    figures = figures_of(np.array([3.0, 4.0]))
-    drawn = array_errors.replicates(figures, np.array(["a", "a"]), FULL_SCALE)
-    spans = array_errors.intervals(drawn)
-    assert all(span is None for span in spans.values())
+    drawn = resampled(values_of(np.array([3.0, 4.0])), np.array(["a", "a"]))
+    assert all(span is None for span in metrics.intervals(drawn).values())
     np.testing.assert_allclose(drawn["rmse_counts"], math.sqrt(12.5))
 
 
-def test_summary_is_the_whole_of_the_sums() -> None:
-    figures = figures_of(np.array([0.0, 100.0, 300.0]))
-    summary = figures.summary(FULL_SCALE, np.array([True, False, True]))
-    assert summary.pairs == 2
-    assert summary.rmse_counts == pytest.approx(math.sqrt((0 + 9e4) / 2))
-    assert summary.centroid_error_mm == pytest.approx(0.3)  # the pair that has one
-    assert summary.total_error_percent == pytest.approx(100 * 300 / 2e4)
+def test_figures_are_of_the_pairs_that_have_them() -> None:
+    values = values_of(np.array([0.0, 100.0, 300.0]))
+    found = metrics.by_name(values, FULL_SCALE, np.array(["a", "b", "a"]))["a"]
+    assert found.pairs == 2
+    assert found.rmse_counts == pytest.approx(math.sqrt((0 + 9e4) / 2))
+    assert found.centroid_error_mm == pytest.approx(0.3)  # the pair that has one
+    assert found.total_error_percent == pytest.approx(100 * 300 / 2e4)
+    assert found.rmse_near_counts is None
 
 
-def rows_of(
-    errors: dict[str, np.ndarray], shapes: np.ndarray
-) -> tuple[dict[str, ModelRow], dict[str, GroupedFigures]]:
-    """The rows of `evaluate`, and their figures in each resample of the shapes."""
-    rows, resampled = {}, {}
-    for name, error in errors.items():
-        figures = figures_of(error)
-        resampled[name] = array_errors.replicates(figures, shapes, FULL_SCALE)
-        rows[name] = ModelRow(
-            overall=figures.summary(FULL_SCALE),
-            by_shape={s: figures.summary(FULL_SCALE, shapes == s) for s in np.unique(shapes)},
-            by_family={},
-            interval=array_errors.intervals(resampled[name]),
-            run=None if name == "mean-array" else name,
-        )
-    return rows, resampled
-
-
-def test_findings_follow_the_paired_interval() -> None:
-    """A small difference that every shape shows is a yes; one that shapes disagree on is not."""
+def test_differences_have_a_paired_interval() -> None:
+    """A small difference that every shape shows is decided; one that shapes disagree on is not."""
     rng = np.random.default_rng(0)
     shapes = np.repeat([f"s{n}" for n in range(12)], 5)
     base = np.repeat(rng.uniform(500, 3000, 12), 5)  # shapes differ far more than the models
     sign = np.repeat(np.where(np.arange(12) % 2 == 0, 1.0, -1.0), 5)
-    for off, answer in ((20.0, "yes"), (-20.0, "no"), (200.0 * sign, "undecided")):
-        errors = {"mean-array": base, "touch2touch": base + off, "resnet18": base}
-        rows, resampled = rows_of(errors, shapes)
-        answers = findings(rows, paired(rows, resampled))
-        assert answers["lower-error"].answer == answer
-        opposite = {"yes": "no", "no": "yes"}.get(answer, answer)
-        assert answers["better-shape-ssim"].answer == opposite
-        assert answers["better-shape-iou"].answer == opposite
-    rows, resampled = rows_of({"mean-array": base, "resnet18": base}, shapes)
-    assert findings(rows, paired(rows, resampled)) == paired(rows, resampled) == {}
-
-
-def test_gap_is_between_the_splits() -> None:
-    rng = np.random.default_rng(0)
-    shapes = np.repeat([f"s{n}" for n in range(12)], 5)
-    low, high = (np.repeat(rng.uniform(a, a + 200, 12), 5) for a in (500, 900))
-    easy, _ = rows_of({"mean-array": 2 * low, "resnet18": low}, shapes)
-    hard, _ = rows_of({"mean-array": high, "resnet18": high}, shapes)
-    findings_of_gap = gap(easy, hard)
-    assert list(findings_of_gap) == ["gap-resnet18"]
-    of_resnet18 = findings_of_gap["gap-resnet18"]
-    assert of_resnet18.answer == "yes" and of_resnet18.model == "resnet18"
-    assert of_resnet18.percent_of_mean_array == pytest.approx({"val": 50.0, "test": 100.0})
-    assert gap(hard, easy)["gap-resnet18"].answer == "no"
-    assert gap(easy, easy)["gap-resnet18"].answer == "undecided"
+    pairs = pairs_with(np.zeros((60, 20)), shapes)
+    for off, signs in ((20.0, (1, 1)), (-20.0, (-1, -1)), (200.0 * sign, (-1, 1))):
+        rows = {
+            name: _row(values_of(errors), pairs, FULL_SCALE)
+            for name, errors in (("touch2touch", base + off), ("resnet18", base))
+        }
+        parts = ({name: row[place] for name, row in rows.items()} for place in (0, 1))
+        found = _paired(*parts)
+        assert tuple(np.sign([found["rmse_counts"][end] for end in ("low", "high")])) == signs
+        opposite = tuple(np.sign([-found["ssim"][end] for end in ("high", "low")]))
+        assert opposite == signs
 
 
 def pairs_with(counts: np.ndarray, shapes: np.ndarray) -> Pairs:

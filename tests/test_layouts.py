@@ -128,8 +128,8 @@ def test_evaluation_on_a_denser_layout(
     assert evaluation.models["touch2touch"].trained_layout == "cyskin-20"
     assert evaluation.layout == "dense"
     assert evaluation.view is not None
-    assert sum(evaluation.view.taxels.values()) == dense[0].size
-    assert evaluation.view.pitch_mm == pytest.approx(PITCH_MM)
+    assert sum(evaluation.view[name] for name in ("under", "near", "beyond")) == dense[0].size
+    assert evaluation.view["pitch_mm"] == pytest.approx(PITCH_MM)
     stored = np.load(tmp_path / "out" / "predictions.npz")
     assert stored["touch2touch"].shape == stored["truth"].shape == (4, dense[0].size)
     kept = representable(run.config.data.array, *dense)
@@ -143,10 +143,10 @@ def test_view_sorts_the_default_layout() -> None:
     layout = load_layout()
     camera = SensorPair().camera.camera
     view, groups = view_on(layout.x_mm, layout.y_mm, camera.seen_half_extent_mm())
-    assert view.pitch_mm == pytest.approx(7.5, abs=1e-3)
-    assert view.width_mm == pytest.approx(12.5, abs=0.05)
-    assert view.height_mm == pytest.approx(16.7, abs=0.05)
-    assert view.taxels == {"under": 4, "near": 12, "beyond": 4}
+    assert view["pitch_mm"] == pytest.approx(7.5, abs=1e-3)
+    assert view["width_mm"] == pytest.approx(12.5, abs=0.05)
+    assert view["height_mm"] == pytest.approx(16.7, abs=0.05)
+    assert [view[name] for name in ("under", "near", "beyond")] == [4, 12, 4]
     assert (np.stack(list(groups.values())).sum(axis=0) == 1).all()
 
 

@@ -6,14 +6,13 @@ from skimage.metrics import structural_similarity
 
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.sim.taxels.phi import Phi
-from t2twin.translate.evaluation.array_errors import compare
-from t2twin.translate.evaluation.ssim import image_scores
+from t2twin.translate.evaluation.metrics import compare, image_scores, overall
 
 FULL_SCALE = 40000.0
 
 
 def test_perfect_prediction(phi: Phi, true: np.ndarray) -> None:
-    summary = compare(true, true, phi, FULL_SCALE).summary(FULL_SCALE)
+    summary = overall(compare(true, true, phi, FULL_SCALE), FULL_SCALE)
     assert summary.pairs == 6
     assert summary.rmse_counts == summary.rmse_percent == 0.0
     assert summary.ssim == summary.ssim_contact == pytest.approx(1.0)
@@ -25,7 +24,7 @@ def test_rmse_is_over_samples_and_taxels(phi: Phi, true: np.ndarray) -> None:
     """One taxel of one sample off by 12,000 of 6 x 20: 12,000 / sqrt(120)."""
     off = true.copy()
     off[2, 7] += 12000.0
-    summary = compare(off, true, phi, FULL_SCALE).summary(FULL_SCALE)
+    summary = overall(compare(off, true, phi, FULL_SCALE), FULL_SCALE)
     assert summary.rmse_counts == pytest.approx(12000.0 / np.sqrt(120))
     assert summary.rmse_percent == pytest.approx(30.0 / np.sqrt(120))
 
@@ -35,7 +34,7 @@ def test_error_of_a_group_of_the_taxels(phi: Phi, true: np.ndarray) -> None:
     off[2, 7] += 12000.0
     some = np.arange(20) < 8
     groups = {"under": some, "near": ~some, "beyond": np.zeros(20, bool)}
-    summary = compare(off, true, phi, FULL_SCALE, taxel_groups=groups).summary(FULL_SCALE)
+    summary = overall(compare(off, true, phi, FULL_SCALE, taxel_groups=groups), FULL_SCALE)
     assert summary.rmse_under_counts == pytest.approx(12000.0 / np.sqrt(6 * 8))
     assert summary.rmse_near_counts == 0.0
     assert summary.rmse_beyond_counts is None
@@ -49,15 +48,13 @@ def test_ssim_is_scikit_images(phi: Phi, true: np.ndarray) -> None:
     for a, b in images:
         ssim, local, *_ = structural_similarity(a, b, data_range=FULL_SCALE, full=True)
         contact_a, contact_b = a > 0.1 * a.max(), b > 0.1 * b.max()
-        scores = image_scores(a, b, FULL_SCALE, 0.1)
-        assert scores.ssim == pytest.approx(ssim, abs=1e-6)
-        assert scores.ssim_contact == pytest.approx(local[contact_b].mean(), abs=1e-6)
         iou = (contact_a & contact_b).sum() / (contact_a | contact_b).sum()
-        assert scores.contact_iou == iou
+        expected = ssim, local[contact_b].mean(), iou
+        assert image_scores(a, b, FULL_SCALE) == pytest.approx(expected, abs=1e-6)
 
 
 def test_weaker_response_keeps_its_shape(phi: Phi, true: np.ndarray) -> None:
-    summary = compare(0.8 * true, true, phi, FULL_SCALE).summary(FULL_SCALE)
+    summary = overall(compare(0.8 * true, true, phi, FULL_SCALE), FULL_SCALE)
     assert summary.total_error_percent == pytest.approx(20.0)
     assert summary.contact_iou == pytest.approx(1.0, abs=1e-3)
     assert summary.centroid_error_mm == pytest.approx(0.0, abs=1e-6)
@@ -96,8 +93,8 @@ def test_no_contact_leaves_the_contacts_figures_out(phi: Phi, true: np.ndarray) 
     nothing = np.zeros_like(true[:1])
     figures = compare(np.vstack([nothing, true]), np.vstack([nothing, true]), phi, FULL_SCALE)
     assert np.isnan([figures.contact_iou[0], figures.centroid_error_mm[0]]).all()
-    assert figures.summary(FULL_SCALE).contact_iou == 1.0
-    alone = compare(nothing, nothing, phi, FULL_SCALE).summary(FULL_SCALE)
+    assert overall(figures, FULL_SCALE).contact_iou == 1.0
+    alone = overall(compare(nothing, nothing, phi, FULL_SCALE), FULL_SCALE)
     assert alone.ssim == 1.0
     assert alone.contact_iou is None
     missed = compare(np.zeros_like(true), true, phi, FULL_SCALE)

@@ -1,7 +1,6 @@
 """The report of runs on a user's own pairs: whichever splits, sizes and names they have."""
 
 import csv
-import json
 import re
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from t2twin.report.page import PAGE
 from t2twin.report.run_report import SECTIONS, write_report
 from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.translate.evaluation.records import FINDINGS, read_evaluation
+from t2twin.translate.evaluation.records import read_evaluation
 
 ROWS, COLUMNS = 24, 48
 FULL_SCALE = 1000
@@ -80,7 +79,7 @@ def test_what_is_known_is_drawn_and_nothing_else(page: Path, read: Reader) -> No
     for word in ("Grella et al. 2023, on hardware", "hand tool", "primitive", "simulated", "None"):
         assert word not in text
     assert sorted(path.name for path in page.parent.iterdir()) == [
-        "evaluate-val", FINDINGS, PAGE,
+        "evaluate-val", PAGE,
     ]  # fmt: skip
 
 
@@ -91,7 +90,6 @@ def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> No
     for name, title in (("resnet18", "ResNet18"), ("nearest-neighbour", "nearest neighbor")):
         overall = evaluation.models[name].overall
         assert rows[title][:2] == [f"{overall.rmse_counts:,.0f}", f"{overall.rmse_percent:.2f}"]
-    assert json.loads((page.parent / FINDINGS).read_text())["gap"] == {}
 
 
 def test_the_summary_speaks_of_these_pairs(read: Reader) -> None:
@@ -130,7 +128,7 @@ def test_test_pairs_alone_are_evaluated_and_drawn(
     main(["evaluate", *given, "--split", "both", *arguments, str(tmp_path / "evaluate")])
     assert "test, 3 pairs" in capsys.readouterr().out
     there = sorted(path.name for path in (tmp_path / "evaluate").iterdir())
-    assert there == [FINDINGS, "results.md", "test"]
+    assert there == ["results.md", "test"]
     main(["report", "--runs", *given, *arguments, str(tmp_path / "report")])
     folder = tmp_path / "evaluate" / "test"
     assert f"using the evaluation in {folder}\n" in capsys.readouterr().out
@@ -154,9 +152,7 @@ def test_splits_that_cannot_be_evaluated_are_named(
 def test_one_run_is_the_network(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without both translators the paper's finding cannot be asked for."""
-    draw_only(monkeypatch, "summary", "results", "finding")
+    draw_only(monkeypatch, "summary", "results")
     run = train_smoke("resnet18", data_dir, tmp_path / "run", epochs=1)
     text = read_page(write_report(tmp_path / "report", data_dir, [run]))[1]
     assert "the network ResNet18 predicts" in text and "best network" not in text
-    assert "The paper's finding" not in text

@@ -9,7 +9,7 @@ import torch
 
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import Examples, load_info
-from t2twin.translate.evaluation import array_errors
+from t2twin.translate.evaluation import metrics
 from t2twin.translate.models.presets import PRESETS, Preset
 from t2twin.translate.models.touch2touch import CONTACT_LEVEL, Touch2Touch, soft_iou_loss
 from t2twin.translate.runs.checkpoint import build
@@ -64,7 +64,7 @@ def test_it_grows_with_the_distance_and_follows_the_contact_iou() -> None:
 
 
 def test_a_pixel_is_half_in_contact_at_the_level_of_the_contact_iou() -> None:
-    assert CONTACT_LEVEL == array_errors.CONTACT_LEVEL
+    assert CONTACT_LEVEL == metrics.CONTACT_LEVEL
     drawn, real = square(4), square(4)
     drawn[0, 0, 20, 20] = CONTACT_LEVEL * 0.5
     highest = 1 / (1 + CONTACT_LEVEL**2)

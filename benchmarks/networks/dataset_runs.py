@@ -123,7 +123,7 @@ def _trained(row: ModelRow) -> dict[str, Any]:
 
 def _rankings(evaluation: Evaluation, predictions: Predictions) -> dict[str, dict[str, Any]]:
     """Coverage and sparsification gains of each run that predicts its uncertainty."""
-    from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL, REPORTED_SHARE
+    from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, REPORTED_SHARE
     from t2twin.translate.uncertainty.estimate import half_width
 
     rankings: dict[str, dict[str, Any]] = {}
@@ -148,7 +148,7 @@ def _rankings(evaluation: Evaluation, predictions: Predictions) -> dict[str, dic
 
 def _gain_percent(rmse: np.ndarray, ranking: np.ndarray) -> float:
     """Decrease of the RMSE without the fifth of the presses with the largest ranking, percent."""
-    from t2twin.translate.evaluation.array_errors import REPORTED_SHARE
+    from t2twin.translate.evaluation.metrics import REPORTED_SHARE
 
     kept = np.argsort(ranking, kind="stable")[: round(REPORTED_SHARE * ranking.size)]
     return 100.0 * float(1.0 - _rms(rmse[kept]) / _rms(rmse))

@@ -34,7 +34,6 @@ from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.evaluation.array_errors import interval, resample_weights
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     NEIGHBORS,
@@ -42,6 +41,7 @@ from t2twin.translate.evaluation.baselines import (
     neighbors,
     view_on,
 )
+from t2twin.translate.evaluation.metrics import interval, resample_weights
 from t2twin.translate.evaluation.records import Interval
 
 CLOSE = 2.0

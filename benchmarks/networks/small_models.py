@@ -19,7 +19,7 @@ import torch
 from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
-from t2twin.translate.evaluation.array_errors import interval, resample_weights
+from t2twin.translate.evaluation.metrics import interval, resample_weights
 
 HIDDEN = 128
 """Width of both hidden layers (assumed)."""

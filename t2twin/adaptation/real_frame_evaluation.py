@@ -30,7 +30,7 @@ from t2twin.sim.calibrate.measurements import OpticsUncertainty, uncertainty_tab
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.translate.evaluation.array_errors import REPORTED_LEVEL
+from t2twin.translate.evaluation.metrics import REPORTED_LEVEL
 from t2twin.translate.inference.contact import ContactEstimate
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import TrainedTranslator

@@ -14,9 +14,7 @@ def evaluate(
             tuple[Path, ...], tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)")
         ]
     ],
-    data: Annotated[
-        tuple[Path, ...], tyro.conf.arg(metavar="DIR", help_behavior_hint="(one or more)")
-    ],
+    data: Annotated[Path, tyro.conf.arg(metavar="DIR")],
     split: Split = "val",
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
@@ -26,39 +24,25 @@ def evaluate(
     Args:
         runs: Folders of trained runs.
         data: Folder of the dataset, of training or any other. touch2touch also accepts another
-            taxel layout inside its own, field any on the cover. With several datasets, each has a
-            folder of its name, and datasets.md is a table of all.
+            taxel layout inside its own, field any on the cover.
         split: val (in the paper's protocol: new versions of primitives), test (hand tools) or both.
-            With both, writes DIR/val, DIR/test, DIR/findings.json and DIR/results.md.
-        out: Output folder. Default: runs/evaluate/SPLIT; runs/evaluate with both or several
-            datasets.
-        background: Image of the datasets' gel camera without contact, for field runs. Default: each
+            With both, writes DIR/val, DIR/test and DIR/results.md.
+        out: Output folder. Default: runs/evaluate/SPLIT; runs/evaluate with both.
+        background: Image of the dataset's gel camera without contact, for field runs. Default: each
             pair's own, or that of the sensor's own light, if the dataset was made with either.
     """
     from t2twin.core.errors import T2TwinError
-    from t2twin.translate.evaluation import evaluate as evaluation
-    from t2twin.translate.evaluation.table import datasets_markdown, results_text
+    from t2twin.translate.evaluation.evaluate import evaluate_splits
+    from t2twin.translate.evaluation.table import results_text
     from t2twin.translate.models.distributed import use_all_cores
 
     if not runs:
         raise T2TwinError(
             "there is no run to evaluate; give one run's folder or more before --data"
         )
-    if not data:
-        raise T2TwinError("there is no dataset to evaluate on; give its folder with --data")
-    folder = out or Path("runs/evaluate") / ("" if split == "both" or len(data) > 1 else split)
-    first = next(iter(data))
+    folder = out or Path("runs/evaluate") / ("" if split == "both" else split)
     use_all_cores()
-    if len(data) > 1:
-        datasets = evaluation.evaluate_datasets(runs, data, split, folder, background)
-    else:
-        datasets = {"": evaluation.evaluate_splits(runs, first, split, folder, background)}
-    for name, evaluations in datasets.items():
-        if name:
-            print(f"{name}\n")
-        print(results_text(evaluations))
-    if len(data) > 1:
-        print(datasets_markdown(datasets))
+    print(results_text(evaluate_splits(runs, data, split, folder, background)))
     print(f"written to {folder}")
 
 

@@ -35,14 +35,13 @@ from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.reading import expected_reading
 from t2twin.translate.data.sides import TACTILE_IMAGE
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.findings import gap_between
 from t2twin.translate.evaluation.predictions import (
     Predictions,
     read_predictions,
     run_names,
     splits_with_pairs,
 )
-from t2twin.translate.evaluation.records import Evaluation, Finding, read_evaluation, write_findings
+from t2twin.translate.evaluation.records import Evaluation, read_evaluation
 from t2twin.translate.evaluation.table import counts_form
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import TrainedTranslator
@@ -237,7 +236,7 @@ class ReportData(Dataset):
 
     runs: by their names in the evaluation. histories: logs of the runs, one record per epoch.
     evaluations, predictions, folders (of the evaluations): by split, "val" and "test"; imported
-    pairs may lack a split. gap: findings about the difference between both splits.
+    pairs may lack a split.
     """
 
     runs: dict[str, TrainedTranslator]
@@ -245,7 +244,6 @@ class ReportData(Dataset):
     evaluations: dict[str, Evaluation]
     predictions: dict[str, Predictions]
     folders: dict[str, Path]
-    gap: dict[str, Finding]
 
     def counts(self, value: float) -> str:
         """A number of counts as text, with a decimal for a small full scale."""
@@ -260,7 +258,7 @@ class ReportData(Dataset):
 def read_report_data(
     out: Path, data: Path, runs: list[Path], evaluation: Path | None = None
 ) -> ReportData:
-    """Reads the dataset, the runs and their evaluation; writes out/findings.json.
+    """Reads the dataset, the runs and their evaluation.
 
     evaluation: a folder of `t2twin evaluate --split both`; see `_find_or_evaluate`. Raises
     T2TwinError, before anything is written, for a dataset, a run or a folder that cannot be used.
@@ -289,8 +287,6 @@ def read_report_data(
     names = run_names(loaded)
     found = {s: _find_or_evaluate(loaded, names, data, s, out, evaluation) for s in splits}
     evaluations = {split: each for split, (_, each, _) in found.items()}
-    gap = gap_between(evaluations)
-    write_findings(out, evaluations, gap)
     return ReportData(
         **vars(dataset),
         runs=dict(zip(names, loaded, strict=True)),
@@ -298,7 +294,6 @@ def read_report_data(
         evaluations=evaluations,
         predictions={split: each for split, (_, _, each) in found.items()},
         folders={split: folder for split, (folder, _, _) in found.items()},
-        gap=gap,
     )
 
 

@@ -20,15 +20,15 @@ from t2twin.report.page import (
     name_of,
     shape_name,
 )
-from t2twin.translate.evaluation.array_errors import REPORTED_SHARE
 from t2twin.translate.evaluation.baselines import (
     MEAN_ARRAY,
     MEAN_ARRAY_OF_FORCE,
     MIN_PRESSES,
     NEAREST_NEIGHBOR,
 )
+from t2twin.translate.evaluation.metrics import REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation
-from t2twin.translate.evaluation.table import uncertainty_text
+from t2twin.translate.evaluation.table import outputs_table
 from t2twin.translate.runs.log import best_epoch
 
 FORCE_IN, SPLIT_IN, LEGEND_IN = 9.0, 2.7, 0.4
@@ -214,11 +214,7 @@ def uncertainty(report: ReportData) -> dict[str, Any] | None:
         return None
     return {
         "chart": figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _coverage(page, evaluations)),
-        "summaries": [
-            (split, line)
-            for split, one in evaluations.items()
-            for line in uncertainty_text({name_of(name): row for name, row in one.runs.items()})
-        ],
+        "tables": outputs_table(evaluations, name_of),
     }
 
 

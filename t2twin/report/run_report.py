@@ -29,7 +29,6 @@ from t2twin.translate.evaluation.table import (
     FURTHER,
     MAIN,
     figures_table,
-    findings_table,
     training_data,
 )
 from t2twin.translate.runs.log import best_epoch
@@ -206,12 +205,6 @@ def results(report: ReportData) -> dict[str, Any]:
     }
 
 
-def finding(report: ReportData) -> dict[str, Any] | None:
-    """Answers to the paper's statements, which are about both translators, with intervals."""
-    tables = findings_table(report.evaluations, report.gap, name_of)
-    return {"table": tables[0]} if tables else None
-
-
 def samples(report: ReportData) -> dict[str, Any]:
     """Split, quantile, values, errors by run, and figure of each sample."""
     return {
@@ -265,7 +258,6 @@ SECTIONS: dict[str, tuple[str, Callable[[ReportData], Mapping[str, Any] | None]]
     "summary": ("", summary),
     "about": ("", about),
     "results": ("Results", results),
-    "finding": ("The paper's finding", finding),
     "by-force": ("By force", run_charts.by_force),
     "uncertainty": ("Uncertainty", run_charts.uncertainty),
     "samples": ("Samples", samples),
@@ -290,7 +282,7 @@ def write_report(
     pairs or both. runs: folders of finished trainings. evaluation: a folder of
     `t2twin evaluate --split both`. The report uses it if it evaluates these runs on this dataset,
     else the folder `evaluate` next to `out`; else it evaluates the runs into out/evaluate-val and
-    out/evaluate-test. The findings are written to out/findings.json.
+    out/evaluate-test.
     Raises T2TwinError, before anything is written, for a missing or unfinished dataset or run, and
     for a run that cannot predict the dataset's taxel layout.
     """

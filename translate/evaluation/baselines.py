@@ -9,11 +9,12 @@ A few different forces have one bin each; many forces have bins of equal width i
 Presses without contact, of force 0, have a bin of their own. Imported pairs with unknown forces are
 in no bin.
 
-Shape letters: P pairs or queries, M stored pairs or training taxels, S image side,
-F values of an image, N taxels, b pairs of a bin.
+Shape letters: P pairs or queries, M stored pairs or training taxels, F values of an image, N
+taxels, b pairs of a bin.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -25,14 +26,13 @@ from t2twin.sim.taxels.phi import barycentric
 from t2twin.sim.taxels.reading import expected_reading, read_after
 from t2twin.translate.data.pairs import Pairs, Readings
 from t2twin.translate.data.sides import ArraySide
-from t2twin.translate.evaluation.predictions import EvaluationInputs
-from t2twin.translate.evaluation.records import MeanOf, PaperRow, ViewSummary
+from t2twin.translate.evaluation.records import MeanOf, Values
 
-MEAN_ARRAY, NEAREST_NEIGHBOR = "mean-array", "nearest-neighbour"
-"""Names of their rows."""
-
-MEAN_ARRAY_OF_FORCE = "mean-array-of-force"
-"""Name of the row; only with several forces."""
+MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR, MEAN_IMAGE, NOISE_FLOOR, LAYOUT_FLOOR = (
+    "mean-array", "mean-array-of-force", "nearest-neighbour", "mean-image", "noise-floor",
+    "layout-floor",
+)  # fmt: skip
+"""Names of their rows; the second one with several forces only."""
 
 FEATURE_SIZE = 32
 """Side of the RGB images for the search of neighbors, pixels (assumed)."""
@@ -43,22 +43,19 @@ NEIGHBORS = 8
 BATCH_SIZE = 256
 """Images compared together; bounds memory to 100 MB with 20,000 pairs, besides the stored ones."""
 
-PAPER: dict[str, dict[str, PaperRow]] = {
+PAPER: dict[str, dict[str, Values]] = {
     "val": {
-        "touch2touch": PaperRow(rmse_counts=4007, rmse_percent=10.01, ssim=0.96),
-        "resnet18": PaperRow(rmse_counts=3931, rmse_percent=9.83, ssim=0.95),
+        "touch2touch": {"rmse_counts": 4007, "rmse_percent": 10.01, "ssim": 0.96},
+        "resnet18": {"rmse_counts": 3931, "rmse_percent": 9.83, "ssim": 0.95},
     },
     "test": {
-        "touch2touch": PaperRow(rmse_counts=6072, rmse_percent=15.18),
-        "resnet18": PaperRow(rmse_counts=4867, rmse_percent=12.17),
+        "touch2touch": {"rmse_counts": 6072, "rmse_percent": 15.18},
+        "resnet18": {"rmse_counts": 4867, "rmse_percent": 12.17},
     },
 }
 """Results of Grella et al. 2023 by split and model: root of L3, and one SSIM per model."""
 
-NOISE_FLOOR, LAYOUT_FLOOR = "noise-floor", "layout-floor"
-"""Names of their rows."""
-
-GROUPS = ("under", "near", "beyond")
+TAXEL_GROUPS = ("under", "near", "beyond")
 """Groups of taxels: under the view; outside, within one pitch; farther."""
 
 SLACK = 1e-6
@@ -85,8 +82,7 @@ MIN_PRESSES = 50
 the presses' standard deviation)."""
 
 
-@dataclass(frozen=True)
-class ForceBin:
+class ForceBin(NamedTuple):
     """Presses in one range of forces.
 
     low_n, high_n: its edges, N, equal for a single force; 0 without contact. mean_n: mean force of
@@ -107,8 +103,7 @@ class ForceBin:
         return self.high_n > 0
 
 
-@dataclass(frozen=True)
-class Neighbors:
+class Neighbors(NamedTuple):
     """The nearest stored images of each query, in ascending order of distance.
 
     index: (P, k) indices of stored images. distance_grey: (P, k) root mean square difference of the
@@ -163,12 +158,12 @@ def neighbors(
 
 def view_on(
     x_mm: np.ndarray, y_mm: np.ndarray, view_mm: tuple[float, float]
-) -> tuple[ViewSummary, dict[str, np.ndarray]]:
-    """Groups the taxels of a layout by their distance from the rectangle of the image.
+) -> tuple[Values, dict[str, np.ndarray]]:
+    """The view of `Evaluation`, and the taxels of a layout by their distance from the rectangle of
+    the image, (N,) bool by the names in TAXEL_GROUPS.
 
     x_mm, y_mm: (N,), N > 1, mm, sensor frame. view_mm: half of what the image shows. The pitch is
-    the median distance of a taxel to its nearest neighbor. Also returns (N,) bool by the names in
-    GROUPS.
+    the median distance of a taxel to its nearest neighbor.
     """
     half_width, half_height = view_mm
     points = np.column_stack([x_mm, y_mm])
@@ -179,9 +174,9 @@ def view_on(
     )
     near = distance_mm <= pitch * (1.0 + SLACK)
     masks = (distance_mm == 0.0, near & (distance_mm > 0.0), ~near)
-    groups: dict[str, np.ndarray] = dict(zip(GROUPS, masks, strict=True))
-    numbers = {name: int(mask.sum()) for name, mask in groups.items()}
-    return ViewSummary(2 * half_width, 2 * half_height, pitch, numbers), groups
+    groups: dict[str, np.ndarray] = dict(zip(TAXEL_GROUPS, masks, strict=True))
+    view: Values = {"width_mm": 2 * half_width, "height_mm": 2 * half_height, "pitch_mm": pitch}
+    return view | {name: int(mask.sum()) for name, mask in groups.items()}, groups
 
 
 def representable(trained: ArraySide, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
@@ -272,26 +267,30 @@ def _low_edges_n(force_n: np.ndarray, single: bool) -> np.ndarray:
 
 
 def predict_baselines(
-    inputs: EvaluationInputs,
     pairs: Pairs,
     train: Pairs,
     near: Neighbors,
     bins: tuple[ForceBin, ...],
+    info: DatasetInfo,
+    role: str,
+    trained_layouts: Iterable[ArraySide],
 ) -> dict[str, np.ndarray]:
-    """(P, N) counts of the trivial predictors and of the floors that are known, by row."""
+    """(P, N) counts of the trivial predictors and of the floors that are known, by row.
+
+    info, role: of the dataset and the target. trained_layouts: of runs that only interpolate
+    between their own taxels; the layout floor is that of the first one unlike the dataset's.
+    """
     rows = {MEAN_ARRAY: np.tile(mean_array(train), (len(pairs), 1))}
     if len(bins) > 1:
         rows[MEAN_ARRAY_OF_FORCE] = mean_array_of_force(bins, pairs, train)
     rows[NEAREST_NEIGHBOR] = train.counts[near.index[:, 0]]
-    role = ROLES[0 if inputs.reverse else 1]
-    repeated = second_reading(pairs.counts, inputs.dataset, role=role)
+    repeated = second_reading(pairs.counts, info, role=role)
     if repeated is not None:
         rows[NOISE_FLOOR] = repeated
-    x_mm, y_mm = inputs.info.array.x_mm, inputs.info.array.y_mm
-    for run in inputs.trained.values():  # the first of another layout
-        array = run.config.data.array
-        if not run.has_uncertainty and not array.same_layout(x_mm, y_mm):
-            projection = representable(array, x_mm, y_mm)
+    taxels = info.sensors[role].taxels
+    for array in trained_layouts:
+        if not array.same_layout(taxels.x_mm, taxels.y_mm):
+            projection = representable(array, taxels.x_mm, taxels.y_mm)
             rows[LAYOUT_FLOOR] = (pairs.counts @ projection.T).astype(np.float32)
             break
     return rows

@@ -1,11 +1,10 @@
 """The inputs of an evaluation, the readings that runs predict, and the file predictions.npz.
 
-The inputs are runs, a dataset and background frames, which are checked before the evaluation
-starts. The file has the array "truth", one (P, N) array per model under the model's name, and the
-arrays "shape", "family", "x_mm", "y_mm", "yaw_rad" and "force_n" of the pairs. For a model with
-uncertainty there is another (P, N) array, "std of " and the name.
+The file has the array "truth", one array per model under the model's name, and the arrays "shape",
+"family", "x_mm", "y_mm", "yaw_rad" and "force_n" of the pairs. For a model with uncertainty there
+is another array, "std of " and the name.
 
-Shape letters: P pairs, N taxels, S image side.
+Shape letters: P pairs, N taxels, S side and c channels of a picture.
 """
 
 import zipfile
@@ -13,8 +12,10 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
+import torch
 from PIL import Image
 
 from t2twin.core import arguments
@@ -23,44 +24,39 @@ from t2twin.core.files import atomic_write
 from t2twin.sim.dataset.info import DatasetInfo, SensorInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.files import bundled_sensors
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.translate.data.images import open_image, to_pixels
+from t2twin.translate.data.images import open_image, to_input, to_pixels
 from t2twin.translate.data.pairs import (
     DataInfo,
+    ImageFile,
     InputImages,
+    Pictures,
     has_backgrounds,
     load_info,
     load_pairs,
 )
 from t2twin.translate.data.sides import ArraySide
-from t2twin.translate.evaluation.contact_errors import contact_metrics
-from t2twin.translate.evaluation.records import ContactMetrics
+from t2twin.translate.evaluation.metrics import REPORTED_LEVEL
+from t2twin.translate.evaluation.records import Values
 from t2twin.translate.inference.load import load_torch
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.inference.predictor import TrainedTranslator, parts_of
+from t2twin.translate.models.contact import CONTACT_KPA, EVEN, center_of_pressure
 from t2twin.translate.networks.field_net import side_of_maps
-from t2twin.translate.uncertainty.estimate import Estimate, readings_of
+from t2twin.translate.uncertainty.estimate import Estimate, half_width, readings_of
 
 SPLITS = ("val", "test")
 
 OF_PAIRS, OF_OPTICS = "each pair's own", "that of the default optics"
 """Sources of frames that are not files."""
 
-PREDICTIONS = "predictions.npz"
-TRUTH, STD = "truth", "std of "
+PREDICTIONS, TRUTH, STD = "predictions.npz", "truth", "std of "
 PAIR_ARRAYS = ("shape", "family", "x_mm", "y_mm", "yaw_rad", "force_n")
 """Arrays that are not of models."""
 
-
-@dataclass(frozen=True)
-class Background:
-    """Background frames of a dataset.
-
-    source: in words. image: one frame for all pairs, or None if each pair has its own.
-    """
-
-    source: str
-    image: Image.Image | None
+MIN_CELLS = 4
+"""Least number of cells of a contact (assumed: smaller ones are not resolved)."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +64,9 @@ class EvaluationInputs:
     """What an evaluation reads.
 
     trained: runs by name, at their own layouts. applied: the same at the dataset's layout.
-    background: None if no run uses background frames or none are known. reverse: whether source and
-    target of the runs exchange those of the dataset.
+    background: source of the background frames of field runs, None if unknown; frame: one for all
+    pairs, None if each pair has its own. reverse: whether source and target of the runs exchange
+    those of the dataset.
     """
 
     data_dir: Path
@@ -77,8 +74,14 @@ class EvaluationInputs:
     info: DataInfo
     trained: dict[str, TrainedTranslator]
     applied: dict[str, TrainedTranslator]
-    background: Background | None
+    background: str | None
+    frame: Image.Image | None
     reverse: bool = False
+
+    @property
+    def target_role(self) -> str:
+        """Role in the dataset of the sensor whose readings are predicted."""
+        return ROLES[0 if self.reverse else 1]
 
 
 def prepare(
@@ -104,21 +107,20 @@ def prepare(
         _check_sides(run, info, data_dir)
     trained = dict(zip(run_names(loaded), loaded, strict=True))
     applied = {name: _applied(run, info) for name, run in trained.items()}
-    has_dense_counts = any(run.has_uncertainty for run in loaded)
-    if background is not None and not has_dense_counts:
+    if any(run.has_uncertainty for run in loaded):
+        source, frame = background_of(data_dir, background)
+    elif background is not None:
         raise T2TwinError(
             f"{background} is a background frame, which only field runs use; none of the runs is "
             "one"
         )
-    frames = background_of(data_dir, background) if has_dense_counts else None
-    return EvaluationInputs(data_dir, dataset, info, trained, applied, frames, reverse)
+    else:
+        source, frame = None, None
+    return EvaluationInputs(data_dir, dataset, info, trained, applied, source, frame, reverse)
 
 
 def _is_reverse(runs: Sequence[TrainedTranslator], dataset: DatasetInfo) -> bool:
-    """Whether source and target of the runs exchange those of the dataset.
-
-    Raises T2TwinError for runs of several directions.
-    """
+    """Whether source and target of the runs, which have one direction, exchange the dataset's."""
     first, source, target = runs[0].config.data, dataset.source, dataset.target
     for run in runs:
         if run.config.direction != first.direction:
@@ -135,10 +137,9 @@ def _is_reverse(runs: Sequence[TrainedTranslator], dataset: DatasetInfo) -> bool
 def _check_sides(run: TrainedTranslator, info: DataInfo, data_dir: Path) -> None:
     """Raises T2TwinError for a dataset whose readings a run neither takes nor predicts."""
     trained = run.config.data
-    is_other = trained.direction != info.direction
     takes = trained.source.fits(info.source)
     gives = run.config.is_image_to_counts or trained.target.fits(info.target)
-    if is_other or not takes or not gives:
+    if trained.direction != info.direction or not takes or not gives:
         raise T2TwinError(
             f"{run.run_dir} predicts {trained.target.words} from {trained.source.words}; "
             f"{data_dir} has {info.source.words} and {info.target.words}"
@@ -153,8 +154,11 @@ def _applied(run: TrainedTranslator, info: DataInfo) -> TrainedTranslator:
     return run.at_layout(array.x_mm, array.y_mm, array.layout, array.pad_diameter_mm)
 
 
-def background_of(data_dir: Path, file: str | Path | None = None) -> Background | None:
-    """The background frames of a dataset, None if none are known.
+def background_of(
+    data_dir: Path, file: str | Path | None = None
+) -> tuple[str | None, Image.Image | None]:
+    """Source of the background frames of a dataset, None if none are known, and the frame, None if
+    each pair has its own.
 
     They are those of the pairs, if the pairs have them. Otherwise they are `file`, an image of the
     sensor without contact, or the frame of its own light, if all images were made with it.
@@ -167,19 +171,16 @@ def background_of(data_dir: Path, file: str | Path | None = None) -> Background 
                 f"the pairs in {data_dir} contain their own background frames; --background is for "
                 "datasets without them"
             )
-        return Background(OF_PAIRS, None)
+        return OF_PAIRS, None
     if file is not None:
-        return Background(str(file), open_image(arguments.path(file, "background")))
+        return str(file), open_image(arguments.path(file, "background"))
     frame = frame_of_own_light(info)
-    return None if frame is None else Background(OF_OPTICS, Image.fromarray(frame))
+    return (None, None) if frame is None else (OF_OPTICS, Image.fromarray(frame))
 
 
 def frame_of_own_light(info: DatasetInfo, role: str | None = None) -> np.ndarray | None:
     """The background frame of a bundled sensor in its own light, if all images of a dataset were
-    made with that, else None.
-
-    role: of the gel camera, by default the first.
-    """
+    made with that, else None. role: of the gel camera, by default the first."""
     if info.recipe is None or info.recipe.light.kind != "fixed":
         return None
     sensor = bundled_in_own_light(info.camera if role is None else info.sensors[role])
@@ -200,11 +201,9 @@ def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
     Raises T2TwinError for a run that occurs twice.
     """
     folders = [run.run_dir.resolve() for run in runs]
-    twice = [
-        run.run_dir for run, folder in zip(runs, folders, strict=True) if folders.count(folder) > 1
-    ]
-    if twice:
-        raise T2TwinError(f"{twice[0]} is named twice; name each run once")
+    for run, folder in zip(runs, folders, strict=True):
+        if folders.count(folder) > 1:
+            raise T2TwinError(f"{run.run_dir} is named twice; name each run once")
     models = [run.config.model for run in runs]
     names = [
         model if models.count(model) == 1 else f"{model} ({run.run_dir.name})"
@@ -229,6 +228,111 @@ def splits_with_pairs(data_dir: Path) -> tuple[str, ...]:
     return splits
 
 
+def predict_runs(
+    inputs: EvaluationInputs, split: str, cache: Path
+) -> tuple[dict[str, np.ndarray], dict[str, Estimate], dict[str, Values]]:
+    """(P, N) counts or (P, S, S, c) images that each run predicts, and estimates of field runs.
+
+    Also the errors of runs that predict the contact, if the pairs have contact maps.
+    """
+    target = inputs.info.target
+    has_dense_counts = isinstance(target, ArraySide) and target.dense_x_mm is not None
+    predictions, estimates, contacts = {}, {}, {}
+    for name, run in inputs.applied.items():
+        preset = run.config.preset
+        if not run.has_uncertainty:
+            own = load_pairs(
+                inputs.data_dir, split, preset.size, preset.grey, cache, reverse=inputs.reverse
+            )
+            predictions[name] = run.predict_pixels(own.inputs, progress=name)
+            continue
+        side = side_of_maps(preset.size) if run.predicts_contact else None
+        # Pairs with dense counts usually have background frames too.
+        own = load_pairs(
+            inputs.data_dir, split, preset.size, preset.grey, cache, has_dense_counts,
+            inputs.reverse, side,
+        )  # fmt: skip
+        images = own.inputs
+        if inputs.frame is not None:
+            frame = to_pixels(inputs.frame, preset.size, grey=False)
+            images = InputImages(own.images, np.broadcast_to(frame, (len(own), *frame.shape)))
+        found = run.estimate_pixels(images, progress=name)
+        estimates[name] = as_readings(found, inputs.dataset)
+        predictions[name] = estimates[name].counts
+        if own.contact is not None:
+            title = f"contact of {name}"
+            contacts[name] = contact_metrics(run, images, own.contact, own.force_n, title)
+    return predictions, estimates, contacts
+
+
+def as_readings(estimate: Estimate, info: DatasetInfo) -> Estimate:
+    """An estimate of readings of the dataset's array, from one of noiseless counts."""
+    array = info.array
+    if array.imperfections is None:
+        return estimate
+    counts, std = readings_of(estimate, array.imperfections, array.reading)
+    return replace(estimate, counts=counts, counts_std=std)
+
+
+def contact_metrics(
+    run: TrainedTranslator,
+    pictures: Pictures,
+    contact: ImageFile,
+    force_n: np.ndarray,
+    progress: str | None = None,
+) -> Values:
+    """The errors of a run that predicts the contact, in the cells of its maps.
+
+    pictures: inputs of P pairs, as for `estimate_pixels`. contact: their contact maps. force_n:
+    (P,), 0 without contact; other pairs may have their contact outside the view. Errors of a press
+    are those in its true contact; each press has the same weight. docs/reference/metrics.md has the
+    definitions.
+    """
+    half, view_mm = half_width(REPORTED_LEVEL), run.config.data.camera.view_mm
+    parts, false_contacts = [], []
+    for part in parts_of(len(contact), progress):
+        inputs = to_input(pictures[part].astype(np.float32) / 255.0)
+        found = SimpleNamespace(**run.translator.predict_all(inputs, with_contact=True))
+        maps = torch.from_numpy(contact[part].astype(np.float32)).to(found.depth_mm.device)
+        depth, pressure = maps.unbind(dim=1)
+        inside, mask = pressure > CONTACT_KPA, found.probability > EVEN
+        cells = inside.sum(dim=(1, 2))
+        error = found.depth_mm - depth
+        deepest = (depth * inside).amax(dim=(1, 2))
+        center, _ = center_of_pressure(pressure, pressure, view_mm)
+        total = pressure.sum(dim=(1, 2))
+        values = [
+            ((error.square() * inside).sum(dim=(1, 2)) / cells).sqrt(),
+            ((found.depth_mm * inside).amax(dim=(1, 2)) - deepest).abs() / deepest,
+            (inside & mask).sum(dim=(1, 2)) / (inside | mask).sum(dim=(1, 2)),
+            (found.pressure_kpa.sum(dim=(1, 2)) - total).abs() / total,
+            (found.center_mm - center).square().sum(dim=1).sqrt(),
+            ((error.abs() <= half * found.depth_std_mm) & inside).sum(dim=(1, 2)) / cells,
+            ((found.center_mm - center).abs() <= half * found.center_std_mm).float().mean(dim=1),
+        ]
+        with_contact = (cells >= MIN_CELLS).cpu()
+        parts.append(torch.stack(values, dim=1).cpu()[with_contact])
+        without_contact = torch.from_numpy(force_n[part] == 0.0)
+        false_contacts.append(mask.any(dim=2).any(dim=1).cpu()[without_contact])
+    depth, deepest, iou, force, center, covered, centered = torch.cat(parts).double().numpy().T
+    false = torch.cat(false_contacts).double().numpy()
+    missed = np.isnan(center)
+    return {
+        "pairs": len(depth),
+        "depth_rmse_mm": float(np.median(depth)),
+        "depth_mean_rmse_mm": float(depth.mean()),
+        "deepest_error_percent": 100.0 * float(np.median(deepest)),
+        "deepest_worst_percent": 100.0 * float(deepest.max()),
+        "iou": float(iou.mean()),
+        "force_in_view_error_percent": 100.0 * float(np.median(force)),
+        "center_error_mm": float(np.median(center[~missed])) if not missed.all() else None,
+        "depth_coverage_percent": 100.0 * float(covered.mean()),
+        "center_coverage_percent": 100.0 * float(centered.mean()),
+        "missed_percent": 100.0 * float(missed.mean()),
+        "false_percent": 100.0 * float(false.mean()) if len(false) else None,
+    }
+
+
 @dataclass(frozen=True)
 class Predictions:
     """Predicted and true counts or images of P pairs.
@@ -248,79 +352,26 @@ class Predictions:
         return np.sqrt(np.square(self.by_model[model] - self.truth).mean(axis=1, dtype=float))
 
 
-def predict_runs(
-    inputs: EvaluationInputs, split: str, cache: Path
-) -> tuple[dict[str, np.ndarray], dict[str, Estimate], dict[str, ContactMetrics]]:
-    """(P, N) counts or (P, S, S, c) images that each run predicts, and estimates of field runs.
-
-    Also the errors of runs that predict the contact, if the pairs have contact maps.
-    """
-    target = inputs.info.target
-    has_dense_counts = isinstance(target, ArraySide) and target.dense_x_mm is not None
-    background = inputs.background
-    predictions, estimates, contacts = {}, {}, {}
-    for name, run in inputs.applied.items():
-        preset = run.config.preset
-        has_contact = run.predicts_contact
-        # Pairs with dense counts usually have background frames too.
-        with_dense_counts = run.has_uncertainty and has_dense_counts
-        own = load_pairs(
-            inputs.data_dir, split, preset.size, preset.grey, cache, with_dense_counts,
-            inputs.reverse, side_of_maps(preset.size) if has_contact else None,
-        )  # fmt: skip
-        if run.has_uncertainty:
-            images = own.inputs
-            if background is not None and background.image is not None:
-                frame = to_pixels(background.image, preset.size, grey=False)
-                images = InputImages(own.images, np.broadcast_to(frame, (len(own), *frame.shape)))
-            found = run.estimate_pixels(images, progress=name)
-            estimates[name] = as_readings(found, inputs.dataset)
-            predictions[name] = estimates[name].counts
-            if own.contact is not None:
-                title = f"contact of {name}"
-                contacts[name] = contact_metrics(run, images, own.contact, own.force_n, title)
-        else:
-            predictions[name] = run.predict_pixels(own.inputs, progress=name)
-    return predictions, estimates, contacts
-
-
-def as_readings(estimate: Estimate, info: DatasetInfo) -> Estimate:
-    """An estimate of readings of the dataset's array, from one of noiseless counts."""
-    array = info.array
-    if array.imperfections is None:
-        return estimate
-    counts, std = readings_of(estimate, array.imperfections, array.reading)
-    return replace(estimate, counts=counts, counts_std=std)
-
-
 def read_predictions(folder: Path) -> Predictions:
     """Reads the predictions in the folder of an evaluation.
 
     Raises T2TwinError if the file is missing or damaged.
     """
     path = folder / PREDICTIONS
-    if not path.is_file():
-        raise T2TwinError(f"{folder} contains no {PREDICTIONS}; evaluate the runs again")
     try:
         with path.open("rb") as file, np.load(file) as arrays:
-            truth = arrays[TRUTH]
-            presses = {name: arrays[name] for name in PAIR_ARRAYS}
-            known = (TRUTH, *PAIR_ARRAYS)
-            models = {name: arrays[name] for name in arrays.files if name not in known}
+            models = dict(arrays)
+        truth = models.pop(TRUTH)
+        presses = {name: models.pop(name) for name in PAIR_ARRAYS}
     except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
-        raise T2TwinError(f"{path} is damaged; evaluate the runs again") from None
+        raise T2TwinError(f"{path} is missing or damaged; evaluate the runs again") from None
     stds = {n.removeprefix(STD): models.pop(n) for n in list(models) if n.startswith(STD)}
     return Predictions(truth, models, presses, stds)
 
 
 def write_predictions(folder: Path, predictions: Predictions) -> None:
     """Writes folder/predictions.npz."""
+    stds = {f"{STD}{name}": each for name, each in predictions.std_by_model.items()}
+    arrays = {TRUTH: predictions.truth} | predictions.by_model | stds | predictions.presses
     with atomic_write(folder / PREDICTIONS) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            allow_pickle=False,
-            **{TRUTH: predictions.truth},
-            **predictions.by_model,
-            **{f"{STD}{name}": stds for name, stds in predictions.std_by_model.items()},
-            **predictions.presses,
-        )
+        np.savez_compressed(file, allow_pickle=False, **arrays)

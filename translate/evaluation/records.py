@@ -1,17 +1,13 @@
-"""Results of an evaluation as records, and their files.
+"""Results of an evaluation as records, and their file DIR/metrics.json.
 
-    DIR/metrics.json      the result of `evaluate` on one split: an Evaluation
-    DIR/findings.json     the findings of both splits, and the gap between the two
-    DIR/results.md        both splits in one table
-
-Keys of the JSON files are the attributes of the records. RMSE is the root of the mean squared error
-of the counts over pairs and taxels: the square root of the loss that Grella et al. 2023 call L3.
+Keys of the JSON file are the attributes of the records.
 """
 
-from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
+
+import msgspec
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
@@ -21,25 +17,11 @@ FORMAT = 5
 """Version of metrics.json."""
 
 METRICS = "metrics.json"
-FINDINGS = "findings.json"
 
-FigureName = Literal[
-    "rmse_counts",
-    "rmse_percent",
-    "ssim",
-    "ssim_contact",
-    "contact_iou",
-    "centroid_error_mm",
-    "total_error_percent",
-    "rmse_under_counts",
-    "rmse_near_counts",
-    "rmse_beyond_counts",
-    "rmse_grey",
-    "psnr_db",
-    "psnr_contact_db",
-]
-Answer = Literal["yes", "no", "undecided"]
 MeanOf = Literal["training", "split"]
+
+Values = dict[str, int | float | None]
+"""Metrics by name; None if unknown."""
 
 
 class Interval(NamedTuple):
@@ -54,26 +36,24 @@ class Figures:
     """Figures over a number of pairs; None if no pair has the figure.
 
     rmse_percent: RMSE in percent of full scale, and ssim: structural similarity of the predicted
-    and the true picture, of any target. Of counts: rmse_counts: RMSE. ssim_contact: over contact.
-    contact_iou: intersection over union of the two contacts. centroid_error_mm: distance of the
-    images' centroids. total_error_percent: mean absolute error of the summed counts, relative to
-    their mean. rmse_under_counts, rmse_near_counts, rmse_beyond_counts: RMSE of the taxels under
-    the image's view, within one pitch of it, and beyond. Of images (module image_errors):
-    rmse_grey: RMSE, grey levels. psnr_db, psnr_contact_db: mean PSNR over the picture, and over its
-    contact.
+    and the true picture, of any target. Of counts: rmse_counts; ssim_contact over the contact;
+    contact_iou, intersection over union of the contacts; centroid_error_mm, distance of the images'
+    centroids; total_error_percent, mean absolute error of the summed counts relative to their mean;
+    RMSE of the taxels under the image's view, near, within one pitch of it, and beyond. Of images:
+    rmse_grey, grey levels; mean PSNR over the picture and over its contact.
     """
 
     pairs: int
-    rmse_counts: float | None
     rmse_percent: float
     ssim: float
-    ssim_contact: float | None
-    contact_iou: float | None
-    centroid_error_mm: float | None
-    total_error_percent: float | None
-    rmse_under_counts: float | None
-    rmse_near_counts: float | None
-    rmse_beyond_counts: float | None
+    rmse_counts: float | None = None
+    ssim_contact: float | None = None
+    contact_iou: float | None = None
+    centroid_error_mm: float | None = None
+    total_error_percent: float | None = None
+    rmse_under_counts: float | None = None
+    rmse_near_counts: float | None = None
+    rmse_beyond_counts: float | None = None
     rmse_grey: float | None = None
     psnr_db: float | None = None
     psnr_contact_db: float | None = None
@@ -85,20 +65,15 @@ class Figures:
         return self.rmse_counts
 
 
-Intervals = dict[FigureName, Interval | None]
-"""The interval of each overall figure, or None."""
-
-
 @dataclass(frozen=True)
 class ForceFigures:
-    """Figures over the pairs of one force bin; see module array_errors.
+    """Figures over the pairs of one range of forces.
 
-    low_n, high_n: edges of the bin, N, equal for a single force; both 0 for presses without
-    contact. mean_n: mean force, N. rmse_counts, with its interval over shapes; rmse_percent: in
-    percent of full scale. of_mean_array: RMSE relative to that of the mean array of the bin;
-    mean_of: whether that is the mean of training presses or, if these are too few, of the split's.
-    Both are None without contact; phantom_counts is the mean of the summed predicted counts
-    without contact, None otherwise.
+    low_n, high_n: its edges, N, equal for a single force; both 0 for presses without contact.
+    mean_n: mean force, N. rmse_counts, with its interval over shapes. of_mean_array: RMSE relative
+    to that of the mean array of the range; mean_of: whether that is the mean of training presses
+    or, if these are too few, of the split's. Both are None without contact. phantom_counts: mean of
+    the summed predicted counts without contact, None otherwise.
     """
 
     low_n: float
@@ -112,16 +87,25 @@ class ForceFigures:
     mean_of: MeanOf | None
     phantom_counts: float | None
 
+    @property
+    def title(self) -> str:
+        """As in "8 N", "0.71-1 N" or "no contact"."""
+        if self.phantom_counts is not None:
+            return "no contact"
+        if self.low_n == self.high_n:
+            return f"{self.low_n:g} N"
+        return f"{self.low_n:.3g}-{self.high_n:.3g} N"
+
 
 @dataclass(frozen=True)
-class UncertaintyMetrics:
-    """Calibration and sharpness of a run's predicted uncertainty; see module array_errors.
+class Uncertainty:
+    """Calibration and sharpness of a run's predicted uncertainty; see module metrics.
 
     levels: nominal coverages of intervals; coverage: the observed ones. retained: shares of the
     presses, the most certain ones; retained_rmse_counts: RMSE over them. predicted_rmse_counts:
-    RMSE according to the predicted standard deviations.
-    force_median_error_percent, force_coverage_percent: for presses with contact, error relative to
-    the true force, and coverage of the 90 % intervals; None for runs without force.
+    RMSE according to the predicted standard deviations. force_median_error_percent,
+    force_coverage_percent: for presses with contact, error relative to the true force, and coverage
+    of the 90 % intervals; None for runs without force.
     """
 
     levels: tuple[float, ...]
@@ -144,63 +128,6 @@ class UncertaintyMetrics:
 
 
 @dataclass(frozen=True)
-class MotionFigures:
-    """Figures over still or moving pairs. coverage_percent: of the 90 %
-    intervals of the counts, None without uncertainty."""
-
-    pairs: int
-    rmse_counts: float
-    rmse_percent: float
-    coverage_percent: float | None
-
-
-@dataclass(frozen=True)
-class ShearMetrics:
-    """Errors of the predicted shear force on the gel camera.
-
-    pairs: number of moving pairs with a true shear force above min_shear_n, N.
-    direction_error_deg, magnitude_error_percent: medians over these pairs, the magnitude's relative
-    to the true one; None without such pairs. coverage_percent: of the 90 % intervals of the
-    components, over all moving pairs.
-    """
-
-    pairs: int
-    min_shear_n: float
-    direction_error_deg: float | None
-    magnitude_error_percent: float | None
-    coverage_percent: float
-
-
-@dataclass(frozen=True)
-class ContactMetrics:
-    """Errors of the predicted contact in the camera's view; see module contact_errors.
-
-    pairs: number of pairs with a contact in the view; each has the same weight. depth_rmse_mm,
-    depth_mean_rmse_mm: median and mean of the RMSE of the depth in the true contact.
-    deepest_error_percent, deepest_worst_percent: median and largest error of the largest depth,
-    relative to it. iou: mean intersection over union of the masks. force_in_view_error_percent:
-    median error of the integral of the pressure, relative to it. center_error_mm: median distance
-    of the center of pressure, None if no contact was found. depth_coverage_percent,
-    center_coverage_percent: of the 90 % intervals, in the true contact. missed_percent: share of
-    the pairs in which no contact was found. false_percent: share of the pairs without force in
-    which one was found; None without such pairs.
-    """
-
-    pairs: int
-    depth_rmse_mm: float
-    depth_mean_rmse_mm: float
-    deepest_error_percent: float
-    deepest_worst_percent: float
-    iou: float
-    force_in_view_error_percent: float
-    center_error_mm: float | None
-    depth_coverage_percent: float
-    center_coverage_percent: float
-    missed_percent: float
-    false_percent: float | None
-
-
-@dataclass(frozen=True)
 class ModelRow:
     """One row of the results: a trained run, a trivial predictor, or a floor.
 
@@ -218,7 +145,7 @@ class ModelRow:
     overall: Figures
     by_shape: dict[str, Figures]
     by_family: dict[str, Figures]
-    interval: Intervals
+    interval: dict[str, Interval | None]
     run: str | None = None
     weights_sha256: str | None = None
     same_data: bool | None = None
@@ -228,80 +155,25 @@ class ModelRow:
     trained_pairs: int | None = None
     trained_steps: int | None = None
     by_force: tuple[ForceFigures, ...] = ()
-    uncertainty: UncertaintyMetrics | None = None
-    by_motion: dict[str, MotionFigures] | None = None
-    shear: ShearMetrics | None = None
-    contact: ContactMetrics | None = None
-
-
-@dataclass(frozen=True)
-class ViewSummary:
-    """The camera's field of view, the layout's pitch, and the numbers of taxels "under" the view,
-    "near" it, within one pitch, and "beyond"."""
-
-    width_mm: float
-    height_mm: float
-    pitch_mm: float
-    taxels: dict[str, int]
-
-
-@dataclass(frozen=True)
-class Bootstrap:
-    """Settings of the bootstrap intervals: resampled unit, and numbers."""
-
-    over: str
-    shapes: int
-    resamples: int
-    seed: int
-    confidence: float
-
-
-@dataclass(frozen=True)
-class Difference:
-    """Difference of a figure between two models."""
-
-    difference: float
-    interval: Interval | None
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A finding of the paper as a question with an answer; undecided if the interval contains zero.
-
-    figure: that decides it. figures: the two values of the difference, by model or by split. model,
-    percent_of_mean_array (by split): only for the gap between splits.
-    """
-
-    question: str
-    answer: Answer
-    figure: FigureName
-    difference: float
-    interval: Interval | None
-    figures: dict[str, float]
-    model: str | None = None
-    percent_of_mean_array: dict[str, float] | None = None
-
-
-@dataclass(frozen=True)
-class PaperRow:
-    """A row of the paper's table, measured on real sensors."""
-
-    rmse_counts: float
-    rmse_percent: float
-    ssim: float | None = None
+    uncertainty: Uncertainty | None = None
+    by_motion: dict[str, Values] | None = None
+    shear: Values | None = None
+    contact: Values | None = None
 
 
 @dataclass(frozen=True)
 class Evaluation:
     """Result of `evaluate` on one split.
 
-    pairs: number of pairs. contact_level: a pixel above this fraction of its image's maximum is in
-    contact. info_sha256: of the dataset's info.json. layout: name of its taxel layout. models: rows
-    by name. paired: touch2touch minus ResNet18, by figure. paper, findings: by name. recipe: of the
-    dataset, None for imported pairs. background: source of the background frames of field runs, or
-    of those that images are compared with, None without. source, target: names of the sensors, None
-    in older files. pictures: of predicted images, which are compared; None for counts, whose full
-    scale and layout are None otherwise. view: None without a camera as source.
+    contact_level: a pixel above this fraction of its image's maximum is in contact. info_sha256: of
+    the dataset's info.json. layout: name of its taxel layout. models: rows by name. bootstrap: the
+    resampled unit, and numbers. paired: touch2touch minus ResNet18 by figure: difference, and low
+    and high of its interval; empty without both. paper: figures of the paper's models, on hardware.
+    view: size of the camera's view, pitch of the layout, and numbers of taxels "under" the view,
+    "near" it, within one pitch, and "beyond"; None without a camera as source. recipe: of the
+    dataset, None for imported pairs. background: source of the background frames of field runs, or of those
+    that images are compared with. source, target: names of the sensors. pictures: what predicted
+    images are compared as; None for counts, whose full scale and layout are None otherwise.
     """
 
     format: int
@@ -311,12 +183,11 @@ class Evaluation:
     contact_level: float
     info_sha256: str
     layout: str | None
-    view: ViewSummary | None
+    view: Values | None
     models: dict[str, ModelRow]
-    bootstrap: Bootstrap
-    paired: dict[str, Difference]
-    paper: dict[str, PaperRow]
-    findings: dict[str, Finding]
+    bootstrap: dict[str, int | float | str]
+    paired: dict[str, Values]
+    paper: dict[str, Values]
     recipe: str | None = None
     background: str | None = None
     source: str | None = None
@@ -327,11 +198,6 @@ class Evaluation:
     def has_forces(self) -> bool:
         """Whether its pairs have several forces."""
         return any(len(row.by_force) > 1 for row in self.models.values())
-
-    @property
-    def recipe_shown(self) -> str:
-        """Name of the recipe, or first digits of the dataset's SHA-256."""
-        return self.recipe or f"dataset {self.info_sha256[:8]}"
 
     @property
     def runs(self) -> dict[str, ModelRow]:
@@ -354,30 +220,4 @@ def read_evaluation(folder: Path) -> Evaluation:
 
 def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
     """Writes folder/metrics.json."""
-    write_json(folder / METRICS, as_json(evaluation))
-
-
-def write_findings(
-    folder: Path, evaluations: Mapping[str, Evaluation], gap: Mapping[str, Finding]
-) -> None:
-    """Writes folder/findings.json: the findings of each split by name, and the "gap".
-
-    evaluations: by split.
-    """
-    findings = {split: evaluation.findings for split, evaluation in evaluations.items()}
-    write_json(folder / FINDINGS, as_json(findings | {"gap": gap}))
-
-
-def as_json(value: Any) -> Any:
-    """A record, or a dict of them, as JSON content. Fields that are None by default are omitted."""
-    if is_dataclass(value):
-        return {
-            field.name: as_json(getattr(value, field.name))
-            for field in fields(value)
-            if getattr(value, field.name) is not None or field.default is MISSING
-        }
-    if isinstance(value, Mapping):
-        return {name: as_json(part) for name, part in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [as_json(part) for part in value]
-    return value
+    write_json(folder / METRICS, msgspec.to_builtins(evaluation))

@@ -48,7 +48,7 @@ SAME_COVER = 1e-6
 
 CONTACT_LEVEL = 0.1
 """Fraction of the maximum at which the membership is one half; the contact IoU of an evaluation has
-its threshold there (evaluation.array_errors.CONTACT_LEVEL)."""
+its threshold there (evaluation.metrics.CONTACT_LEVEL)."""
 
 SHARPNESS = 2
 """Exponent of the membership (assumed: 0.2 at half the level and 0.8 at twice the level; with a

@@ -1,0 +1,350 @@
+"""Errors of predictions in groups of pairs, with intervals; errors of uncertainty and shear force.
+
+A table of values has a row for each pair and a column for each quantity. The figures of a group of
+pairs follow from the means of the columns over its pairs that have them. So do the figures of each
+resample of the bootstrap.
+
+RMSE is the root of the mean squared error over pairs and taxels. Its square, as a fraction of full
+scale, is the loss that Grella et al. 2023 call L3. Presses of one shape are similar, so the
+bootstrap resamples whole shapes. Percentile intervals (Efron and Tibshirani 1993) of few shapes are
+too narrow: with eight shapes they are a guide only.
+
+Uncertainty has two metrics. Reliability: observed coverage of intervals by their nominal coverage.
+Sparsification (risk against coverage, El-Yaniv and Wiener 2010): RMSE over the most certain presses
+by their share.
+
+Shape letters: P pairs, N taxels, S side and c channels of a picture, B resamples.
+"""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pandas as pd
+from skimage.metrics import structural_similarity
+
+from t2twin.core.machine import cores
+from t2twin.core.progress import Progress
+from t2twin.sim.taxels.phi import Phi
+from t2twin.translate.data.images import COLORS, WHITE_GREY
+from t2twin.translate.data.pairs import Pairs
+from t2twin.translate.evaluation.baselines import TAXEL_GROUPS, ForceBin
+from t2twin.translate.evaluation.records import Figures, ForceFigures, Interval, Uncertainty
+from t2twin.translate.uncertainty.estimate import Estimate, half_width
+
+CONTACT_LEVEL = 0.1
+"""Fraction of its image's maximum above which a pixel is in contact (assumed)."""
+
+CONTACT_GREY = 8.0
+"""Difference of a picture from the background frame above which a pixel is in contact, grey levels
+of the channel where it is largest (assumed: eight times the effect of a DIGIT's noise)."""
+
+MIN_SQUARE = 1e-3  # lower bound of the mean squared difference in a PSNR, grey levels^2 (assumed)
+LUMA = (0.299, 0.587, 0.114)  # weights of a grey picture (ITU-R BT.601, as Pillow's)
+BATCH_SIZE = 64  # pairs whose tactile images are computed together; bounds memory to 50 MB
+
+RESAMPLES, SEED, CONFIDENCE = 1000, 0, 0.95
+"""Number and seed of the resamples, and share of them in an interval."""
+
+LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
+"""Nominal coverages of the intervals."""
+
+RETAINED = tuple(round(1.0 - 0.05 * n, 2) for n in range(18))
+"""Shares of the presses that are retained, the most certain ones."""
+
+REPORTED_LEVEL, REPORTED_SHARE = 0.9, 0.8
+"""Coverage and retained share in tables."""
+
+MIN_SHEAR_N = 0.3  # true shear force above which its direction is compared (assumed)
+
+
+def compare(
+    predicted: np.ndarray,
+    true: np.ndarray,
+    phi: Phi,
+    full_scale: float,
+    progress: str | None = None,
+    taxel_groups: Mapping[str, np.ndarray] | None = None,
+) -> pd.DataFrame:
+    """Values of each pair. predicted, true: (P, N), counts; full_scale: SSIM's data range.
+
+    Columns: squared_error, mean over the taxels, and of each of the taxel_groups, (N,) bool by
+    name; ssim of the tactile images and ssim_contact over the true contact; contact_iou;
+    centroid_error_mm; total_error and total, counts. Those of the contact are NaN without contact.
+    """
+    predicted, true = predicted.astype(float), true.astype(float)
+    squares = np.square(predicted - true)
+    values = {
+        "squared_error": squares.mean(axis=1),
+        "centroid_error_mm": _centroid_error_mm(predicted, true, phi),
+        "total_error": np.abs(predicted.sum(axis=1) - true.sum(axis=1)),
+        "total": true.sum(axis=1),
+    }
+    for name in TAXEL_GROUPS:
+        inside = (taxel_groups or {}).get(name, np.zeros(true.shape[1], bool))
+        mean = squares[:, inside].mean(axis=1) if inside.any() else np.full(len(true), np.nan)
+        values[f"squared_error_{name}"] = mean
+    scores = []
+    with (
+        ThreadPoolExecutor(cores()) as pool,
+        Progress(total=len(true), desc=progress, unit="pair", disable=progress is None) as bar,
+    ):
+        for start in range(0, len(true), BATCH_SIZE):
+            part = slice(start, start + BATCH_SIZE)
+            images = phi(predicted[part]), phi(true[part])
+            scores += pool.map(lambda a, b: image_scores(a, b, full_scale), *images)
+            bar.update(len(images[0]))
+    names = ["ssim", "ssim_contact", "contact_iou"]
+    return pd.DataFrame(values).join(pd.DataFrame(scores, columns=names))
+
+
+def image_scores(a: np.ndarray, b: np.ndarray, data_range: float) -> tuple[float, float, float]:
+    """SSIM of two tactile images, float32, SSIM over the contact of b, and IoU of the contacts.
+
+    A pixel above CONTACT_LEVEL of its image's maximum is in contact; NaN without contact.
+    """
+    ssim, local = structural_similarity(a, b, data_range=data_range, full=True)
+    one, other = (image > CONTACT_LEVEL * max(image.max(), 0.0) for image in (a, b))
+    either = (one | other).sum()
+    in_contact = local[other].mean() if other.any() else np.nan
+    return ssim, in_contact, (one & other).sum() / either if either else np.nan
+
+
+def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.ndarray:
+    """(P,) distance, mm; the centroid of an empty prediction is the center of the image.
+
+    phi is linear, so the moments of the images are products of the counts with those of phi.
+    """
+    x_mm, y_mm = np.meshgrid(*phi.centers_mm)
+    weights = np.column_stack([np.ones(x_mm.size), x_mm.ravel(), y_mm.ravel()])
+    moments = phi.matrix.T @ weights  # (N, 3)
+    of_predicted, of_true = predicted @ moments, true @ moments
+    empty = of_true[:, 0] <= 0
+    a = of_predicted[:, 1:] / np.where(of_predicted[:, :1] > 0, of_predicted[:, :1], np.inf)
+    b = of_true[:, 1:] / np.where(empty[:, None], np.inf, of_true[:, :1])
+    return np.where(empty, np.nan, np.linalg.norm(a - b, axis=1))
+
+
+def compare_images(
+    predicted: np.ndarray, true: np.ndarray, background: np.ndarray | None
+) -> pd.DataFrame:
+    """Values of each pair. predicted, true: (P, S, S, c) uint8. background: (S, S, c) uint8.
+
+    Columns: squared_error, grey levels^2, psnr_db and psnr_contact_db, ssim of the grey pictures.
+    The contact is where the true picture differs from the background frame.
+    """
+    rows = []
+    for ours, theirs in zip(predicted, true, strict=True):
+        squares = np.square(ours.astype(np.float32) - theirs).mean(axis=-1, dtype=float)
+        ssim = structural_similarity(_grey(ours), _grey(theirs), data_range=WHITE_GREY)
+        in_contact = np.nan
+        if background is not None:
+            change = np.abs(theirs.astype(np.float32) - background).max(axis=-1) > CONTACT_GREY
+            in_contact = squares[change].mean() if change.any() else np.nan
+        rows.append((squares.mean(), _psnr_db(squares.mean()), _psnr_db(in_contact), ssim))
+    return pd.DataFrame(rows, columns=["squared_error", "psnr_db", "psnr_contact_db", "ssim"])
+
+
+def _grey(picture: np.ndarray) -> np.ndarray:
+    return (
+        picture @ np.array(LUMA) if picture.shape[-1] == COLORS else picture[..., 0].astype(float)
+    )
+
+
+def _psnr_db(square: float) -> float:
+    return 10.0 * np.log10(WHITE_GREY**2 / max(square, MIN_SQUARE)) if square == square else np.nan
+
+
+def figures_of(means: pd.DataFrame, full_scale: float) -> pd.DataFrame:
+    """The figures of `records.Figures` from the means of the values, a row for each group.
+
+    full_scale: of the target, counts or grey levels.
+    """
+    rmse = np.sqrt(means["squared_error"])
+    found = {"rmse_percent": 100.0 * rmse / full_scale, "ssim": means["ssim"]}
+    if "psnr_db" in means:
+        found |= {"rmse_grey": rmse} | {n: means[n] for n in ("psnr_db", "psnr_contact_db")}
+        return pd.DataFrame(found)
+    found |= {"rmse_counts": rmse}
+    found |= {name: means[name] for name in ("ssim_contact", "contact_iou", "centroid_error_mm")}
+    total = means["total"].where(means["total"] > 0)
+    found["total_error_percent"] = 100.0 * means["total_error"] / total
+    for name in TAXEL_GROUPS:
+        found[f"rmse_{name}_counts"] = np.sqrt(means[f"squared_error_{name}"])
+    return pd.DataFrame(found)
+
+
+def by_name(values: pd.DataFrame, full_scale: float, names: np.ndarray) -> dict[str, Figures]:
+    """Figures over the pairs of each name. names: (P,), as of shapes."""
+    groups = values.groupby(names)
+    figures, pairs = figures_of(groups.mean(), full_scale), groups.size()
+    found = {}
+    for name, row in figures.iterrows():
+        known = {str(key): float(value) for key, value in row.items() if not np.isnan(value)}
+        found[str(name)] = Figures(pairs=int(pairs[name]), **known)  # pyright: ignore
+    return found
+
+
+def overall(values: pd.DataFrame, full_scale: float) -> Figures:
+    """Figures over all pairs."""
+    return by_name(values, full_scale, np.zeros(len(values), int))["0"]
+
+
+def resample_weights(shapes: int, seed: int = SEED) -> np.ndarray:
+    """Multiplicity of each of K shapes in each resample: (B, K); rows sum to K."""
+    shares = np.full(shapes, 1.0 / shapes)
+    return np.random.default_rng(seed).multinomial(shapes, shares, size=RESAMPLES).astype(float)
+
+
+def resampled_means(values: pd.DataFrame, shapes: np.ndarray) -> pd.DataFrame:
+    """Means of the values in each resample of the shapes, B rows.
+
+    shapes: (P,) names. Equal shapes result in equal resamples, so that differences between two
+    models are paired.
+    """
+    groups = values.groupby(shapes)
+    weights = resample_weights(groups.ngroups)
+    pairs = weights @ groups.count().to_numpy(float)
+    totals = weights @ groups.sum().to_numpy()
+    means = np.divide(totals, pairs, out=np.full(totals.shape, np.nan), where=pairs > 0)
+    return pd.DataFrame(means, columns=values.columns)
+
+
+def interval(values: np.ndarray) -> Interval | None:
+    """The percentile interval that contains CONFIDENCE of (B,) values.
+
+    None if all values are equal, as for a single shape, or if less than half are finite.
+    """
+    known = values[np.isfinite(values)]
+    if known.size < values.size / 2 or np.ptp(known) == 0:
+        return None
+    low, high = np.quantile(known, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return Interval(float(low), float(high))
+
+
+def intervals(resampled: pd.DataFrame) -> dict[str, Interval | None]:
+    """The interval of each figure in the resamples."""
+    return {str(name): interval(values.to_numpy()) for name, values in resampled.items()}
+
+
+def by_force(
+    predicted: np.ndarray,
+    values: pd.DataFrame,
+    pairs: Pairs,
+    bins: tuple[ForceBin, ...],
+    full_scale: float,
+) -> tuple[ForceFigures, ...]:
+    """Errors of one model in each bin. predicted: (P, N) counts. values: of `compare`."""
+    if not bins:
+        return ()
+    squares = pd.DataFrame(
+        {n: values["squared_error"].iloc[one.members] for n, one in enumerate(bins)},
+        index=np.sort(np.concatenate([one.members for one in bins])),
+    )
+    samples = np.sqrt(resampled_means(squares, pairs.shapes[squares.index]))
+    whole = np.sqrt(squares.groupby(np.zeros(len(squares))).mean().iloc[0])
+    rows = []
+    for one, rmse, (_, sample) in zip(bins, whole.tolist(), samples.items(), strict=True):
+        apart = np.square(one.mean_array - pairs.counts[one.members].astype(float))
+        level = float(np.sqrt(apart.mean()))
+        totals = predicted[one.members].sum(axis=1, dtype=float)
+        rows.append(
+            ForceFigures(
+                low_n=one.low_n,
+                high_n=one.high_n,
+                mean_n=one.mean_n,
+                pairs=one.members.size,
+                rmse_counts=rmse,
+                rmse_percent=100.0 * rmse / full_scale,
+                interval=interval(sample.to_numpy()),
+                of_mean_array=rmse / level if one.has_contact and level else None,
+                mean_of=one.mean_of if one.has_contact else None,
+                phantom_counts=None if one.has_contact else float(totals.mean()),
+            )
+        )
+    return tuple(rows)
+
+
+def by_motion(
+    values: pd.DataFrame, pairs: Pairs, full_scale: float, estimate: Estimate | None
+) -> dict[str, dict[str, float | None]] | None:
+    """RMSE of the "still" and "moving" pairs, and coverage of the 90 % intervals of an estimate.
+
+    None for a dataset without motion. A touch moves if it follows the press that its path started
+    with.
+    """
+    if pairs.is_moving is None:
+        return None
+    found = {}
+    for name, which in (("still", ~pairs.is_moving), ("moving", pairs.is_moving)):
+        if not which.any():
+            continue
+        coverage = None
+        if estimate is not None:
+            errors = np.abs(pairs.counts - estimate.counts.astype(float))[which]
+            coverage = _covered_percent(errors, estimate.counts_std[which])
+        rmse = float(np.sqrt(values["squared_error"][which].mean()))
+        found[name] = {
+            "pairs": int(which.sum()),
+            "rmse_counts": rmse,
+            "rmse_percent": 100.0 * rmse / full_scale,
+            "coverage_percent": coverage,
+        }
+    return found
+
+
+def _covered_percent(errors: np.ndarray, std: np.ndarray) -> float:
+    """Share of the errors within the intervals of REPORTED_LEVEL, percent."""
+    return float(100.0 * (errors <= half_width(REPORTED_LEVEL) * std).mean())
+
+
+def uncertainty_metrics(estimate: Estimate, counts: np.ndarray, force_n: np.ndarray) -> Uncertainty:
+    """Metrics of an estimate of P pairs. counts: (P, N), true. force_n: (P,), true.
+
+    The uncertainty of a press is the root mean square of its taxels' standard deviations.
+    """
+    errors, std = np.abs(counts - estimate.counts.astype(float)), estimate.counts_std
+    squares = np.square(errors).mean(axis=1)
+    uncertainty = np.sqrt(np.square(std.astype(float)).mean(axis=1))
+    order = np.argsort(uncertainty, kind="stable")
+    numbers = [max(1, round(share * order.size)) for share in RETAINED]
+    median, covered, touching = None, None, force_n > 0
+    if estimate.force_n is not None and estimate.force_std_n is not None and touching.any():
+        off_n = np.abs(estimate.force_n - force_n)[touching]
+        median = float(100.0 * np.median(off_n / force_n[touching]))
+        covered = _covered_percent(off_n, estimate.force_std_n[touching])
+    return Uncertainty(
+        levels=LEVELS,
+        # Unclipped intervals: counts of zero and full scale lie on the ends of clipped ones.
+        coverage=tuple(float((errors <= half_width(level) * std).mean()) for level in LEVELS),
+        retained=RETAINED,
+        retained_rmse_counts=tuple(float(np.sqrt(squares[order[:n]].mean())) for n in numbers),
+        predicted_rmse_counts=float(np.sqrt(np.square(uncertainty).mean())),
+        force_median_error_percent=median,
+        force_coverage_percent=covered,
+    )
+
+
+def shear_metrics(estimate: Estimate, pairs: Pairs) -> dict[str, float | None] | None:
+    """Errors of the predicted shear force on the moving pairs, None where there are none.
+
+    Medians of direction and magnitude are over the pairs above min_shear_n, None without.
+    """
+    if estimate.shear_n is None or estimate.shear_std_n is None or pairs.shear_n is None:
+        return None
+    assert pairs.is_moving is not None
+    if not pairs.is_moving.any():
+        return None
+    true, found = pairs.shear_n[pairs.is_moving], estimate.shear_n[pairs.is_moving].astype(float)
+    covered = _covered_percent(np.abs(found - true), estimate.shear_std_n[pairs.is_moving])
+    large = np.hypot(*true.T) > MIN_SHEAR_N
+    true, found = true[large], found[large]
+    turn = np.arctan2(true[:, 0] * found[:, 1] - true[:, 1] * found[:, 0], (true * found).sum(1))
+    error = np.abs(np.hypot(*found.T) / np.hypot(*true.T) - 1.0)
+    return {
+        "pairs": int(large.sum()),
+        "min_shear_n": MIN_SHEAR_N,
+        "direction_error_deg": float(np.degrees(np.median(np.abs(turn)))) if large.any() else None,
+        "magnitude_error_percent": float(100.0 * np.median(error)) if large.any() else None,
+        "coverage_percent": covered,
+    }
