@@ -153,7 +153,7 @@ def test_missing_and_spoilt_files_are_refused(evaluated: Path, tmp_path: Path) -
     for name, read in ((METRICS, read_evaluation), (PREDICTIONS, read_predictions)):
         content = (evaluated / "val" / name).read_bytes()
         (tmp_path / name).write_bytes(content[: len(content) // 2])
-        with pytest.raises(T2TwinError, match="damaged|metrics.json: "):
+        with pytest.raises(T2TwinError, match=r"damaged|metrics\.json: "):
             read(tmp_path)
     text = (evaluated / "val" / METRICS).read_text()
     (tmp_path / METRICS).write_text(text.replace('"contact_level"', '"level"'))

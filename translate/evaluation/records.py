@@ -172,8 +172,8 @@ class Evaluation:
     view: size of the camera's view, pitch of the layout, and numbers of taxels "under" the view,
     "near" it, within one pitch, and "beyond"; None without a camera as source. recipe: of the
     dataset, None for imported pairs. background: source of the background frames of field runs, or
-    of those that images are compared with. source, target: names of the sensors. pictures: what predicted
-    images are compared as; None for counts, whose full scale and layout are None otherwise.
+    of those that images are compared with. source, target: names of the sensors. pictures: what
+    predicted images are compared as; None for counts. Full scale and layout are None for images.
     """
 
     format: int
