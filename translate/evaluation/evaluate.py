@@ -54,7 +54,6 @@ from t2twin.translate.evaluation.records import (
     write_evaluation,
 )
 from t2twin.translate.evaluation.table import results_markdown
-from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.runs.config import BEST
 from t2twin.translate.runs.log import read_log
@@ -175,11 +174,7 @@ def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
     """The rows of predicted counts."""
     array, source = inputs.info.array, inputs.info.source
     full_scale, bins = array.full_scale_counts, force_bins(pairs, train)
-    layouts = [
-        run.config.data.array
-        for run in inputs.trained.values()
-        if not isinstance(run, FieldPredictor)
-    ]
+    layouts = [run.config.data.array for run in inputs.trained.values() if not run.has_uncertainty]
     near = neighbors(train.source, pairs.source, NEIGHBORS, progress=NEAREST_NEIGHBOR)
     predictions = predict_baselines(
         pairs, train, near, bins, inputs.dataset, inputs.target_role, layouts
