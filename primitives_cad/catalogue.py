@@ -11,7 +11,7 @@ TOOL--KEYPOINT.npz: a height map, and the transform from the tool's frame to the
 
 import difflib
 import os
-from functools import cached_property
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +22,7 @@ from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import mesh_files, primitive_parameters
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
-from t2twin.primitives_cad.random_shapes import seed_of
-from t2twin.primitives_cad.shape import HeightMap, Shape
+from t2twin.primitives_cad.shape import HeightMap, LazyShape, Shape
 
 if TYPE_CHECKING:
     import trimesh
@@ -44,12 +43,34 @@ TOOLS = tuple(KEYPOINTS)
 OBJECTS = tuple(f"{tool}/{keypoint}" for tool in TOOLS for keypoint in KEYPOINTS[tool])
 NAMES = PRIMITIVES + OBJECTS
 
+RANDOM_PREFIX = "random-"
+"""Start of the names of random shapes, before their seed."""
+
 OBJECT_SPACING_MM = (1.5, 1.5)
 """Spacing of the 3 x 3 grid at a tool's keypoint, x and y, mm (Grella et al. 2023)."""
 
 FILE_SPACING_MM = 1.5
 """Largest spacing of the grid on a shape from a file, mm (assumed: keeps the grid near the center,
 which is likely to be solid)."""
+
+
+def seed_of(name: str) -> int | None:
+    """The seed in a name such as `random-17`; None for names of other shapes.
+
+    Raises T2TwinError for an invalid seed.
+    """
+    if not name.startswith(RANDOM_PREFIX) or "." in name or "/" in name:
+        return None
+    digits = name.removeprefix(RANDOM_PREFIX)
+    is_number = (
+        digits.isascii() and digits.isdigit() and len(digits) <= len(str(arguments.MAX_SEED))
+    )
+    if not (is_number and digits == str(int(digits)) and int(digits) <= arguments.MAX_SEED):
+        raise T2TwinError(
+            f"{name} is not a random shape; their names are {RANDOM_PREFIX}0, {RANDOM_PREFIX}1 and "
+            f"so on to {RANDOM_PREFIX}{arguments.MAX_SEED}"
+        )
+    return int(digits)
 
 
 def split(name: str) -> str:
@@ -87,12 +108,13 @@ def load(
     arguments.instance(center, "center", bool)
     if name in NAMES:
         check_not_of_file(f"{name} is a shape of the catalogue", scale, center)
-        return BundledShape(name)
+        surface, make = read_surface(name), partial(read_mesh, name)
+        return LazyShape(make, name=name, surface=surface, **properties(name))
     if (seed := seed_of(name)) is not None:
         check_not_of_file(f"{name} is a random shape", scale, center)
-        from t2twin.primitives_cad.random_shapes.shape import RandomShape
+        from t2twin.primitives_cad.random_shapes import random_shape  # slow to import
 
-        return RandomShape(seed)
+        return random_shape(seed)
     from t2twin.primitives_cad import shape_cache
 
     path = Path(name_or_path)
@@ -166,28 +188,6 @@ def properties(name: str) -> dict[str, Any]:
         "parameters": primitive_parameters.parameters(name),
         "base_mm": -primitive_parameters.FEATURE_HEIGHT_MM,
     }
-
-
-class BundledShape(Shape):
-    """A shape of the catalogue; reads its mesh at the first use."""
-
-    def __init__(self, name: str) -> None:
-        defaults = {"parameters": {}, "base_mm": None, "notes": ()}
-        fields = defaults | properties(name) | {"name": name, "surface": read_surface(name)}
-        for field, value in fields.items():
-            object.__setattr__(self, field, value)
-
-    @cached_property
-    def triangles(self) -> tuple[np.ndarray, np.ndarray]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Vertices (n, 3) float64, mm, and faces (m, 3) int32 of the mesh."""
-        return read_mesh(self.name)
-
-    @cached_property
-    def mesh(self) -> "trimesh.Trimesh":  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The solid, mm, in the shape frame."""
-        import trimesh
-
-        return trimesh.Trimesh(*self.triangles, process=False)
 
 
 def path_of(name: str) -> Path:

@@ -16,6 +16,7 @@ Frames of the whole project, lengths in mm:
   yaw.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -118,7 +119,7 @@ class Shape:
         """Vertices (n, 3), mm, and faces (m, 3) of the mesh."""
         return self.mesh.vertices, self.mesh.faces
 
-    @property
+    @cached_property
     def is_under_surface(self) -> bool:
         """Whether the solid is what lies under the pressing surface, such as without a mesh."""
         return not len(self.triangles[1])
@@ -127,6 +128,30 @@ class Shape:
     def prepared(self) -> dict[str, Any]:
         """What has been computed from the shape for further presses."""
         return {}
+
+
+class LazyShape(Shape):
+    """A shape whose mesh is made at its first use.
+
+    make: returns the vertices, (n, 3), mm, and faces, (m, 3). fields: of `Shape` without the mesh,
+    is_under_surface and rise_mm where they differ.
+    """
+
+    def __init__(self, make: Callable[[], tuple[np.ndarray, np.ndarray]], **fields: Any) -> None:
+        defaults = {"parameters": {}, "base_mm": None, "notes": (), "base_slope": (0.0, 0.0)}
+        vars(self).update(defaults | fields | {"make": make})
+
+    @cached_property
+    def triangles(self) -> tuple[np.ndarray, np.ndarray]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Vertices (n, 3), mm, and faces (m, 3) of the mesh."""
+        return vars(self)["make"]()
+
+    @cached_property
+    def mesh(self) -> "trimesh.Trimesh":  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The solid, mm, in the shape frame."""
+        import trimesh
+
+        return trimesh.Trimesh(*self.triangles, process=False)
 
 
 def ball(radius_mm: float, pitch_mm: float = BALL_PITCH_MM) -> Shape:

@@ -22,8 +22,8 @@ MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
 NOT_MAKERS = ("contact_sheet.py", "export.py")
 """Sources of this package that do not affect meshes and surfaces."""
 
-RANDOM_SHAPES = "random_shapes"
-"""The subpackage for random shapes, which are not cached."""
+RANDOM_SHAPES = "random_shapes.py"
+"""The source for random shapes, which are not cached."""
 
 SURFACE = ("heights_mm", "x_mm", "y_mm")
 """Fields of a height map."""
@@ -67,8 +67,7 @@ def code_digest(with_random: bool = False) -> str:
     """
     content = b""
     for source in sorted(Path(__file__).parent.rglob("*.py")):
-        is_random = source.parent.name == RANDOM_SHAPES
-        if source.name not in NOT_MAKERS and (with_random or not is_random):
+        if source.name not in NOT_MAKERS and (with_random or source.name != RANDOM_SHAPES):
             content += source.read_bytes()
     return short_digest(content + "".join(installed_version(maker) for maker in MAKERS).encode())
 

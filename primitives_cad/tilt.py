@@ -5,15 +5,14 @@ is all that lies under this map, two triangles a cell. Where the map ends, and w
 sides are vertical.
 """
 
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import partial
 
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.height_map import MAX_CELLS, REACH_MM
-from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, LazyShape, Shape
 from t2twin.primitives_cad.triangles import (
     EDGE_MM,
     OUTLINE,
@@ -23,9 +22,6 @@ from t2twin.primitives_cad.triangles import (
     raise_to_triangle,
     raise_to_triangles,
 )
-
-if TYPE_CHECKING:
-    import trimesh
 
 MAX_TILT_DEG = 30.0
 """Largest tilt about either axis, degrees (assumed: several times what a robot's press is off)."""
@@ -53,54 +49,6 @@ SIDES_NOTE = (
 )
 
 
-class TiltedShape(Shape):
-    """A shape tilted about its origin, with its highest point at 0 again.
-
-    upright: the shape before. rotation: (3, 3) that turns its points.
-    """
-
-    upright: Shape
-    rotation: np.ndarray
-
-    def __init__(self, upright: Shape, tilt_x_rad: float, tilt_y_rad: float) -> None:
-        rotation = rotation_of(tilt_x_rad, tilt_y_rad)
-        surface, rise_mm = _surface(upright, rotation)
-        base_mm, slope, up = upright.base_mm, (0.0, 0.0), rotation[:, 2]
-        if base_mm is not None:
-            base_mm = float(base_mm / up[2] - rise_mm)
-            slope = (float(-up[0] / up[2]), float(-up[1] / up[2]))
-        notes = upright.notes
-        if not len(upright.triangles[1]):
-            notes = (*notes, SIDES_NOTE.format(upright.name))
-        fields = {
-            "name": upright.name,
-            "surface": surface,
-            "spacing_mm": upright.spacing_mm,
-            "parameters": upright.parameters,
-            "base_mm": base_mm,
-            "base_slope": slope,
-            "notes": notes,
-            "upright": upright,
-            "rotation": rotation,
-            "rise_mm": rise_mm,
-        }
-        for name, value in fields.items():
-            object.__setattr__(self, name, value)
-
-    @cached_property
-    def triangles(self) -> tuple[np.ndarray, np.ndarray]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Vertices (n, 3), mm, and faces (m, 3) of the mesh."""
-        vertices, faces = self.upright.triangles
-        return vertices @ self.rotation.T - (0.0, 0.0, self.rise_mm), faces
-
-    @cached_property
-    def mesh(self) -> "trimesh.Trimesh":  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The solid, mm."""
-        import trimesh
-
-        return trimesh.Trimesh(*self.triangles, process=False)
-
-
 def tilted(shape: Shape, tilt_x_rad: float, tilt_y_rad: float) -> Shape:
     """A shape tilted about its origin, see t2twin.primitives_cad.shape; itself without a tilt.
 
@@ -111,9 +59,38 @@ def tilted(shape: Shape, tilt_x_rad: float, tilt_y_rad: float) -> Shape:
     tilt = tilt_x_rad, tilt_y_rad
     known = shape.prepared.get("tilted")
     if known is None or known[0] != tilt:
-        known = tilt, TiltedShape(shape, *tilt)
-        shape.prepared["tilted"] = known
+        known = shape.prepared["tilted"] = tilt, _turned(shape, rotation_of(*tilt))
     return known[1]
+
+
+def _turned(upright: Shape, rotation: np.ndarray) -> Shape:
+    """A shape with its points turned by a rotation (3, 3), and its highest point at 0 again."""
+    surface, rise_mm = _surface(upright, rotation)
+    base_mm, slope, up = upright.base_mm, (0.0, 0.0), rotation[:, 2]
+    if base_mm is not None:
+        base_mm = float(base_mm / up[2] - rise_mm)
+        slope = (float(-up[0] / up[2]), float(-up[1] / up[2]))
+    notes = upright.notes
+    if not len(upright.triangles[1]):
+        notes = (*notes, SIDES_NOTE.format(upright.name))
+    return LazyShape(
+        partial(_turned_mesh, upright, rotation, rise_mm),
+        name=upright.name,
+        surface=surface,
+        spacing_mm=upright.spacing_mm,
+        parameters=upright.parameters,
+        base_mm=base_mm,
+        base_slope=slope,
+        notes=notes,
+        rise_mm=rise_mm,
+    )
+
+
+def _turned_mesh(
+    upright: Shape, rotation: np.ndarray, rise_mm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    vertices, faces = upright.triangles
+    return vertices @ rotation.T - (0.0, 0.0, rise_mm), faces
 
 
 def rotation_of(tilt_x_rad: float, tilt_y_rad: float) -> np.ndarray:

@@ -7,7 +7,7 @@ from benchmarks.contact import contact_cases
 from benchmarks.contact.contact_shapes import FAMILIES, REACH_MM, TILT_DEG, make_case
 from benchmarks.contact.press import SENSORS
 from benchmarks.contact.solids import punch
-from t2twin.primitives_cad.random_shapes.shape import RandomShape
+from t2twin.primitives_cad.random_shapes import random_shape
 from t2twin.primitives_cad.shape import NOTHING_MM, ball
 from t2twin.sim.contact.contact_solver import solve_bodies, solve_contact
 from t2twin.sim.contact.types import PressCommand
@@ -55,7 +55,7 @@ def test_small_parts_get_pins_of_half_the_size(sensor):
 )
 def test_narrow_ridges_get_small_pins(seed, force_n, side_mm):
     own, command = SENSORS["cyskin"], PressCommand("", 0.0, 0.0, 0.4, force_n)
-    body = RandomShape(seed), command
+    body = random_shape(seed), command
     contact = solve_bodies([body], own.flat, own.pitch_mm, with_mujoco=False)
     assert contact.settled and contact.pins.side_mm.min() == pytest.approx(side_mm)
 

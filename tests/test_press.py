@@ -14,9 +14,7 @@ from benchmarks.contact.oracle import kernel, solve
 from benchmarks.contact.solids import block, formula, punch
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.random_shapes.features import Composition, Feature
-from t2twin.primitives_cad.random_shapes.rasterize import heights_mm
-from t2twin.primitives_cad.random_shapes.shape import RandomShape
+from t2twin.primitives_cad.random_shapes import Composition, Feature, heights_mm, random_shape
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape, ball
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
@@ -234,7 +232,7 @@ def test_a_tip_that_is_pressed_almost_through_settles():
 def test_a_face_that_comes_down_behind_a_rim_is_pressed_whole():
     """A rim touches first, of which many fine pins are expected, and then almost all the pad."""
     command = PressCommand("random-1047", -2.900380, -3.448314, 5.413441, 0.652571)
-    contact = solve_contact(RandomShape(1047), command, COVER, COVER_PITCH_MM)
+    contact = solve_contact(random_shape(1047), command, COVER, COVER_PITCH_MM)
     assert contact.settled
     assert contact.force_n == pytest.approx(command.force_n, rel=0.005)
     assert contact.contact_area_mm2 > 40.0
@@ -245,7 +243,7 @@ def test_a_splinter_that_carries_all_is_pressed():
     settled."""
     name, force = "random-1000002550", 0.45414935730194644
     command = PressCommand(name, -1.352646466373205, 1.0478581369031699, 5.112454390867839, force)
-    contact = solve_contact(RandomShape(1000002550), command, COVER, COVER_PITCH_MM)
+    contact = solve_contact(random_shape(1000002550), command, COVER, COVER_PITCH_MM)
     assert contact.equilibrium.converged
     assert contact.smaller_than_grid and not contact.settled
     assert contact.force_n == pytest.approx(force, rel=0.005)

@@ -18,7 +18,7 @@ import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad.height_map import rasterize_triangles
-from t2twin.primitives_cad.random_shapes.shape import solid_under
+from t2twin.primitives_cad.random_shapes import solid_under
 from t2twin.primitives_cad.shape import HeightMap, Shape, ball
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG, rotation_of, tilted
 from t2twin.sim.contact.types import PressCommand
@@ -177,7 +177,9 @@ def test_a_random_shape_is_the_solid_under_its_surface():
     heights, axis = upright.surface.heights_mm[middle, middle], upright.surface.x_mm[middle]
     part = HeightMap(heights, axis, axis)
     by_map = tilted(Shape("map", trimesh.Trimesh(), part, (1.0, 1.0)), *TILT_RAD)
-    by_mesh = tilted(Shape("mesh", solid_under(part), part, (1.0, 1.0)), *TILT_RAD)
+    by_mesh = tilted(
+        Shape("mesh", trimesh.Trimesh(*solid_under(part)), part, (1.0, 1.0)), *TILT_RAD
+    )
     near = np.meshgrid(*2 * [np.arange(-6.0, 6.0, 0.13)])
     difference = by_map.surface.sample(*near) - by_mesh.surface.sample(*near)
     assert by_map.rise_mm == pytest.approx(by_mesh.rise_mm, abs=1e-3)

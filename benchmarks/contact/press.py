@@ -30,7 +30,7 @@ from benchmarks.contact.solids import punch
 from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.random_shapes.shape import RandomShape
+from t2twin.primitives_cad.random_shapes import random_shape
 from t2twin.primitives_cad.shape import Shape, ball
 from t2twin.sim.contact import pin_layout
 from t2twin.sim.contact.contact_solver import solve_contact
@@ -183,7 +183,7 @@ def of_random_shapes(name: str, sensor: Sensor, pads: list[FlatPad], every: int)
     a shape through the linear layer is left out."""
     shapes: dict[str, list[dict[str, float]]] = {}
     for seed in tqdm(range(0, RANDOM_SHAPES, every), desc=f"{name}, random", unit="shape"):
-        shape = RandomShape(seed)
+        shape = random_shape(seed)
         shapes[shape.name] = []
         for force in FORCES_N:
             with suppress(T2TwinError):

@@ -32,7 +32,7 @@ from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.random_shapes.shape import RandomShape
+from t2twin.primitives_cad.random_shapes import random_shape
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.dataset.shard import press_until_accepted
@@ -179,7 +179,7 @@ def tail(everything: Pressed) -> dict[str, dict[str, float]]:
 def press_some(first: int, last: int) -> Pressed:
     """The shapes of a chunk that begins with the first, four presses each."""
     sensors, made, part = SensorPair(), Pressed(), load_recipe("open").parts[0]
-    sensors.press(RandomShape(0), PressCommand("", 0.0, 0.0, 0.0, 8.0))  # compiled, laid out
+    sensors.press(random_shape(0), PressCommand("", 0.0, 0.0, 0.0, 8.0))  # compiled, laid out
     for number in range(first, min(first + CHUNK, last)):
         start = time.thread_time()
         shape = catalogue.load(random_name(SEED, number))
@@ -317,7 +317,7 @@ def draw_shapes() -> None:
     )
     pen = ImageDraw.Draw(page)
     for seed, (left, top) in enumerate(_tiles(rows, columns)):
-        mesh = RandomShape(seed).mesh
+        mesh = random_shape(seed).mesh
         tile, _ = contact_sheet.draw(
             mesh, contact_sheet.PRIMITIVE_VIEW, TILE_PX, contact_sheet.RESIN
         )

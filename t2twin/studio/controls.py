@@ -14,8 +14,7 @@ from typing import Any, get_args
 import viser
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.catalogue import NAMES
-from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
+from t2twin.primitives_cad.catalogue import NAMES, RANDOM_PREFIX, seed_of
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.sampling.presses import MAX_SHAPE_SEED
 from t2twin.sim.sampling.protocol import SCALES
@@ -209,7 +208,7 @@ class Controls:
         if group in GROUPS:
             self._shape.options, self._shape.value = GROUPS[group], state.shape
         elif group == RANDOM:
-            self._random.value = int(state.shape.removeprefix(PREFIX))
+            self._random.value = int(state.shape.removeprefix(RANDOM_PREFIX))
         self._random.visible = group == RANDOM
         self._own.visible = self._handles["scale"].visible = group == OWN_FILE
         self._own.content = f"**{markdown_safe(file_name(state.shape))}**, +z side pressed"
@@ -296,7 +295,7 @@ class Controls:
         )
         self._inputs.on(self._group, self._group_changed)
         self._inputs.on(self._shape, lambda name: self.apply({"shape": name, "scale": None}))
-        self._inputs.on(self._random, lambda number: self._set("shape", f"{PREFIX}{number}"))
+        self._inputs.on(self._random, lambda number: self._set("shape", f"{RANDOM_PREFIX}{number}"))
 
     def _add_press(self, gui: viser.GuiApi) -> None:
         motion = gui.add_dropdown(
@@ -367,7 +366,7 @@ class Controls:
 
     def _group_changed(self, group: str) -> None:
         if group == RANDOM:
-            self.apply({"shape": f"{PREFIX}{self._random.value}", "scale": None})
+            self.apply({"shape": f"{RANDOM_PREFIX}{self._random.value}", "scale": None})
         elif group != OWN_FILE:
             self.apply({"shape": GROUPS[group][0], "scale": None})
 
