@@ -22,7 +22,7 @@ from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import mesh_files, primitive_parameters
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
-from t2twin.primitives_cad.shape import HeightMap, LazyShape, Shape
+from t2twin.primitives_cad.shape import HeightMap, LazyShape, Shape, seed_of
 
 if TYPE_CHECKING:
     import trimesh
@@ -43,34 +43,12 @@ TOOLS = tuple(KEYPOINTS)
 OBJECTS = tuple(f"{tool}/{keypoint}" for tool in TOOLS for keypoint in KEYPOINTS[tool])
 NAMES = PRIMITIVES + OBJECTS
 
-RANDOM_PREFIX = "random-"
-"""Start of the names of random shapes, before their seed."""
-
 OBJECT_SPACING_MM = (1.5, 1.5)
 """Spacing of the 3 x 3 grid at a tool's keypoint, x and y, mm (Grella et al. 2023)."""
 
 FILE_SPACING_MM = 1.5
 """Largest spacing of the grid on a shape from a file, mm (assumed: keeps the grid near the center,
 which is likely to be solid)."""
-
-
-def seed_of(name: str) -> int | None:
-    """The seed in a name such as `random-17`; None for names of other shapes.
-
-    Raises T2TwinError for an invalid seed.
-    """
-    if not name.startswith(RANDOM_PREFIX) or "." in name or "/" in name:
-        return None
-    digits = name.removeprefix(RANDOM_PREFIX)
-    is_number = (
-        digits.isascii() and digits.isdigit() and len(digits) <= len(str(arguments.MAX_SEED))
-    )
-    if not (is_number and digits == str(int(digits)) and int(digits) <= arguments.MAX_SEED):
-        raise T2TwinError(
-            f"{name} is not a random shape; their names are {RANDOM_PREFIX}0, {RANDOM_PREFIX}1 and "
-            f"so on to {RANDOM_PREFIX}{arguments.MAX_SEED}"
-        )
-    return int(digits)
 
 
 def split(name: str) -> str:

@@ -13,10 +13,9 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 
 from t2twin.core.jit import compiled
-from t2twin.primitives_cad.catalogue import RANDOM_PREFIX
 from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.primitive_parameters import PLATE_THICKNESS_MM
-from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, LazyShape, Shape
+from t2twin.primitives_cad.shape import NOTHING_MM, RANDOM_PREFIX, HeightMap, LazyShape, Shape
 
 PITCH_MM = 0.1
 """Pitch of a random shape's height map, mm (assumed: two pixels of a DIGIT, a fifth of the

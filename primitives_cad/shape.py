@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 NOTHING_MM = -1.0e3
 """Height where the solid has no surface, mm: far below any layer's thickness."""
+
+RANDOM_PREFIX = "random-"
+"""Start of the names of random shapes, before their seed."""
 
 BALL_PITCH_MM = 0.05
 """Default pitch of a ball's height map, mm: at most a fifth of a contact's grid."""
@@ -152,6 +156,23 @@ class LazyShape(Shape):
         import trimesh
 
         return trimesh.Trimesh(*self.triangles, process=False)
+
+
+def seed_of(name: str) -> int | None:
+    """The seed in a name such as `random-17`; None for names of other shapes.
+
+    Raises T2TwinError for an invalid seed.
+    """
+    if not name.startswith(RANDOM_PREFIX) or "." in name or "/" in name:
+        return None
+    digits = name.removeprefix(RANDOM_PREFIX)
+    is_number = digits.isascii() and digits.isdigit() and len(digits) <= len(str(MAX_SEED))
+    if not (is_number and digits == str(int(digits)) and int(digits) <= MAX_SEED):
+        raise T2TwinError(
+            f"{name} is not a random shape; their names are {RANDOM_PREFIX}0, {RANDOM_PREFIX}1 and "
+            f"so on to {RANDOM_PREFIX}{MAX_SEED}"
+        )
+    return int(digits)
 
 
 def ball(radius_mm: float, pitch_mm: float = BALL_PITCH_MM) -> Shape:

@@ -6,7 +6,6 @@ import pytest
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, height_map, random_shapes
-from t2twin.primitives_cad.catalogue import seed_of
 from t2twin.primitives_cad.random_shapes import (
     BASE_DEPTH_MM,
     PITCH_MM,
@@ -16,7 +15,7 @@ from t2twin.primitives_cad.random_shapes import (
     random_shape,
     sample,
 )
-from t2twin.primitives_cad.shape import NOTHING_MM
+from t2twin.primitives_cad.shape import NOTHING_MM, seed_of
 
 AXIS = np.arange(-200, 201) * 0.1
 

@@ -14,6 +14,7 @@ import numpy as np
 from msgspec import UNSET, structs
 
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape import RANDOM_PREFIX
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.optical.units import log_uniform
 from t2twin.sim.sampling import protocol
@@ -71,7 +72,7 @@ class PressSample:
 
 def random_name(seed: int, number: int) -> str:
     """Name of the number-th random shape of a recipe."""
-    return f"{catalogue.RANDOM_PREFIX}{seed * SEEDS_PER_RECIPE + number}"
+    return f"{RANDOM_PREFIX}{seed * SEEDS_PER_RECIPE + number}"
 
 
 def max_attempts(part: Part) -> int:
@@ -84,17 +85,13 @@ def name_at(name: str, attempt: int) -> str:
     which = attempt // MAX_ATTEMPTS
     if which == 0:
         return name
-    number = (
-        int(name.removeprefix(catalogue.RANDOM_PREFIX))
-        + FIRST_STAND_IN
-        + (which - 1) * STAND_IN_STEP
-    )
-    return f"{catalogue.RANDOM_PREFIX}{number}"
+    number = int(name.removeprefix(RANDOM_PREFIX)) + FIRST_STAND_IN + (which - 1) * STAND_IN_STEP
+    return f"{RANDOM_PREFIX}{number}"
 
 
 def planned_name(name: str) -> str:
     """The planned random shape of a pressed one: itself, or the one that it replaces."""
-    recipe, number = divmod(int(name.removeprefix(catalogue.RANDOM_PREFIX)), SEEDS_PER_RECIPE)
+    recipe, number = divmod(int(name.removeprefix(RANDOM_PREFIX)), SEEDS_PER_RECIPE)
     if number >= FIRST_STAND_IN:
         number = (number - FIRST_STAND_IN) % STAND_IN_STEP
     return random_name(recipe, number)

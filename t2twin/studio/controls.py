@@ -14,7 +14,8 @@ from typing import Any, get_args
 import viser
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.catalogue import NAMES, RANDOM_PREFIX, seed_of
+from t2twin.primitives_cad.catalogue import NAMES
+from t2twin.primitives_cad.shape import RANDOM_PREFIX, seed_of
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.sampling.presses import MAX_SHAPE_SEED
 from t2twin.sim.sampling.protocol import SCALES

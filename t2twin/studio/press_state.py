@@ -13,6 +13,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import convert
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape import seed_of
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.contact.friction import check_friction
 from t2twin.sim.contact.types import check_force
@@ -182,7 +183,7 @@ def read_query(query: str) -> PressState:
         if isinstance(value := getattr(sent, name), float):
             arguments.number(value, name)
     state = _DEFAULT.with_changes({name: getattr(sent, name) for name in given})
-    if state.shape not in catalogue.NAMES and catalogue.seed_of(state.shape) is None:
+    if state.shape not in catalogue.NAMES and seed_of(state.shape) is None:
         raise T2TwinError(
             f"there is no shape {state.shape!r}; `t2twin shapes` lists all but the random ones"
         )
