@@ -1,7 +1,5 @@
 """Calibration of any gel camera: its size, LEDs wherever they are, what presses cover, refusals."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from ball_frames import save
@@ -145,12 +143,7 @@ def test_what_cannot_be_fitted_is_one_sentence(tmp_path):
     folder = written(tmp_path / "frames", *frames)
     assert "too small" in refused(folder, ball_mm=2.0, sensor=sensor)
     assert "must be 240 wide, 320 high" in refused(folder, sensor="digit")
-    turned = written(tmp_path / "turned", *(np.rot90(of, axes=(-3, -2)) for of in frames))
-    assert "must be 176 wide, 128 high" in refused(turned, sensor=sensor)
     assert "is a taxel array; expected a gel camera" in refused(folder, sensor="cyskin-20")
-    camera = replace(sensor.camera, rows=64)
-    assert "has 64 rows" in refused(folder, sensor=sensor, camera=camera)
-    assert "at least 6" in refused(folder, sensor=sensor, held_out=5)
     assert "from 1 to 16" in refused(folder, ball_mm=17.0, sensor=sensor)
     dark = structs.replace(sensor.spec, units=None)
     with pytest.raises(T2TwinError, match=r"has no table \[units\]"):

@@ -32,11 +32,3 @@ def test_no_place_knows_of_another(drawn):
             assert abs(np.corrcoef((one**power).ravel(), (other**power).ravel())[0, 1]) < 1.5 * few
     power = np.abs(np.fft.fft2(drawn)) ** 2 / drawn.size
     assert power.max() < np.log(drawn.size) + 8
-
-
-def test_frames_are_apart_and_come_again(drawn):
-    rng = np.random.default_rng(0)
-    first, second = standard_normal(rng, SHAPE), standard_normal(rng, SHAPE)
-    np.testing.assert_array_equal(first, drawn)
-    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.01
-    assert (first != second).mean() > 0.99

@@ -72,22 +72,9 @@ def test_the_mean_errs_less_than_the_drawn_ones(lights):
     assert np.mean(mean) > np.mean(singly) + 2.0
 
 
-def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys, monkeypatch):
-    few = functools.partial(sample_lights, count=FEW)
-    monkeypatch.setattr("t2twin.sim.calibrate.calibrate.sample_lights", few)
-    path = tmp_path / "mine.png"
-    Image.fromarray(background).save(path)
-    main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])
-    said = capsys.readouterr().out
-    assert "mean light of sampled units" in said
-    written = Optics.load(tmp_path / "out" / "optics.npz")
-    given = t2twin.guess_light(path)
-    for name in ("background", "leds_mm", "sizes_mm", "response"):
-        np.testing.assert_array_equal(getattr(written, name), getattr(given, name))
-    assert not (tmp_path / "out" / "optics.json").exists()
-
-
-def test_a_contact_in_the_background_is_named(tmp_path, capsys, monkeypatch):
+def test_the_command_writes_what_the_function_gives_and_names_a_contact(
+    tmp_path, capsys, monkeypatch
+):
     few = functools.partial(sample_lights, count=FEW)
     monkeypatch.setattr("t2twin.sim.calibrate.calibrate.sample_lights", few)
     twin, path = t2twin.Twin(), tmp_path / "mine.png"
@@ -96,3 +83,7 @@ def test_a_contact_in_the_background_is_named(tmp_path, capsys, monkeypatch):
         Image.fromarray(frame).save(path)
         main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])
         assert (f"{path} shows a contact, by field" in capsys.readouterr().err) == said
+    written, given = Optics.load(tmp_path / "out" / "optics.npz"), t2twin.guess_light(path)
+    for name in ("background", "leds_mm", "sizes_mm", "response"):
+        np.testing.assert_array_equal(getattr(written, name), getattr(given, name))
+    assert not (tmp_path / "out" / "optics.json").exists()

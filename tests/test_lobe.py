@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from ball_frames import BALL_MM, POSES
 
-from benchmarks.optics.fitted_optics import rim_steepness
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.calibrate import score
 from t2twin.sim.calibrate.fit import BallFit, Geometry, Measurements, Presses
@@ -80,12 +79,3 @@ def test_a_lobe_of_zeros_changes_nothing(unit):
     zero = ImageRenderer(replace(unit, lobe=np.zeros_like(unit.lobe)), GEL, 0.0)
     pressed = surface(POSES[0])
     np.testing.assert_array_equal(zero.render(pressed), DIGIT.image_renderer.render(pressed))
-
-
-def test_a_blurred_rim_is_less_steep():
-    sharp, soft = np.zeros((2, 60, 60, 3), np.uint8)
-    sharp[:, 30:] = 200
-    soft[:] = np.clip(np.linspace(-200, 400, 60), 0, 200)[:, None]
-    everywhere = np.ones((60, 60), bool)
-    assert rim_steepness(sharp, sharp, everywhere) == pytest.approx(1)
-    assert rim_steepness(sharp, soft, everywhere) < 0.6

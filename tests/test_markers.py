@@ -87,18 +87,6 @@ def test_markers_at_rest_lie_on_the_pitch_grid_and_cover_the_image():
     assert (markers.rest_mm.min(axis=0) < -half).all()
 
 
-def test_jitter_is_of_the_seed_and_limited():
-    grid, one, other = (
-        Markers(jitter_mm=j, seed=s).printed(CAMERA).rest_mm
-        for j, s in ((0, 1), (0.2, 1), (0.2, 2))
-    )
-    offset = one - grid
-    assert 0.15 < np.abs(offset).max() <= 0.2
-    assert offset.std() == pytest.approx(0.2 / np.sqrt(3), rel=0.1)
-    assert not np.array_equal(one, other)
-    np.testing.assert_array_equal(one, Markers(jitter_mm=0.2, seed=1).printed(CAMERA).rest_mm)
-
-
 def test_the_record_is_a_value():
     one = Markers(2.0, 0.4, 0.1, 3)
     with pytest.raises(T2TwinError, match="the markers are on no sensor"):
@@ -106,23 +94,14 @@ def test_the_record_is_a_value():
     printed = one.printed(CAMERA)
     assert printed.rest_mm.size  # cached values do not change the record
     assert pickle.loads(pickle.dumps(printed)) == printed == one.printed(CAMERA)
-    assert pickle.loads(pickle.dumps(one)) == one == Markers(2.0, 0.4, 0.1, 3)
-    pitch: Any = np.float32(2.0)
-    seed: Any = np.int64(3)
-    assert json.loads(json.dumps(asdict(Markers(pitch, seed=seed))))["seed"] == 3
-    assert hash(one) == hash(Markers(2.0, 0.4, 0.1, 3)) and one != Markers()
     marked = DIGIT.with_options({"markers": one})
-    digit = pickle.loads(pickle.dumps(marked))
-    assert digit == marked and digit != DIGIT
-    np.testing.assert_array_equal(digit.background_frame(), marked.image_renderer.background)
+    assert pickle.loads(pickle.dumps(marked)) == marked != DIGIT
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         ({"pitch_mm": 0.1}, "pitch_mm is 0.1; expected a number from 0.5 to 8"),
-        ({"pitch_mm": np.nan}, "pitch_mm is nan; expected a finite number"),
-        ({"pitch_mm": "1"}, "pitch_mm is '1' of type str; expected a number"),
         ({"diameter_mm": 1.5}, "diameter_mm is 1.5; expected a number from 0.05 to 1.4"),
         ({"jitter_mm": 0.5}, "jitter_mm is 0.5; expected a number from 0 to 0.45"),
         ({"seed": -1}, "seed is -1; expected a whole number"),
@@ -131,14 +110,6 @@ def test_the_record_is_a_value():
 def test_invalid_patterns_are_refused(given, message):
     with pytest.raises(T2TwinError, match=message):
         Markers(**given)
-
-
-@pytest.mark.parametrize("markers", [1.4, "yes", {"pitch_mm": 1.4}])
-def test_anything_but_a_pattern_is_refused(markers):
-    with pytest.raises(T2TwinError, match="expected an object of the class Markers"):
-        Twin(markers=markers)
-    with pytest.raises(T2TwinError, match="expected an object of the class Markers"):
-        DIGIT.with_options({"markers": markers})
 
 
 # how the image shows them
@@ -241,35 +212,24 @@ def test_a_slide_drags_the_markers_along(shapes):
     np.testing.assert_array_equal(lifted.image, twin.background)
 
 
-def test_a_touch_without_markers_has_no_places(shapes):
-    touch = Twin().press(shapes("hemisphere-4"), force_n=1.0)
-    with pytest.raises(T2TwinError, match="has no markers; expected a twin with markers=True"):
-        _ = touch.markers_mm
-
-
 def table(path):
     """The header and the values of a CSV file."""
-    return path.read_text().splitlines()[0].split(","), np.loadtxt(path, delimiter=",", skiprows=1)
+    return path.read_text().splitlines()[0], np.loadtxt(path, delimiter=",", skiprows=1)
 
 
-def test_press_and_slide_record_the_markers(shape_cache, tmp_path, capsys):
+def test_press_and_slide_record_the_markers(shape_cache, tmp_path):
     given = ["hemisphere-4", "--force-n", "2", "--sensor", "digit", "--marker-pitch-mm", "2"]
     main(["press", *given, "--out", "press"])
+    printed = Markers(2.0).printed(CAMERA)
     press = json.loads((tmp_path / "press" / "press.json").read_text())
-    assert press["digit"]["markers"] == json.loads(json.dumps(asdict(Markers(2.0).printed(CAMERA))))
+    assert press["digit"]["markers"] == json.loads(json.dumps(asdict(printed)))
     names, values = table(tmp_path / "press" / "markers.csv")
-    assert names == ["marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm"]
-    np.testing.assert_allclose(values[:, 1:3], Markers(2.0).printed(CAMERA).rest_mm)
+    assert names == "marker,rest_x_mm,rest_y_mm,x_mm,y_mm"
+    np.testing.assert_allclose(values[:, 1:3], printed.rest_mm)
     main(["slide", *given, "--dx-mm", "0.2", "--steps", "2", "--out", "slide"])
     names, values = table(tmp_path / "slide" / "markers.csv")
-    assert names == ["step", "marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm"]
-    count = len(Markers(2.0).printed(CAMERA).rest_mm)
+    assert names == "step,marker,rest_x_mm,rest_y_mm,x_mm,y_mm"
+    count = len(printed.rest_mm)
     np.testing.assert_array_equal(values[:, 0], np.repeat([0, 1, 2], count))
     first, last = values[:count], values[-count:]
     assert np.abs(last[:, 4:] - first[:, 4:]).max() == pytest.approx(0.2, abs=0.02)
-    header = (tmp_path / "slide" / "slide.csv").read_text().splitlines()[0]
-    assert header.endswith("marker_pitch_mm,marker_diameter_mm,marker_jitter_mm,marker_seed")
-    with pytest.raises(SystemExit):
-        main(["press", *given[:-1], "0.1", "--out", "bad"])
-    errors = [line for line in capsys.readouterr().err.splitlines() if "pitch_mm" in line]
-    assert len(errors) == 1 and "pitch_mm is 0.1; expected a number from 0.5 to 8" in errors[0]

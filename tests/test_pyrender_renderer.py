@@ -7,10 +7,9 @@ import pytest
 from kinds import gel_camera
 from msgspec import structs
 
-from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer, encode
+from t2twin.sim.optical.pyrender_renderer import ReferenceRenderer
 from t2twin.sim.optical.surface import ball_surface
 
 DIGIT = gel_camera()
@@ -38,19 +37,6 @@ def ball():
 @pytest.fixture(scope="module")
 def ball_picture(ball):
     return render(ball)
-
-
-def test_with_the_leds_off_only_the_ambient_light_is_left(ball):
-    picture = render(ball, (), AMBIENT)
-    expected = encode(np.array(AMBIENT)).astype(int)
-    assert np.abs(picture - expected).max() <= 1
-
-
-def test_leds_with_exchanged_colors_exchange_the_channels(ball, ball_picture):
-    colors = [PURE[source].color for source in (1, 0, 2)]
-    leds = tuple(structs.replace(led, color=color) for led, color in zip(PURE, colors, strict=True))
-    exchanged = render(ball, leds)
-    np.testing.assert_array_equal(exchanged, ball_picture[..., [1, 0, 2]])
 
 
 def test_a_mirrored_press_under_mirrored_leds_gives_the_mirrored_picture(ball, ball_picture):
@@ -96,14 +82,6 @@ def test_a_gel_pressed_flat_everywhere_shows_no_edges():
     picture = render(pressed)
     for axis in (0, 1):
         assert np.abs(np.diff(picture, n=2, axis=axis)).max() <= 3
-
-
-def test_a_surface_on_another_grid_is_refused():
-    with (
-        ReferenceRenderer(LEDS, AMBIENT, CAMERA, GEL, led_points=1) as renderer,
-        pytest.raises(T2TwinError, match="shape"),
-    ):
-        renderer.render(np.zeros((10, 10)))
 
 
 def test_a_closed_renderer_leaves_others_usable(ball, ball_picture):

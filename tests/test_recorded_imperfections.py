@@ -1,7 +1,6 @@
 """The imperfections "recorded" of the default array: noise, offsets and memory."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +10,8 @@ from msgspec import structs
 import t2twin
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.shard import Stopwatch
-from t2twin.sim.dataset.store import read_info, read_split, sha256_of
-from t2twin.sim.sampling.presses import PressSample
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.slide import path_commands, touches_along
 from t2twin.sim.taxels import reading
 from t2twin.sim.taxels.reading import read_after
 from t2twin.sim.taxels.spec import Imperfections
@@ -140,12 +134,6 @@ def test_the_memory_decays_by_its_law():
     assert after[0, 0] == pytest.approx(LEVEL * REAL["kept_percent"]["100"] / 100, rel=0.2)
 
 
-def test_a_held_level_soon_stays():
-    held = frames([0.0] + [LEVEL] * 20, QUIET)[1:]
-    assert (np.diff(held, axis=0) >= 0).all()
-    assert LEVEL - 50 < held[0].max() < LEVEL and (held[-1] == LEVEL).all()
-
-
 def test_a_sample_is_the_mean_of_its_readings_and_has_their_memory():
     pressed = np.full((2, LAYOUT.size), LEVEL)
     at, released = np.random.default_rng(0), np.zeros(LAYOUT.size)
@@ -175,19 +163,6 @@ def test_dead_taxels_read_0():
     assert not found[:, ::2].any() and (found[::2, 1::2] > 0).all()
 
 
-def test_the_memory_goes_along_a_path(twin, shape):
-    commands = path_commands(shape.name, [[0, 0, 0, 8], *2 * [[0, 0, 0, 0]]])
-    rng = np.random.default_rng(1)
-    touches = list(touches_along(twin.sensors, shape, commands, None, rng, ARRAY.name))
-    level = np.rint(ARRAY.noiseless(touches[0].cyskin, LAYOUT))
-    for touch, time_s in zip(touches, (0.0, SAMPLE_S, 2 * SAMPLE_S), strict=True):
-        decay = np.exp(-time_s / np.array(RECORDED.memory_s))
-        assert touch.memory == pytest.approx(decay[:, None] * level, abs=0.51)
-    alone = twin.sensors.press(shape, commands[1], np.random.default_rng(1), only=ARRAY.name)
-    most = level.argmax()
-    assert touches[1].counts[most] > alone.counts[most]
-
-
 def test_a_slide_continues_the_memory_of_its_touch(twin, shape):
     command = PressCommand(shape.name, 0.0, 0.0, 0.0, 8.0)
     touch = twin.sensors.press(shape, command, np.random.default_rng(0), only=ARRAY.name)
@@ -198,36 +173,3 @@ def test_a_slide_continues_the_memory_of_its_touch(twin, shape):
     most = touch.counts.argmax()
     assert (slid.memory > fresh.memory + 500)[:, most].all()
     assert slid.counts[most] > fresh.counts[most]
-
-
-def test_a_path_of_a_dataset_is_that_of_the_twin(twin, shape):
-    commands = path_commands(shape.name, [[0, 0, 0, 8], [0.1, 0, 0, 4], [0.2, 0, 0, 1]])
-    sample = PressSample(0, commands[0], np.random.default_rng(2), 0, tuple(commands[1:]))
-    friction = dict.fromkeys(twin.sensors.by_name, 0.7)
-    made = shard._touches(twin.sensors, friction, Stopwatch(), shape, sample)
-    rng = np.random.default_rng(2)
-    for one, other in zip(
-        made, touches_along(twin.sensors, shape, commands, 0.7, rng), strict=True
-    ):
-        assert one.memory is not None and other.memory is not None
-        assert np.array_equal(one.memory, other.memory)
-        assert np.array_equal(one.counts, other.counts)
-
-
-@pytest.mark.exhaustive
-def test_rows_do_not_depend_on_the_workers(tmp_path: Path, shape_cache: Path):
-    recipe = tmp_path / "recorded.toml"
-    recipe.write_text(
-        'format = 1\nname = "recorded"\nimperfections = "recorded"\ndense_counts = false\n'
-        'background_frames = false\n[[parts]]\nshapes = "random"\ncount = 2\npresses = 3\n'
-        "place = { normal_mm = 0.5 }\nforce_n = 8.0\n"
-        "[motion]\nstill = 0.0\nslide = 1.0\ntwist = 0.0\nslide_mm = [0.05, 0.1]\nsteps = [2, 2]\n"
-        "force_change = [0.1, 0.1]\n"
-    )
-    for workers in (1, 2):
-        make_dataset(tmp_path / str(workers), recipe=recipe, workers=workers, cache=shape_cache)
-    info = read_info(tmp_path / "1")
-    assert info.target.imperfections == RECORDED
-    for path in info.shards:
-        assert sha256_of(tmp_path / "1" / path) == sha256_of(tmp_path / "2" / path)
-    assert read_split(tmp_path / "1", "train").num_rows == 6

@@ -37,20 +37,6 @@ def test_pads_that_tile_the_cover_feel_the_whole_force(sensor):
     assert pressure.sum() * 1.0**2 == pytest.approx(8.0, rel=0.01)
 
 
-def test_one_pitch_further_is_one_taxel_further(sensor):
-    layout = sensor.layout
-    here = int(np.argmin(np.hypot(layout.x_mm + 3.2476, layout.y_mm + 1.875)))
-    there = int(np.argmin(np.hypot(layout.x_mm + 3.2476, layout.y_mm - 5.625)))
-    felt = [
-        sensor.read(
-            sensor.press(ball(5.0), PressCommand("ball", layout.x_mm[n], layout.y_mm[n], 0.0, 8.0))
-        ).counts
-        for n in (here, there)
-    ]
-    assert felt[0].argmax() == here and felt[1].argmax() == there
-    assert felt[1][there] == pytest.approx(felt[0][here], rel=0.03)
-
-
 def test_counts_rise_with_force_and_flatten_at_saturation(sensor):
     pressure = np.linspace(0.0, 5.0, 200)
     read = np.rint(sensor.counts_of(pressure)).astype(int)
@@ -87,20 +73,6 @@ def test_every_imperfection_does_what_it_says(sensor):
     assert read(gain_spread=0.1).std() == pytest.approx(1000, rel=0.5)
     assert (read(0, gain_spread=0.1) == read(1, gain_spread=0.1)).all()
     assert 0 < read(white_counts=50.0).std() < 50
-
-
-def test_saturated_readings_stay_at_full_scale(sensor):
-    found = imperfect(sensor, np.full(20, 60_000.0), np.random.default_rng(0))
-    assert (found == sensor.full_scale).all()
-
-
-def test_the_default_layout_is_a_triangular_grid():
-    layout = load_layout()
-    apart = np.hypot(*(v[:, None] - v[None] for v in (layout.x_mm, layout.y_mm)))
-    apart[np.diag_indices(20)] = np.inf
-    assert layout.size == 20
-    assert apart.min(axis=1) == pytest.approx(7.5, abs=1e-3)
-    assert layout.x_mm.mean() == pytest.approx(0) and layout.y_mm.mean() == pytest.approx(0)
 
 
 def test_the_denser_layout_holds_the_default_one():

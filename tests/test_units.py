@@ -7,11 +7,9 @@ from dataclasses import fields, replace
 import msgspec
 import numpy as np
 import pytest
-import trimesh
 from kinds import gel_camera
 
 from t2twin import Twin
-from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import convert
 from t2twin.sim.optical import pyrender_renderer
@@ -28,7 +26,7 @@ ROWS, COLUMNS = CAMERA.rows, CAMERA.columns
 NOISE_GREY = DIGIT.spec.camera.noise_grey
 OWN = DIGIT.spec.units
 DRAW = UnitRanges()
-DRAWN = 500
+DRAWN = 200
 BALL = ball_surface(GEL, 0.5, -1.0, 1.1)
 
 
@@ -140,12 +138,6 @@ def test_ranges_are_read_from_plain_values_and_held_to_their_bounds():
         UnitRanges(tilt_deg=(1.0, -1.0))
 
 
-def test_one_range_of_one_number_fixes_it():
-    still = UnitRanges(shift_px=(0.0, 0.0), tilt_deg=(0.0, 0.0), scale_px_per_mm=(19.2, 19.2))
-    optics = unit(0, still).optics
-    assert optics.scale_px_per_mm == 19.2
-
-
 # A sensor with a unit
 
 
@@ -160,10 +152,6 @@ def test_a_digit_takes_a_units_light_and_noise(units):
     inside = (background > 20) & (background < 235)
     wanted = np.hypot(2.0, np.sqrt(1 / 12))
     assert (noisy - background)[inside].std() == pytest.approx(wanted, rel=0.02)
-    again = pickle.loads(pickle.dumps(digit))
-    np.testing.assert_array_equal(
-        again.image_renderer.render(BALL), digit.image_renderer.render(BALL)
-    )
 
 
 # The camera
@@ -193,10 +181,8 @@ def test_a_shifted_and_tilted_camera_projects_its_rays_back():
     np.testing.assert_allclose(rays.places_mm[0][1:-1, 1:-1], x[::2, ::2], atol=0.06)
 
 
-def test_no_tilt_is_no_tilt_and_a_tilt_keeps_the_apex(shipped):
+def test_a_tilt_keeps_the_apex(shipped):
     level = ImageRenderer(shipped, GEL, NOISE_GREY).render(BALL)
-    untilted = replace(replace(shipped, tilt_x_deg=1.0), tilt_x_deg=0.0)
-    np.testing.assert_array_equal(ImageRenderer(untilted, GEL, NOISE_GREY).render(BALL), level)
     tilted = ImageRenderer(replace(shipped, tilt_x_deg=2.0), GEL, NOISE_GREY)
     np.testing.assert_array_equal(tilted.render(BALL * 0), shipped.background)
     assert np.abs(tilted.render(BALL).astype(int) - level).max() > 5
@@ -251,19 +237,11 @@ def test_pyrender_renders_a_drawn_unit_in_its_own_light(units, monkeypatch):
     assert np.corrcoef(rendered.ravel(), baked.ravel())[0, 1] > 0.7
 
 
-def test_pyrender_is_refused_where_no_leds_are_known(shipped, tmp_path, capsys):
+def test_pyrender_is_refused_where_no_leds_are_known(shipped, tmp_path):
     shipped.save(tmp_path / "mine.npz")
-    trimesh.creation.box((4.0, 4.0, 4.0)).export(tmp_path / "box.stl")
     with pytest.raises(T2TwinError, match="cannot render an optics file"):
         Twin(tmp_path / "mine.npz", renderer="pyrender")
     with pytest.raises(T2TwinError, match="cannot render an optics file"):
         DIGIT.with_options({"renderer": "pyrender"}).with_unit(unit(0, center=shipped))
     with pytest.raises(T2TwinError, match="expected one of baked, pyrender"):
         DIGIT.with_options({"renderer": "opengl"})
-    with pytest.raises(SystemExit) as stop:
-        given = ["--optics", str(tmp_path / "mine.npz"), "--out", str(tmp_path / "out")]
-        main(["press", str(tmp_path / "box.stl"), "--renderer", "pyrender", *given])
-    assert stop.value.code == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if "compiling" not in line]
-    assert len(lines) == 1 and "cannot render an optics file" in lines[0]
-    assert not (tmp_path / "out").exists()

@@ -50,10 +50,8 @@ from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors.defaults import SOURCE
 from t2twin.sim.sensors.files import load_sensor
 
-MIN_TRAINING = 6
-"""Smallest number of presses to fit to: each LED's light varies over the gel."""
-HELD_OUT_SHARE = 3
-"""By default one in so many presses is held out, the last ones."""
+MIN_TRAINING = 6  # smallest number of presses to fit to: each LED's light varies over the gel
+HELD_OUT_SHARE = 3  # by default one in so many presses is held out, the last ones
 UNIT_COUNT = 300
 """Number of units that are averaged (assumed: twice as many change the mean by little)."""
 RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
@@ -61,13 +59,11 @@ RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
 averaged."""
 OPTICS, RECORD, COVERAGE = "optics.npz", "optics.json", "optics_coverage.png"
 """Names of the files of a fit."""
-FORMAT = 1
-"""Format of optics.json."""
+FORMAT = 1  # format of optics.json
 
 DEFAULT_TOLERANCE = Tolerance()
 
-Report = Callable[[str], object]
-"""Called with progress messages."""
+Report = Callable[[str], object]  # called with progress messages
 
 
 @dataclass(frozen=True)

@@ -17,19 +17,15 @@ COVER_MM = 1.5
 nearer than this to one of those fitted score 31 dB in the mean, farther ones 27 dB (measured)."""
 STEPS = 40
 """Number of places across the shorter side of the image that are compared with the presses."""
-ENOUGH = 0.97
-"""Share of the image from which on no more presses are needed (assumed)."""
-MOST = 12
-"""Largest number of next presses."""
+ENOUGH = 0.97  # share of the image from which on no more presses are needed (assumed)
+MOST = 12  # largest number of next presses
 EDGE_MM = 1.2
 """Distance of presses to the edge of the image, mm (assumed: a contact is as wide). Nearer to it,
 the gel is as covered as at this distance."""
 BRIGHT_GREY, SHADE = 110.0, 0.35
 """Mean grey level of the picture's background, and the factor of its shaded part."""
-PICTURE_PX = 720
-"""Longer side of the picture, at least, px."""
-PRESSED, NEXT = (255, 255, 255), (255, 220, 0)
-"""Colors of the presses and of the next ones."""
+PICTURE_PX = 720  # longer side of the picture, at least, px
+PRESSED, NEXT = (255, 255, 255), (255, 220, 0)  # colors of the presses and of the next ones
 
 
 @dataclass(frozen=True)
@@ -118,18 +114,14 @@ def coverage_picture(coverage: Coverage, optics: Optics, gel: Elastomer) -> Imag
     image = Image.fromarray(np.clip(np.rint(shown), 0, 255).astype(np.uint8))
     image = image.resize((zoom * camera.columns, zoom * camera.rows))
     pen, font = ImageDraw.Draw(image), ImageFont.load_default(14)
-
-    def circle(place_mm: np.ndarray, radius_mm: float, color: tuple[int, ...], label: str) -> None:
-        x_mm, y_mm = place_mm
-        row, column = (zoom * float(at) for at in camera.project(x_mm, y_mm, np.zeros(())))
-        radius = zoom * radius_mm * camera.scale_px_per_mm
-        box = (column - radius, row - radius, column + radius, row + radius)
-        pen.ellipse(box, outline=color, width=2)
+    pressed = zip(coverage.poses[:, :2], coverage.radii_mm, strict=True)
+    circles = [
+        *((*each, PRESSED, f"{number}") for number, each in enumerate(pressed, start=1)),
+        *((place, EDGE_MM, NEXT, f"next {n + 1}") for n, place in enumerate(coverage.next_mm)),
+    ]
+    for place, radius_mm, color, label in circles:
+        row, column = (zoom * float(at) for at in camera.project(*place, np.zeros(())))
+        radius = zoom * float(radius_mm) * camera.scale_px_per_mm
+        pen.circle((column, row), radius, outline=color, width=2)
         pen.text((column, row), label, fill=color, font=font, anchor="mm")
-
-    contacts = zip(coverage.poses[:, :2], coverage.radii_mm.tolist(), strict=True)
-    for number, (place, radius_mm) in enumerate(contacts, start=1):
-        circle(place, radius_mm, PRESSED, str(number))
-    for number, place in enumerate(coverage.next_mm, start=1):
-        circle(place, EDGE_MM, NEXT, f"next {number}")
     return image

@@ -35,12 +35,9 @@ from t2twin.sim.optical.optics import MAX_LEDS, PLACE_TERMS, Optics, led_columns
 from t2twin.sim.optical.response import linear
 from t2twin.sim.optical.surface import ball_surface
 
-GAMMA = 1.0
-"""Exponent between light and grey levels of a real unit (measured by cross-validation)."""
-MAX_STEPS = 8
-"""Largest number of steps of the joint fit."""
-MIN_GAIN = 2e-3
-"""The fit ends when a step lowers the error by less than this fraction (assumed)."""
+GAMMA = 1.0  # exponent between light and grey levels of a real unit (measured by cross-validation)
+MAX_STEPS = 8  # largest number of steps of the joint fit
+MIN_GAIN = 2e-3  # the fit ends when a step lowers the error by less than this fraction (assumed)
 POORLY_EXPLAINED = 0.08
 """The part that the LEDs of the sensor's file may leave before the fit also starts from LEDs that
 the frames show. It is 0.12 to 0.19 on units whose LEDs are turned around the gel by 30 to 180
@@ -53,8 +50,7 @@ POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3
 PRIOR = 2e-5
 """Weight of the priors: one standard deviation of a parameter costs as much as this mean square
 error over one press, in (grey / 255)^2 (assumed)."""
-HALF_MM = 3.75
-"""Half side of the square around a press, mm, which contains the shadows."""
+HALF_MM = 3.75  # half side of the square around a press, mm, which contains the shadows
 SHALLOWEST_MM, DEEPEST = 0.1, 0.93
 """Bounds of a press's depth: mm, and in parts of the ball's radius."""
 
@@ -64,11 +60,9 @@ SMALLEST_LED_MM = 0.3
 """Smallest initial size of an LED, mm (assumed: a smaller one has as sharp a shadow)."""
 ELEVATIONS_DEG = (10.0, 18.0, 30.0)
 """Elevations of the rings of LEDs over the apex (assumed: from low light to half of the slopes)."""
-RING = MAX_LEDS
-"""Number of LEDs of a ring."""
+RING = MAX_LEDS  # number of LEDs of a ring
 
-Square = tuple[slice, slice]
-"""Rows and columns of samples."""
+Square = tuple[slice, slice]  # rows and columns of samples
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ from t2twin.sim.optical.response import REACH, TAPS, Noise
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 FORMATS = ("PNG", "JPEG", "BMP")
-CROP_PX = 100
-"""Side of the crop around a contact on which scores are computed, px."""
+CROP_PX = 100  # side of the crop around a contact on which scores are computed, px
 BLOB_BLUR_PX = 4.0
 """Blur of the difference to the background before the contact is detected, px (assumed)."""
 VISIBLE_GREY = 40.0
@@ -32,21 +31,16 @@ BLOB_SHARE = 0.35
 """Fraction of the largest difference from which a pixel belongs to the contact (assumed)."""
 CONTACT_GREY = 10.0
 """Blurred difference from which a pixel does not show the background, grey levels (assumed)."""
-CONTACT_MARGIN_PX = 8
-"""Distance to such a pixel within which others are excluded too, px (assumed)."""
+CONTACT_MARGIN_PX = 8  # distance to such a pixel within which others are excluded too, px (assumed)
 PATTERN_BLUR_PX = 4.0
 """Length scale that separates the background's fixed pattern from its light, px (assumed)."""
 DRIFT_BLUR_PX = 7.0
 """Length over which the drift of the light is averaged, px (of 4, 7, 10 and 15 px slightly the best
 in cross-validation)."""
-MIN_WEIGHT = 1e-3
-"""Smallest blurred number of frames that a drift is divided by (assumed)."""
-DRIFT_PX = 8.0
-"""Length scale above which variation is drift of the light, not noise, px (assumed)."""
-LAGS = 4
-"""Largest lag of the autocorrelation along an axis, px."""
-MIN_PIXELS = 2_000
-"""Smallest number of background pixels of a frame (assumed)."""
+MIN_WEIGHT = 1e-3  # smallest blurred number of frames that a drift is divided by (assumed)
+DRIFT_PX = 8.0  # length scale above which variation is drift of the light, not noise, px (assumed)
+LAGS = 4  # largest lag of the autocorrelation along an axis, px
+MIN_PIXELS = 2_000  # smallest number of background pixels of a frame (assumed)
 QUIETEST_GREY = 0.05
 """Standard deviation of the noise of frames without any, such as edited ones, grey levels."""
 
@@ -74,7 +68,6 @@ def read_frames(
     for frames of another size than the background or refused by upright_frame, and for a folder
     without images.
     """
-    background_frame = read_frame(background)
     if not folder.is_dir():
         raise T2TwinError(f"{folder} is not a folder; --presses takes a folder of images")
     paths = sorted(
@@ -84,16 +77,14 @@ def read_frames(
     )
     if not paths:
         raise T2TwinError(f"{folder} contains no images; {', '.join(FORMATS)} files are read")
-    frames = []
-    for path in paths:
-        frame = read_frame(path)
-        if frame.shape != background_frame.shape:
+    first, *others = (read_frame(path) for path in (background, *paths))
+    for path, frame in zip(paths, others, strict=True):
+        if frame.shape != first.shape:
             raise T2TwinError(
-                f"{path.name} is {_size(frame)}, but the background is {_size(background_frame)}; "
-                "all must be of one size"
+                f"{path.name} is {_size(frame)}, but the background is {_size(first)}; all must be "
+                "of one size"
             )
-        frames.append(frame)
-    upright = np.array([upright_frame(frame, camera) for frame in (background_frame, *frames)])
+    upright = np.array([upright_frame(frame, camera) for frame in (first, *others)])
     return upright[0], upright[1:], [path.name for path in paths]
 
 

@@ -14,7 +14,8 @@ their tolerances where presses come out deepest, and at the end where they come 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from os.path import lexists
 from pathlib import Path
@@ -34,12 +35,9 @@ from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.tables import read_rows
 
-FORCES = "forces.csv"
-"""Name of the file of measurements."""
-SMALLEST_BALL_MM = 1.0
-"""Smallest diameter of a ball, mm (assumed); the largest fits into the image."""
-SCALES = (0.5, 2.0)
-"""Range of scales, in parts of the sensor's (assumed)."""
+FORCES = "forces.csv"  # name of the file of measurements
+SMALLEST_BALL_MM = 1.0  # smallest diameter of a ball, mm (assumed); the largest fits into the image
+SCALES = (0.5, 2.0)  # range of scales, in parts of the sensor's (assumed)
 SCALE_SHARE, YOUNG_SHARE = 0.1, 0.2
 """Default tolerances of the scale, for a sensor whose file has no range of it, and of the modulus,
 in parts of the file's values (assumed). That of the modulus is Gent's range, Shore 10A to 15A."""
@@ -56,15 +54,13 @@ Depth = Annotated[float, Meta(gt=0.0)]
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Largest errors, in either direction.
+    """Largest errors, in either direction; the defaults are assumed: a caliper for the ball, a
+    stage zeroed by eye, and a kitchen scale.
 
     ball_mm: of the ball diameters. scale_px_per_mm: of the image scale; unused if displacements are
     measured; by default as far as the sensor's file lets units differ, or a tenth. depth_mm: of the
     displacements, mainly of their zero at first contact. force_n: of the forces. young_mpa: of the
     gel's modulus in the sensor's file, by default a fifth; unused if forces are measured.
-
-    The defaults are assumed: a caliper for the ball, a stage zeroed by eye, and a kitchen scale.
-
     Raises T2TwinError for a value that is negative or not finite.
     """
 
@@ -75,9 +71,9 @@ class Tolerance:
     young_mpa: float | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            if getattr(self, field.name) is not None:
-                arguments.number(getattr(self, field.name), f"the tolerance {field.name}", low=0.0)
+        for name, value in vars(self).items():
+            if value is not None:
+                arguments.number(value, f"the tolerance {name}", low=0.0)
 
     def of(self, sensor: GelCamera) -> "Tolerance":
         """The same, complete, for a sensor."""
@@ -85,17 +81,12 @@ class Tolerance:
         low, high = ((1 - SCALE_SHARE) * scale, (1 + SCALE_SHARE) * scale)
         if units is not None:
             low, high = units.scale_px_per_mm
-        return replace(
-            self,
-            scale_px_per_mm=(
-                max(scale - low, high - scale)
-                if self.scale_px_per_mm is None
-                else self.scale_px_per_mm
-            ),
-            young_mpa=(
-                YOUNG_SHARE * sensor.own_gel.young_mpa if self.young_mpa is None else self.young_mpa
-            ),
-        )
+        complete = self
+        if self.scale_px_per_mm is None:
+            complete = replace(complete, scale_px_per_mm=max(scale - low, high - scale))
+        if self.young_mpa is None:
+            complete = replace(complete, young_mpa=YOUNG_SHARE * sensor.own_gel.young_mpa)
+        return complete
 
 
 @dataclass(frozen=True)
@@ -118,35 +109,29 @@ def read_measurements(
     a frame or with the frame of another row.
     """
     check_ball(ball_diameter_mm, "the ball's diameter in mm", sensor)
-    path, index = folder / FORCES, {name: number for number, name in enumerate(names)}
-    missing = np.full(len(names), np.nan)
-    measurements = Measurements(
-        np.full(len(names), float(ball_diameter_mm)), missing.copy(), missing.copy()
-    )
-    if not lexists(path):  # a broken link is an error
-        return measurements
-    seen = set()
-    for row in read_rows(path, _Row, "a table of presses"):
-        if row.file not in index:
+    path, rows = folder / FORCES, {}
+    thickness_mm = sensor.own_gel.thickness_mm
+    # a broken link is an error
+    for row in read_rows(path, _Row, "a table of presses") if lexists(path) else ():
+        if row.file not in names:
             raise T2TwinError(f"{path} names {row.file}, which is not a frame in {folder}")
-        if row.file in seen:
+        if row.file in rows:
             raise T2TwinError(f"{path} names {row.file} twice; each frame has one row")
-        seen.add(row.file)
+        rows[row.file] = row
         if row.ball_diameter_mm is not None:
             check_ball(row.ball_diameter_mm, f"{path}: ball_diameter_mm of {row.file}", sensor)
-        if row.depth_mm is not None and row.depth_mm > sensor.own_gel.thickness_mm:
+        if row.depth_mm is not None and row.depth_mm > thickness_mm:
             raise T2TwinError(
                 f"{path}: depth_mm of {row.file} is {row.depth_mm:g}; it must be at most "
-                f"{sensor.own_gel.thickness_mm:g}, the gel's thickness"
+                f"{thickness_mm:g}, the gel's thickness"
             )
-        for values, value in (
-            (measurements.diameters_mm, row.ball_diameter_mm),
-            (measurements.depths_mm, row.depth_mm),
-            (measurements.forces_n, row.force_n),
-        ):
-            if value is not None:
-                values[index[row.file]] = value
-    return measurements
+    found = [rows.get(name, _Row(name)) for name in names]
+    diameters = [row.ball_diameter_mm or ball_diameter_mm for row in found]
+    return Measurements(
+        np.array(diameters, float),
+        np.array([row.depth_mm for row in found], float),
+        np.array([row.force_n for row in found], float),
+    )
 
 
 def check_ball(diameter_mm: float, name: str, sensor: GelCamera) -> None:
@@ -205,7 +190,7 @@ def _depth_ratio(fit: Fit, measurements: Measurements) -> float:
 
 @dataclass(frozen=True)
 class Bounds:
-    """A value, and the bounds of the true value if all errors are within the tolerances."""
+    """A value, and the bounds of the true one if all errors are within the tolerances."""
 
     value: float
     low: float
@@ -366,18 +351,14 @@ def ball_forces_n(sensor: GelCamera, poses: np.ndarray, diameters_mm: np.ndarray
 
     poses: (n, 3) x_mm, y_mm, depth_mm.
     """
-    each = zip(poses, diameters_mm.tolist(), strict=True)
-    return np.array([_force_n(sensor, pose, diameter_mm) for pose, diameter_mm in each])
-
-
-def _force_n(sensor: GelCamera, pose: np.ndarray, diameter_mm: float) -> float:
-    shape = ball(diameter_mm / 2)
-    command = PressCommand(shape.name, float(pose[0]), float(pose[1]), 0.0, 1.0)
-    press = partial(solve_contact, shape, elastomer=sensor.own_gel, pitch_mm=sensor.pitch_mm)
-    try:
-        return force_at_depth(press, command, float(pose[2]))
-    except T2TwinError:
-        return float("nan")
+    forces_n = np.full(len(poses), np.nan)
+    for index, (x_mm, y_mm, depth_mm) in enumerate(poses.tolist()):
+        shape = ball(float(diameters_mm[index]) / 2)
+        command = PressCommand(shape.name, x_mm, y_mm, 0.0, 1.0)
+        press = partial(solve_contact, shape, elastomer=sensor.own_gel, pitch_mm=sensor.pitch_mm)
+        with suppress(T2TwinError):
+            forces_n[index] = force_at_depth(press, command, depth_mm)
+    return forces_n
 
 
 def force_ratio(measured_n: np.ndarray, own_n: np.ndarray) -> float:
@@ -398,46 +379,35 @@ def force_ratio(measured_n: np.ndarray, own_n: np.ndarray) -> float:
 
 def uncertainty_table(uncertainty: OpticsUncertainty) -> Table:
     """The bounds of the presses; below, the assumptions: balls, scale, modulus."""
-    rows = [[each.name, *_cells(each.depth_mm), *_cells(each.force_n)]
-            for each in uncertainty.presses]  # fmt: skip
+    one, tolerance = uncertainty, uncertainty.tolerance
+    rows = [[each.name, *_cells(each.depth_mm), *_cells(each.force_n)] for each in one.presses]
     heads = ["press", "depth, mm", "low", "high", "force, N", "low", "high"]
-    ball_mm = uncertainty.tolerance.ball_mm
-    balls = f"The balls' diameters are assumed to be correct within {ball_mm:g} mm."
-    notes = [balls, _scale_sentence(uncertainty), _modulus_sentence(uncertainty)]
-    return Table(heads, {"": rows}, notes=notes)
+    scale = (
+        f"The scale is {one.scale_px_per_mm.value:g} px/mm within {tolerance.scale_px_per_mm:g}, "
+        f"as given; measured displacements in {FORCES} would determine it."
+    )
+    if one.depth_measurements:
+        scale = (
+            f"The scale is {_with_bounds(one.scale_px_per_mm)} px/mm, from "
+            f"{one.depth_measurements} displacements measured within {tolerance.depth_mm:g} mm; "
+            f"their residual is {one.depth_residual_mm:.3f} mm (root mean square)."
+        )
+    modulus = (
+        f"The gel's modulus is the sensor's, {one.own_young_mpa:g} MPa, within "
+        f"{tolerance.young_mpa:g}; measured forces in {FORCES} would determine it."
+    )
+    if one.young_mpa is not None:
+        modulus = (
+            f"The gel's modulus is {_with_bounds(one.young_mpa)} MPa, from "
+            f"{one.force_measurements} forces measured within {tolerance.force_n:g} N; their "
+            f"residual is {one.force_residual_n:.2f} N. A twin with these optics has such a gel."
+        )
+    balls = f"The balls' diameters are assumed to be correct within {tolerance.ball_mm:g} mm."
+    return Table(heads, {"": rows}, notes=[balls, scale, modulus])
 
 
 def _cells(bounds: Bounds | None) -> list[str]:
-    values = (bounds.value, bounds.low, bounds.high) if bounds else ()
-    return [f"{value:.2f}" for value in values] or [""] * 3
-
-
-def _scale_sentence(uncertainty: OpticsUncertainty) -> str:
-    scale, tolerance = uncertainty.scale_px_per_mm, uncertainty.tolerance
-    if not uncertainty.depth_measurements:
-        return (
-            f"The scale is {scale.value:g} px/mm within {tolerance.scale_px_per_mm:g}, as given; "
-            f"measured displacements in {FORCES} would determine it."
-        )
-    return (
-        f"The scale is {_with_bounds(scale)} px/mm, from {uncertainty.depth_measurements} "
-        f"displacements measured within {tolerance.depth_mm:g} mm; their residual is "
-        f"{uncertainty.depth_residual_mm:.3f} mm (root mean square)."
-    )
-
-
-def _modulus_sentence(uncertainty: OpticsUncertainty) -> str:
-    young, tolerance = uncertainty.young_mpa, uncertainty.tolerance
-    if young is None:
-        return (
-            f"The gel's modulus is the sensor's, {uncertainty.own_young_mpa:g} MPa, within "
-            f"{tolerance.young_mpa:g}; measured forces in {FORCES} would determine it."
-        )
-    return (
-        f"The gel's modulus is {_with_bounds(young)} MPa, from {uncertainty.force_measurements} "
-        f"forces measured within {tolerance.force_n:g} N; their residual is "
-        f"{uncertainty.force_residual_n:.2f} N. A twin with these optics has such a gel."
-    )
+    return [f"{value:.2f}" for value in vars(bounds).values()] if bounds else [""] * 3
 
 
 def _with_bounds(bounds: Bounds) -> str:

@@ -20,16 +20,13 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.illumination import COSINE_TERMS, LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
 from t2twin.sim.optical.optics import PLACE_DEGREE, place_degrees
 
-GROWTH = 2.0
-"""Factor of the ridge from one degree to the next (2 to 8 are equal on a real unit)."""
+GROWTH = 2.0  # factor of the ridge from one degree to the next (2 to 8 are equal on a real unit)
 DEGREES = (2, 3, PLACE_DEGREE)
-RIDGES = (1e-4, 3e-4, 1e-3, 3e-3)
-"""Candidate degrees in the place and weights of the ridge."""
+RIDGES = (1e-4, 3e-4, 1e-3, 3e-3)  # candidate degrees in the place and weights of the ridge
 TIE_DB = 0.15
 """Difference in validation error that counts as a tie, dB (assumed): poses and LEDs were fitted to
 the left-out presses too, which favors weak ridges."""
-GROUPS = 4
-"""Folds of the cross-validation: every fourth press is left out in turn (assumed)."""
+GROUPS = 4  # folds of the cross-validation: every fourth press is left out in turn (assumed)
 LEAST_IMPROVEMENT = 1e-6
 """An LED is exchanged where this lowers the squared error by more than this part (assumed)."""
 

@@ -29,18 +29,15 @@ from t2twin.sim.optical.units import Size as Pixels
 
 DRIFT_PX = 80
 """Distance of neighboring samples of the drift, px (assumed: as smooth as in one real unit)."""
-WEAR_PX = 40
-"""Distance of neighboring samples of smooth wear, px (assumed)."""
-MIN_ALBEDO = 0.3
-"""Smallest albedo of a worn coating, relative to a new one (assumed)."""
+WEAR_PX = 40  # distance of neighboring samples of smooth wear, px (assumed)
+MIN_ALBEDO = 0.3  # smallest albedo of a worn coating, relative to a new one (assumed)
 GLARE_OFF_DEG = (-15.0, 15.0)
 """Direction of a glare relative to its LED's, seen from the image's middle (assumed)."""
 GLARE_INSET_PX = (-20.0, 40.0)
 """Distance of a glare's middle from the image's edge, px; negative outside (one real unit: 33)."""
 SPECKLE_PX, FINE_DRIFT_PX = 4, 8
 """Distance of neighboring nodes of a worn gel's albedo and of a drift, px (assumed)."""
-GLARE_REACH = 5.0
-"""Distance at which a glare ends, in its radii: 0.15 % of its brightness."""
+GLARE_REACH = 5.0  # distance at which a glare ends, in its radii: 0.15 % of its brightness
 
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 _BRIGHTEST, _REACH = np.float32(255.0), np.float32(GLARE_REACH)
@@ -85,8 +82,7 @@ class Artifacts(Struct, frozen=True, forbid_unknown_fields=True):
         check_ranges({name: getattr(self, name) for name in self.__struct_fields__})
 
 
-Lights = tuple[np.ndarray, np.ndarray]
-"""Streaks and glares, as for compose."""
+Lights = tuple[np.ndarray, np.ndarray]  # streaks and glares, as for compose
 
 
 def with_artifacts(

@@ -9,8 +9,7 @@ _OPTIONS = {"nogil": True, "error_model": "numpy"}
 jit = compiled(**_OPTIONS)
 jit_finite = compiled(fastmath={"nnan", "ninf", "nsz"}, **_OPTIONS)
 """For finite numbers only: minima and maxima are vectorized; rounding does not change."""
-inlined = compiled(inline="always", **_OPTIONS)
-"""A function that is inlined into such a loop."""
+inlined = compiled(inline="always", **_OPTIONS)  # A function that is inlined into such a loop
 
 
 @inlined

@@ -35,8 +35,7 @@ from t2twin.sim.optical.spec import GelCameraSpec
 from t2twin.sim.optical.surface import surface_on
 from t2twin.sim.optical.units import Unit, UnitRanges, sample_unit
 
-NO_CHANGE_GREY = 128
-"""Grey level of no difference in pictures."""
+NO_CHANGE_GREY = 128  # grey level of no difference in pictures
 CELL_MM = 0.26
 """Approximate side of a cell, mm (assumed: about the pitch of a contact's grid, and 5 pixels of a
 DIGIT)."""

@@ -31,8 +31,7 @@ from t2twin.sim.optical.shadows import (
     soften,
 )
 
-REACH_MM = 22.0
-"""Distance of an LED at which its color is defined, mm: that of the axis."""
+REACH_MM = 22.0  # distance of an LED at which its color is defined, mm: that of the axis
 MIN_DEFLECTION_MM = 2.0e-3
 """Smallest deflection that is rendered, mm: less than a grey level (assumed)."""
 REST_STEPS = 12
@@ -42,26 +41,20 @@ DEFORMED_STEPS = 3
 error by the slopes of surface and ray, at most 0.4."""
 COATING_TAPS = np.array([0.0614, 0.2448, 0.3876, 0.2448, 0.0614], dtype=np.float32)
 """Weights of a Gaussian of one cell, 0.1 mm (assumed: the coating's thickness)."""
-COSINE_TERMS = 4
-"""Number of powers of the cosine of incidence: m^0 to m^3."""
+COSINE_TERMS = 4  # number of powers of the cosine of incidence: m^0 to m^3
 GAIN_STRIDE = 2
 """Distance of the rows of S with stored gains; the others are interpolated. The gains of all rows
 would exceed the processor's cache. One grey level in a thousand changes, by one."""
-RAY_TOLERANCE_MM = np.float32(2e-3)
-"""Tolerance of a ray's height at the gel, mm: 0.02 pixels."""
-LOBE_DEGREE = 2
-"""Degree of the lobe in the place (assumed; others were not compared)."""
+RAY_TOLERANCE_MM = np.float32(2e-3)  # tolerance of a ray's height at the gel, mm: 0.02 pixels
+LOBE_DEGREE = 2  # degree of the lobe in the place (assumed; others were not compared)
 LOBE_PLACES = (LOBE_DEGREE + 1) * (LOBE_DEGREE + 2) // 2
-LOBE_TERMS = 5
-"""Number of normal_terms."""
+LOBE_TERMS = 5  # number of normal_terms
 
 _ZERO, _ONE, _TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 
-Region = tuple[int, int, int, int]
-"""First row, end row, first column, end column."""
+Region = tuple[int, int, int, int]  # first row, end row, first column, end column
 NOWHERE: Region = (0, 0, 0, 0)
-GROWN = np.array([-1, 1, -1, 1])
-"""Change of a region that grows by a cell to each side."""
+GROWN = np.array([-1, 1, -1, 1])  # change of a region that grows by a cell to each side
 
 
 @dataclass(frozen=True)

@@ -49,14 +49,11 @@ smooth)."""
 Color = tuple[float, float, float]
 
 Noise = tuple[Keys, np.float32, np.ndarray]
-"""Keys and standard deviation of white noise, or the factor of the noise of a frame, which is
-empty for white noise: arguments of response.encode."""
+"""Arguments of response.encode: keys and standard deviation of white noise, and no frame; or the
+factor of the noise of a frame, and the frame."""
 
-NO_NOISE: Noise = (
-    (np.uint32(0), np.uint32(0)),
-    np.float32(0.0),
-    np.zeros((0, 0, 0), dtype=np.float32),
-)
+NO_FRAME = np.zeros((0, 0, 0), dtype=np.float32)
+NO_NOISE: Noise = (np.uint32(0), np.uint32(0)), np.float32(0.0), NO_FRAME
 
 
 class ImageRenderer:
@@ -78,11 +75,13 @@ class ImageRenderer:
         shadows: bool = True,
     ) -> None:
         self.optics, self.noise_grey = optics, noise_grey
-        self._own_gel = gel
+        self._own_gel, self._gel = gel, other_gel or gel
         self._leds = Leds(optics.leds_mm, optics.sizes_mm)
         self._table = response.encoding_table(optics.gamma)
         self._light = response.light_of_greys(optics.gamma)
-        self._shadows, self._gel, self._markers = shadows, other_gel or gel, markers
+        self._shadows, self._markers = shadows, markers
+        rows, columns, _ = optics.background.shape
+        self._all_pixels: Region = 0, rows, 0, columns
 
     def render(
         self,
@@ -136,29 +135,15 @@ class ImageRenderer:
         rng: np.random.Generator | None,
         noise_grey: float,
     ) -> np.ndarray:
-        """The image of a deflection, of which coated_mm is that of the coating, on a background
-        frame. shade: factors of the grey levels, of markers. rng: None for no noise."""
+        """The image of a deflection and its coating on a background, shaded; rng: of the noise."""
+        noise = NO_NOISE
+        if rng is not None and self.optics.noise is None:
+            noise = keys(rng), np.float32(noise_grey), NO_FRAME
+        elif rng is not None and self.optics.noise is not None:
+            frame = self.optics.noise.sample(rng, *self.optics.background.shape[:2])
+            noise = NO_NOISE[0], np.float32(noise_grey / self.noise_grey), frame
         change, pixels = self._change(coated_mm)
-        return self._encoded(background, change, pixels, shade, self._noise(rng, noise_grey))
-
-    def _noise(self, rng: np.random.Generator | None, noise_grey: float) -> Noise:
-        no_keys, _, no_frame = NO_NOISE
-        if rng is None:
-            return NO_NOISE
-        if self.optics.noise is None:
-            return keys(rng), np.float32(noise_grey), no_frame
-        share = np.float32(noise_grey / self.noise_grey)
-        return no_keys, share, self.optics.noise.sample(rng, *self._shape)
-
-    @property
-    def _shape(self) -> tuple[int, int]:
-        """Rows and columns of an image."""
-        rows, columns, _ = self.optics.background.shape
-        return rows, columns
-
-    @property
-    def _all_pixels(self) -> Region:
-        return 0, self._shape[0], 0, self._shape[1]
+        return self._encoded(background, change, pixels, shade, noise)
 
     # Computed at the first image: many presses need none, and compiling the loops takes long.
 
@@ -206,25 +191,36 @@ class ImageRenderer:
         return self._encoded(of_own_gel, self._reflected(self._rest_light - own), self._all_pixels)
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
+        """(RGB, S) light of the LEDs."""
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
         cosine, weight = rays.incidence(flat, self._leds)
-        light = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
-        everywhere = rays.everywhere
-        illumination.light(cosine, weight, self._gain, np.zeros_like(light), everywhere, light)
-        self._add_lobe(rays, flat, weight, everywhere, light)
-        return light
+        none = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
+        return self._shone(rays, flat, cosine, weight, rays.everywhere, none)
 
-    def _add_lobe(
+    def _change(self, coated_mm: np.ndarray) -> tuple[np.ndarray, Region]:
+        """Change of the light (RGB, S) by a deflection, and its region of pixels."""
+        cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
+        if pixels[1] <= pixels[0]:
+            return self._rest_light, pixels
+        seen = self._shone(self._rays, coated_mm, cosine, weight, samples, self._rest_light)
+        return self._reflected(seen), pixels
+
+    def _shone(
         self,
         rays: Rays,
         coated_mm: np.ndarray,
+        cosine: np.ndarray,
         weight: np.ndarray,
         samples: Region,
-        light: np.ndarray,
-    ) -> None:
+        rest: np.ndarray,
+    ) -> np.ndarray:
+        """(RGB, S) light of the LEDs in a region of samples, minus that at rest."""
+        seen = np.zeros_like(rest)
+        illumination.light(cosine, weight, self._gain, rest, samples, seen)
         if self._lobe_gain is not None:
             normals = rays.normals(coated_mm, samples)
-            illumination.add_lobe(normals, weight, self._lobe_gain, samples, light)
+            illumination.add_lobe(normals, weight, self._lobe_gain, samples, seen)
+        return seen
 
     def _encoded(
         self,
@@ -235,7 +231,7 @@ class ImageRenderer:
         noise: Noise = NO_NOISE,
     ) -> np.ndarray:
         """Grey levels of a background and a change of its light (RGB, S) in a region, shaded."""
-        out = np.empty((*self._shape, 3), dtype=np.uint8)
+        out = np.empty(self.optics.background.shape, dtype=np.uint8)
         own_keys, sigma, frame = noise
         response.encode(
             change, background, self._light, self._table, pixels, shade, own_keys, quantiles(),
@@ -243,23 +239,13 @@ class ImageRenderer:
         )  # fmt: skip
         return out
 
-    def _change(self, coated_mm: np.ndarray) -> tuple[np.ndarray, Region]:
-        """Change of the light (RGB, S) by a deflection, and its region of pixels."""
-        cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
-        if pixels[1] <= pixels[0]:
-            return self._rest_light, pixels
-        change = np.zeros_like(self._rest_light)
-        illumination.light(cosine, weight, self._gain, self._rest_light, samples, change)
-        self._add_lobe(self._rays, coated_mm, weight, samples, change)
-        return self._reflected(change), pixels
-
     @cached_property
     def _albedo(self) -> np.ndarray | None:
         """(S) of the optics file's coating; None for an even one."""
         albedo = self.optics.albedo
         if albedo is None:
             return None
-        rows, columns = self._shape
+        rows, columns = albedo.shape
         samples = albedo.reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
         return np.pad(samples, 1, mode="edge").astype(np.float32)
 
@@ -269,10 +255,7 @@ class ImageRenderer:
 
 
 def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
-    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, for illumination.light.
-
-    response: (LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
-    """
+    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, for illumination.light."""
     used = np.flatnonzero(np.any(response != 0, axis=(0, 1, 3)))
     # high powers are slow to compute, and many responses have none
     degree = int(place_degrees()[used[-1]]) if used.size else 0

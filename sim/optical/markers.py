@@ -25,8 +25,7 @@ PITCH_MM = 1.4
 """Default distance of neighboring markers, mm: 27 px at 19.58 px/mm, the DIGIT with markers of FOTS
 (Zhao et al., IEEE RA-L 2024)."""
 
-DIAMETER_MM = 0.5
-"""Default diameter of a marker, mm (assumed: about a third of the pitch)."""
+DIAMETER_MM = 0.5  # default diameter of a marker, mm (assumed: about a third of the pitch)
 
 INK_REFLECTANCE = 0.05
 """Light that black ink reflects, relative to the coating without ink (assumed)."""
@@ -38,11 +37,9 @@ the image (assumed)."""
 MIN_PITCH_MM, MAX_PITCH_MM = 0.5, 8.0
 """Allowed pitches, mm: ten pixels, and one marker at each side of the middle (assumed)."""
 
-MAX_ALONG = 200
-"""Limit on the markers along a side (assumed)."""
+MAX_ALONG = 200  # limit on the markers along a side (assumed)
 
-MIN_DIAMETER_MM = 0.05
-"""Smallest diameter, mm: a pixel."""
+MIN_DIAMETER_MM = 0.05  # smallest diameter, mm: a pixel
 
 LINES = 3
 """Lines per row of pixels on which the covered length is computed (assumed). The sum over a row is
@@ -54,8 +51,7 @@ SHADES = 1025
 OUTLINE = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 """Center and four points of the outline of a marker of radius 1."""
 
-NO_SHADE = np.ones((0, 0), dtype=np.float32)
-"""The shade of a gel without markers."""
+NO_SHADE = np.ones((0, 0), dtype=np.float32)  # the shade of a gel without markers
 
 
 @dataclass(frozen=True)

@@ -14,27 +14,21 @@ from t2twin.sim.optical.camera import LENGTHS, MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.illumination import COSINE_TERMS, LOBE_PLACES, LOBE_TERMS
 from t2twin.sim.optical.response import Noise
 
-PLACE_MM = 8.0
-"""Unit of length of the response's polynomials, mm: half an image of 16 mm."""
-PLACE_DEGREE = 4
-"""Degree of the response's polynomials in the place."""
+PLACE_MM = 8.0  # unit of length of the response's polynomials, mm: half an image of 16 mm
+PLACE_DEGREE = 4  # degree of the response's polynomials in the place
 PLACE_TERMS = (PLACE_DEGREE + 1) * (PLACE_DEGREE + 2) // 2
 
 FARTHEST_LED_MM = 500.0
 """Largest distance of an LED from the gel's apex along any axis, mm (assumed: known ones are 22 mm
 from its axis)."""
-MAX_LEDS = 24
-"""Limit on the LEDs (assumed: a ring of single ones)."""
-LARGEST_LED_MM = 100.0
-"""Largest radius of an LED's disc, mm (assumed: known ones are 1.8 mm)."""
+MAX_LEDS = 24  # limit on the LEDs (assumed: a ring of single ones)
+LARGEST_LED_MM = 100.0  # largest radius of an LED's disc, mm (assumed: known ones are 1.8 mm)
 MAX_RESPONSE = 1e4
 """Largest entry of the response (assumed: 19 in the default optics, for a white of 1)."""
 GAMMAS = (0.5, 4.0)
 """Range of the exponent between light and grey levels (assumed: cameras have 1 to 2.4)."""
-YOUNGS_MPA = (0.01, 10.0)
-"""Range of the modulus (assumed: soft silicones have 0.05 to 2 MPa)."""
-ALBEDOS = (0.01, 10.0)
-"""Range of the albedo (assumed: worn coatings have 0.3 to 1.5)."""
+YOUNGS_MPA = (0.01, 10.0)  # range of the modulus (assumed: soft silicones have 0.05 to 2 MPa)
+ALBEDOS = (0.01, 10.0)  # range of the albedo (assumed: worn coatings have 0.3 to 1.5)
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
 """Keys of the noise in the file, present if it was measured."""
 

@@ -44,10 +44,8 @@ FRAME_SECONDS = 1.1
 all cores, so more processes are hardly faster."""
 FIRST_SECONDS = 6.0
 """Time of the first image of a process, including the start of OpenGL, s (measured)."""
-LED_POINTS = 8
-"""Points per LED, each a render pass: the default of ReferenceRenderer."""
-GAMMA = 2.2
-"""Exponent of pyrender's output encoding."""
+LED_POINTS = 8  # points per LED, each a render pass: the default of ReferenceRenderer
+GAMMA = 2.2  # exponent of pyrender's output encoding
 MESH_STRIDE = 2
 """Cells of the optical grid per cell of the mesh: triangles below 4 pixels take seconds with
 software OpenGL and change the image invisibly."""

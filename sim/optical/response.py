@@ -26,8 +26,7 @@ REACH = 2
 """Radius of the smoothing of measured noise, px: the correlation of real noise is small beyond (0.2
 at 3 px, measured on a real unit)."""
 TAPS = 2 * REACH + 1
-MAX_MIX_GREY = 64.0
-"""Largest entry of a mix, grey levels (assumed: a DIGIT's noise has 2 to 4)."""
+MAX_MIX_GREY = 64.0  # largest entry of a mix, grey levels (assumed: a DIGIT's noise has 2 to 4)
 ENCODING_STEPS = 4096
 """Entries of the encoding table over the square root of the light: at most 0.12 grey levels
 apart."""
@@ -36,8 +35,7 @@ _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 _BRIGHTEST = np.float32(255.0)
 _NEAR, _APART = np.float32(0.75), np.float32(0.25)
 
-Keys = tuple[np.uint32, np.uint32]
-"""The keys of one frame's noise."""
+Keys = tuple[np.uint32, np.uint32]  # the keys of one frame's noise
 
 _GOLDEN, _FIRST, _SECOND = (np.uint32(n) for n in (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35))
 _HALF_WORD, _THIRTEEN = np.uint32(16), np.uint32(13)

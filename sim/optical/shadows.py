@@ -12,13 +12,11 @@ import numpy as np
 
 from t2twin.sim.optical.compiled import bilinear, inlined, jit_finite
 
-SHADOW_STRIDE = 2
-"""Cells of the optical grid per cell of the shadow grid, 0.2 mm."""
+SHADOW_STRIDE = 2  # cells of the optical grid per cell of the shadow grid, 0.2 mm
 MIN_CASTER_MM = 0.02
 """Smallest deflection that casts a shadow, mm (assumed). The gel at rest casts none: the LEDs shine
 through its sides."""
-SHADOW_BIAS_MM = 0.01
-"""Clearance added to every ray, mm, which avoids self-shadowing (assumed)."""
+SHADOW_BIAS_MM = 0.01  # clearance added to every ray, mm, which avoids self-shadowing (assumed)
 MIN_GAP_MM = np.float32(1e-4)
 """Smallest distance to an LED along an axis, mm, which avoids divisions by zero."""
 

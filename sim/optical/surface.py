@@ -25,8 +25,7 @@ a shape that has slid far the surface is stretched to twice its length, where fu
 BALL_HOLD = 0.8
 """Fraction of a ball's contact radius inside which the gel follows the ball (assumed); the skirt
 starts there with the same slope."""
-BALL_SKIRT = 1.0
-"""Length of the skirt, in parts of the one of equal slope (assumed)."""
+BALL_SKIRT = 1.0  # length of the skirt, in parts of the one of equal slope (assumed)
 
 
 def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:

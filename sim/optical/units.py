@@ -65,8 +65,7 @@ STATED_LEDS = 3
 both, so that their sums stay."""
 MIDDLE_COSINE = 0.4
 """Cosine of incidence at which relative light is defined (assumed: flanks of a press)."""
-DEGREE = 2
-"""Degree of the responses in the place (assumed: as determined by a dozen presses)."""
+DEGREE = 2  # degree of the responses in the place (assumed: as determined by a dozen presses)
 TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
 IRREGULAR = np.array([[0.0, 0.5, 0.5, 1.0, 1.0, 1.0], [0.2, 1.2, 1.2, 2.0, 2.0, 2.0]])
 """Standard deviations of an irregular light's coefficients in the place, and of their slopes with
@@ -77,27 +76,20 @@ fit, of gamma 1, and 0 in the rendered light, of gamma 2.2."""
 LARGEST_SIZE = 0.95
 """Largest radius of an LED's disc, in parts of its height over the apex. A larger disc would be
 partly below the gel's horizon and cut off near a press only."""
-FACING_COSINE = 0.9
-"""Cosine of incidence at the brightest place of a bulge (assumed)."""
+FACING_COSINE = 0.9  # cosine of incidence at the brightest place of a bulge (assumed)
 MIN_IN_BEAM = 0.2
 """Lower bound of the fraction of a lobe's light in the middle, which bounds an LED's brightness."""
-SLOPE_STEP_MM = 0.01
-"""Step of difference quotients of the surface at rest, mm."""
-NODE_PX = 10
-"""Distance of neighboring nodes, px."""
-COARSE_PX = 80
-"""Distance of neighboring coarse blotches, px."""
+SLOPE_STEP_MM = 0.01  # step of difference quotients of the surface at rest, mm
+NODE_PX = 10  # distance of neighboring nodes, px
+COARSE_PX = 80  # distance of neighboring coarse blotches, px
 PATTERN = (0.15, 2.0)
 """Bounds of the background's light, in parts of its mean (assumed: the maximum of a real unit is
 2.1 times its mean)."""
-DARKEST = 1e-4
-"""Smallest light of a node, in parts of white, so that it has a grey level."""
+DARKEST = 1e-4  # smallest light of a node, in parts of white, so that it has a grey level
 
-Size = tuple[int, int]
-"""Rows and columns of an image."""
+Size = tuple[int, int]  # rows and columns of an image
 
-INSIDE = (slice(1, -2), slice(1, -2))
-"""The nodes within the image."""
+INSIDE = (slice(1, -2), slice(1, -2))  # the nodes within the image
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 _TWO, _THREE, _FOUR, _FIVE = (np.float32(n) for n in (2.0, 3.0, 4.0, 5.0))
 _BRIGHTEST = np.float32(255.0)

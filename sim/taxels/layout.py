@@ -18,14 +18,11 @@ SQUARE_TO_ROUND = 2.0 / np.sqrt(np.pi)
 """Diameter of the disc with the area of a square, over its side. A square pad is computed as this
 disc (assumed: the cover blurs the difference)."""
 
-PAD_DIAMETER_MM = 4.0
-"""Default diameter of a taxel's pad, mm (assumed)."""
+PAD_DIAMETER_MM = 4.0  # default diameter of a taxel's pad, mm (assumed)
 
-LARGEST_PAD_MM = 50.0
-"""Largest diameter of a pad, mm (assumed: more than the cover is wide)."""
+LARGEST_PAD_MM = 50.0  # largest diameter of a pad, mm (assumed: more than the cover is wide)
 
-CLOSEST_MM = 0.1
-"""Least distance between taxels, mm."""
+CLOSEST_MM = 0.1  # least distance between taxels, mm
 
 MAX_TAXELS = 2000
 """Limit on the taxels of a layout (assumed: more than any published array of this size)."""

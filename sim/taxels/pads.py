@@ -47,11 +47,9 @@ NOISE_SHARE = 1e-2
 """Variance of the error of a place's count over its own variance (assumed). Predicted dense counts
 are less smooth than a true one; without this term the weights would amplify the difference."""
 
-WAVENUMBERS = 2000
-"""Points of the Hankel transform, up to where the cover transmits 1e-4."""
+WAVENUMBERS = 2000  # points of the Hankel transform, up to where the cover transmits 1e-4
 
-RADII = 600
-"""Distances at which the transform is computed; it is interpolated between them."""
+RADII = 600  # distances at which the transform is computed; it is interpolated between them
 
 
 def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:

@@ -24,8 +24,7 @@ from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 if TYPE_CHECKING:
     import torch
 
-TACTILE_SHAPE = (396, 240)
-"""Rows and columns of a tactile image (Grella et al. 2023)."""
+TACTILE_SHAPE = (396, 240)  # rows and columns of a tactile image (Grella et al. 2023).
 
 PX_PER_MM = 8.8
 """Scale of the tactile image, px/mm (assumed: 45 mm of the skin's length over 396 rows)."""

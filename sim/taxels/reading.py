@@ -15,23 +15,18 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.spec import CountsTable, Imperfections, Percentiles
 
-SAME_LINE_MM = 1e-3
-"""Tolerance of the places of a row or a column, mm."""
+SAME_LINE_MM = 1e-3  # tolerance of the places of a row or a column, mm
 
 FAR_FROM_ZERO = 40.0
 """Level over its standard deviation at which clipping to 0 has no effect in float64."""
 
-ARRAY_STREAM = 19
-"""Random stream of an array's seed: the taxels' noise, offsets and memory."""
+ARRAY_STREAM = 19  # random stream of an array's seed: the taxels' noise, offsets and memory
 
-Presets = dict[str, Imperfections]
-"""Imperfections of an array by name."""
+Presets = dict[str, Imperfections]  # imperfections of an array by name
 
-NONE = "none"
-"""Name of the preset without imperfections, which every array has."""
+NONE = "none"  # name of the preset without imperfections, which every array has
 
-WHITE = "white"
-"""Name of the preset that an array has unless another is given, if its file has it."""
+WHITE = "white"  # name of the preset that an array has unless another is given, if its file has it
 
 DATASET_DEFAULT = "recorded"
 """Imperfections of a dataset whose scale or recipe has none of its own, if the array has them."""

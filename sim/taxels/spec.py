@@ -22,8 +22,7 @@ from t2twin.sim.taxels.layout import (
 
 KIND = "taxel-array"
 
-MAX_BITS = 16
-"""Largest number of bits of a count."""
+MAX_BITS = 16  # largest number of bits of a count
 
 Line = Annotated[int, Meta(ge=1, le=MAX_TAXELS)]
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]

@@ -71,8 +71,7 @@ BALL, RECIPE, DATA, TRAINING = "ball.step", "recipe.toml", "data", "training"
 AVERAGED, ADAPTED = "averaged", "adapted.json"
 MIN_MINUTES, MAX_MINUTES = 1.0, 6000.0
 
-TRAINING_SHARE = 0.5
-"""Share of the minutes that the training takes (assumed)."""
+TRAINING_SHARE = 0.5  # share of the minutes that the training takes (assumed)
 
 LEARNING_RATE = 1e-4
 """Learning rate of the training from a field run, before its reduction after a warm start (assumed:

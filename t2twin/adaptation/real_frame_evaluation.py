@@ -39,11 +39,9 @@ from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG
 from t2twin.translate.uncertainty.ood import OODClass
 
-REGION_SHARE = 0.2
-"""Contact threshold of a tactile image, as a share of its maximum (assumed)."""
+REGION_SHARE = 0.2  # contact threshold of a tactile image, as a share of its maximum (assumed)
 
-MIN_CONTACT_SHARE = 0.01
-"""Smallest count of a contact, in parts of full scale (assumed)."""
+MIN_CONTACT_SHARE = 0.01  # smallest count of a contact, in parts of full scale (assumed)
 
 TITLE = "Translator adapted to this sensor"
 
