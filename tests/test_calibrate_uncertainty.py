@@ -165,17 +165,6 @@ def test_a_fitted_modulus_is_pressed_into(anchored, shapes):
     assert replace(digit, optics_file=None).elastomer == GEL
 
 
-def test_a_file_without_a_modulus_stays_as_it_was(tmp_path):
-    shipped = DIGIT.optics
-    assert shipped.young_mpa is None
-    replace(shipped, young_mpa=0.31).save(tmp_path / "soft.npz")
-    assert Optics.load(tmp_path / "soft.npz").young_mpa == 0.31
-    with np.load(str(DIGIT.optics_path)) as before, np.load(tmp_path / "soft.npz") as after:
-        assert set(after.files) - set(before.files) == {"young_mpa"}
-    with pytest.raises(T2TwinError, match="young_mpa reaches 50"):
-        replace(shipped, young_mpa=50.0)
-
-
 def test_force_goes_with_the_modulus(shapes):
     """What the modulus is fitted by: at one depth, all pressures are as many times as large."""
     command = PressCommand("hemisphere-1", 0.5, -1.0, 0.0, 3.0)

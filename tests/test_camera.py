@@ -20,13 +20,6 @@ def test_one_millimeter_at_the_apex_is_the_stated_scale():
     assert rows[0] == (ROWS - 1) / 2
 
 
-def test_what_is_nearer_to_the_camera_is_larger():
-    rows, _ = CAMERA.project(np.zeros(2), np.full(2, 4.0), np.array([0.0, -1.0]))
-    middle = (ROWS - 1) / 2
-    ratio = (rows[1] - middle) / (rows[0] - middle)
-    assert ratio == pytest.approx(21.4 / 20.4)
-
-
 def test_the_optical_grid_covers_the_gel_symmetrically():
     x, y = optical_grid(GEL)
     assert (x.size, y.size) == (184, 250)

@@ -121,11 +121,6 @@ def test_a_unit_about_an_optics_file_is_near_it(shipped):
         assert np.corrcoef(changes)[0, 1] > 0.8
 
 
-def test_a_center_at_the_edge_of_what_an_optics_file_may_be_is_kept_inside(shipped):
-    edge = replace(shipped, gamma=4.0, scale_px_per_mm=100.0, distance_mm=100.0, shift_x_px=100.0)
-    assert all(unit(seed, center=edge).optics.gamma <= 4.0 for seed in range(5))
-
-
 def test_ranges_are_read_from_plain_values_and_held_to_their_bounds():
     draw = convert({"gamma": [1.0, 1.5], "specks": [0, 2]}, UnitRanges, "recipe.toml")
     assert draw == UnitRanges(gamma=(1.0, 1.5), specks=(0, 2))
