@@ -49,14 +49,10 @@ MARK = (208, 32, 40)
 INK = (40, 40, 44)
 """Colors of the page, tools, primitives, keypoints and text, 8 bit RGB."""
 
-KEY_LIGHT = np.array([-0.45, 0.55, 0.70])
-FILL_LIGHT = np.array([0.70, -0.10, 0.70])
-TO_VIEWER = np.array([0.0, 0.0, 1.0])
-"""Directions to the key and the fill light: to the right, up, towards the viewer."""
-AMBIENT, KEY, FILL, GLOSS = 0.26, 0.62, 0.22, 0.30
-"""Intensities of the ambient light, of the two lights and of the gloss."""
-GLOSS_POWER = 24
-"""Exponent of the gloss in the cosine between the normal and halfway to the light (Blinn 1977)."""
+TO_LIGHT = np.array([-0.45, 0.55, 0.70])
+"""Direction to the light: to the right, up, towards the viewer."""
+AMBIENT, DIFFUSE = 0.4, 0.7
+"""Intensities of the ambient light and of the light."""
 CREASE_MM, CREASE_STRENGTH, CREASE_STEP = 1.6, 0.30, 3
 """Width of the shading of creases, mm, its strength per mm of depth, and the step of the coarser
 grid on which it is computed, pixels."""
@@ -128,27 +124,17 @@ def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
     solid = depth != NOTHING_MM
     floor = float(depth[solid].min())
     filled = np.where(solid, depth, floor)
-    slopes = []
-    for axis in (1, 0):  # the smaller one-sided difference keeps edges sharp
-        before = np.diff(filled, axis=axis, prepend=floor)
-        after = np.diff(filled, axis=axis, append=floor)
-        slopes.append(np.where(np.abs(before) < np.abs(after), before, after))
-    slope_x, slope_y = slopes
-    normal = np.stack([-slope_x / pitch, slope_y / pitch, np.ones_like(depth)], axis=-1)
+    slope_y, slope_x = np.gradient(filled, pitch)
+    normal = np.stack([-slope_x, slope_y, np.ones_like(filled)], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    key, fill, halfway = (
-        np.clip(normal @ (to_light / np.linalg.norm(to_light)), 0.0, None)
-        for to_light in (KEY_LIGHT, FILL_LIGHT, KEY_LIGHT / np.linalg.norm(KEY_LIGHT) + TO_VIEWER)
-    )
-    gloss = halfway**GLOSS_POWER
+    light = AMBIENT + DIFFUSE * np.clip(normal @ (TO_LIGHT / np.linalg.norm(TO_LIGHT)), 0.0, None)
     # The shading is smooth: a coarser grid suffices, and is many times faster.
     around = ndimage.gaussian_filter(
         filled[::CREASE_STEP, ::CREASE_STEP], CREASE_MM / pitch / CREASE_STEP
     )
     around = around.repeat(CREASE_STEP, 0).repeat(CREASE_STEP, 1)[: len(filled), : filled.shape[1]]
     crease = np.clip(1.0 - CREASE_STRENGTH * np.clip(around - filled, 0.0, None), 0.45, 1.0)
-    light = (AMBIENT + KEY * key + FILL * fill) * crease
-    shaded = light[..., None] * color + (GLOSS * gloss * crease)[..., None] * 255.0
+    shaded = (light * crease)[..., None] * color
     return np.where(solid[..., None], shaded, PAPER)
 
 
