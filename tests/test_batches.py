@@ -10,9 +10,9 @@ import torch
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.models.presets import PRESETS, Model, Preset
 from t2twin.translate.runs.checkpoint import TRANSLATORS
-from t2twin.translate.training import batches
-from t2twin.translate.training.batches import Batches
+from t2twin.translate.training import trainer as batches
 from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import Batches
 
 CPU = torch.device("cpu")
 

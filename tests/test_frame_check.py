@@ -27,9 +27,8 @@ from t2twin.translate.networks.frame_check import (
 )
 from t2twin.translate.runs.checkpoint import build, load_frame_check, save_weights
 from t2twin.translate.runs.config import FRAME_CHECK, HOME, RunConfig, load_config
-from t2twin.translate.training import fit_frame_check as fitting
-from t2twin.translate.training import fit_transform_net
-from t2twin.translate.training.wrong_frames import ALTERATIONS, FORWARD, wrong_frame
+from t2twin.translate.training import frame_check as fitting
+from t2twin.translate.training.frame_check import ALTERATIONS, FORWARD, wrong_frame
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
 
@@ -185,9 +184,9 @@ def test_transforms_of_fresh_frames_are_named(
 ):
     rng, check = np.random.default_rng(0), FrameCheck(2)
     parts = {split: colored(rng, 300) for split in ("train", "val")}
-    monkeypatch.setattr(fit_transform_net, "_frames", lambda _, split, *__: parts[split])
+    monkeypatch.setattr(fitting, "_small_frames", lambda _, split, *__: parts[split])
     config = load_config(HOME / "field")
-    fit_transform_net.fit_transform_net(check, config, moving_dataset, moving_dataset)
+    fitting.fit_transform_net(check, config, moving_dataset, moving_dataset)
     network, limit = check.transforms, check.limits[TRANSFORMED]
     fresh = colored(rng, 200)
     with torch.inference_mode():

@@ -127,7 +127,7 @@ def test_what_cannot_be_begun_with_is_one_sentence(
     text = json.loads((wide / CONFIG).read_text())
     text["preset"]["filters"] = 8
     (wide / CONFIG).write_text(json.dumps(text))
-    assert "base width 8, and preset smoke has" in refused(wide)
+    assert "has the base width 8, and the new run has" in refused(wide)
     text["preset"]["filters"] = PRESETS["resnet18"]["smoke"].filters
     text["init_from_sha256"] = "x"
     (wide / CONFIG).write_text(json.dumps(text))
@@ -135,7 +135,7 @@ def test_what_cannot_be_begun_with_is_one_sentence(
     text["init_from_sha256"] = None
     text["data"]["target"]["layout_x_mm"][0] += 1.0
     (wide / CONFIG).write_text(json.dumps(text))
-    assert "a run of layout" in refused(wide)
+    assert "another layout" in refused(wide)
     text["data"]["target"]["layout_x_mm"][0] -= 1.0
     (wide / CONFIG).write_text(json.dumps(text))
     (wide / "best.safetensors").unlink()

@@ -29,8 +29,8 @@ from t2twin.translate.networks.field_net import (
 )
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, CONFIG, RunConfig
-from t2twin.translate.training.batches import Batches
 from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import Batches
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     Errors,

@@ -104,7 +104,7 @@ Alter = Callable[[np.ndarray, np.random.Generator], np.ndarray]
 
 def kinds() -> dict[str, Alter]:
     """The ways to make a wrong frame, (h, w, 3) uint8, by name."""
-    from t2twin.translate.training import wrong_frames as ways
+    from t2twin.translate.training import frame_check as ways
 
     def transform(undo: Callable[[np.ndarray], np.ndarray]) -> Alter:
         return lambda frame, _: np.ascontiguousarray(undo(frame[None])[0])

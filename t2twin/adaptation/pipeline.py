@@ -63,8 +63,7 @@ from t2twin.translate.inference.load import contact_warnings
 from t2twin.translate.models.presets import Preset, find_preset
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import HOME, load_config, pretrained_runs
-from t2twin.translate.training.recalibrate import recalibrate
-from t2twin.translate.training.train import run_of_model, train
+from t2twin.translate.training.train import recalibrate, run_of_model, train
 
 STEPS = ("light", "data", "training", "check")
 BALL, RECIPE, DATA, TRAINING = "ball.step", "recipe.toml", "data", "training"

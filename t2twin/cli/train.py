@@ -73,7 +73,7 @@ def calibrate_uncertainty(
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.translate.models.distributed import use_all_cores
-    from t2twin.translate.training.recalibrate import recalibrate
+    from t2twin.translate.training.train import recalibrate
 
     if not data:
         raise T2TwinError("there is no dataset to calibrate on; give folders with --data")

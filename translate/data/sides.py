@@ -124,6 +124,13 @@ class ArraySide(Struct, frozen=True, tag_field="value", tag=COUNTS):
         own = self.taxels.pad_diameter_mm
         return bool(np.abs(own - other.pad_diameter_mm).max() < SAME_MM)
 
+    def same_dense(self, other: "ArraySide") -> bool:
+        """Whether both have the same places of dense counts."""
+        pairs = ((self.dense_x_mm, other.dense_x_mm), (self.dense_y_mm, other.dense_y_mm))
+        return all(
+            one is not None and two is not None and np.array_equal(one, two) for one, two in pairs
+        )
+
     @property
     def taxels(self) -> Layout:
         """The layout, with default pad diameters if they are unknown."""

@@ -3,15 +3,13 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from msgspec import structs
-
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.templates import render
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_info
-from t2twin.translate.runs.config import BEST, RunConfig, load_config
+from t2twin.translate.runs.config import BEST, load_config
 from t2twin.translate.runs.log import best_epoch, read_log
 
 CARD = "README.md"
@@ -32,7 +30,6 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
     if load_info(data_dir).sha256 != (config.contact_data or config.data.sha256):
         raise T2TwinError(f"{data_dir} is not the dataset that {run_dir} was trained on")
     info, best = read_info(data_dir), best_epoch(history)
-    config = _with_names(config, info)
     text = render(
         "translate/runs/card.md",
         name=run_dir.absolute().name,
@@ -63,19 +60,6 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
     )
     with atomic_write(run_dir / CARD) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def _with_names(config: RunConfig, info: DatasetInfo) -> RunConfig:
-    """The configuration with the names of its sensors, which older ones do not have."""
-    data, names = config.data, (info.source.name, info.target.name)
-    if data.source.value != info.source.value:
-        names = names[::-1]
-    sides = (
-        structs.replace(side, sensor=side.sensor or name)
-        for side, name in zip((data.source, data.target), names, strict=True)
-    )
-    source, target = sides
-    return structs.replace(config, data=structs.replace(data, source=source, target=target))
 
 
 def _origin(info: DatasetInfo) -> str:

@@ -7,14 +7,16 @@ epoch, step).
 
 import json
 import shutil
-from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import nn
 
+from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import processor_flags
@@ -25,7 +27,7 @@ from t2twin.translate.models.distributed import device
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
-from t2twin.translate.networks.field_net import CONTACT, LIMITS, SCALE, SHEAR
+from t2twin.translate.networks.field_net import CONTACT, SHEAR
 from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import (
@@ -36,11 +38,9 @@ from t2twin.translate.runs.config import (
     RunConfig,
     load_config,
 )
-from t2twin.translate.runs.log import EpochPart, EpochRecord, decode_history, encode_history
+from t2twin.translate.runs.log import EpochPart, EpochRecord
 
-AnyTranslator = type[Touch2Touch | ResNet18Translator | FieldTranslator | ImageTranslator]
-
-TRANSLATORS: dict[str, dict[str, AnyTranslator]] = {
+TRANSLATORS: dict[str, dict[str, Any]] = {
     COUNTS: {
         "touch2touch": Touch2Touch,
         "resnet18": ResNet18Translator,
@@ -55,11 +55,6 @@ BF16_INSTRUCTIONS = ("avx512_bf16", "amx_bf16")
 both)."""
 
 
-def translator_class(config: RunConfig) -> AnyTranslator:
-    """The translator's class of a run."""
-    return TRANSLATORS[config.data.target.value][config.model]
-
-
 def build(config: RunConfig) -> Translator:
     """The translator of a run with initial weights, which depend on the run's seed.
 
@@ -67,7 +62,8 @@ def build(config: RunConfig) -> Translator:
     """
     with torch.random.fork_rng(devices=[]):  # weights are initialized on the CPU
         torch.default_generator.manual_seed(config.seed)
-        translator = translator_class(config)(config.preset, config.data, device(), config.bf16)
+        kind = TRANSLATORS[config.data.target.value][config.model]
+        translator = kind(config.preset, config.data, device(), config.bf16)
     translator.is_contact_alone = config.contact_data is not None
     return translator
 
@@ -84,7 +80,7 @@ def has_bf16() -> bool:
 HISTORY, PART = "history", "part"
 """Keys of a state's metadata."""
 
-AVERAGE = "mean"
+MEAN = "mean"
 """Name of the weight average in the state."""
 
 
@@ -96,9 +92,7 @@ def save_weights(path: Path, network: nn.Module) -> None:
 def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ()) -> None:
     """Reads the weights of one network.
 
-    optional: first letters of names that the file may lack, or may have in addition. It may lack
-    what runs of earlier versions do not have: factors of spreads, which are 1 then, and limits of
-    contact, which are 0 then.
+    optional: first letters of names that the file may lack, or may have in addition.
     Raises T2TwinError if the file is missing, is of another network or has non-finite numbers.
     """
     if not path.is_file():
@@ -106,9 +100,8 @@ def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ())
     try:
         weights = load_file(path)
         _check_finite(path, weights)
-        names = (*optional, f"{SCALE}.", LIMITS)
-        own = {n: each for n, each in network.state_dict().items() if n.startswith(names)}
-        required = {n: each for n, each in weights.items() if not n.startswith(names)}
+        own = {n: each for n, each in network.state_dict().items() if n.startswith(optional)}
+        required = {n: each for n, each in weights.items() if not n.startswith(optional)}
         network.load_state_dict(required | {n: weights.get(n, own[n]) for n in own})
     except (SafetensorError, RuntimeError):
         raise T2TwinError(f"{path} does not fit the networks of its config.json") from None
@@ -132,25 +125,23 @@ def load_frame_check(run_dir: Path) -> FrameCheck | None:
 
 
 def save_state(
-    path: Path,
-    translator: Translator,
-    history: list[EpochRecord],
-    part: EpochPart,
+    path: Path, translator: Translator, history: list[EpochRecord], part: EpochPart
 ) -> None:
     """Writes the state of a training.
 
     history: one record per complete epoch. part: what has been done of the next epoch.
     """
-    tensors: dict[str, torch.Tensor] = {}
-    for name, network in _networks(translator).items():
-        for key, tensor in network.state_dict().items():
-            tensors[f"network/{name}/{key}"] = tensor
+    tensors = {
+        f"network/{name}/{key}": tensor
+        for name, network in _networks(translator).items()
+        for key, tensor in network.state_dict().items()
+    }
     for name, optimizer in translator.optimizers.items():
         for number, state in optimizer.state_dict()["state"].items():
             for key, tensor in state.items():
                 tensors[f"optimizer/{name}/{number}/{key}"] = tensor
-    of_part = json.dumps(asdict(part))
-    _save(path, tensors, {HISTORY: encode_history(history), PART: of_part})
+    metadata = {HISTORY: history, PART: part}
+    _save(path, tensors, {n: msgspec.json.encode(each).decode() for n, each in metadata.items()})
 
 
 def load_state(path: Path, translator: Translator) -> tuple[list[EpochRecord], EpochPart]:
@@ -158,26 +149,16 @@ def load_state(path: Path, translator: Translator) -> tuple[list[EpochRecord], E
 
     Raises T2TwinError for a damaged file, a state of other networks and non-finite numbers.
     """
-    history, part = (
-        load_history(path),
-        decode_json(_metadata(path).get(PART, "{}"), EpochPart, path),
-    )
+    history, part = load_history(path), decode_json(_metadata(path)[PART], EpochPart, path)
     try:
         state = load_file(path)
-    except SafetensorError:
-        raise _other_state(path) from None
-    _check_finite(path, state)
-    try:
+        _check_finite(path, state)
         _restore(state, translator)
-    except (RuntimeError, KeyError, ValueError):
-        raise _other_state(path) from None
+    except (SafetensorError, RuntimeError, KeyError):
+        raise T2TwinError(
+            f"{path} is not a saved state of these networks; remove its folder to train again"
+        ) from None
     return history, part
-
-
-def _other_state(path: Path) -> T2TwinError:
-    return T2TwinError(
-        f"{path} is not a saved state of these networks; remove its folder to train again"
-    )
 
 
 def _check_finite(path: Path, tensors: dict[str, torch.Tensor]) -> None:
@@ -191,17 +172,12 @@ def _check_finite(path: Path, tensors: dict[str, torch.Tensor]) -> None:
 
 def _restore(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
     for name, network in _networks(translator).items():
-        start = f"network/{name}/"
-        network.load_state_dict(
-            {k.removeprefix(start): t for k, t in tensors.items() if k.startswith(start)}
-        )
+        network.load_state_dict(_part(tensors, f"network/{name}/"))
     for name, optimizer in translator.optimizers.items():
-        start = f"optimizer/{name}/"
         states: dict[int, dict[str, torch.Tensor]] = {}
-        for key, tensor in tensors.items():
-            if key.startswith(start):
-                number, field = key.removeprefix(start).split("/")
-                states.setdefault(int(number), {})[field] = tensor
+        for key, tensor in _part(tensors, f"optimizer/{name}/").items():
+            number, field = key.split("/")
+            states.setdefault(int(number), {})[field] = tensor
         groups = optimizer.state_dict()["param_groups"]
         optimizer.load_state_dict({"state": states, "param_groups": groups})
         for parameter, state in optimizer.state.items():
@@ -211,24 +187,29 @@ def _restore(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
                     state[field] = torch.empty_like(parameter).copy_(tensor)
 
 
+def _part(tensors: dict[str, torch.Tensor], start: str) -> dict[str, torch.Tensor]:
+    """The tensors whose names start so, by the rest of their names."""
+    return {k.removeprefix(start): each for k, each in tensors.items() if k.startswith(start)}
+
+
 def _networks(translator: Translator) -> dict[str, nn.Module]:
     """All trained networks, and the weight average."""
     average = translator.average
-    return translator.networks | ({} if average is None else {AVERAGE: average})
+    return translator.networks | ({} if average is None else {MEAN: average})
 
 
 def load_history(path: Path) -> list[EpochRecord]:
     """The history of a saved state. Raises T2TwinError for a damaged file."""
-    return decode_history(_metadata(path)[HISTORY], str(path))
+    return decode_json(_metadata(path)[HISTORY], list[EpochRecord], path)
 
 
 def _metadata(path: Path) -> dict[str, str]:
     try:
         with safe_open(path, "pt") as file:
-            metadata = file.metadata()
+            metadata = file.metadata() or {}
     except SafetensorError:
-        metadata = None
-    if metadata is None or HISTORY not in metadata:
+        metadata = {}
+    if not {HISTORY, PART} <= metadata.keys():
         raise T2TwinError(
             f"{path} is not a saved state of a training; remove its folder to train again"
         )
@@ -261,8 +242,7 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
     T2TwinError for a share outside this range, for folders that are not finished runs, for runs of
     other networks, and if out exists.
     """
-    if not 0.0 <= share <= 1.0:
-        raise T2TwinError(f"the share is {share:g}; it must be from 0 to 1")
+    arguments.number(share, "share", 0.0, 1.0)
     if out.exists():
         raise T2TwinError(f"{out} exists; give a new folder")
     weights = []
@@ -279,8 +259,6 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
         if scale not in first or scale not in last or not torch.equal(first[scale], last[scale]):
             first = {name: each for name, each in first.items() if not name.startswith(part)}
             first |= {name: each for name, each in last.items() if name.startswith(part)}
-    new = (f"{SCALE}.", LIMITS)  # of a calibration, which runs of earlier versions do not have
-    first |= {n: each for n, each in last.items() if n.startswith(new) and n not in first}
     if {n: each.shape for n, each in first.items()} != {n: each.shape for n, each in last.items()}:
         raise T2TwinError(f"{earlier} and {later} have different networks; expected equal ones")
     mean = {name: _mean(first[name], last[name], share) for name in last}

@@ -11,9 +11,8 @@ Pretrained runs are part of the package; their names are accepted wherever a run
 `python -m maintenance.publish_pretrained` writes them.
 """
 
-from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -24,12 +23,11 @@ from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
 from t2twin.core.machine import installed_version
-from t2twin.core.records import convert, read_json
+from t2twin.core.records import read_json
 from t2twin.sim.dataset.info import is_sha256
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.data.sides import CameraSide
 from t2twin.translate.models.presets import (
-    COUNTS_TO_IMAGE,
     IMAGE_TO_COUNTS,
     MAX_BATCH,
     MAX_EPOCHS,
@@ -41,7 +39,7 @@ from t2twin.translate.models.presets import (
 from t2twin.translate.uncertainty.ood import OODDetector
 
 FORMAT = 2
-"""Version of config.json; a file without a version has version 1."""
+"""Version of config.json."""
 
 MAX_STEPS = 100_000_000
 """Maximum steps of a training (assumed: more than a machine trains in a month)."""
@@ -159,41 +157,12 @@ def load_config(run_dir: Path) -> RunConfig:
     path = run_dir / CONFIG
     if not path.is_file():
         raise T2TwinError(f"{run_dir} has no config.json; give a folder that `train` has made")
-    content = _as_format_2(read_json(path, dict[str, Any], 1, FORMAT))
-    preset = content.get("preset")
-    known = {each.name for each in fields(Preset)}
-    unknown = sorted(set(preset) - known) if isinstance(preset, dict) else ()
-    if unknown:
-        raise T2TwinError(f"{path}: preset.{unknown[0]} is no setting of this version")
-    config = convert(content, RunConfig, path)
+    config = read_json(path, RunConfig, FORMAT)
     try:
         config.check()
     except ValueError as error:
         raise T2TwinError(f"{path}: {error}") from None
     return config
-
-
-REVERSE_1 = (COUNTS_TO_IMAGE, "cyskin-to-digit")
-"""Directions of format 1 from counts to images; versions up to 0.3 have the second."""
-
-CAMERA_1 = ("image_shape", "view_mm")
-SHARED_1 = ("info_sha256", "recipe", "train_pairs", "has_shear")
-"""Keys of "data" in format 1 that are not of the taxel array."""
-
-
-def _as_format_2(content: dict[str, Any]) -> dict[str, Any]:
-    """The content of a config.json of format 1, whose data has no sides, in format 2."""
-    data = content.get("data")
-    if content.get("format", 1) != 1 or not isinstance(data, dict):
-        return content
-    shared = {name: value for name, value in data.items() if name in SHARED_1}
-    camera = {name: value for name, value in data.items() if name in CAMERA_1}
-    array = {name: value for name, value in data.items() if name not in (*SHARED_1, *CAMERA_1)}
-    sides = [{"value": "image"} | camera, {"value": "counts"} | array]
-    if content.get("direction") in REVERSE_1:
-        sides.reverse()
-    source, target = sides
-    return content | {"data": shared | {"source": source, "target": target}, "format": FORMAT}
 
 
 HOME = Path(__file__).parents[1] / "weights"
@@ -222,18 +191,13 @@ def resolve_run(run: str | Path) -> Path:
     as ./NAME or as a Path. NAME@VERSION refers to that version of a pretrained run.
     Raises T2TwinError if there is neither, and for a version that is not part of the package.
     """
-    names = pretrained_runs()
-    if isinstance(run, str) and run.partition("@")[0] in names and "@" in run:
-        name = run.partition("@")[0]
-        if run != versioned(name):
+    names, path = pretrained_runs(), arguments.path(run, "run")
+    name = str(run).partition("@")[0]
+    if name in names and (isinstance(run, str) or not path.exists()):
+        if str(run) not in (name, versioned(name)):
             raise T2TwinError(f"there is no run {run}; this t2twin contains {versioned(name)}")
         return HOME / name
-    if isinstance(run, str) and run in names:
-        return HOME / run
-    path = arguments.path(run, "run")
-    if path.exists():
-        return path
-    if isinstance(run, str) or str(run) not in names:
+    if not path.exists():
         known = f", or the name of a pretrained run: {', '.join(names)}" if names else ""
         raise T2TwinError(f"there is no run {run}; give a folder that `train` has made{known}")
-    return HOME / path
+    return path

@@ -10,12 +10,11 @@ changes the order of sums and thereby the last digits. On a GPU every training d
 The processes of torchrun share each batch, each on its own GPU if the machine has GPUs.
 """
 
-import math
 import shutil
 import sys
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from os.path import lexists
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +43,13 @@ from t2twin.translate.models.presets import (
 )
 from t2twin.translate.networks.field_net import side_of_maps
 from t2twin.translate.runs.card import CARD, write_card
-from t2twin.translate.runs.checkpoint import has_bf16, load_history, translator_class
+from t2twin.translate.runs.checkpoint import (
+    build,
+    has_bf16,
+    load_history,
+    load_weights,
+    save_weights,
+)
 from t2twin.translate.runs.config import (
     BEST,
     CONFIG,
@@ -56,7 +61,7 @@ from t2twin.translate.runs.config import (
     resolve_run,
 )
 from t2twin.translate.runs.log import EpochRecord
-from t2twin.translate.training.fit_frame_check import complete
+from t2twin.translate.training.frame_check import complete
 from t2twin.translate.training.trainer import Trainer, TrainingResult, stop_reason, training_result
 
 MIN_PAIRS = 8
@@ -218,38 +223,36 @@ def _check_folder(out_dir: Path) -> None:
 
 def _load_in_turn(
     data_dir: Path, out_dir: Path, config: RunConfig, rank: int, reverse: bool
-) -> tuple[Pairs, Pairs]:
+) -> list[Pairs]:
     """Training and validation pairs. The first process decodes them, the others wait for it."""
     cache = usable_cache(data_dir, out_dir)
+    if rank > 0:
+        distributed.wait()
+    found = [_load(data_dir, split, config, cache, reverse) for split in ("train", "val")]
     if rank == 0:
-        _load(data_dir, config, cache, reverse)
-    distributed.wait()
-    return _load(data_dir, config, cache, reverse)
-
-
-def _load(data_dir: Path, config: RunConfig, cache: Path, reverse: bool) -> tuple[Pairs, Pairs]:
-    preset, dense = config.preset, translator_class(config).learns_dense_counts
-    side = side_of_maps(preset.size) if dense and config.data.has_contact else None
-    pairs, validation = (
-        load_pairs(data_dir, split, preset.size, preset.grey, cache, dense, reverse, side)
-        for split in ("train", "val")
-    )
-    if len(pairs) < MIN_PAIRS:
+        distributed.wait()
+    if len(found[0]) < MIN_PAIRS:
         raise T2TwinError(
-            f"the train split of {data_dir} has {len(pairs)} pair(s); training needs {MIN_PAIRS}"
+            f"the train split of {data_dir} has {len(found[0])} pair(s); training needs {MIN_PAIRS}"
         )
-    return pairs, validation
+    return found
+
+
+def _load(data_dir: Path, split: str, config: RunConfig, cache: Path, reverse: bool) -> Pairs:
+    preset, dense = config.preset, config.has_uncertainty
+    side = side_of_maps(preset.size) if dense and config.data.has_contact else None
+    return load_pairs(data_dir, split, preset.size, preset.grey, cache, dense, reverse, side)
 
 
 def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[EpochRecord]] | None:
     """The run in out_dir, if any. Raises T2TwinError if its configuration differs."""
     if not (out_dir / CONFIG).is_file():
         return None
-    earlier, source = load_config(out_dir), config.data.source.sensor
+    earlier = load_config(out_dir)
     for name, theirs, ours in (
         ("model", earlier.model, config.model),
         ("direction", earlier.data.direction, config.data.direction),
-        ("source", earlier.data.source.sensor or source, source),
+        ("source", earlier.data.source.sensor, config.data.source.sensor),
         ("IoU weight", earlier.preset.iou_weight, config.preset.iou_weight),
         ("preset", earlier.preset, config.preset),
         ("seed", earlier.seed, config.seed),
@@ -269,28 +272,18 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
                 "another folder"
             )
     state = out_dir / LAST
-    if not lexists(state):
-        return None
-    if not state.is_file():
-        raise T2TwinError(f"{state} is not a file; remove {out_dir} to train again")
-    return earlier, load_history(state)
+    return (earlier, load_history(state)) if state.is_file() else None
 
 
 def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
     """Raises T2TwinError for limits and seeds that are out of range, and for epochs with steps."""
-    for name, value in (("steps", steps), ("epochs", epochs)):
+    for name, value, most in (("steps", steps, MAX_STEPS), ("epochs", epochs, MAX_EPOCHS)):
         if value is not None:
-            arguments.whole_number(value, name)
-    if minutes is not None:
-        minutes = arguments.real(minutes, "minutes")
-    if steps is not None and not 1 <= steps <= MAX_STEPS:
-        raise T2TwinError(f"steps is {steps}; it must be from 1 to {MAX_STEPS:,}")
+            arguments.whole_number(value, name, 1, most)
     if steps is not None and epochs is not None:
         raise T2TwinError("epochs and steps are both given; expected at most one of them")
-    if epochs is not None and not 1 <= epochs <= MAX_EPOCHS:
-        raise T2TwinError(f"epochs is {epochs}; it must be from 1 to {MAX_EPOCHS:,}")
-    if minutes is not None and not (minutes > 0 and math.isfinite(minutes)):
-        raise T2TwinError(f"minutes is {minutes:g}; it must be more than 0 and finite")
+    if minutes is not None and arguments.number(minutes, "minutes") <= 0:
+        raise T2TwinError(f"minutes is {minutes:g}; it must be more than 0")
     check_seed(seed)
 
 
@@ -312,9 +305,7 @@ def _with_iou_weight(preset: Preset, weight: float | None, model: Model, info: D
 
     Raises T2TwinError for a negative weight, and for a model or target without tactile images.
     """
-    weight = preset.iou_weight if weight is None else arguments.real(weight, "iou_weight")
-    if not (weight >= 0 and math.isfinite(weight)):
-        raise T2TwinError(f"iou_weight is {weight:g}; it must be 0 or more")
+    weight = arguments.number(preset.iou_weight if weight is None else weight, "iou_weight", 0.0)
     if weight and not (model == GENERATES and isinstance(info.target, ArraySide)):
         raise T2TwinError(
             f"iou_weight is {weight:g}, but a {model} {info.direction} run predicts no tactile "
@@ -330,35 +321,22 @@ def find_weights(run: str | Path, model: str, preset: Preset, data: DataInfo) ->
     run, and for a run of another model, direction, image size, width, layout or dense counts.
     """
     run_dir, config = run_of_model(run, model)
-    theirs, places = config.preset, config.data
-    direction, ours = places.direction, data.direction
-    for difference, differs in (
-        (f"a run of another direction, {direction}, not {ours}", direction != ours),
-        (
-            f"a run of {theirs.size} pixels, base width {theirs.filters}, and preset {preset.name} "
-            f"has {preset.size} and {preset.filters}",
-            (theirs.size, theirs.grey, theirs.filters)
-            != (preset.size, preset.grey, preset.filters),
-        ),
-        *(
-            (
-                f"a run of layout {one.layout}, and the dataset's is {other.layout}",
-                not one.fits(other),
-            )
-            for one, other in ((places.source, data.source), (places.target, data.target))
-            if isinstance(one, ArraySide) and isinstance(other, ArraySide)
-        ),
-        (
-            "a run of other dense counts than the dataset's",
-            model == "field"
-            and not (
-                _equal(places.array.dense_x_mm, data.array.dense_x_mm)
-                and _equal(places.array.dense_y_mm, data.array.dense_y_mm)
-            ),
-        ),
+    theirs, own = config.preset, config.data
+    sides = ((own.source, data.source), (own.target, data.target))
+    for name, one, other in (
+        ("direction", own.direction, data.direction),
+        ("image size", theirs.size, preset.size),
+        ("color", theirs.grey, preset.grey),
+        ("base width", theirs.filters, preset.filters),
     ):
-        if differs:
-            raise T2TwinError(f"{run_dir} is {difference}; expected a run like the new one")
+        if one != other:
+            raise T2TwinError(
+                f"{run_dir} has the {name} {one}, and the new run has {other}; expected equal ones"
+            )
+    if not all(one.fits(other) for one, other in sides):
+        raise T2TwinError(f"{run_dir} is a run of another layout than the dataset's")
+    if model == "field" and not own.array.same_dense(data.array):
+        raise T2TwinError(f"{run_dir} is a run of other dense counts than the dataset's")
     weights = run_dir / BEST
     if not weights.is_file():
         raise T2TwinError(f"{weights} does not exist; the run has not finished its first epoch")
@@ -380,8 +358,49 @@ def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
     return run_dir, config
 
 
-def _equal(one: np.ndarray | None, other: np.ndarray | None) -> bool:
-    return one is not None and other is not None and np.array_equal(one, other)
+def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
+    """Fits the calibration of a field run again; writes its best weights and its card.
+
+    Training calibrates on the validation presses of its own dataset, which may have one family of
+    shapes only; intervals of other presses then have too low a coverage.
+
+    data_dirs: datasets with dense counts, of any recipe, including the run's own. Each contributes
+    as many validation presses as the smallest has. Returns the total number of presses. Of a run
+    whose contact alone was trained, the contact alone is calibrated.
+    Raises T2TwinError for a run of another model, a dataset without dense counts or validation
+    pairs, and if the run's own dataset is missing.
+    """
+    run_dir, folders = Path(run_dir), [Path(folder) for folder in data_dirs]
+    config = load_config(run_dir)
+    trained_on = config.contact_data or config.data.sha256
+    own = [folder for folder in folders if load_info(folder).sha256 == trained_on]
+    if not own:
+        raise T2TwinError(
+            f"the dataset that {run_dir} was trained on is missing; give it with the others"
+        )
+    config.need(config.has_uncertainty, run_dir, "the calibration of uncertainty", "a field run")
+    translator = build(config)
+    with locked(run_dir):
+        load_weights(run_dir / BEST, translator.predictor)
+        sets = [
+            _load(
+                each,
+                "val",
+                config,
+                usable_cache(each, run_dir),
+                read_info(each).source.value != IMAGE,
+            )
+            for each in folders
+        ]
+        number, rng = min(map(len, sets)), np.random.default_rng(0)
+        samples = [
+            pairs.subset(np.sort(rng.choice(len(pairs), number, replace=False))) for pairs in sets
+        ]
+        translator.calibrate(*samples)
+        save_weights(run_dir / BEST, translator.predictor)
+        complete(run_dir, own[0])
+        write_card(run_dir, own[0])
+    return sum(map(len, samples))
 
 
 if __name__ == "__main__":  # for torchrun, which starts a module

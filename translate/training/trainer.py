@@ -1,8 +1,11 @@
-"""The training loop of all translators, when it ends, and its result."""
+"""The training loop of all translators, its batches, when it ends, and its result.
+
+Shape letters: B batch, P pairs, S image side, c channels, N taxels, n values of a prediction.
+"""
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -14,10 +17,11 @@ from msgspec.structs import replace
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
 from t2twin.core.words import counted
-from t2twin.translate.data.pairs import Examples, Pairs
+from t2twin.translate.data.images import COLORS, WHITE_GREY, augment, on_device, to_input, to_scaled
+from t2twin.translate.data.pairs import Examples, ImageFile, Pairs, Pictures
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
-from t2twin.translate.models.presets import FIXED, IMAGE_TO_COUNTS, MAX_EPOCHS
+from t2twin.translate.models.presets import FIXED, MAX_EPOCHS, Preset
 from t2twin.translate.networks.field_net import CONTACT, SHEAR
 from t2twin.translate.runs.checkpoint import (
     build,
@@ -27,9 +31,36 @@ from t2twin.translate.runs.checkpoint import (
     save_weights,
 )
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
-from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, to_json, write_log
-from t2twin.translate.training.batches import Batches
+from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, write_log
 from t2twin.translate.uncertainty.ood import OODDetector, fit_ood_detector
+
+KEPT_SHARE = 0.4
+"""Largest share of a GPU's free memory that the pairs of one split may take (assumed: with two, a
+third is left for the networks)."""
+
+COPIED = 4096
+"""Pairs that are copied to a GPU at a time; bounds memory."""
+
+VALIDATION_BATCH = {"cpu": 64, "cuda": 256}
+"""Pairs in one batch of validation by the type of the device; bounds memory."""
+
+MIN_EPOCHS = 12
+"""Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
+the paper's dataset). With a large dataset an epoch is a part of the data, because the learning
+rate's schedule and the choice of the best weights depend on epochs."""
+
+MIN_STEPS = 100
+"""Minimum number of steps of a shortened epoch (assumed: with fewer, validation takes longer)."""
+
+SAVE_SECONDS = 600.0
+"""Time between two saved states within an epoch, seconds (assumed: a state of the largest network
+takes a few seconds to write)."""
+
+TIMED_STEPS = 3
+"""Steps of the time estimate, after one that is not counted."""
+
+Values = ImageFile | Pictures | np.ndarray
+"""Values of P pairs, by their indices."""
 
 
 @dataclass(frozen=True)
@@ -63,15 +94,8 @@ class TrainingResult:
 def training_result(run_dir: Path, history: list[EpochRecord], reason: str) -> TrainingResult:
     """The result of a run with at least one epoch."""
     best = best_epoch(history)
-    return TrainingResult(
-        run_dir=run_dir,
-        epochs=len(history),
-        best_epoch=best.epoch,
-        best_rmse_counts=best.val_rmse_counts,
-        best_rmse_percent=best.val_rmse_percent,
-        stop_reason=reason,
-        best_rmse_grey=best.val_rmse_grey,
-    )
+    counts, grey, percent = best.val_rmse_counts, best.val_rmse_grey, best.val_rmse_percent
+    return TrainingResult(run_dir, len(history), best.epoch, counts, percent, reason, grey)
 
 
 def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
@@ -88,23 +112,92 @@ def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
     return None
 
 
-VALIDATION_BATCH = {"cpu": 64, "cuda": 256}
-"""Pairs in one batch of validation by the type of the device; bounds memory."""
+class Batches:
+    """The batches of the pairs of one split.
 
-MIN_EPOCHS = 12
-"""Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
-the paper's dataset). With a large dataset an epoch is a part of the data, because the learning
-rate's schedule and the choice of the best weights depend on epochs."""
+    On a GPU with enough free memory, all pairs are kept there, pictures as uint8, and a batch is
+    made there. Otherwise each batch is read and moved to the device.
+    """
 
-MIN_STEPS = 100
-"""Minimum number of steps of a shortened epoch (assumed: with fewer, validation takes longer)."""
+    def __init__(self, pairs: Pairs, preset: Preset, device: torch.device) -> None:
+        self.preset, self.pairs, self.device = preset, pairs, device
+        self.predicts_images = isinstance(pairs.target, ImageFile)
+        more = (pairs.dense_counts, pairs.force_n, pairs.shear_n, pairs.contact)
+        self.values: list[Values | None] = [pairs.inputs, pairs.target, *more]
+        self.kept: list[torch.Tensor | None] = [None] * len(self.values)
+        if _fits(self.values, len(pairs), device):
+            self.kept = [each if each is None else self._kept(each) for each in self.values]
 
-SAVE_SECONDS = 600.0
-"""Time between two saved states within an epoch, seconds (assumed: a state of the largest network
-takes a few seconds to write)."""
+    def examples(
+        self,
+        batch: np.ndarray,
+        rng: np.random.Generator | None,
+        to_input: Callable[[torch.Tensor], torch.Tensor] = to_input,
+    ) -> Examples:
+        """The pairs with these indices, (B,); with rng, augmented as the preset defines.
 
-TIMED_STEPS = 3
-"""Steps of the time estimate, after one that is not counted."""
+        Augmentation is for images of the source; counts and targets stay as they are. to_input: the
+        translator's.
+        """
+        inputs, target, *more = self._read(np.sort(batch))  # the order on disk
+        assert inputs is not None and target is not None
+        more = [None if each is None else each.float() for each in more]
+        pixels, preset = inputs.float() / WHITE_GREY, self.preset
+        if rng is not None and self.pairs.pictures is None:
+            if preset.background_share and self.pairs.backgrounds is not None:
+                drawn = rng.random(len(batch)) < preset.background_share
+                replaced = on_device(np.flatnonzero(drawn), pixels.device)
+                pixels[replaced, ..., :COLORS] = pixels[replaced, ..., COLORS:]
+                for each in more:
+                    if each is not None:
+                        each[replaced] = 0.0
+            if preset.brightness or preset.contrast or preset.noise or preset.drift:
+                pixels = augment(
+                    pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
+                )
+        if self.predicts_images:
+            target = to_scaled(target.float() / WHITE_GREY)
+        return Examples(to_input(pixels), target, *more)
+
+    def readings(self, batch: np.ndarray) -> list[torch.Tensor]:
+        """The stored pictures and targets of pairs with these indices, (B,), on the device:
+        (B, S, S, c) uint8, and (B, N) counts or (B, S, S, c) uint8."""
+        return [each for each in self._read(batch, 2) if each is not None]
+
+    def _read(self, index: np.ndarray, columns: int | None = None) -> list[torch.Tensor | None]:
+        """The values of pairs, on the device. columns: the number of them, all by default."""
+        found: list[torch.Tensor | None] = []
+        for values, kept in list(zip(self.values, self.kept, strict=True))[:columns]:
+            if kept is not None:
+                found.append(kept[on_device(index, self.device)])
+            else:
+                found.append(None if values is None else _tensor(values[index]).to(self.device))
+        return found
+
+    def _kept(self, values: Values) -> torch.Tensor:
+        """All values on the device."""
+        one, pairs = _tensor(values[:1]), len(self.pairs)
+        kept = torch.empty((pairs, *one.shape[1:]), dtype=one.dtype, device=self.device)
+        for start in range(0, pairs, COPIED):
+            part = slice(start, start + COPIED)
+            kept[part] = _tensor(values[part])
+        return kept
+
+
+def _tensor(values: np.ndarray) -> torch.Tensor:
+    """Pictures as uint8, contact maps as float16, other values as float32."""
+    if values.dtype not in (np.uint8, np.float16):
+        values = values.astype(np.float32, copy=False)
+    return torch.from_numpy(values)
+
+
+def _fits(all_values: list[Values | None], pairs: int, device: torch.device) -> bool:
+    """Whether the device is a GPU whose free memory holds values of P pairs."""
+    if device.type != "cuda":
+        return False
+    bytes_each = sum(_tensor(each[:1]).nbytes for each in all_values if each is not None)
+    free, _ = torch.cuda.mem_get_info(device)
+    return pairs * bytes_each <= KEPT_SHARE * free
 
 
 class Trainer:
@@ -121,10 +214,10 @@ class Trainer:
     ) -> None:
         self.config = config
         self.out_dir = out_dir
-        self.pairs = pairs
-        self.data = Batches(pairs, config.preset, distributed.device())
-        self.validation = validation
-        self.validation_data = Batches(validation, config.preset, distributed.device())
+        self.pairs, self.validation = pairs, validation
+        self.data, self.validation_data = (
+            Batches(each, config.preset, distributed.device()) for each in (pairs, validation)
+        )
         self.rank = rank
         self.weights = weights
         most = min(config.preset.batch, len(pairs))
@@ -142,10 +235,9 @@ class Trainer:
             self.steps = self.config.epoch_steps
         epoch_seconds = self._measure()
         if not resumed:
-            planned = self._planned_epochs(epoch_seconds)
             self.config = replace(
                 self.config,
-                planned_epochs=planned,
+                planned_epochs=self._planned_epochs(epoch_seconds),
                 epoch_steps=self.steps,
                 ood_detector=self._ood_detector(),
             )
@@ -174,10 +266,8 @@ class Trainer:
         return fit_ood_detector(self.pairs.images)
 
     def _planned_epochs(self, epoch_seconds: float) -> int:
-        """The user's number of epochs or the preset's.
-
-        With a limit in minutes, those that fit, if the learning rate's schedule depends on it.
-        """
+        """The user's number of epochs or the preset's; with a limit in minutes, those that fit, if
+        the learning rate's schedule depends on it."""
         config, planned = self.config, self.config.planned_epochs
         if config.steps is not None:
             planned = round(config.steps / self.steps)
@@ -189,8 +279,13 @@ class Trainer:
 
     def _train(self) -> None:
         done = len(self.history) * self.steps + self.part.steps
-        total = self.config.planned_epochs * self.steps
-        log = _Log(self.out_dir, self.history) if self.rank == 0 else None
+        total, board = self.config.planned_epochs * self.steps, None
+        if self.rank == 0:
+            from torch.utils.tensorboard import SummaryWriter
+
+            # Entries of an interrupted epoch are overwritten.
+            folder = str(self.out_dir / TENSORBOARD)
+            board = SummaryWriter(folder, purge_step=len(self.history) + 1)
         with Progress(
             total=total, initial=done, desc=self.config.model, unit="step",
             disable=self.rank > 0, mininterval=0.5,
@@ -199,19 +294,21 @@ class Trainer:
                 record = self._epoch(len(self.history), bar)
                 self.history.append(record)
                 self.part = EpochPart()
-                best = best_epoch(self.history) is record
                 bar.print_line(self._progress())
                 bar.set_postfix_str(f"val {record.val_rmse_percent:.2f} %")
-                if log is not None:
+                if board is not None:
                     # The best weights first: if killed in between, the epoch is repeated.
-                    if best:
+                    if best_epoch(self.history) is record:
                         self.translator.in_float32().calibrate(self.validation)
                         save_weights(self.out_dir / BEST, self.translator.predictor)
                     save_state(self.out_dir / LAST, self.translator, self.history, self.part)
-                    log.write(self.history)
+                    write_log(self.out_dir, self.history)
+                    for name, value in record.numbers.items():
+                        board.add_scalar(name, value, record.epoch)
+                    board.flush()
                 distributed.wait()
-        if log is not None:
-            log.close()
+        if board is not None:
+            board.close()
 
     def _progress(self) -> str:
         """The last epoch as one line."""
@@ -254,15 +351,14 @@ class Trainer:
                 part = EpochPart(step + 1, _numbers(sums), now - started)
                 save_state(self.out_dir / LAST, translator, self.history, part)
                 saved = now
-        losses = _numbers(sums)
-        if not all(map(math.isfinite, losses.values())):
+        for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
+            distributed.average_statistics(network)
+        rmse, exact, losses = self._validate(), translator.in_float32(), _numbers(sums)
+        if not all(map(math.isfinite, (rmse, *losses.values()))):
             raise T2TwinError(
                 f"the loss is not finite in epoch {epoch + 1}; train again with a preset of a "
                 "lower learning rate"
             )
-        for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
-            distributed.average_statistics(network)
-        rmse, exact = self._validate(), translator.in_float32()
         shear, contact = (
             None if error is None else distributed.largest(error)
             for error in (exact.shear_error(self.validation), exact.contact_error(self.validation))
@@ -318,10 +414,10 @@ class Trainer:
         """Estimated seconds per epoch, from a few steps of other networks."""
         translator = build(self.config)
         rng = np.random.default_rng(self.config.seed)
-        batch = np.arange(self.batch)
-        _numbers(translator.step(self._examples(translator, batch, rng)))
-        started = time.perf_counter()
-        for _ in range(TIMED_STEPS):
+        batch, started = np.arange(self.batch), 0.0
+        for step in range(1 + TIMED_STEPS):
+            if step == 1:
+                started = time.perf_counter()
             _numbers(translator.step(self._examples(translator, batch, rng)))  # waits for a GPU
         step_seconds = (time.perf_counter() - started) / TIMED_STEPS
         few = np.arange(min(VALIDATION_BATCH[translator.device.type], len(self.validation)))
@@ -341,7 +437,7 @@ class Trainer:
         resumes = ""
         if done or self.part.steps:
             resumes = f" resumes after step {self.part.steps:,} of epoch {done + 1:,};"
-        direction = "" if config.direction == IMAGE_TO_COUNTS else f" {config.direction}"
+        direction = "" if config.is_image_to_counts else f" {config.direction}"
         print(
             f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
             f"{counted(len(self.pairs), 'pair')}, "
@@ -377,26 +473,6 @@ def steps_of_epoch(batches: int, budget: int) -> int:
     least MIN_EPOCHS epochs.
     """
     return min(batches, max(budget // MIN_EPOCHS, MIN_STEPS)) if budget else batches
-
-
-class _Log:
-    """log.jsonl and TensorBoard; entries of an interrupted epoch are overwritten."""
-
-    def __init__(self, out_dir: Path, history: list[EpochRecord]) -> None:
-        from torch.utils.tensorboard import SummaryWriter
-
-        self.out_dir = out_dir
-        self.board = SummaryWriter(str(out_dir / TENSORBOARD), purge_step=len(history) + 1)
-
-    def write(self, history: list[EpochRecord]) -> None:
-        write_log(self.out_dir, history)
-        for name, value in to_json(history[-1]).items():
-            if name != "epoch":
-                self.board.add_scalar(name, value, history[-1].epoch)
-        self.board.flush()
-
-    def close(self) -> None:
-        self.board.close()
 
 
 def _learning_rate_share(config: RunConfig, epoch: int) -> float:

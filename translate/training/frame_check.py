@@ -1,0 +1,456 @@
+"""Trains the frame check of a field run (networks.frame_check) on the frames of a dataset.
+
+Right frames, and wrong ones made of them, are each given with the unit's background frame and with
+the run's mean frame. The background frame drifts as in the training of the run. That of a wrong
+frame may be altered in the same way. A right frame with another unit's background frame is wrong
+too, unless all units are near that of one optics file, whose own light drifts as much. The limits
+are set on units that the check was not trained on.
+
+The second network is trained on frames as they are and transformed. Each epoch draws other
+transforms; its limit is set on the validation split.
+
+Shape letters: R right frames, n features, B images, S image side of the run, h rows, w columns.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image, ImageDraw
+from scipy.ndimage import gaussian_filter
+from torch import nn
+from torch.nn import functional
+
+from t2twin.core.images import decode_png
+from t2twin.core.progress import Progress
+from t2twin.sim.dataset.columns import BACKGROUND, IMAGE, column
+from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.store import iter_images, read_info, split_shards
+from t2twin.translate.data.images import augment, resized, to_input
+from t2twin.translate.data.pairs import has_backgrounds, load_pairs, usable_cache
+from t2twin.translate.models.base import Translator
+from t2twin.translate.networks.frame_check import (
+    CLASSES,
+    SIDE,
+    TRANSFORMED,
+    WITH,
+    WITHOUT,
+    FrameCheck,
+    TransformNet,
+    scores,
+)
+from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
+from t2twin.translate.runs.config import BEST, FRAME_CHECK, RunConfig, load_config
+from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
+
+Alter = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+"""Makes a wrong frame of a right one, (h, w, 3) uint8."""
+
+TRANSFORM_SHARE = 0.5
+"""Share of the wrong frames that are transformed (assumed: the most frequent mistake of users)."""
+
+FORWARD = INVERSE_TRANSFORMS | {
+    OODClass.ROTATED_LEFT: INVERSE_TRANSFORMS[OODClass.ROTATED_RIGHT],
+    OODClass.ROTATED_RIGHT: INVERSE_TRANSFORMS[OODClass.ROTATED_LEFT],
+}
+"""The transforms themselves; only the rotations are not their own inverse."""
+
+
+def wrong_frame(frame: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, OODClass]:
+    """A wrong frame, (h, w, 3) uint8 of any h and w, and its class.
+
+    frame: a right one, (h, w, 3) uint8.
+    """
+    if rng.random() < TRANSFORM_SHARE:
+        kinds = list(FORWARD)
+        kind = kinds[rng.integers(len(kinds))]
+        return np.ascontiguousarray(FORWARD[kind](frame[None])[0]), kind
+    alter = ALTERATIONS[rng.integers(len(ALTERATIONS))]
+    return np.ascontiguousarray(alter(frame, rng)), OODClass.OTHER
+
+
+def cropped(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A part of the same aspect, at any place."""
+    share = rng.uniform(0.4, 0.85)
+    rows, columns = (round(share * side) for side in frame.shape[:2])
+    top, left = rng.integers(frame.shape[0] - rows), rng.integers(frame.shape[1] - columns)
+    return frame[top : top + rows, left : left + columns]
+
+
+def rolled(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Shifted, with what leaves the image on one side on the other."""
+    steps = [int(rng.uniform(0.125, 0.875) * side) for side in frame.shape[:2]]
+    return np.roll(frame, steps, axis=(0, 1))
+
+
+def blurred(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    sigma = rng.uniform(0.012, 0.04) * frame.shape[0]
+    return gaussian_filter(frame, (sigma, sigma, 0))
+
+
+def bright(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.clip(frame * rng.uniform(1.8, 4.0), 0, 255).astype(np.uint8)
+
+
+def dark(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return (frame * rng.uniform(0.08, 0.3)).astype(np.uint8)
+
+
+def grey(frame: np.ndarray, _: np.random.Generator) -> np.ndarray:
+    return np.repeat(frame.mean(axis=-1, keepdims=True), 3, axis=-1).astype(np.uint8)
+
+
+def negative(frame: np.ndarray, _: np.random.Generator) -> np.ndarray:
+    return 255 - frame
+
+
+def exchanged(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """With two or three channels exchanged, other than blue with red."""
+    orders = ((1, 0, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1))
+    return frame[..., orders[rng.integers(len(orders))]]
+
+
+def noise(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return rng.integers(0, 256, frame.shape, dtype=np.uint8)
+
+
+def spectral(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Noise whose amplitudes fall with a power of the frequency, as those of photographs do, with
+    colors that are more or less alike."""
+    rows, columns = frame.shape[:2]
+    frequency = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns))
+    frequency[0, 0] = 1.0 / max(rows, columns)
+    power, share = rng.uniform(0.3, 1.8), rng.uniform()
+
+    def drawn() -> np.ndarray:
+        white = np.fft.fft2(rng.standard_normal((rows, columns)))
+        values = np.fft.ifft2(white / frequency**power).real
+        return values / values.std()
+
+    common = drawn()
+    colors = np.stack([share * common + (1.0 - share) * drawn() for _ in range(3)], axis=-1)
+    grey = rng.uniform(50.0, 180.0, 3) + rng.uniform(8.0, 70.0) * colors
+    return np.clip(grey, 0, 255).astype(np.uint8)
+
+
+def gradient(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A color in each corner, interpolated, with some noise."""
+    corners = rng.uniform(0.0, 255.0, (2, 2, 3))
+    down, across = (np.linspace(0.0, 1.0, side) for side in frame.shape[:2])
+    lines = (1.0 - down)[:, None, None] * corners[0] + down[:, None, None] * corners[1]
+    grey = (1.0 - across)[:, None] * lines[:, None, 0] + across[:, None] * lines[:, None, 1]
+    grey += rng.uniform(0.0, 4.0) * rng.standard_normal(grey.shape)
+    return np.clip(grey, 0, 255).astype(np.uint8)
+
+
+def drawing(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Rectangles, ellipses, lines and text on an even ground, more or less sharp."""
+
+    def color() -> tuple[int, ...]:
+        return tuple(map(int, rng.integers(0, 256, 3)))
+
+    rows, columns = frame.shape[:2]
+    image = Image.new("RGB", (columns, rows), color())
+    draw = ImageDraw.Draw(image)
+    for _ in range(rng.integers(3, 25)):
+        x, y = np.sort(rng.integers(0, (columns, rows), (2, 2)), axis=0).T.tolist()
+        box = (x[0], y[0], x[1] + 1, y[1] + 1)
+        match rng.integers(4):
+            case 0:
+                draw.rectangle(box, fill=color())
+            case 1:
+                draw.ellipse(box, fill=color())
+            case 2:
+                draw.line(box, fill=color(), width=int(rng.integers(1, 6)))
+            case _:
+                letters = "".join(map(chr, rng.integers(48, 122, 20)))
+                draw.text(box[:2], letters, fill=color())
+    sigma = rng.uniform(0.0, 2.0)
+    return gaussian_filter(np.asarray(image), (sigma, sigma, 0))
+
+
+ALTERATIONS: tuple[Alter, ...] = (
+    cropped, rolled, blurred, bright, dark, grey, negative, exchanged, noise, spectral,
+    gradient, drawing,
+)  # fmt: skip
+"""Their limits are assumed: what a user would call another frame."""
+
+
+MAX_FRAMES = 5000
+"""Right frames that the check is trained on, at most (assumed: a few minutes of a core)."""
+
+MIN_FRAMES = 300
+"""Right frames without which a run has no check (assumed)."""
+
+MAX_SHARDS = 40
+"""Shards that they are read from, at most (assumed)."""
+
+BOTH_SHARE = 0.5
+"""Share of the wrong frames whose background frame is altered in the same way (assumed: a
+user who mirrors or crops frames does so with both)."""
+
+OTHER_UNIT_SHARE = 0.12
+"""Share of the wrong frames that are right but for their background frame (assumed)."""
+
+HELD_OUT_SHARE = 0.2
+"""Share of the units that the limits are set on."""
+
+MIN_UNITS = 10
+"""Units below which frames are held out, and not units (assumed)."""
+
+REFUSED_SHARES = (0.003, 0.003)
+"""Share of these units' right frames that is above the limits, without and with a background frame
+(assumed: less than one percent, as other statistics refuse some too)."""
+
+EPOCHS, BATCH, LEARNING_RATE, WEIGHT_DECAY = 30, 128, 2e-3, 0.1
+"""Of the training (assumed)."""
+
+MIN_SCALE = 0.01
+"""Minimum standard deviation of a feature (assumed)."""
+
+BATCH_SIZE = 64
+"""Frames whose features are computed together; bounds memory."""
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Right frames of a shard, and a wrong one made of each.
+
+    features: (R, n) of right and of wrong frames, without and, if there are any, with background
+    frames. kinds: (R,) index of the wrong frames' classes. units: (R,) SHA-256 of the background
+    frames, or of the frames without.
+    """
+
+    features: list[list[torch.Tensor]]
+    kinds: np.ndarray
+    units: list[bytes]
+
+
+def complete(run_dir: Path, data_dir: Path) -> None:
+    """Gives a finished field run its frame check, if it has none."""
+    if load_config(run_dir).has_uncertainty and not (run_dir / FRAME_CHECK).is_file():
+        fit_frame_check(run_dir, data_dir)
+
+
+def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
+    """Writes the frame check of a field run with finished weights; False for too few frames.
+
+    data_dir: a dataset of the run's gel camera, whose train split is used. Raises T2TwinError for
+    a dataset that cannot be read.
+    """
+    info, config = read_info(data_dir), load_config(run_dir)
+    if info.pairs["train"] < MIN_FRAMES:
+        return False
+    translator = build(config)
+    load_weights(run_dir / BEST, translator.predictor)
+    rng = np.random.default_rng(config.seed)
+    shards = split_shards(info, "train")
+    chosen = np.unique(np.linspace(0, len(shards) - 1, MAX_SHARDS).astype(int))
+    each = -(-MAX_FRAMES // chosen.size)
+    bar = Progress(chosen, desc="frame check", unit="shard")
+    parts = [_part(translator, config, data_dir, shards[n], info, each, rng) for n in bar]
+    check = _trained(parts, config.seed)
+    fit_transform_net(check, config, data_dir, run_dir)
+    save_weights(run_dir / FRAME_CHECK, check)
+    return True
+
+
+def _part(
+    translator: Translator, config: RunConfig, data_dir: Path, shard: str, info: DatasetInfo,
+    limit: int, rng: np.random.Generator,
+) -> _Part:  # fmt: skip
+    """At most `limit` right frames of a shard, evenly spread. config: of the run."""
+    size, drift = config.preset.size, config.preset.drift
+    columns = [IMAGE, BACKGROUND] if has_backgrounds(info) else [IMAGE]
+    stored = [
+        list(iter_images(data_dir, shard, column(info.role_of(IMAGE), name))) for name in columns
+    ]
+    count = len(stored[0])
+    rows = np.unique(np.linspace(0, count - 1, min(limit, count)).astype(int))
+    images, *own = [[pngs[row] for row in rows] for pngs in stored]
+    units = [sha256(png).digest() for png in (own[0] if own else images)]
+    frames = [decode_png(png) for png in images]
+    seeds = rng.integers(2**32, size=len(frames)).tolist()
+    wrong, kinds = zip(*map(_altered, frames, seeds), strict=True)
+    classes = np.array([CLASSES.index(kind) for kind in kinds])
+    right, altered = _pixels(frames, size), _pixels(wrong, size)
+    found = [[_features(translator, each) for each in (right, altered)]]
+    if own:
+        stills = [decode_png(png) for png in own[0]]
+        backgrounds = _pixels(stills, size)
+        others = rng.permutation(len(frames))
+        differs = np.array([units[n] != units[other] for n, other in enumerate(others)])
+        differs &= not _has_one_light(info)
+        is_other = differs & (rng.random(len(frames)) < OTHER_UNIT_SHARE)
+        classes[is_other] = CLASSES.index(OODClass.UNLIKE_BACKGROUND)
+        altered[is_other] = right[is_other]
+        behind = backgrounds[np.where(is_other, others, np.arange(len(frames)))]
+        is_both = ~is_other & (rng.random(len(frames)) < BOTH_SHARE)
+        for n in np.flatnonzero(is_both):
+            behind[n] = _pixels([_altered(stills[n], seeds[n])[0]], size)[0]
+        both = ((right, backgrounds), (altered, behind))
+        found.append([_features(translator, _drifted(*each, drift, rng)) for each in both])
+    return _Part(found, classes, units)
+
+
+def _altered(frame: np.ndarray, seed: int) -> tuple[np.ndarray, OODClass]:
+    """A wrong frame made of a right one. One seed alters every frame in the same way."""
+    return wrong_frame(frame, np.random.default_rng(seed))
+
+
+def _has_one_light(info: DatasetInfo) -> bool:
+    """Whether the light of all units is near that of one optics file."""
+    return info.recipe is not None and info.recipe.light.optics is not None
+
+
+def _drifted(
+    images: np.ndarray, backgrounds: np.ndarray, drift: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(R, S, S, 6) uint8: images and their background frames, with the drift of `augment`."""
+    both = np.concatenate([images, backgrounds], axis=-1)
+    if drift == 0:
+        return both
+    varied = augment(torch.from_numpy(both / np.float32(255.0)), rng, 0.0, 0.0, 0.0, drift)
+    return (varied * 255.0).round().to(torch.uint8).numpy()
+
+
+def _pixels(frames: Sequence[np.ndarray], size: int) -> np.ndarray:
+    return resized(frames, size, grey=False)
+
+
+def _features(translator: Translator, pixels: np.ndarray) -> torch.Tensor:
+    parts = [pixels[start : start + BATCH_SIZE] for start in range(0, len(pixels), BATCH_SIZE)]
+    inputs = (to_input(part.astype(np.float32) / 255.0) for part in parts)
+    return torch.cat([translator.frame_features(each).cpu() for each in inputs])
+
+
+def _trained(parts: Sequence[_Part], seed: int) -> FrameCheck:
+    """The check, with its limits."""
+    _, units = np.unique([unit for part in parts for unit in part.units], return_inverse=True)
+    if units.max() < MIN_UNITS:  # frames of the same units are held out then
+        units = np.arange(units.size)
+    kinds = np.concatenate([part.kinds for part in parts])
+    order = np.random.default_rng(seed).permutation(units.max() + 1)
+    own = ~np.isin(units, order[: max(1, round(HELD_OUT_SHARE * order.size))])
+    features = [
+        [torch.cat([part.features[mode][n] for part in parts]) for n in (0, 1)]
+        for mode in range(len(parts[0].features))
+    ]
+    inputs, classes = [], []
+    for mode, (right, wrong) in enumerate(features):
+        # Without a background frame, one of another unit cannot be seen.
+        seen = kinds != CLASSES.index(OODClass.UNLIKE_BACKGROUND)
+        used = own if mode == WITH else own & seen
+        inputs += [right[torch.from_numpy(own)], wrong[torch.from_numpy(used)]]
+        classes += [torch.zeros(own.sum(), dtype=torch.int64), torch.from_numpy(kinds[used])]
+    check = FrameCheck(features[WITHOUT][0].shape[1])
+    right = features[WITHOUT][0][torch.from_numpy(own)]
+    check.center.copy_(right.mean(dim=0))
+    check.scale.copy_(right.std(dim=0).clamp(min=MIN_SCALE))
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        for layer in (check.hidden, check.logits):
+            layer.reset_parameters()
+        _train(check, torch.cat(inputs), torch.cat(classes))
+    check.eval()
+    with torch.inference_mode():
+        for mode, (right, _) in enumerate(features):
+            found = scores(check(right[torch.from_numpy(~own)]))
+            check.set_limit(mode, found, REFUSED_SHARES[mode])
+    return check
+
+
+def _train(check: FrameCheck, inputs: torch.Tensor, classes: torch.Tensor) -> None:
+    optimizer = torch.optim.AdamW(check.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    steps = EPOCHS * -(-len(inputs) // BATCH)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    check.train()
+    for _ in range(EPOCHS):
+        for batch in torch.randperm(len(inputs)).split(BATCH):
+            optimizer.zero_grad()
+            nn.functional.cross_entropy(check(inputs[batch]), classes[batch]).backward()
+            optimizer.step()
+            schedule.step()
+
+
+MAX_TRANSFORM_FRAMES = 30_000
+"""Training frames, at most (assumed: five minutes of a core)."""
+
+TRANSFORM_EPOCHS, TRANSFORM_RATE, WARM_UP = 12, 4e-3, 0.2
+"""Of its training: epochs, largest learning rate, and share of the steps in which the learning rate
+increases (assumed)."""
+
+TRANSFORMED_SHARE = 0.5
+"""Share of the frames that are transformed (assumed)."""
+
+TRANSFORM_REFUSED, MARGIN = 0.002, 1.5
+"""Share of the validation frames above the limit, and a margin that is added (assumed). Without it,
+2 % of the right frames of used units are refused."""
+
+
+def fit_transform_net(check: FrameCheck, config: RunConfig, data_dir: Path, run_dir: Path) -> None:
+    """Trains the network of a frame check and sets its limit, in place.
+
+    data_dir: a dataset of the run's gel camera. run_dir: for the decoded images of a dataset that
+    is read-only.
+    """
+    frames, held_out = (
+        _small_frames(data_dir, split, config.preset.size, usable_cache(data_dir, run_dir))
+        for split in ("train", "val")
+    )
+    if len(held_out) == 0:
+        return
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        check.transforms = TransformNet()
+        _train_transforms(check.transforms, frames, config)
+    check.transforms.eval()
+    with torch.inference_mode():
+        found = scores(check.transforms(to_input(held_out.astype(np.float32))))
+    check.set_limit(TRANSFORMED, found, TRANSFORM_REFUSED, MARGIN)
+
+
+def _train_transforms(network: TransformNet, frames: np.ndarray, config: RunConfig) -> None:
+    preset, rng = config.preset, np.random.default_rng(config.seed)
+    parts = -(-len(frames) // BATCH)
+    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=WEIGHT_DECAY)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, TRANSFORM_RATE, TRANSFORM_EPOCHS * parts, pct_start=WARM_UP
+    )
+    network.train()
+    for _ in Progress(range(TRANSFORM_EPOCHS), desc="frame check", unit="epoch"):
+        for chosen in np.array_split(rng.permutation(len(frames)), parts):
+            pixels, classes = _transformed(frames[chosen].astype(np.float32), rng)
+            varied = augment(
+                torch.from_numpy(pixels), rng, preset.brightness, preset.contrast, preset.noise
+            )
+            optimizer.zero_grad()
+            functional.cross_entropy(network(to_input(varied)), classes).backward()
+            optimizer.step()
+            schedule.step()
+
+
+def _transformed(frames: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, torch.Tensor]:
+    """Frames, (B, SIDE, SIDE, 3), a share of them transformed, and the indices of their classes."""
+    which = rng.integers(1, 1 + len(FORWARD), len(frames))
+    which[rng.random(len(frames)) >= TRANSFORMED_SHARE] = 0
+    for n, kind in enumerate(CLASSES):
+        if kind in FORWARD:
+            frames[which == n] = FORWARD[kind](frames[which == n])
+    return frames, torch.from_numpy(which)
+
+
+def _small_frames(data_dir: Path, split: str, size: int, cache_dir: Path) -> np.ndarray:
+    """(B, SIDE, SIDE, 3) float16 frames of a split in [0, 1], at most MAX_TRANSFORM_FRAMES."""
+    pairs = load_pairs(data_dir, split, size, False, cache_dir)
+    count = len(pairs)
+    rows = np.unique(np.linspace(0, count - 1, min(MAX_TRANSFORM_FRAMES, count)).astype(int))
+    small = np.empty((rows.size, SIDE, SIDE, 3), np.float16)
+    for start in range(0, rows.size, BATCH):
+        part = slice(start, start + BATCH)
+        pixels = torch.from_numpy(pairs.inputs[rows[part]]).permute(0, 3, 1, 2).float() / 255.0
+        small[part] = functional.adaptive_avg_pool2d(pixels, SIDE).permute(0, 2, 3, 1)
+    return small
