@@ -196,7 +196,8 @@ class Layer:
             slice(side.start // self.per_node, side.stop // self.per_node + 2 * PADDING)
             for side in window
         )
-        weights, smooth, node_columns = self._weights[:, *nodes], NO_KERNELS, 0
+        weights = np.ascontiguousarray(self._weights[:, *nodes])
+        smooth, node_columns = NO_KERNELS, 0
         if len(weights):
             smooth = self._smooth.of(weights.shape[1:])
             node_columns = padded_shape(weights.shape[1:])[1]
@@ -452,7 +453,7 @@ def interpolation(per_node: int) -> tuple[np.ndarray, np.ndarray]:
 # Types of the loops' arguments: of `convolve` from kernel to work, and of `respond`.
 REAL, COMPLEX = "f4[:, ::1]", "c8[:, ::1]"
 WORK = ", ".join([COMPLEX, COMPLEX, REAL, REAL, COMPLEX, COMPLEX, COMPLEX, REAL, REAL])
-OPERATOR = f"{REAL}, i8, f4[:, :, ::1], i8, f4[:, :, :], i8[::1], {REAL}, Tuple(({WORK}))"
+OPERATOR = f"{REAL}, i8, f4[:, :, ::1], i8, f4[:, :, ::1], i8[::1], {REAL}, Tuple(({WORK}))"
 SHEAR_WORK = "Tuple((f4[:, ::1], c8[:, ::1], c8[:, :, ::1], c8[:, ::1], f4[:, ::1]))"
 KERNELS = "f4[:, :, ::1]"
 
