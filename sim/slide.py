@@ -17,6 +17,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.friction import Friction
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.sensors.pair import SensorPair
+from t2twin.sim.tables import read_rows
 from t2twin.sim.touch import Touch
 
 
@@ -65,9 +66,7 @@ def straight_path(
 
 def read_path(file: Path) -> np.ndarray:
     """(n, 4) the path in a CSV file with PATH_COLUMNS. Raises T2TwinError for another content."""
-    from t2twin.sim.tables import read_rows  # imports pyarrow, which is slow
-
-    rows = read_rows(file, PathRow, "a path")
+    rows = read_rows(file, PathRow)
     return np.reshape([astuple(row) for row in rows], (-1, len(PATH_COLUMNS)))
 
 

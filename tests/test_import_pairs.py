@@ -13,7 +13,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.card import CARD
-from t2twin.sim.dataset.import_pairs import import_pairs, read_table
+from t2twin.sim.dataset.import_pairs import import_pairs, read_pairs
 from t2twin.sim.dataset.store import lists, read_info, read_split, verify_dataset
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import load_pairs
@@ -86,42 +86,41 @@ def test_what_the_rows_say_is_kept(tmp_path, layout):
 
 
 @pytest.mark.parametrize(
-    "changes, said",
+    "changes, message",
     [
-        ({"taxel_1": {3: 50_000}}, r"pairs\.csv, line 5: taxel_1 is 50000; .* from 0 to 40000$"),
-        ({"taxel_1": {3: -1}}, "line 5: taxel_1 is -1; expected a number from 0 to 40000"),
-        ({"taxel_1": {3: ""}}, "line 5: taxel_1 is empty"),
-        ({"taxel_2": {3: "many"}}, "line 5: taxel_2 is 'many'"),
-        ({"taxel_2": {3: "1_000"}}, "line 5: taxel_2 is '1_000'"),
-        ({"taxel_2": dict.fromkeys(range(20), "true")}, "line 2: taxel_2 is True; expected a num"),
+        ({"taxel_1": {3: 50_000}}, r"pairs\.csv, line 5: taxels are .*from 0 to 40000$"),
+        ({"taxel_1": {3: -1}}, r"line 5: .*>= 0.*\$\.taxels\[1\]"),
+        ({"taxel_1": {3: ""}}, r"line 5: .*\$\.taxels\[1\]"),
+        ({"taxel_2": {3: "many"}}, r"line 5: .*\$\.taxels\[2\]"),
+        ({"taxel_2": {3: "1,234"}}, r"line 5: .*\$\.taxels\[2\]"),
+        ({"taxel_2": dict.fromkeys(range(20), "true")}, r"line 2: .*\$\.taxels\[2\]"),
         (
             {f"taxel_{n}": dict.fromkeys(range(20), 0.5) for n in range(TAXELS)},
             "all counts lie between 0 and 1",
         ),
-        ({"taxel_4": {3: 5}}, "5 columns"),
+        ({"taxel_4": {3: 5}}, "expected image, and either taxels or taxel_0 to taxel_3"),
         ({"image": {3: "gone.png"}}, "line 5: its image cannot be read: there is no file"),
         ({"image": {3: "text.png"}}, "line 5: its image cannot be read"),
         ({"image": {3: "deep.png"}}, "line 5: its image cannot be read"),
         ({"image": {3: "large.png"}}, "24 x 32; all must be of one size"),
         ({"image": {3: "2.png"}}, "line 4 and .*line 5 have the same image"),
-        ({"image": {3: ""}}, "line 5: there is no image"),
-        ({"split": {3: "training"}}, "line 5: split is 'training'; expected train, val, test"),
-        ({"split": {3: ""}}, "line 5: split is empty; expected train, val, test"),
-        ({"x_mm": {3: "inf"}}, "line 5: x_mm is inf; expected a finite number"),
-        ({"x_mm": {2: 1.5, 3: "left"}}, "line 5: x_mm is 'left'; expected a finite number"),
-        ({"force_n": {3: -4}}, r"pairs\.csv, line 5: force_n is -4; expected a number from 0 to "),
-        ({"force_n": dict.fromkeys(range(20), "true")}, "line 2: force_n is True"),
-        ({"yaw_rad": {3: 30}}, "line 5: yaw_rad is 30; expected a number from -12"),
+        ({"image": {3: ""}}, "line 5: its image cannot be read: there is none"),
+        ({"split": {3: "training"}}, r"line 5: .*\$\.split"),
+        ({"split": {3: ""}}, "line 5: split is empty"),
+        ({"x_mm": {3: "inf"}}, r"line 5: .*\$\.x_mm"),
+        ({"x_mm": {2: 1.5, 3: "left"}}, r"line 5: .*\$\.x_mm"),
+        ({"force_n": {3: -4}}, r"line 5: .*\$\.force_n"),
+        ({"yaw_rad": {3: 30}}, r"line 5: .*\$\.yaw_rad"),
     ],
 )
-def test_what_is_wrong_is_named_and_nothing_written(tmp_path, layout, changes, said):
+def test_what_is_wrong_is_named_and_nothing_written(tmp_path, layout, changes, message):
     if "split" in changes:
         changes = {"split": dict.fromkeys(range(20), "train") | changes["split"]}
     folder, _ = write_csv(tmp_path / "mine", **changes)
     (folder / "text.png").write_text("no picture")
     Image.fromarray(np.zeros((40, 24, 3), np.uint8)).save(folder / "large.png")
     Image.fromarray(np.zeros((32, 24), np.uint16)).save(folder / "deep.png")
-    with pytest.raises(T2TwinError, match=said):
+    with pytest.raises(T2TwinError, match=message):
         import_pairs(folder, tmp_path / "data", layout)
     assert not (tmp_path / "data").exists() and not list(tmp_path.glob(".*"))
 
@@ -154,7 +153,7 @@ def test_spaces_and_quotation_marks_around_cells_change_nothing(tmp_path, layout
     shapes = {row: f"mug {row % 2}" for row in range(20)}
     folder, _ = write_csv(tmp_path / "mine", shape=shapes, split=dict.fromkeys(range(20), "train"))
     path = folder / "pairs.csv"
-    plain, text = read_table(path), path.read_text()
+    plain, text = read_pairs(path, layout, 1000), path.read_text()
     quoted = (", ".join(f'"{cell}"' for cell in line.split(",")) for line in text.splitlines())
     for changed in (
         text.replace(",", ", "),
@@ -162,7 +161,7 @@ def test_spaces_and_quotation_marks_around_cells_change_nothing(tmp_path, layout
         "\ufeff" + "\r\n".join(quoted),
     ):
         path.write_text(changed, newline="")
-        assert read_table(path)[0].equals(plain[0]) and read_table(path)[1] == plain[1]
+        assert read_pairs(path, layout, 1000) == plain
 
 
 def test_names_that_look_like_numbers_are_names(tmp_path, layout):
@@ -176,53 +175,46 @@ def test_names_that_look_like_numbers_are_names(tmp_path, layout):
 
 
 @pytest.mark.parametrize(
-    "name, values, said",
+    "name, values",
     [
-        ("taxels", [["1", "2", "3", "4"]] * 20, r"row 1: taxels\[0\] is '1'; expected a number"),
-        ("taxels", [[1, 2, 3, -4]] * 20, r"row 1: taxels\[3\] is -4; expected a number from 0"),
-        ("taxels", [[True] * 4] * 20, r"row 1: taxels\[0\] is True; expected a number"),
-        ("force_n", ["3.0"] * 20, "row 1: force_n is '3.0'; expected a number"),
-        ("split", [False] * 20, "row 1: split is False; expected a name"),
-        ("shape", [0.5] * 20, "row 1: shape is 0.5; expected a name"),
+        ("taxels", [["1", "2", "3", "4"]] * 20),
+        ("taxels", [[1, 2, 3, -4]] * 20),
+        ("taxels", [[1, 2, 3]] * 20),
+        ("taxels", [[True] * 4] * 20),
+        ("force_n", ["3.0"] * 20),
+        ("split", [False] * 20),
+        ("shape", [0.5] * 20),
     ],
 )
-def test_parquet_of_other_types_is_refused(tmp_path, layout, name, values, said):
+def test_parquet_of_other_types_is_refused(tmp_path, layout, name, values):
     columns = {"image": [f"{n}.png" for n in range(20)], "taxels": [[1, 2, 3, 4]] * 20}
     pq.write_table(pa.table(columns | {name: values}), tmp_path / "mine.parquet")
-    with pytest.raises(T2TwinError, match=rf"mine\.parquet, {said}"):
+    with pytest.raises(T2TwinError, match=rf"mine\.parquet, row 1: .*{name}"):
         import_pairs(tmp_path / "mine.parquet", tmp_path / "data", layout)
 
 
 def test_a_folder_without_a_table_is_refused(tmp_path, layout):
     (tmp_path / "empty").mkdir()
     (tmp_path / "empty" / "._pairs.csv").touch()  # macOS leaves these
-    with pytest.raises(T2TwinError, match="empty contains no CSV or Parquet file; expected a fold"):
+    with pytest.raises(T2TwinError, match="empty is not a table of pairs; expected"):
         import_pairs(tmp_path / "empty", tmp_path / "data", layout)
 
 
-def test_rows_are_named_by_where_they_stand(tmp_path):
-    path = tmp_path / "pairs.csv"
-    path.write_text('image,shape\na.png,"one"\n\nb.png,two\n')
-    assert read_table(path)[1] == ["line 2", "line 4"]
-    table = pa.table({"image": ["a.png", "b.png"]})
-    pq.write_table(table, tmp_path / "pairs.parquet")
-    assert read_table(tmp_path / "pairs.parquet")[1] == ["row 1", "row 2"]
-
-
 @pytest.mark.parametrize(
-    "content, said",
+    "content, message",
     [
         (b"image,image\na.png,b.png\n", "two columns image"),
-        (b"image,taxel_0\n", "contains no pairs"),
-        (b"", "cannot be read as a table"),
-        (b"image\n\xff\xfe.png\n", "cannot be read as a table"),
-        (b"image,shape\na.png\n", "cannot be read as a table"),
+        (b"image,taxel_0,taxel_1,taxel_2,taxel_3\n", "contains no pairs"),
+        (b"", "is empty"),
+        (b"image\n\xff\xfe.png\n", "cannot be read as a CSV table"),
+        (b"image,shape\na.png\n", "line 2: 1 cells in 2 columns"),
+        (b"image,taxel_0,taxel_1,taxle_2\na.png,1,2,3\n", "taxle_2|expected image"),
     ],
 )
-def test_a_table_that_is_none_is_refused(tmp_path, content, said):
+def test_a_table_that_is_none_is_refused(tmp_path, layout, content, message):
     (tmp_path / "pairs.csv").write_bytes(content)
-    with pytest.raises(T2TwinError, match=said):
-        read_table(tmp_path / "pairs.csv")
+    with pytest.raises(T2TwinError, match=message):
+        read_pairs(tmp_path / "pairs.csv", layout, 1000)
 
 
 def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout):
@@ -231,7 +223,7 @@ def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout)
         import_pairs(folder, folder, layout)
     for source in (tmp_path, tmp_path / "mine" / "0.png", tmp_path / "none.csv"):
         (tmp_path / "second.csv").touch()  # two in the folder: which is meant?
-        with pytest.raises(T2TwinError, match=r"expected a \.csv|name the one"):
+        with pytest.raises(T2TwinError, match=r"expected a \.csv"):
             import_pairs(source, tmp_path / "data", layout)
     with pytest.raises(T2TwinError, match="seed is -1"):
         import_pairs(tmp_path / "mine", tmp_path / "data", layout, seed=-1)

@@ -112,7 +112,7 @@ def read_measurements(
     path, rows = folder / FORCES, {}
     thickness_mm = sensor.own_gel.thickness_mm
     # a broken link is an error
-    for row in read_rows(path, _Row, "a table of presses") if lexists(path) else ():
+    for row in read_rows(path, _Row) if lexists(path) else ():
         if row.file not in names:
             raise T2TwinError(f"{path} names {row.file}, which is not a frame in {folder}")
         if row.file in rows:

@@ -10,6 +10,7 @@ from msgspec import Meta
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import REMARKS, check_names, convert, read_json
+from t2twin.sim.tables import read_rows
 
 LAYOUTS = Path(__file__).parent / "layouts"
 DEFAULT_LAYOUT = "cyskin-20"
@@ -117,9 +118,7 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None)
             "or .csv"
         )
     if path.suffix.lower() == ".csv":
-        from t2twin.sim.tables import read_rows  # imports pyarrow, which is slow
-
-        rows = read_rows(path, _Taxel, "a layout")
+        rows = read_rows(path, _Taxel)
     else:
         content = read_json(path, dict, 1)
         rows = convert(content, _File, path).taxels

@@ -26,7 +26,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, read_file, temporary_folder, write_csv
 from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
-from t2twin.sim.tables import ERRORS, read_csv
+from t2twin.sim.tables import read_csv
 from t2twin.translate.data.images import open_image, to_pixels
 from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.inference.contact import ContactEstimate
@@ -389,12 +389,13 @@ def read_counts(path: Path, array: ArraySide) -> np.ndarray:
         return np.atleast_2d(found).astype(np.float32)
     columns = [f"{TAXEL}{n}" for n in range(taxels)]
     try:
-        table, _ = read_csv(content)
-        own = [name for name in table.column_names if name.startswith(TAXEL)]
+        names, rows = read_csv(path)
+        own = [name for name in names if name.startswith(TAXEL)]
         if sorted(own) != sorted(columns):
             raise ValueError(f"it has {len(own)} columns of taxels")
-        return np.column_stack([table[name].to_numpy().astype(np.float32) for name in columns])
-    except (*ERRORS, ValueError, TypeError) as error:
+        counts = [[float(cells.get(name, "nan")) for name in columns] for _, cells in rows]
+        return np.array(counts, np.float32).reshape(-1, taxels)
+    except (T2TwinError, ValueError) as error:
         raise T2TwinError(
             f"{path} cannot be read ({error}); expected a CSV file with the columns {columns[0]} "
             f"to {columns[-1]}, or an NPY file, of {array.words}"
