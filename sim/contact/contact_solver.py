@@ -46,7 +46,13 @@ from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.mujoco_contact import borrowed_pins
 from t2twin.sim.contact.pin_layout import GUESSES, STAGES, OffPadError, PinLayout, Survey
 from t2twin.sim.contact.pins import Pins
-from t2twin.sim.contact.solver_loops import iterate, penetrated, redistribute_force, spring_depth
+from t2twin.sim.contact.solver_loops import (
+    FAR_MM,
+    iterate,
+    penetrated,
+    redistribute_force,
+    spring_depth,
+)
 from t2twin.sim.contact.types import (
     FORCE_RANGE_N,
     SMALLEST_CONTACT_MM2,
@@ -345,23 +351,32 @@ class Equilibrium:
         Returns whether it converged; the number of steps; and the pins outside, (n,) bool, that the
         shape penetrates, or None if there are none.
         """
-        pins, steps = self.pins, 0
+        pins, steps, active = self.pins, 0, np.flatnonzero(self.active)
         around, operator = _around(pins.layer.pitch_mm), pins.layer.operator(pins.window)
-        current, pressure = self.pressure_mpa, np.empty(pins.gap_mm.size)
+        of_active = tuple(each[active] for each in pins.arrays)
+        ends = np.searchsorted(of_active[0], np.arange(self.forces_n.size + 1))
+        current, found = self.pressure_mpa[active], np.empty((3, active.size))
         while True:
-            current, self.depths_mm = current.copy(), self.depths_mm.copy()
+            self.depths_mm = self.depths_mm.copy()
             change, more = iterate(
-                tolerance, step, max_steps - steps, self._min_slope, pins.arrays, pins.cover,
-                self.active, self._forces, self.compliance, pins.stiffens, operator, *around,
-                current, pressure, self._local, self._rest, self.depths_mm, self._linear_mm,
+                tolerance, step, max_steps - steps, self._min_slope, of_active, pins.cover, ends,
+                self._forces, self.compliance, pins.stiffens, operator, *around, current, *found,
+                self.depths_mm, self._linear_mm,
             )  # fmt: skip
             steps += more
+            pressure, before = np.zeros((2, pins.gap_mm.size))
+            self._local.fill(1.0)
+            self._rest.fill(FAR_MM)
+            for values, own in zip(
+                (before, pressure, self._local, self._rest), (current, *found), strict=True
+            ):
+                values[active] = own
             self.pressure_mpa, outside = pressure, self._penetrated()
             if self._with_mujoco and outside is None:
-                change = self._solve_with_mujoco(current, pressure)
+                change = self._solve_with_mujoco(before, pressure)
             if change < tolerance or steps == max_steps:
                 return bool(change < tolerance), steps, outside
-            current = pressure
+            current = pressure[active]
 
     def agrees_with_mujoco(self) -> bool:
         """Whether MuJoCo finds the pressure of the last step, if it was solved without MuJoCo."""
@@ -579,7 +594,8 @@ def _bottomed(found: Equilibrium) -> bool:
     if any(np.ndim(limit) for limit in limits):
         heights = np.stack([mm - limit for mm, limit in zip(heights, limits, strict=True)])
         limits = [0.0] * len(surveys)
-    return bool((pins.lowest_loaded(found.pressure_mpa, heights) <= limits).any())
+    lowest = np.where(found.body_fine_mpa() > 0, heights, np.inf).min(axis=(1, 2))
+    return bool((lowest <= limits).any())
 
 
 def _base_limit_mm(survey: Survey, pins: Pins) -> np.ndarray | float:

@@ -1,5 +1,8 @@
 """Arithmetic of nested grids of square cells: windows, blocks, and values from cell means."""
 
+from collections.abc import Iterator
+from functools import reduce
+
 import numpy as np
 
 from t2twin.core.jit import compiled
@@ -62,21 +65,19 @@ def dilated(mask: np.ndarray, cells: int) -> np.ndarray:
 
 
 def block_max(fine: np.ndarray, per_side: int) -> np.ndarray:
-    """Maximum of each block of per_side x per_side cells. fine: float64."""
-    if per_side == 1:
-        return fine
-    found = np.empty([side // per_side for side in fine.shape])
-    _block_max(fine, per_side, found)
-    return found
+    """Maximum of each block of per_side x per_side cells."""
+    return reduce(np.maximum, _parts(fine, per_side))
 
 
 def block_means(fine: np.ndarray, per_side: int) -> np.ndarray:
-    """Mean of each block of per_side x per_side cells. fine: float64."""
-    if per_side == 1:
-        return fine
-    found = np.empty([side // per_side for side in fine.shape])
-    _block_means(fine, per_side, found)
-    return found
+    """Mean of each block of per_side x per_side cells."""
+    return fine if per_side == 1 else reduce(np.add, _parts(fine, per_side)) / per_side**2
+
+
+def _parts(fine: np.ndarray, per_side: int) -> Iterator[np.ndarray]:
+    """The first cells of all blocks, then the second ones, and so on."""
+    places = range(per_side)
+    return (fine[i::per_side, j::per_side] for i in places for j in places)
 
 
 def center_values(fine: np.ndarray, per_side: int) -> np.ndarray:
@@ -144,28 +145,6 @@ def _dilate(mask, cells, wider):
                 for k in range(max(i - cells, 0), min(i + cells + 1, rows)):
                     for m in range(max(j - cells, 0), min(j + cells + 1, columns)):
                         wider[k, m] = True
-
-
-@compiled("void(f8[:, :], i8, f8[:, ::1])", nogil=True)
-def _block_max(fine, per_side, found):
-    for i in range(found.shape[0]):
-        for j in range(found.shape[1]):
-            most = fine[i * per_side, j * per_side]
-            for k in range(i * per_side, (i + 1) * per_side):
-                for m in range(j * per_side, (j + 1) * per_side):
-                    most = max(most, fine[k, m])
-            found[i, j] = most
-
-
-@compiled("void(f8[:, :], i8, f8[:, ::1])", nogil=True)
-def _block_means(fine, per_side, found):
-    for i in range(found.shape[0]):
-        for j in range(found.shape[1]):
-            total = 0.0
-            for k in range(i * per_side, (i + 1) * per_side):
-                for m in range(j * per_side, (j + 1) * per_side):
-                    total += fine[k, m]
-            found[i, j] = total / per_side**2
 
 
 @compiled("i8(b1[:, :])", nogil=True)

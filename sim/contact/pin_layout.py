@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.jit import INNER, compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
 from t2twin.sim.contact.grid import (
     Window,
@@ -31,7 +30,7 @@ from t2twin.sim.contact.types import PressCommand, SurfaceShift
 SURVEY_MM = 0.5  # largest cell of the survey and of a pin, mm
 # Allowed numbers of pins along a survey cell: the smallest where the shape is even, the largest at
 # its edges and where it is uneven.
-FINER = (1, 2, 4)
+FINER = (1, 2, 4)  # powers of 2
 MIN_PINS = 200  # pins that the expected contact covers at least, if FINER allows it
 # Number of smallest pins that the separate parts of an expected contact cover on average, below
 # which the body gets pins of half that size. Needles of 1 mm are such parts, and narrow ridges that
@@ -86,13 +85,12 @@ class Survey:
         self.per_side = 2 if 2 * layer.pitch_mm <= SURVEY_MM + 1e-9 else 1
         x, y, rest = layer.coarse(self.per_side)
         self.footprint = footprint(shape.surface, command, x, y, shift=shift)
-        self.gap_mm, self.peak_gap_mm = np.empty_like(rest), np.empty_like(rest)
-        nearest = _gaps(rest, self.footprint.heights_mm, self.gap_mm)
+        self.gap_mm, nearest = _gaps(rest, self.footprint.heights_mm)
         if nearest > -NOTHING_MM / 2:  # perhaps a blade between the points that a cell looks at
             finer = (_divided(axis, BLADE_CELLS) for axis in (x, y))
             found = footprint(shape.surface, command, *finer, shift=shift)
             self.footprint = found.coarsened(BLADE_CELLS)
-            nearest = _gaps(rest, self.footprint.heights_mm, self.gap_mm)
+            self.gap_mm, nearest = _gaps(rest, self.footprint.heights_mm)
         if nearest > -NOTHING_MM / 2:
             half_x, half_y = layer.elastomer.width_mm / 2, layer.elastomer.length_mm / 2
             raise OffPadError(
@@ -101,7 +99,7 @@ class Survey:
                 "mm in y from its center",
                 shape.name,
             )
-        _gaps(rest, self.footprint.peaks_mm, self.peak_gap_mm)
+        self.peak_gap_mm, _ = _gaps(rest, self.footprint.peaks_mm)
         self.preparing_s = 0.0
 
     def surface_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
@@ -173,7 +171,8 @@ class PinLayout:
         self.active = [dilated(touching, MARGIN_CELLS) for touching, _ in expected]
         if at_least is not None:
             self.active = [own | more for own, more in zip(self.active, at_least, strict=True)]
-        self.window = window_around(np.logical_or.reduce(self.active))
+        taken = self.active[0] if len(surveys) == 1 else np.logical_or.reduce(self.active)
+        self.window = window_around(taken)
         if before is not None:
             finer, sizes = before.finer, before.sizes
         else:
@@ -251,8 +250,7 @@ class _BodyPins:
             active[window],
             survey.shift,
         )
-        gap_mm, rest_mm = np.empty(self._footprint.peaks_mm.shape), fine.rest_mm[rows, columns]
-        self._first_touch_mm = _gaps(rest_mm, self._footprint.peaks_mm, gap_mm)
+        gap_mm, self._first_touch_mm = _gaps(fine.rest_mm[rows, columns], self._footprint.peaks_mm)
         if survey.command.tilt_rad != (0.0, 0.0):
             self._first_touch_mm = _first_touch_mm(
                 survey, fine.x_mm[columns], fine.y_mm[rows], gap_mm, self._first_touch_mm
@@ -286,108 +284,37 @@ class _BodyPins:
     ) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]]:
         """(2, rows, columns) number of pins along each of the window's survey cells, 0 for none, in
         the rough and the last stage; the largest of each stage; and the pins of each stage."""
-        survey, window = self.survey, self.window
+        survey, active = self.survey, self.active[self.window]
         cells = self._footprint.coarsened(survey.per_side * self._finest)
-        rims = [
-            rim
-            for side, length in zip(window, survey.gap_mm.shape, strict=True)
-            for rim in (side.start == 0, side.stop == length)
-        ]
-        along = np.empty((2, *cells.shares.shape), int)
-        self.sizes, largest, count = _choose_pins(
-            self.active[window], cells.shares, cells.peaks_mm, cells.heights_mm, UNEVEN * depth_mm,
-            self._even, np.array(self.finer), self.sizes, sizes_before, POOL_SIZES[-1],
-            np.array(rims), along[1],
-        )  # fmt: skip
-        return along, (min(largest, max(largest // 2, 1)), largest), (_halve(*along), count)
+        # Edges are the partly covered cells, the neighbors of cells that are covered by less than
+        # half, and the pad's rims.
+        edge = (cells.shares < 1.0) | dilated(active & (cells.shares < 0.5), 1)
+        rows, columns = self.window
+        length, width = survey.gap_mm.shape
+        edge[:1] |= rows.start == 0
+        edge[-1:] |= rows.stop == length
+        edge[:, :1] |= columns.start == 0
+        edge[:, -1:] |= columns.stop == width
+        wanted = np.where(edge, EDGE_FACTOR * self._even, self._even)
+        wanted[cells.peaks_mm - cells.heights_mm > UNEVEN * depth_mm] = self.finer[-1]
+        pinned = active & (cells.shares > 0.0)
+        while True:  # too many pins: a rim was expected, and a face behind it touches too
+            fine = np.where(pinned, np.minimum(wanted, self.finer[self.sizes - 1]), 0)
+            count = int(np.vdot(fine, fine))
+            share = REFINED_SHARE if self.sizes > sizes_before else 1.0
+            if count <= POOL_SIZES[-1] * share or self.sizes == 1:
+                break
+            self.sizes -= 1
+        rough, largest = (fine + 1) // 2, int(fine.max())
+        counts = int(np.vdot(rough, rough)), count
+        return np.stack([rough, fine]), (min(largest, max(largest // 2, 1)), largest), counts
 
 
-@compiled(nogil=True, **INNER)
-def _at_edge(active, shares, rims, i, j):
-    """Whether a cell of a window is at an edge of the shape.
-
-    Those are the partly covered ones and the neighbors of cells that are covered by less than half;
-    the pad's rims count as edges.
-    """
-    rows, columns = shares.shape
-    top, bottom, left, right = rims[0], rims[1], rims[2], rims[3]
-    if (
-        shares[i, j] < 1.0 or (top and i == 0) or (bottom and i == rows - 1)
-        or (left and j == 0) or (right and j == columns - 1)
-    ):  # fmt: skip
-        return True
-    for k in range(max(i - 1, 0), min(i + 2, rows)):
-        for m in range(max(j - 1, 0), min(j + 2, columns)):
-            if active[k, m] and shares[k, m] < 0.5:
-                return True
-    return False
-
-
-@compiled(
-    "UniTuple(i8, 3)(b1[:, :], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8, i8, i8[::1], i8, i8, i8,"
-    " b1[::1], i8[:, ::1])",
-    nogil=True,
-)
-def _choose_pins(
-    active, shares, peaks, heights, uneven, even, finer, sizes, sizes_before, pool, rims, along
-):
-    """Write the number of pins along each of a window's survey cells, 0 for none.
-
-    uneven: see UNEVEN, mm. even: pins along an even cell. finer: allowed numbers. sizes: how many
-    of these may be used. pool: pins of the largest model. rims: whether the window's top, bottom,
-    left and right are the pad's.
-    Returns how many of the allowed numbers are used, the largest, and the number of all pins.
-    """
-    for i in range(along.shape[0]):
-        for j in range(along.shape[1]):
-            along[i, j] = 0
-            if active[i, j] and shares[i, j] > 0.0:
-                along[i, j] = even
-                if peaks[i, j] - heights[i, j] > uneven:
-                    along[i, j] = finer[-1]
-                elif _at_edge(active, shares, rims, i, j):
-                    along[i, j] = EDGE_FACTOR * even
-    while True:
-        pins, largest = 0, 0
-        for i in range(along.shape[0]):
-            for j in range(along.shape[1]):
-                size = 0
-                while size < sizes - 1 and finer[size] < along[i, j]:
-                    size += 1
-                along[i, j] = finer[size] if along[i, j] > 0 else 0
-                pins, largest = pins + along[i, j] ** 2, max(largest, along[i, j])
-        most = pool * (REFINED_SHARE if sizes > sizes_before else 1.0)
-        if pins <= most or sizes == 1:
-            return sizes, largest, pins
-        sizes -= 1  # too many pins: a rim was expected, and a face behind it touches too
-
-
-@compiled("i8(i8[:, ::1], i8[:, ::1])", nogil=True)
-def _halve(rough, along):
-    """Write half the numbers of pins along each cell, at least 1; returns the number of pins."""
-    pins = 0
-    for i in range(along.shape[0]):
-        for j in range(along.shape[1]):
-            rough[i, j] = max(along[i, j] // 2, 1) if along[i, j] > 0 else 0
-            pins += rough[i, j] ** 2
-    return pins
-
-
-@compiled("f8(f8[:, :], f8[:, ::1], f8[:, ::1])", nogil=True)
-def _gaps(rest, heights, gap):
-    """Write the distances of a shape from a surface at first touch; returns the depth of that.
-
-    rest, heights: of the surface and the shape. All arrays are (rows, columns), mm.
-    """
-    nearest = np.inf
-    for i in range(gap.shape[0]):
-        for j in range(gap.shape[1]):
-            gap[i, j] = -rest[i, j] - heights[i, j]
-            nearest = min(nearest, gap[i, j])
-    for i in range(gap.shape[0]):
-        for j in range(gap.shape[1]):
-            gap[i, j] -= nearest
-    return nearest
+def _gaps(rest: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, float]:
+    """Distances of a shape from a surface at first touch, mm, and the depth of that."""
+    gap = -rest - heights
+    nearest = float(gap.min())
+    return gap - nearest, nearest
 
 
 def _first_touch_mm(

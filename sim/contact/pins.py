@@ -118,15 +118,6 @@ class Pins:
         first = np.zeros((len(self.cover), 2), int)
         return self.gather(fine * self.cover, 1, first)
 
-    def lowest_loaded(self, pressure: np.ndarray, fine: np.ndarray) -> np.ndarray:
-        """(bodies,) lowest value of each body on a fine cell under pressure; inf without one.
-
-        pressure: on the pins, (n,). fine: (bodies, rows, columns).
-        """
-        lowest = np.full(len(self.cover), np.inf)
-        _lowest_loaded(pressure, self.bodies, *self.blocks, self.cover, fine, lowest)
-        return lowest
-
     def with_neighbors(self, chosen: np.ndarray) -> np.ndarray:
         """(n,) bool: the chosen pins and those within one side length of a chosen one."""
         found = np.empty(chosen.size, bool)
@@ -257,20 +248,6 @@ def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pres
             for j in range(max(left, 0), min(left + sides[n], across)):
                 total += coarse[body, i // per_cell, j // per_cell]
         pressure[n] = total / covered[n]
-
-
-@compiled(
-    "void(f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:, :, ::1], f8[:, :, ::1], f8[::1])",
-    nogil=True,
-)
-def _lowest_loaded(pressure, bodies, rows, columns, sides, cover, fine, lowest):
-    for n in range(pressure.size):
-        if pressure[n] > 0.0:
-            body = bodies[n]
-            for i in range(rows[n], rows[n] + sides[n]):
-                for j in range(columns[n], columns[n] + sides[n]):
-                    if cover[body, i, j] > 0.0:
-                        lowest[body] = min(lowest[body], fine[body, i, j])
 
 
 @compiled("void(i8[::1], i8[::1], i8[::1], b1[::1], b1[:, ::1], b1[::1])", nogil=True)

@@ -299,36 +299,30 @@ def spring_step(
     return change
 
 
-@compiled(inline="always")
-def _pack(active, values, packed):
-    """Write the values of the active pins, (n,), to packed."""
-    at = 0
-    for n in range(active.size):
-        if active[n]:
-            packed[at] = values[n]
-            at += 1
-
-
-@compiled(inline="always")
-def _unpack(active, packed, inactive, values):
-    """Write packed values of the active pins to values, (n,), and another to the inactive ones."""
-    at = 0
-    for n in range(active.size):
-        values[n] = packed[at] if active[n] else inactive
-        at += active[n]
-
-
-@compiled(inline="always")
-def _steps(
-    tolerance, step, max_steps, min_slope, places, ends, of_pins, cover, forces, compliance,
-    stiffens, operator, reaches, gains, current, pressure, local, rest, depths, linear,
+@compiled(
+    f"Tuple((f8, i8))(f8, f8, i8, f8, {PINS}, f8[:, :, ::1], i8[::1], f8[::1], f8[::1], b1,"
+    f" Tuple(({OPERATOR})), i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
+    " f4[:, ::1])",
+    nogil=True,
+)
+def iterate(
+    tolerance, step, max_steps, min_slope, pins, cover, ends, forces, compliance, stiffens,
+    operator, reaches, gains, current, pressure, local, rest, depths, linear,
 ):  # fmt: skip
-    """See `iterate`. places: (4, n) bodies, rows, columns and sides of the active pins. of_pins:
-    (4, n) their gaps, areas, edge compliances and thicknesses. ends: (bodies + 1,) of the bodies.
+    """Steps on n pins until the pressure changes by less than a tolerance, a share of the force.
+
+    step: size of the steps, 1 for full ones, which are preconditioned and accelerated. min_slope:
+    see `_fit_springs`. pins: bodies, rows, columns, sides, gaps, areas, edge compliances and
+    thicknesses, all (n,). cover: (bodies, R, C). ends: (bodies + 1,) of the bodies among the pins.
+    forces: (bodies,) in units of a fine cell's spring x mm. compliance: (bodies,) of the springs,
+    mm/MPa. operator: see `layer.convolve`. reaches, gains: see `precondition`.
+    current: (n,) the initial pressure, MPa; afterwards that at which the last step started.
+    Writes pressure, local, rest, (n,), depths, (bodies,), and linear, (R, C), the deflection of the
+    linear layer, of the last step. depths are also the expected ones. Returns the last change and
+    the number of steps.
     """
     kernel, across, smooth, node_across, weights, first, taps, work = operator
-    bodies, rows, columns, sides = places[0], places[1], places[2], places[3]
-    gap, area, edge, thickness = of_pins[0], of_pins[1], of_pins[2], of_pins[3]
+    bodies, rows, columns, sides, gap, area, edge, thickness = pins
     size, change = gap.size, np.inf
     fine = np.zeros((linear.shape[0], across), np.float32)
     surface, slope, mixed = np.empty(size), np.empty(size), np.empty(size)
@@ -358,53 +352,6 @@ def _steps(
             for n in range(size):
                 current[n] = max(mixed[n], 0.0)
     return (change if max_steps >= MIN_STEPS else np.inf), max_steps
-
-
-@compiled(
-    f"Tuple((f8, i8))(f8, f8, i8, f8, {PINS}, f8[:, :, ::1], b1[::1], f8[::1], f8[::1], b1,"
-    f" Tuple(({OPERATOR})), i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
-    " f4[:, ::1])",
-    nogil=True,
-)
-def iterate(
-    tolerance, step, max_steps, min_slope, pins, cover, active, forces, compliance, stiffens,
-    operator, reaches, gains, current, pressure, local, rest, depths, linear,
-):  # fmt: skip
-    """Steps on n pins until the pressure changes by less than a tolerance, a share of the force.
-
-    step: size of the steps, 1 for full ones, which are preconditioned and accelerated. min_slope:
-    see `_fit_springs`. pins: bodies, rows, columns, sides, gaps, areas, edge compliances and
-    thicknesses, all (n,). cover: (bodies, R, C). active: (n,), pins that take part. forces:
-    (bodies,) in units of a fine cell's spring x mm. compliance: (bodies,) of the springs, mm/MPa.
-    operator: see `layer.convolve`. reaches, gains: see `precondition`.
-    current: (n,) the initial pressure, MPa; afterwards that at which the last step started.
-    Writes pressure, local, rest, (n,), depths, (bodies,), and linear, (R, C), the deflection of the
-    linear layer, of the last step. depths are also the expected ones. Returns the last change and
-    the number of steps.
-    """
-    count = 0
-    ends = np.zeros(forces.size + 1, np.int64)
-    for n in range(active.size):
-        count += active[n]
-        ends[pins[0][n] + 1] = count
-    for body in range(forces.size):
-        ends[body + 1] = max(ends[body + 1], ends[body])
-    places, of_pins, own = (
-        np.empty((4, count), np.int64), np.empty((4, count)), np.empty((4, count)),
-    )  # fmt: skip
-    for k in range(4):
-        _pack(active, (pins[0], pins[1], pins[2], pins[3])[k], places[k])
-        _pack(active, (pins[4], pins[5], pins[6], pins[7])[k], of_pins[k])
-    _pack(active, current, own[0])
-    change, steps = _steps(
-        tolerance, step, max_steps, min_slope, places, ends, of_pins, cover, forces, compliance,
-        stiffens, operator, reaches, gains, own[0], own[1], own[2], own[3], depths, linear,
-    )  # fmt: skip
-    _unpack(active, own[0], 0.0, current)
-    _unpack(active, own[1], 0.0, pressure)
-    _unpack(active, own[2], 1.0, local)
-    _unpack(active, own[3], FAR_MM, rest)
-    return change, steps
 
 
 @compiled(f"b1(f4[:, ::1], b1, {PINS}, f8[:, :, ::1], f8[::1], b1[::1], b1[::1])", nogil=True)
