@@ -1,17 +1,19 @@
 """Disk cache of the prepared shapes of files."""
 
 import hashlib
-import io
 import json
 import os
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import trimesh
 
-from t2twin.core.cached_files import DIGEST_DIGITS, read_checked, short_digest, write_checked
+from t2twin.core.cached_files import DIGEST_DIGITS, short_digest
+from t2twin.core.files import atomic_write
 from t2twin.core.machine import installed_version
 from t2twin.primitives_cad.mesh_files import read_bytes
 from t2twin.primitives_cad.shape import HeightMap, Shape
@@ -26,10 +28,8 @@ RANDOM_SHAPES = "random_shapes.py"
 """The source for random shapes, which are not cached."""
 
 SURFACE = ("heights_mm", "x_mm", "y_mm")
-"""Fields of a height map."""
-
-SUFFIX = ".shape"
-"""Suffix of the files with prepared shapes."""
+ABOUT = ("name", "spacing_mm", "parameters", "base_mm", "notes")
+"""Fields of a height map, and of a shape besides its mesh and surface."""
 
 
 def fetch(folder: Path | None, file: Path, options: str, build: Callable[[], Shape]) -> Shape:
@@ -46,15 +46,16 @@ def fetch(folder: Path | None, file: Path, options: str, build: Callable[[], Sha
     stem = re.sub(r"[^A-Za-z0-9_-]+", "-", file.stem)
     stem = f"{stem}-{short_digest(os.fsencode(file.absolute()))}"
     known = f"{file.suffix.lower()} {options} {code_digest()}".encode()
-    path = folder / f"{stem}.{short_digest(known + content)}{SUFFIX}"
-    cached = _read(path)
-    if cached is not None:
-        return cached
+    path = folder / f"{stem}.{short_digest(known + content)}.npz"
+    with suppress(OSError, ValueError, KeyError, BadZipFile):  # missing or damaged
+        return _read(path)
     shape = build()
-    if os.path.lexists(path) and not path.is_file():
-        return shape  # a folder or a device has this name
-    write_checked(path, _packed(shape))
-    for stale in folder.glob(f"{stem}.{'[0-9a-f]' * DIGEST_DIGITS}{SUFFIX}"):
+    surface = {name: getattr(shape.surface, name) for name in SURFACE}
+    about = json.dumps({name: getattr(shape, name) for name in ABOUT})
+    mesh = {"vertices": shape.mesh.vertices, "faces": shape.mesh.faces.astype(np.int32)}
+    with atomic_write(path) as temporary, temporary.open("wb") as opened:
+        np.savez_compressed(opened, about=about, **mesh, **surface)
+    for stale in folder.glob(f"{stem}.{'[0-9a-f]' * DIGEST_DIGITS}.npz"):
         if stale != path:
             stale.unlink(missing_ok=True)
     return shape
@@ -72,12 +73,8 @@ def code_digest(with_random: bool = False) -> str:
     return short_digest(content + "".join(installed_version(maker) for maker in MAKERS).encode())
 
 
-def _read(path: Path) -> Shape | None:
-    """The cached shape, or None."""
-    content = read_checked(path)
-    if content is None:
-        return None
-    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+def _read(path: Path) -> Shape:
+    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
         arrays = dict(file)
     about = json.loads(str(arrays["about"]))
     return Shape(
@@ -87,15 +84,3 @@ def _read(path: Path) -> Shape | None:
         notes=tuple(about.pop("notes")),
         **about,
     )
-
-
-def _packed(shape: Shape) -> bytes:
-    packed, names = io.BytesIO(), ("name", "spacing_mm", "parameters", "base_mm", "notes")
-    np.savez_compressed(
-        packed,
-        about=json.dumps({name: getattr(shape, name) for name in names}),
-        vertices=shape.mesh.vertices,
-        faces=shape.mesh.faces.astype(np.int32),
-        **{name: getattr(shape.surface, name) for name in SURFACE},
-    )
-    return packed.getvalue()

@@ -35,8 +35,8 @@ NOTICE = "t2twin: compiling"
 QUICK = ("square-2", "hemisphere-1", "allen-key/bend")
 """Shapes whose solids are quick to make."""
 
-ROUNDING_MM = 5e-7
-"""Largest difference of a bundled length from the CAD's, mm: single precision of 8 mm."""
+ROUNDING_MM = 4e-6
+"""Largest difference of a bundled length from the CAD's, mm: single precision of up to 64 mm."""
 
 
 @pytest.mark.exhaustive

@@ -3,7 +3,6 @@
 import base64
 import re
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import trimesh
 from solid_files import SIDES_MM, box, glb_of, model, obj_text, part, taken_apart, threemf_of, y_up
 
 import t2twin
-from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, mesh_files
 from t2twin.primitives_cad.mesh_files import read_solid
@@ -435,21 +433,6 @@ def test_step_bodies_are_one_shape_and_faces_a_surface(tmp_path):
     assert sheet.surface.sample(np.zeros(1), np.ones(1)) == pytest.approx([0.0])
 
 
-def test_files_of_one_stem_are_different_shapes(tmp_path, monkeypatch, capfd):
-    """Also in one folder, and pressed one after the other."""
-    monkeypatch.chdir(tmp_path)
-    box((6, 4, 3)).export("a.stl")
-    box((5, 5, 5)).export("a.obj")
-    for name in ("a.stl", "a.obj", "a.stl"):
-        main(["press", name, "--sensor", "digit", "--force-n", "1"])
-    sizes = {
-        folder.name: trimesh.load_mesh(folder / "shape.stl").extents.tolist()
-        for folder in Path("runs/press").iterdir()
-    }
-    assert sizes["a-stl"] == pytest.approx([6, 4, 3]) and sizes["a-obj"] == pytest.approx([5, 5, 5])
-    assert len(sizes) == 2
-
-
 def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path):
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     ring = [(5 * np.cos(a), 5 * np.sin(a)) for a in turn]
@@ -474,16 +457,3 @@ def test_bounds_are_those_that_are_named(tmp_path, monkeypatch):
     monkeypatch.setattr(mesh_files, "MAX_BYTES", 100)
     with pytest.raises(T2TwinError, match="MB are allowed"):
         read_solid(tmp_path / "block.stl")
-
-
-def test_a_step_that_is_cut_short_is_one_quiet_sentence(tmp_path, capfd):
-    import cadquery as cq
-
-    path = tmp_path / "cut.step"
-    cq.exporters.export(cq.Workplane().box(*SIDES_MM), str(path))
-    path.write_bytes(path.read_bytes()[:5000])
-    capfd.readouterr()
-    with pytest.raises(T2TwinError, match="cannot be read as STEP"):
-        read_solid(path)
-    said = capfd.readouterr()
-    assert said.out == said.err == ""

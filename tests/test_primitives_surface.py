@@ -42,15 +42,6 @@ def test_square_ends_where_its_side_does(shapes):
     assert (heights[~on_top & ~on_plate] == NOTHING_MM).all()
 
 
-def test_line_smooth_has_its_rounded_edge(shapes):
-    sizes = primitive_parameters.parameters("line-smooth-2")
-    flat = sizes["width"] / 2.0 - sizes["radius"]
-    across = np.linspace(flat, flat + 0.9 * sizes["radius"], 20)
-    expected = np.sqrt(sizes["radius"] ** 2 - (across - flat) ** 2) - sizes["radius"]
-    measured = shapes("line-smooth-2").surface.sample(across, np.zeros_like(across))
-    assert measured == pytest.approx(expected, abs=0.02)
-
-
 @pytest.mark.parametrize("name", catalogue.PRIMITIVES)
 def test_maps_of_symmetric_shapes_are_symmetric_and_rimmed(name, shapes):
     heights = shapes(name).surface.heights_mm

@@ -142,13 +142,6 @@ def test_cuts_holes_tilt_and_teeth():
     assert (there == 0.0).mean() == pytest.approx(0.5, abs=0.02)
 
 
-def test_the_higher_feature_is_felt():
-    low = Feature("disc", "flat", 0, 0, 0, 6.0, lower_mm=0.5)
-    high = Feature("disc", "flat", 0, 0, 0, 2.0)
-    both = heights_of(low, high)
-    assert both[200, 200] == 0.0 and both[200, 240] == -0.5
-
-
 def test_what_is_drawn_is_of_every_kind():
     rng = np.random.default_rng(0)
     drawn = [random_shapes.sample_composition(rng) for _ in range(600)]

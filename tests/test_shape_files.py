@@ -100,13 +100,6 @@ def test_damaged_or_stale_copies_are_not_used(tmp_path, monkeypatch):
     assert newer != kept
 
 
-def test_a_changed_file_is_read_anew(tmp_path):
-    path = block(tmp_path / "block.stl")
-    assert catalogue.load(path, tmp_path / "kept").mesh.volume == pytest.approx(72.0)
-    block(path, (6.0, 4.0, 5.0))
-    assert catalogue.load(path, tmp_path / "kept").mesh.volume == pytest.approx(120.0)
-
-
 def test_files_of_one_stem_in_two_folders_are_both_kept(tmp_path, monkeypatch):
     paths = []
     for folder, height in (("a", 3.0), ("b", 5.0)):
@@ -120,13 +113,6 @@ def test_files_of_one_stem_in_two_folders_are_both_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(catalogue, "_file", lambda *_: pytest.fail("was made again"))
     volumes = [catalogue.load(path, tmp_path / "kept").mesh.volume for path in paths]
     assert volumes == pytest.approx([72.0, 168.0])
-
-
-def test_the_code_s_digest_follows_the_libraries(monkeypatch):
-    before = shape_cache.code_digest()
-    assert len(before) == shape_cache.DIGEST_DIGITS and before == shape_cache.code_digest()
-    monkeypatch.setattr(shape_cache, "installed_version", lambda name: "another")
-    assert shape_cache.code_digest() != before
 
 
 def test_a_file_in_the_cache_s_place_is_an_error(tmp_path):

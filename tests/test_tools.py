@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from maintenance.write_bundled import align_to_z
 from t2twin.primitives_cad import catalogue, tools
-from t2twin.primitives_cad.shape import Keypoint
 
 NEAR_MM = 12.0
 """Within this distance of the press axis the keypoint is among the highest places, mm."""
@@ -104,14 +102,3 @@ def test_a_sensor_reaches_the_keypoint(name):
     near = heights.heights_mm[np.hypot(x, y) <= NEAR_MM]
     assert near.max() - at_axis < LEDGE_MM
     assert near.min() < at_axis - LEDGE_MM  # there is an edge or a slope to feel
-
-
-@pytest.mark.parametrize(
-    "direction", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -1, 0), (0.6, 0.0, -0.8)]
-)
-def test_upright_turns_the_direction_up_and_the_point_to_the_axis(direction):
-    point = np.array([3.0, -2.0, 5.0])
-    transform = align_to_z(Keypoint("any", tuple(point), direction))
-    assert transform[:3, :3] @ direction == pytest.approx((0.0, 0.0, 1.0), abs=1e-12)
-    assert transform @ (*point, 1.0) == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-12)
-    assert np.linalg.det(transform[:3, :3]) == pytest.approx(1.0)
