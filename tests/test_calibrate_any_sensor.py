@@ -6,13 +6,13 @@ from ball_frames import save
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.calibrate.calibrate import Inputs, calibrate, evaluate, guess_light
+from t2twin.sim.calibrate.calibrate import calibrate, cleaned, evaluate, guess_light
 from t2twin.sim.calibrate.coverage import (
     coverage_of,
     coverage_picture,
     coverage_sentences,
 )
-from t2twin.sim.calibrate.fit import Measurements
+from t2twin.sim.calibrate.fit import Measurements, Presses
 from t2twin.sim.calibrate.frames import contact_patch
 from t2twin.sim.calibrate.measurements import fit_presses
 from t2twin.sim.optical.gel_camera import GelCamera
@@ -61,28 +61,20 @@ def frames_of(unit, poses, ball_mm=BALL_MM):
     return still, np.array([render(surface, rng) for surface in surfaces])
 
 
-def inputs_of(sensor, unit, poses):
-    """Inputs of a fit to the frames of a unit that is unlike the sensor's file."""
-    background, frames = frames_of(unit, poses)
+def score_of(unit, poses):
+    """Score of the held-out presses, PSNR in dB, and the azimuths of the fitted LEDs, degrees."""
+    sensor, (background, frames) = sensor_of(), frames_of(unit, poses)
     count, missing = len(poses), np.full(len(poses), np.nan)
     patches = [contact_patch(frame, background) for frame in frames]
     assert None not in patches
     measured = Measurements(np.full(count, BALL_MM), missing, missing)
-    names, first = [f"press_{index:02d}.png" for index in range(count)], count - HELD_OUT
-    train, test = list(range(first)), list(range(first, count))
-    return Inputs(
-        sensor, background, frames, names, measured, np.array(patches, float), train, test
-    )
-
-
-def score_of(unit, poses):
-    """Score of the held-out presses, PSNR in dB, and the azimuths of the fitted LEDs, degrees."""
-    sensor = sensor_of()
-    inputs = inputs_of(sensor, unit, poses)
-    training = inputs.presses(inputs.train)
+    names = [f"press_{index:02d}.png" for index in range(count)]
+    presses = Presses(sensor, background, frames, np.array(patches, float), measured, names)
+    training = cleaned(presses, list(range(count - HELD_OUT)))
     fit = fit_presses(training, sensor.camera)
     azimuth_deg = fit.state.geometry.values[: fit.state.geometry.count]
-    return evaluate(inputs, training, fit).scores.calibrated.psnr_db, azimuth_deg
+    report = evaluate(presses, list(range(count - HELD_OUT, count)), training, fit)
+    return report.scores.calibrated.psnr_db, azimuth_deg
 
 
 def test_light_from_elsewhere_in_other_colors_is_found():

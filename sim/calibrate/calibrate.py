@@ -19,7 +19,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, write_json
 from t2twin.core.frame_faults import is_colored
 from t2twin.sim.calibrate.coverage import Coverage, coverage_of, coverage_picture
-from t2twin.sim.calibrate.fit import GAMMA, BallFit, Measurements, Presses
+from t2twin.sim.calibrate.fit import GAMMA, BallFit, Presses
 from t2twin.sim.calibrate.frames import (
     check_usable,
     clean_background,
@@ -150,36 +150,7 @@ class OpticsReport:
     uncertainty: OpticsUncertainty | None
 
 
-@dataclass(frozen=True)
-class Inputs:
-    """The validated inputs of an optics file.
-
-    sensor: that is pressed. background: (rows, columns, 3) uint8. frames: (n, rows, columns, 3)
-    uint8, the presses, and names, their files. patches: (n, 2) row and column of each contact, px.
-    train, test: indices of the presses to fit to and of those held out.
-    """
-
-    sensor: GelCamera
-    background: np.ndarray
-    frames: np.ndarray
-    names: list[str]
-    measurements: Measurements
-    patches: np.ndarray
-    train: list[int]
-    test: list[int]
-
-    def presses(self, indices: list[int], clean: np.ndarray | None = None) -> Presses:
-        """Some presses. clean: the cleaned background; None to clean it with their frames."""
-        frames = self.frames[indices]
-        clean = clean_background(self.background, frames) if clean is None else clean
-        measurements = self.measurements.subset(indices)
-        return Presses(self.sensor, clean, frames, self.patches[indices], measurements)
-
-    def names_of(self, indices: list[int]) -> list[str]:
-        return [self.names[index] for index in indices]
-
-
-def read_inputs(
+def read_presses(
     background: Path,
     presses: Path,
     ball_diameter_mm: float,
@@ -187,8 +158,11 @@ def read_inputs(
     sensor: GelCamera,
     camera: Camera,
     tolerance: Tolerance | None,
-) -> Inputs:
-    """Read the inputs of `calibrate`. Raises T2TwinError for invalid frames or numbers."""
+) -> tuple[Presses, list[int], list[int]]:
+    """The presses of `calibrate`, and the indices of those to fit to and of those held out.
+
+    Raises T2TwinError for invalid frames or numbers.
+    """
     background_frame, frames, names = read_frames(background, presses, camera)
     colored = is_colored(sensor.background_frame())
     for name, frame in zip([background.name, *names], [background_frame, *frames], strict=True):
@@ -209,33 +183,44 @@ def read_inputs(
             f"are copies of others; at least {MIN_TRAINING} different ones must be left to fit to, "
             "and at least 1 held out"
         )
-    patches = _patches(frames, background_frame, names)
+    patches = [contact_patch(frame, background_frame) for frame in frames]
+    if empty := [name for name, patch in zip(names, patches, strict=True) if patch is None]:
+        raise T2TwinError(
+            f"no contact is visible in {', '.join(empty)}, which do not differ from the "
+            "background; remove these frames"
+        )
     if measurements.has_depths and not measurements.subset(train).has_depths:
         raise T2TwinError(
             f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
             "presses"
         )
-    return Inputs(sensor, background_frame, frames, names, measurements, patches, train, test)
+    found = Presses(sensor, background_frame, frames, np.array(patches), measurements, names)
+    return found, train, test
 
 
-def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
+def cleaned(presses: Presses, indices: list[int]) -> Presses:
+    """Some presses with the background cleaned with their frames."""
+    clean = clean_background(presses.background, presses.frames[indices])
+    return presses.subset(indices, clean)
+
+
+def evaluate(presses: Presses, test: list[int], training: Presses, fit: Fit) -> OpticsReport:
     """The report of a fit without the held-out presses, which are only located.
 
     Raises T2TwinError for a fit no better than the background.
     """
-    train, test = inputs.train, inputs.test
-    held_out = inputs.presses(test, training.background)
+    held_out = presses.subset(test, training.background)
     model = BallFit(held_out, fit.model.camera)
     poses = np.array([model.pose(fit.state, index) for index in range(len(test))])
     surfaces_mm = np.array(
         [model.surface(fit.state.geometry, index, pose) for index, pose in enumerate(poses)]
     )
     optics = fit.model.optics(fit.state)
-    renderer = ImageRenderer(optics, inputs.sensor.own_gel, inputs.sensor.noise_grey)
+    renderer = ImageRenderer(optics, presses.sensor.own_gel, presses.sensor.noise_grey)
     simulated = np.array([renderer.render(surface_mm) for surface_mm in surfaces_mm])
     from_px, to_px = (_pixels(each, fit.model.camera) for each in (fit.state.poses, poses))
-    pasted = cut_and_paste(inputs.background, training.frames, from_px, to_px)
-    still = np.broadcast_to(inputs.background, held_out.frames.shape)
+    pasted = cut_and_paste(presses.background, training.frames, from_px, to_px)
+    still = np.broadcast_to(presses.background, held_out.frames.shape)
     each, *baselines = (
         crop_scores(held_out.frames, other, held_out.patches)
         for other in (simulated, pasted, still)
@@ -243,15 +228,16 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
     scores = OpticsScores(*(mean_score(scored) for scored in (each, *baselines)))
     _check_explains(scores)
     all_poses = np.concatenate([fit.state.poses, poses])
-    diameters_mm = inputs.measurements.diameters_mm[[*train, *test]]
-    coverage = coverage_of(fit.model.camera, inputs.sensor.own_gel, all_poses, diameters_mm)
+    each_mm = [of.measurements.diameters_mm for of in (training, held_out)]
+    diameters_mm = np.concatenate(each_mm)
+    coverage = coverage_of(fit.model.camera, presses.sensor.own_gel, all_poses, diameters_mm)
     return OpticsReport(
         optics=optics,
         scored_by=optics,
-        trained=inputs.names_of(train),
+        trained=[*training.names],
         training_poses=fit.state.poses,
-        held_out=inputs.names_of(test),
-        repeated=[name for i, name in enumerate(inputs.names) if i not in (*train, *test)],
+        held_out=[*held_out.names],
+        repeated=[n for n in presses.names if n not in (*training.names, *held_out.names)],
         poses=poses,
         surfaces_mm=surfaces_mm,
         real=held_out.frames,
@@ -264,22 +250,25 @@ def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> OpticsReport:
 
 
 def fit_all(
-    inputs: Inputs, first: Fit, tolerance: Tolerance | None, report: Report
+    presses: Presses,
+    background: np.ndarray,
+    first: Fit,
+    tolerance: Tolerance | None,
+    report: Report,
 ) -> tuple[Optics, OpticsUncertainty | None]:
-    """The optics from all presses, with noise and modulus, and its uncertainty."""
-    indices = [*inputs.train, *inputs.test]
-    report(f"fitting again, to all {len(indices)}")
-    presses = inputs.presses(indices)
+    """The optics from all presses, with noise and modulus, and its uncertainty.
+
+    background: before it was cleaned.
+    """
+    report(f"fitting again, to all {len(presses.frames)}")
     fit = fit_presses(presses, first.model.camera, first.state)
     uncertainty = None
     if tolerance is not None:
-        names = inputs.names_of(indices)
-        complete = tolerance.of(inputs.sensor)
-        uncertainty = estimate_uncertainty(presses, names, fit, complete, report)
+        uncertainty = estimate_uncertainty(presses, fit, tolerance.of(presses.sensor), report)
     young = None if uncertainty is None else uncertainty.young_mpa
     optics = replace(
         fit.model.optics(fit.state),
-        noise=measure_noise(presses.background, presses.frames, inputs.background),
+        noise=measure_noise(presses.background, presses.frames, background),
         young_mpa=None if young is None else young.value,
     )
     return optics, uncertainty
@@ -294,18 +283,6 @@ def _check_explains(scores: OpticsScores) -> None:
             f"{still:.1f} dB for the background; use frames of one ball, pressed into the sensor "
             "of the background"
         )
-
-
-def _patches(frames: np.ndarray, background: np.ndarray, names: list[str]) -> np.ndarray:
-    """(n, 2) the contact of each frame. Raises T2TwinError with the names of frames without."""
-    patches = [contact_patch(frame, background) for frame in frames]
-    empty = [name for name, patch in zip(names, patches, strict=True) if patch is None]
-    if empty:
-        raise T2TwinError(
-            f"no contact is visible in {', '.join(empty)}, which do not differ from the "
-            "background; remove these frames"
-        )
-    return np.array(patches)
 
 
 def _pixels(poses: np.ndarray, camera: Camera) -> np.ndarray:
@@ -435,15 +412,16 @@ def calibrate(
     if tolerance is not None:
         arguments.instance(tolerance, "tolerance", Tolerance)
     arguments.function(report, "report")
-    inputs = read_inputs(
+    given, train, test = read_presses(
         arguments.path(background, "background"), arguments.path(presses, "presses"),
         ball_diameter_mm, held_out, own, camera, tolerance,
     )  # fmt: skip
-    report(f"fitting to {len(inputs.train)} presses")
-    training = inputs.presses(inputs.train)
+    report(f"fitting to {len(train)} presses")
+    training = cleaned(given, train)
     fit = fit_presses(training, camera)
-    evaluated = evaluate(inputs, training, fit)
-    optics, uncertainty = fit_all(inputs, fit, tolerance, report)
+    evaluated = evaluate(given, test, training, fit)
+    every = cleaned(given, [*train, *test])
+    optics, uncertainty = fit_all(every, given.background, fit, tolerance, report)
     return replace(evaluated, optics=optics, uncertainty=uncertainty)
 
 

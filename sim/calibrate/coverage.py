@@ -120,7 +120,8 @@ def coverage_picture(coverage: Coverage, optics: Optics, gel: Elastomer) -> Imag
         *((place, EDGE_MM, NEXT, f"next {n + 1}") for n, place in enumerate(coverage.next_mm)),
     ]
     for place, radius_mm, color, label in circles:
-        row, column = (zoom * float(at) for at in camera.project(*place, np.zeros(())))
+        x_mm, y_mm = place
+        row, column = (zoom * float(at) for at in camera.project(x_mm, y_mm, np.zeros(())))
         radius = zoom * float(radius_mm) * camera.scale_px_per_mm
         pen.circle((column, row), radius, outline=color, width=2)
         pen.text((column, row), label, fill=color, font=font, anchor="mm")

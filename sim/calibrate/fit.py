@@ -96,8 +96,8 @@ class Measurements:
 class Presses:
     """Presses into one sensor.
 
-    background: (rows, columns, 3) uint8, cleaned. frames: (n, rows, columns, 3) uint8. patches:
-    (n, 2) row and column of each contact, px.
+    background: (rows, columns, 3) uint8, for a fit cleaned. frames: (n, rows, columns, 3) uint8.
+    patches: (n, 2) row and column of each contact, px. names: of the frames' files.
     """
 
     sensor: GelCamera
@@ -105,6 +105,14 @@ class Presses:
     frames: np.ndarray
     patches: np.ndarray
     measurements: Measurements
+    names: Sequence[str] = ()
+
+    def subset(self, presses: Sequence[int], background: np.ndarray) -> "Presses":
+        """The presses with these indices, with another background."""
+        return Presses(
+            self.sensor, background, self.frames[presses], self.patches[presses],
+            self.measurements.subset(presses), [self.names[index] for index in presses],
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

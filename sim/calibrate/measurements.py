@@ -257,12 +257,11 @@ def check_tolerance(
 
 def estimate_uncertainty(
     presses: Presses,
-    names: list[str],
     fit: Fit,
     tolerance: Tolerance,
     report: Callable[[str], object],
 ) -> OpticsUncertainty:
-    """Bounds around a fit to all presses, (n,) names.
+    """Bounds around a fit to all presses.
 
     tolerance: complete. report: called with progress messages. Raises T2TwinError where the presses
     cannot be fitted within the tolerances.
@@ -288,8 +287,8 @@ def estimate_uncertainty(
             _bounds(forces) if np.isfinite(forces).all() else None,
         )
         for name, diameter, depths, forces in zip(
-            names, measurements.diameters_mm, np.transpose(depths_mm), np.transpose(forces_n),
-            strict=True,
+            presses.names, measurements.diameters_mm, np.transpose(depths_mm),
+            np.transpose(forces_n), strict=True,
         )
     )  # fmt: skip
     return OpticsUncertainty(

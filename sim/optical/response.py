@@ -13,7 +13,7 @@ pixel and color is smoothed along both axes and mixed over the colors.
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
 
 import numpy as np
 
@@ -130,10 +130,10 @@ class Noise:
         white = np.empty((rows + 2 * REACH, (columns + 2 * REACH) * 3), dtype=np.float32)
         _fill_white(*keys(rng), quantiles(), white)
         taps, mix = self.taps.astype(np.float32), self.mix.astype(np.float32)
-        down = sum(tap * white[k : k + rows] for k, tap in enumerate(taps))
-        across = sum(tap * down[:, 3 * k : 3 * (k + columns)] for k, tap in enumerate(taps))
-        independent = across.reshape(rows, columns, 3, 1)
-        return sum(independent[:, :, k] * mix[:, k] for k in range(3))
+        down = reduce(np.add, (tap * white[k : k + rows] for k, tap in enumerate(taps)))
+        sides = (tap * down[:, 3 * k : 3 * (k + columns)] for k, tap in enumerate(taps))
+        independent = reduce(np.add, sides).reshape(rows, columns, 3, 1)
+        return reduce(np.add, (independent[:, :, k] * mix[:, k] for k in range(3)))
 
 
 def linear(grey: np.ndarray, gamma: float) -> np.ndarray:

@@ -45,14 +45,14 @@ from t2twin.sim.calibrate.calibrate import (
     FORMAT,
     OPTICS,
     RECORD,
-    Inputs,
     OpticsRecord,
     calibrate,
-    read_inputs,
+    read_presses,
     sensor_and_camera,
     write_fit,
 )
 from t2twin.sim.calibrate.coverage import coverage_sentences
+from t2twin.sim.calibrate.fit import Presses
 from t2twin.sim.calibrate.measurements import Tolerance
 from t2twin.sim.dataset.generate import check_workers, make_dataset
 from t2twin.sim.optical.camera import Camera
@@ -172,15 +172,15 @@ class AdaptConfig:
         is_mean = self.model == "field" and self.init_from is not None
         return self.out / (AVERAGED if is_mean else TRAINING) / self.model
 
-    def digest(self, inputs: Inputs) -> str:
+    def digest(self, presses: Presses) -> str:
         """SHA-256 of the frames and numbers of the optics."""
-        digest = hashlib.sha256(inputs.background.tobytes() + inputs.frames.tobytes())
+        digest = hashlib.sha256(presses.background.tobytes() + presses.frames.tobytes())
         numbers = (
-            inputs.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
+            presses.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
             self.sensor.spec,
         )  # fmt: skip
         digest.update(repr(numbers).encode())
-        measured = inputs.measurements
+        measured = presses.measurements
         for values in (measured.diameters_mm, measured.depths_mm, measured.forces_n):
             digest.update(values.tobytes())
         return digest.hexdigest()
@@ -225,12 +225,12 @@ def adapt(
         arguments.instance(tolerance, "tolerance", Tolerance), str(sensor), gel_camera,
     )  # fmt: skip
     arguments.function(report, "report")
-    inputs = read_inputs(
+    given, *_ = read_presses(
         config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera, tolerance
     )
-    out, digest = config.out, config.digest(inputs)
+    out, digest = config.out, config.digest(given)
     fitted = _existing_fit(config, digest)
-    for warning in contact_warnings(inputs.background, str(config.background), config.source):
+    for warning in contact_warnings(given.background, str(config.background), config.source):
         report(f"warning: {warning}")
     spent: dict[str, float] = {}  # minutes
     with locked(out):
@@ -243,21 +243,21 @@ def adapt(
         with _step("training", spent, report):
             _train(config)
     with _step("check", spent, report):  # without the lock, which write_page takes
-        result = _check(config, inputs, fitted, spent)
+        result = _check(config, given, fitted, spent)
     write_json(out / ADAPTED, asdict(result))
     return result
 
 
 def _check(
-    config: AdaptConfig, inputs: Inputs, fitted: OpticsRecord, minutes: dict[str, float]
+    config: AdaptConfig, presses: Presses, fitted: OpticsRecord, minutes: dict[str, float]
 ) -> AdaptationResult:
     """Writes the more accurate run and the page. minutes: by step, of the steps so far."""
-    references = _references(config, inputs, fitted)
+    references = _references(config, presses, fitted)
     folders = {TRAINED: config.trained_dir}
     if config.init_from is not None:
         folders[INITIAL] = config.init_from
     candidates = {
-        name: Candidate.of(folder, references, inputs.background)
+        name: Candidate.of(folder, references, presses.background)
         for name, folder in folders.items()
     }
     kept = choose(candidates)
@@ -359,7 +359,7 @@ def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> O
 
 
 def _references(
-    config: AdaptConfig, inputs: Inputs, fitted: OpticsRecord
+    config: AdaptConfig, presses: Presses, fitted: OpticsRecord
 ) -> list[SimulatedReference]:
     """Simulated presses of the held-out frames."""
     assert fitted.uncertainty is not None
@@ -368,7 +368,7 @@ def _references(
     balls = [_ball(config, diameters_mm[name]) for name in names]
     poses = np.array([(press.x_mm, press.y_mm, press.depth_mm) for press in fitted.held_out])
     sensors = SensorPair.of(config.sensor, optics=config.out / OPTICS, frames=1)
-    frames = inputs.frames[[inputs.names.index(name) for name in names]]
+    frames = presses.frames[[presses.names.index(name) for name in names]]
     return simulate_reference(names, poses, frames, balls, sensors)
 
 
