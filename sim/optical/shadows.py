@@ -8,8 +8,6 @@ Let D be the LED's distance. By similar triangles, a blocker at distance s along
 LED's middle, with clearance c, hides the disc up to c D / s from its middle.
 """
 
-from functools import reduce
-
 import numpy as np
 
 from t2twin.sim.optical.compiled import bilinear, inlined, jit_finite
@@ -43,13 +41,19 @@ _ZERO, _ONE, _BIAS = np.float32(0.0), np.float32(1.0), np.float32(SHADOW_BIAS_MM
 _FAR_ABOVE, _TWO, _SIX = np.float32(1e9), np.float32(2.0), np.float32(6.0)
 
 
-def coarse_heights(z: np.ndarray) -> np.ndarray:
-    """(C) float32 means of heights z (G) over blocks of the grid, mm."""
-    ny, nx = (size // SHADOW_STRIDE for size in z.shape)
-    blocks = z[: ny * SHADOW_STRIDE, : nx * SHADOW_STRIDE].astype(float)
-    corners = ((i, j) for i in range(SHADOW_STRIDE) for j in range(SHADOW_STRIDE))
-    total = reduce(np.add, (blocks[i::SHADOW_STRIDE, j::SHADOW_STRIDE] for i, j in corners))
-    return (total / SHADOW_STRIDE**2).astype(np.float32)
+@jit_finite
+def coarse_heights(z):
+    """(C) means of heights z (G) over blocks of the grid, mm."""
+    ny, nx = z.shape[0] // SHADOW_STRIDE, z.shape[1] // SHADOW_STRIDE
+    out = np.empty((ny, nx), dtype=np.float32)
+    for i in range(ny):
+        for j in range(nx):
+            total = 0.0
+            for a in range(SHADOW_STRIDE):
+                for b in range(SHADOW_STRIDE):
+                    total += z[i * SHADOW_STRIDE + a, j * SHADOW_STRIDE + b]
+            out[i, j] = total / (SHADOW_STRIDE * SHADOW_STRIDE)
+    return out
 
 
 @jit_finite
