@@ -7,7 +7,7 @@ project.
 """
 
 from argparse import Namespace
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,15 @@ from scipy.ndimage import gaussian_gradient_magnitude
 
 from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.sim.calibrate.calibrate import (
-    Inputs,
     Score,
     calibrate,
+    cleaned,
     evaluate,
     mean_score,
-    read_inputs,
+    read_presses,
     score,
 )
+from t2twin.sim.calibrate.fit import Presses
 from t2twin.sim.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
 from t2twin.sim.calibrate.measurements import fit_presses
 from t2twin.sim.sensors.pair import SensorPair
@@ -132,7 +133,7 @@ def outside_of(pose: np.ndarray) -> np.ndarray:
     return (off_mm > 0) & (off_mm < RIM_MM)
 
 
-def cross_validate(inputs: Inputs, parts: list[list[int]]) -> dict[str, Any]:
+def cross_validate(presses: Presses, parts: list[list[int]]) -> dict[str, Any]:
     """Scores on each part of the presses, fitted to the other parts, and their mean.
 
     parts: indices of frames. The held-out frames are compared as they are, drift included.
@@ -140,9 +141,8 @@ def cross_validate(inputs: Inputs, parts: list[list[int]]) -> dict[str, Any]:
     scores, steepness = [], []
     for test in parts:
         train = [index for part in parts if part is not test for index in part]
-        fold = replace(inputs, train=sorted(train), test=test)
-        presses = fold.presses(fold.train)
-        report = evaluate(fold, presses, fit_presses(presses, SENSOR.camera))
+        training = cleaned(presses, sorted(train))
+        report = evaluate(presses, test, training, fit_presses(training, SENSOR.camera))
         scores.append(report.scores.calibrated)
         steepness += [
             rim_steepness(real, simulated, outside_of(pose))
@@ -169,7 +169,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "repeats_floor": repeats_floor(frames, poses, places),
         "background_floor": background_floor(frames[held_out], places[held_out]),
     }
-    inputs = read_inputs(
+    presses, train, test = read_presses(
         background,
         options.frames,
         BALL_DIAMETER_MM,
@@ -178,7 +178,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         SENSOR.camera,
         tolerance=None,
     )
-    different = sorted([*inputs.train, *inputs.test])
+    different = sorted([*train, *test])
     ours, pasted = report.scores.calibrated, report.scores.cut_and_paste
     return {
         "ball_diameter_mm": BALL_DIAMETER_MM,
@@ -193,10 +193,10 @@ def measure(options: Namespace) -> dict[str, Any]:
         },
         "each": [asdict(score) for score in report.each],
         # every third press is held out: positions next to fitted ones
-        "rotations": cross_validate(inputs, [different[n::ROTATIONS] for n in range(ROTATIONS)]),
+        "rotations": cross_validate(presses, [different[n::ROTATIONS] for n in range(ROTATIONS)]),
         # a third of the path over the gel is held out: positions far from fitted ones
         "blocks": cross_validate(
-            inputs, [part.tolist() for part in np.array_split(different, ROTATIONS)]
+            presses, [part.tolist() for part in np.array_split(different, ROTATIONS)]
         ),
     }
 
