@@ -16,20 +16,22 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from t2twin.attachment.rasterize import (
-    CAPSULE,
-    CYLINDER,
-    ELLIPSOID,
-    PLANE,
-    SPHERE,
-    lower_to_top,
-    raise_to_primitive,
-)
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
+from t2twin.core.jit import compiled
 from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
-from t2twin.primitives_cad.triangles import EDGE_MM, Triangles, in_blocks, raise_to_triangles
+from t2twin.primitives_cad.triangles import (
+    EDGE_MM,
+    FAST,
+    MAP,
+    OUTLINE,
+    POSE,
+    STEEP,
+    Triangles,
+    in_blocks,
+    raise_to_triangles,
+)
 from t2twin.sim.contact.elastomer import Elastomer
 
 if TYPE_CHECKING:
@@ -37,27 +39,24 @@ if TYPE_CHECKING:
 
 Geometry = Literal["collision", "visual"]
 
+# A geom's type, its asset, and whether of the asset's convex hull.
 Asset = tuple[int, int, bool]
-"""A geom's type, its asset, and whether of the asset's convex hull."""
-
+# Width of a map beyond the pad's outline, mm (assumed: more than a surface moves by shear).
 MARGIN_MM = 1.0
-"""Width of a map beyond the pad's outline, mm (assumed: more than a surface moves by shear)."""
-
+# Depth of a map below the highest point, in thicknesses of the layer (assumed). A contact is at
+# most one thickness below the apex; the rest is for points beyond the pad.
 DEPTH = 1.5
-"""Depth of a map below the highest point, in thicknesses of the layer (assumed). A contact is at
-most one thickness below the apex; the rest is for points beyond the pad."""
-
+# Depth below the apex, mm, from which on surfaces belong to other parts of a body (assumed: more
+# than MuJoCo's contacts penetrate).
 BEHIND_MM = 10.0
-"""Depth below the apex, mm, from which on surfaces belong to other parts of a body (assumed: more
-than MuJoCo's contacts penetrate)."""
-
-SHAPE_FROM_SENSOR = np.array([[1.0], [-1.0], [-1.0]])
-"""Signs of the shape frame's axes in the sensor frame."""
-
-HFIELD, BOX, MESH, SDF = 1, 6, 7, 8
-"""Values of MuJoCo's mjtGeom."""
-
+SHAPE_FROM_SENSOR = np.array([[1.0], [-1.0], [-1.0]])  # signs of the shape frame's axes
+PLANE, HFIELD, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH, SDF = range(9)  # MuJoCo's mjtGeom
 MM_PER_M = 1000.0
+MEAN_ALONG_AXES = 4 / np.pi  # mean over directions of a unit vector's sum of absolute components
+# Smallest component of the vertical in a geom's frame, in place of smaller ones (assumed: it moves
+# no surface of a meter by more than 1e-6 mm).
+PARALLEL = 1.0e-9
+LEVEL = 1.0e-12  # rounding of a place on the outline of a ball of radius 1
 
 
 @dataclass(frozen=True)
@@ -136,10 +135,10 @@ def body_surface(
             top = raise_to_triangles(*solid, region.depth_mm, *place)
     if top == NOTHING_MM:
         return None
-    used_rows, used_columns = (np.zeros(size, bool) for size in heights.shape)
-    lower_to_top(heights, top, region.depth_mm, used_rows, used_columns)
+    heights -= np.float32(top)
+    heights[heights < -region.depth_mm] = NOTHING_MM
     (first_row, last_row), (first, last) = (
-        np.flatnonzero(used)[[0, -1]] for used in (used_rows, used_columns)
+        np.flatnonzero((heights > NOTHING_MM).any(axis=axis))[[0, -1]] for axis in (1, 0)
     )
     surface = HeightMap(
         heights[first_row - 1 : last_row + 2, first - 1 : last + 2].copy(),
@@ -147,6 +146,15 @@ def body_surface(
         y_mm=(np.arange(first_row - 1, last_row + 2) - (rows + 1)) * pitch,
     )
     return BodySurface(surface, -top)
+
+
+def covers_square(heights_mm: np.ndarray, cells: int) -> bool:
+    """Whether a shape covers a square of cells x cells points of its map."""
+    found = heights_mm > NOTHING_MM / 2
+    for _ in range(2):
+        count = max(len(found) - cells + 1, 0)
+        found = np.logical_and.reduce([found[k : k + count] for k in range(cells)]).T
+    return bool(found.any())
 
 
 def body_geoms(model: "mujoco.MjModel", body_id: int, geometry: Geometry) -> np.ndarray:
@@ -182,10 +190,10 @@ def _near(
     return reached | (model.geom_type[geoms] == PLANE)
 
 
+# Triangles of living models, with a height field's data.
 _known: "WeakKeyDictionary[mujoco.MjModel, dict[Asset, tuple[np.ndarray, Triangles]]]" = (
     WeakKeyDictionary()
 )
-"""Triangles of living models, with a height field's data."""
 
 
 def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Triangles:
@@ -277,3 +285,110 @@ def _of_grid(points: np.ndarray) -> np.ndarray:
     below, across = points[1:, :-1], points[1:, 1:]
     halves = np.stack((first, right, across)), np.stack((first, across, below))
     return np.stack(halves).transpose(0, 2, 3, 1, 4).reshape(-1, 3, 3)
+
+
+# Loops that raise a map, (2 rows + 3, 2 columns + 3) float32, centered on the axis, with a rim of
+# NOTHING_MM, to a geom with a formula; for triangles see t2twin.primitives_cad.triangles. A geom's
+# pose is its rotation to the shape frame, (3, 3), and its center, (3,). Surfaces above `behind` are
+# left out. Each loop takes the greatest height so far and returns the new one.
+
+
+@compiled(f"f8(i8, f8[::1], {POSE}, {MAP})", nogil=True)
+def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights):
+    """Raise a map to a geom with a formula. size: (3,) as geom_size, mm."""
+    size = size.copy()
+    if kind == CYLINDER:
+        is_upright, is_lying = abs(rotation[2, 2]) > 1.0 - STEEP**2 / 2, abs(rotation[2, 2]) < STEEP
+        along_axes = abs(rotation[0, 2]) + abs(rotation[1, 2])
+        size[0] += OUTLINE * pitch * MEAN_ALONG_AXES if is_upright else EDGE_MM
+        size[1] += OUTLINE * pitch * along_axes if is_lying else EDGE_MM
+    middle_row, middle_column = heights.shape[0] // 2, heights.shape[1] // 2
+    reach = _half_extent(kind, size, rotation[1])
+    first_row, last_row = _grid_lines(center[1], reach, pitch, middle_row)
+    reach = _half_extent(kind, size, rotation[0])
+    first, last = _grid_lines(center[0], reach, pitch, middle_column)
+    if last < first:
+        return top
+    x, found = np.empty(last - first + 1), np.empty(last - first + 1)
+    for n in range(x.size):
+        x[n] = (first + n) * pitch - center[0]
+    start, up, per_mm = np.empty(3), np.empty(3), np.zeros(3)
+    for axis in range(3):
+        up[axis] = rotation[2, axis] if abs(rotation[2, axis]) > PARALLEL else PARALLEL
+        per_mm[axis] = 1.0 / size[axis if kind == ELLIPSOID else 0]
+    round_per_mm = per_mm.copy()
+    per_mm[2] = 0.0 if kind in (CYLINDER, CAPSULE) else per_mm[2]
+    half = size[1] if kind in (CYLINDER, CAPSULE) else np.inf
+    for row in range(first_row, last_row + 1):
+        y = row * pitch - center[1]
+        for axis in range(3):
+            start[axis] = rotation[1, axis] * y
+        for n in range(x.size):
+            found[n] = NOTHING_MM
+        if kind == PLANE:
+            for n in range(x.size):
+                if up[2] > PARALLEL:  # else its surface faces away
+                    found[n] = -(start[2] + rotation[0, 2] * x[n]) / up[2]
+        else:
+            _solid(x, start, rotation[0], up, per_mm, half, found)
+        if kind == CAPSULE:
+            for sign in (-1.0, 1.0):
+                start[2] = rotation[1, 2] * y + sign * size[1]
+                _solid(x, start, rotation[0], up, round_per_mm, np.inf, found)
+        out = heights[row + middle_row, first + middle_column : last + middle_column + 1]
+        top = _raise_row(found, center[2], behind, top, out)
+    return top
+
+
+@compiled("void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8, f8[::1])", **FAST)
+def _solid(x, start, along, up, per_mm, half, found):
+    """Raise heights to an ellipsoid, or to a cylinder if per_mm is 0 along z, between z = -half and
+    half: upper ends of intervals. start, along, up: of the row, in the geom's frame."""
+    o0, o1, o2 = start[0] * per_mm[0], start[1] * per_mm[1], start[2] * per_mm[2]
+    a0, a1, a2 = along[0] * per_mm[0], along[1] * per_mm[1], along[2] * per_mm[2]
+    u0, u1, u2 = up[0] * per_mm[0], up[1] * per_mm[1], up[2] * per_mm[2]
+    square = u0 * u0 + u1 * u1 + u2 * u2
+    dot, change, per_square = o0 * u0 + o1 * u1 + o2 * u2, a0 * u0 + a1 * u1 + a2 * u2, 1 / square
+    per_up, half = 1 / up[2], half / abs(up[2])
+    for n in range(x.size):
+        p0, p1, p2 = o0 + a0 * x[n], o1 + a1 * x[n], o2 + a2 * x[n]
+        c0, c1, c2 = p1 * u2 - p2 * u1, p2 * u0 - p0 * u2, p0 * u1 - p1 * u0
+        root = square - c0 * c0 - c1 * c1 - c2 * c2
+        reach = np.sqrt(root if root > 0.0 else 0.0) * per_square
+        middle, cap = -(dot + change * x[n]) * per_square, -(start[2] + along[2] * x[n]) * per_up
+        upper, lower = min(middle + reach, cap + half), max(middle - reach, cap - half)
+        height = upper if root >= -LEVEL * square and upper >= lower else NOTHING_MM
+        found[n] = found[n] if found[n] > height else height
+
+
+@compiled("f8(f8[::1], f8, f8, f8, f4[::1])", **FAST)
+def _raise_row(found, middle, behind, top, out):
+    """Raise a row of a map to heights above `middle`; a NOTHING_MM among them is left out."""
+    highest = np.float32(top)
+    for n in range(out.size):
+        height = np.float32(found[n] + middle if found[n] > NOTHING_MM else NOTHING_MM)
+        height = height if height <= behind else np.float32(NOTHING_MM)
+        out[n] = out[n] if out[n] > height else height
+        highest = highest if highest > height else height
+    return highest
+
+
+@compiled("UniTuple(i8, 2)(f8, f8, f8, i8)", nogil=True)
+def _grid_lines(center, reach, pitch, limit):
+    """First and last grid line within reach of a center, which are within -limit and limit."""
+    low, high = max(center - reach, -limit * pitch), min(center + reach, limit * pitch)
+    first, last = int(np.ceil((low - EDGE_MM) / pitch)), int(np.floor((high + EDGE_MM) / pitch))
+    return max(first, 1 - limit), min(last, limit - 1)
+
+
+@compiled("f8(i8, f8[::1], f8[::1])", nogil=True)
+def _half_extent(kind, size, direction):
+    """Half the extent of a geom, mm, along a unit vector in its frame."""
+    x, y, z = abs(direction[0]), abs(direction[1]), abs(direction[2])
+    if kind == PLANE:
+        return np.inf
+    if kind == ELLIPSOID:
+        return np.sqrt((size[0] * x) ** 2 + (size[1] * y) ** 2 + (size[2] * z) ** 2)
+    if kind == CYLINDER:
+        return size[0] * np.sqrt(x * x + y * y) + size[1] * z
+    return size[0] + (size[1] * z if kind == CAPSULE else 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from t2twin.attachment.contacts import READ_N, READ_SHARE, UNSTEADY, Push, Wrench
-from t2twin.attachment.rasterize import width_cells
+from t2twin.attachment.geometry import covers_square
 from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
@@ -18,19 +18,16 @@ from t2twin.sim.contact.prescribed import Load, carry, owner_of
 from t2twin.sim.contact.types import FORCE_RANGE_N, SMALL, UNSETTLED, Contact
 from t2twin.sim.touch import Notice
 
+# Largest force of all bodies together, N: below the limit on a press by more than rounding.
 MAX_FORCE_N = 0.9999 * FORCE_RANGE_N[1]
-"""Largest force of all bodies together, N: below the limit on a press by more than rounding."""
-
+# Distance by which the outline of a body that the grid cannot resolve is moved outward, mm.
 WIDER_MM = SURVEY_MM / 2
-"""Distance by which the outline of a body that the grid cannot resolve is moved outward, mm."""
-
+# Widths of a body, in cells of its height map (assumed). Below the first it is made wider. Below
+# the second its width on the map depends on its place.
 THIN_CELLS, NARROW_CELLS = 3, 4
-"""Widths of a body, in cells of its height map (assumed). Below the first it is made wider. Below
-the second its width on the map depends on its place."""
+EASED = (1.0, 0.5, 0.25, 0.0)  # shares of a tangential load that are tried (assumed)
 
-EASED = (1.0, 0.5, 0.25, 0.0)
-"""Shares of a tangential load that are tried (assumed)."""
-
+# Reasons of notices.
 LIMIT = f"all bodies together press with more than the limit of {FORCE_RANGE_N[1]:g} N"
 NO_SURFACE = (
     "none of its surface lies over the pad where MuJoCo presses it; if its mesh is hollow, divide "
@@ -50,7 +47,6 @@ TANGENTIAL = (
 )
 LIGHT = f"it presses with less than {FORCE_RANGE_N[0]:g} N along the sensor's axis"
 SHARED = "the bodies overlap, and share their pressure otherwise"
-"""Reasons of notices."""
 
 
 class Body(NamedTuple):
@@ -123,7 +119,7 @@ def _choices(load: Load) -> Iterator[tuple[Load, float, bool]]:
     wider, as one is that covers less than a cell of the grid or is narrower than THIN_CELLS."""
     surface = load.shape.surface
     covered_mm2 = np.count_nonzero(surface.heights_mm > NOTHING_MM / 2) * surface.pitch_mm**2
-    is_thin = covered_mm2 < SURVEY_MM**2 or width_cells(surface.heights_mm, THIN_CELLS) < THIN_CELLS
+    is_thin = covered_mm2 < SURVEY_MM**2 or not covers_square(surface.heights_mm, THIN_CELLS)
     is_tangential = np.any(load.shear_n) or load.torque_nmm
     shares = EASED if is_tangential else (1.0, 0.0)  # the last begins without traction
     for is_wider in (True,) if is_thin else (False, True):
@@ -154,26 +150,23 @@ def _notices(
     """What a contact lacks of the forces of bodies. reasons: those that are known, by name."""
     found = []
     for body in bodies:
-        lacking = body.wrench.force_n - _read_n(contact, body.name)
-        normal, tangential = (
-            _is_much(lacking[part], body.wrench.force_n[part]) for part in np.s_[2:, :2]
-        )
-        causes = [reasons[body.name]] if body.name in reasons else []
-        is_settled = contact is None or contact.settled
-        if not causes and ((normal and is_settled) or tangential):
-            causes.append(SHARED if normal else TANGENTIAL)
-        if contact is not None and not is_settled:
-            causes.append(SMALL if contact.smaller_than_grid else UNSETTLED)
+        known, force_n = reasons.get(body.name, ""), body.wrench.force_n
+        lacking = force_n - _read_n(contact, body.name)
+        normal, tangential = (_is_much(lacking[part], force_n[part]) for part in np.s_[2:, :2])
+        unsettled = ""
+        if contact is not None and not contact.settled:
+            unsettled = SMALL if contact.smaller_than_grid else UNSETTLED
+        if not known and ((normal and not unsettled) or tangential):
+            known = SHARED if normal else TANGENTIAL
         if normal or tangential:
-            found.append(Notice(body.name, "; ".join(causes), tuple(lacking.tolist())))
-        elif THIN in reasons.get(body.name, ""):
-            found.append(Notice(body.name, THIN))
-        elif not is_settled:
-            found.append(Notice(body.name, causes[-1]))
-        elif body.shape is not None:
-            heights = body.shape.surface.heights_mm
-            if width_cells(heights, NARROW_CELLS) < NARROW_CELLS:
-                found.append(Notice(body.name, NARROW))
+            reason = "; ".join(filter(None, [known, unsettled]))
+            found.append(Notice(body.name, reason, tuple(lacking.tolist())))
+        elif THIN in known or unsettled:
+            found.append(Notice(body.name, THIN if THIN in known else unsettled))
+        elif body.shape is not None and not covers_square(
+            body.shape.surface.heights_mm, NARROW_CELLS
+        ):
+            found.append(Notice(body.name, NARROW))
     return found
 
 
