@@ -19,14 +19,13 @@ from t2twin.rerun_log import RerunLog
 from t2twin.translate.inference.contact import ContactEstimate
 from t2twin.translate.inference.files import ood_entry
 from t2twin.translate.inference.predictor import NO_BACKGROUND, TrainedTranslator
-from t2twin.translate.uncertainty.ood import classify_frame, combined, unlike
+from t2twin.translate.uncertainty.ood import unlike
 
 REPORT_EVERY_S = 5.0
 """Period of the reports of rate and latency, s."""
 
 MAX_LATENCIES = 100_000
 """Number of latencies kept for the final report, half an hour at 60 Hz; limits memory."""
-
 
 Output = Callable[[Frame, dict[str, Any], ContactEstimate | None], object]
 """Receives a frame, the values of its line and the contact, if the run predicts it."""
@@ -62,50 +61,42 @@ def follow(
 ) -> Throughput:
     """Translates the latest frame repeatedly, until the source ends.
 
-    write: receives one line of JSON per frame, with the fields
-
-    - frame, number in the source, from 0; file, in a folder;
-    - time_s, arrival, seconds since 1970; latency_ms, from arrival to the line;
-    - counts, integers, one per taxel; in_distribution; if that is false, ood_class;
-    - of a field run counts_std, standard deviations, counts;
-    - of a field run that was trained on several forces, force_n and force_std_n, N;
-    - of a run that predicts the contact, contact, with the keys of ContactEstimate.summary.
-
-    report: receives messages for the user. max_frames: number of lines after which it ends.
-    background: background frame of the sensor for a field run, (h, w, 3) or (h, w) uint8, of any
-    size. outputs: receive each frame, the values of its line, and the contact too.
+    write: receives one line of JSON per frame; docs/how-to/live.md lists its keys. report:
+    receives messages for the user. max_frames: number of lines after which it ends. background:
+    background frame of the sensor for a field run, (h, w, 3) or (h, w) uint8, of any size.
+    outputs: receive each frame, the values of its line, and the contact too.
     Raises T2TwinError if the source fails, and for a background frame with another model.
     """
-    translate = _translator(run, background, report)
+    if background is not None:
+        run.need_uncertainty("a background frame")
+    elif run.has_uncertainty:
+        report(NO_BACKGROUND)
+    _predicted(run, np.zeros((run.config.preset.size,) * 2, np.uint8), background)  # slow at first
     latest, throughput = LatestFrame(source), Throughput()
-    reported_s, last, waiting, warned = throughput.began_s, -1, False, False
+    report_due_s, last, warned = throughput.began_s + REPORT_EVERY_S, -1, False
+    reported = None
     try:
         while max_frames is None or throughput.translated < max_frames:
             ended = latest.ended  # read before the frame: a last frame may arrive with the end
             frame = latest.take(last, REPORT_EVERY_S)
             if frame is None and ended:
                 break
-            if frame is None:
-                if not waiting and not latest.ended:
-                    report(f"no new frame for {REPORT_EVERY_S:g} s; waiting for the next one")
-                    waiting = True
-                continue
-            last, waiting = frame.number, False
-            values, contact = translate(frame.image)
-            now_s = time.perf_counter()
-            latency_ms = 1e3 * (now_s - frame.arrived_s)
-            line = _place(frame, latency_ms) | values
-            write(json.dumps(line))
-            for output in outputs:
-                output(frame, line, contact)
-            throughput.translated, throughput.received = throughput.translated + 1, latest.read
-            throughput.latencies_ms.append(latency_ms)
-            if not values["in_distribution"] and not warned:
-                warned = True
-                report(str(unlike([values["ood_class"]], run.run_dir.name)))
-            if now_s - reported_s >= REPORT_EVERY_S:
-                reported_s = now_s
-                report(str(throughput))
+            if frame is not None:
+                last = frame.number
+                values, contact = _predicted(run, frame.image, background)
+                line = _place(frame) | values
+                write(json.dumps(line))
+                for output in outputs:
+                    output(frame, line, contact)
+                throughput.translated, throughput.received = throughput.translated + 1, latest.read
+                throughput.latencies_ms.append(line["latency_ms"])
+                if not values["in_distribution"] and not warned:
+                    warned = True
+                    report(str(unlike([values["ood_class"]], run.run_dir.name)))
+            state = throughput.translated, frame is None
+            if not latest.ended and state != reported and time.perf_counter() >= report_due_s:
+                report_due_s, reported = time.perf_counter() + REPORT_EVERY_S, state
+                report(f"{throughput}{'; waiting for a frame' if frame is None else ''}")
     finally:
         latest.close()
     throughput.received = latest.read
@@ -113,60 +104,37 @@ def follow(
     return throughput
 
 
-def _translator(
-    run: TrainedTranslator, background: np.ndarray | None, report: Report
-) -> Callable[[np.ndarray], tuple[dict[str, Any], ContactEstimate | None]]:
-    """A function from an image to the predicted values of its line, and the contact if it is
-    predicted. Arguments: as for `follow`."""
-    if background is not None:
-        run.need_uncertainty("a background frame")
-    elif run.has_uncertainty:
-        report(NO_BACKGROUND)
-
-    def translate(image: np.ndarray) -> tuple[dict[str, Any], ContactEstimate | None]:
-        if run.has_uncertainty:
-            return _of_field(run, image, background)
-        pixels = run.pixels_of(image)
-        own = classify_frame(image, run.config.data.camera.aspect)
-        found = combined(own, *run.classify(pixels))
-        return {"counts": _whole(run.predict_pixels(pixels)[0])} | ood_entry(found), None
-
-    translate(np.zeros((run.config.preset.size,) * 2, np.uint8))  # the first one is slow
-    return translate
-
-
-def _of_field(
+def _predicted(
     run: TrainedTranslator, image: np.ndarray, background: np.ndarray | None
 ) -> tuple[dict[str, Any], ContactEstimate | None]:
-    """Predicted values of a line, of a field run, and the contact if it is predicted."""
+    """The predicted values of a line, and the contact if the run predicts it."""
     contact: Any = None  # one, of one image
     if run.predicts_contact:
         estimate, contact = run.estimate_with_contact(image, background)
     else:
         estimate = run.estimate(image, background)
-    forces = {"force_n": estimate.force_n, "force_std_n": estimate.force_std_n}
-    values = {
-        "counts": _whole(estimate.counts),
-        "counts_std": _whole(estimate.counts_std),
-        **{name: round(float(value), 3) for name, value in forces.items() if value is not None},
-        **({} if contact is None else {"contact": contact.summary()}),
-        **ood_entry(estimate.ood_class),
+    values: dict[str, Any] = {
+        name: np.rint(value).astype(int).tolist()
+        for name in ("counts", "counts_std")
+        if (value := getattr(estimate, name)) is not None
     }
-    return values, contact
+    for name in ("force_n", "force_std_n"):
+        if (value := getattr(estimate, name)) is not None:
+            values[name] = round(float(value), 3)
+    if contact is not None:
+        values["contact"] = contact.summary()
+    return values | ood_entry(estimate.ood_class), contact
 
 
-def _place(frame: Frame, latency_ms: float) -> dict[str, Any]:
+def _place(frame: Frame) -> dict[str, Any]:
     """The values of a line that state which frame it is, and its times."""
+    latency_s = time.perf_counter() - frame.arrived_s
     return {
         "frame": frame.number,
         **({} if frame.name is None else {"file": frame.name}),
-        "time_s": round(time.time() - latency_ms / 1e3, 6),
-        "latency_ms": round(latency_ms, 3),
+        "time_s": round(time.time() - latency_s, 6),
+        "latency_ms": round(1e3 * latency_s, 3),
     }
-
-
-def _whole(values: np.ndarray) -> list[int]:
-    return np.rint(values).astype(int).tolist()
 
 
 @contextmanager
@@ -180,31 +148,17 @@ def published(address: str) -> Iterator[Output]:
         raise T2TwinError("--zmq needs PyZMQ: `pip install 't2twin[zmq]'`")
     import zmq
 
-    _check_port(address)
     context = zmq.Context()
     socket = context.socket(zmq.PUB)
     try:
         try:
+            _ = urlsplit(address.removesuffix(":*")).port  # ZeroMQ takes it modulo 65,536
             socket.bind(address)
-        except zmq.ZMQError as error:
-            raise T2TwinError(
-                f"--zmq {address} cannot be bound: {error.strerror}; expected an address such as "
-                "tcp://127.0.0.1:5555"
-            ) from error
+        except (ValueError, zmq.ZMQError) as error:
+            raise T2TwinError(f"--zmq {address} cannot be bound: {error}") from error
         yield lambda frame, line, contact: socket.send_string(json.dumps(line))
     finally:
         context.destroy(linger=0)  # messages that are not sent are dropped
-
-
-def _check_port(address: str) -> None:
-    """Raises T2TwinError for a port of TCP out of range, which ZeroMQ replaces by another one."""
-    try:
-        if address.startswith("tcp:") and not address.endswith(":*"):
-            _ = urlsplit(address).port  # raises ValueError
-    except ValueError:
-        raise T2TwinError(
-            f"--zmq {address} has no valid port; expected 0 to 65535, as in tcp://127.0.0.1:5555"
-        ) from None
 
 
 @contextmanager

@@ -8,7 +8,8 @@ import os
 import stat
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Condition, Thread
@@ -18,7 +19,6 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import SUFFIXES
-from t2twin.core.words import counted
 
 DEFAULT_HZ = 60.0
 """Frame rate of a video without a valid rate (assumed: that of many cameras)."""
@@ -27,22 +27,16 @@ MIN_HZ, MAX_HZ = 0.1, 1000.0
 """Range of valid frame rates of a video, Hz (assumed)."""
 
 MIN_COMPLETE_SHARE = 0.9
-"""Share of the frames in a video's header below which its end is reported as early (assumed: some
-formats state an estimate)."""
-
-MAX_CAMERA_DIGITS = 4
-"""Maximum number of digits of a camera number, which OpenCV reads as a C integer (assumed)."""
+"""Share of the frames in a video's header below which its end is reported as early (assumed)."""
 
 TURNS_DEG = (0, 90, 180, 270)
 """Allowed clockwise rotations of frames."""
 
-FFMPEG_OPTIONS = {
-    "protocol_whitelist": "file",
-    "format_whitelist": "avi,mov,matroska,mpegts,mpeg,mpegvideo,h264,hevc,mjpeg,flv,asf,ogg,gif,"
-    "ivf,mxf,yuv4mpegpipe",
-}
-"""Limits of FFmpeg to videos in local files: it also renders text and images as videos, and opens
-the files and addresses of a playlist."""
+FFMPEG_OPTIONS = (
+    "protocol_whitelist;file|format_whitelist;avi,mov,matroska,mpegts,mpeg,mpegvideo,h264,hevc,"
+    "mjpeg,flv,asf,ogg,gif,ivf,mxf,yuv4mpegpipe"
+)
+"""Limits FFmpeg to videos in local files: it also renders text and images as videos."""
 
 POLL_S = 0.002
 """Polling period of a folder, s: an eighth of the period of a 60 Hz camera."""
@@ -52,17 +46,9 @@ READ_TIMEOUT_S = 1.0
 no frame, s (assumed)."""
 
 RECENT = 64
-"""Number of recently read files that every poll checks for changes (assumed). All files are checked
-less often, because checking tens of thousands of them takes longer than a frame."""
+"""Number of the latest files that are checked for changes (assumed)."""
 
-FULL_SCAN_EVERY_S, FULL_SCAN_SHARE = 0.5, 0.05
-"""Minimum time between two checks of all files, s, and maximum share of the time that they take
-(assumed)."""
-
-REPORT_EVERY_S = 5.0
-"""Minimum time between two reports of skipped frames, s (assumed)."""
-
-Report = Callable[[str], None]
+Report = Callable[[str], object]
 """Receives a message for the user."""
 
 
@@ -81,15 +67,10 @@ class Frame:
 
 
 Source = Iterator[Frame | None]
-"""Frames of a source; None where there is no new one yet. Raises T2TwinError if the source fails.
-"""
+"""Frames of a source; None where there is no new one yet. Raises T2TwinError if it fails."""
 
 
-def _silent(message: str) -> None:
-    """Discards a report."""
-
-
-def open_source(name: str, turn_deg: int = 0, report: Report = _silent) -> Source:
+def open_source(name: str, turn_deg: int = 0, report: Report = lambda message: None) -> Source:
     """Opens a camera (by its number), a folder or a video file.
 
     turn_deg: clockwise rotation of the frames, one of TURNS_DEG. report: receives messages about
@@ -99,69 +80,74 @@ def open_source(name: str, turn_deg: int = 0, report: Report = _silent) -> Sourc
     if turn_deg not in TURNS_DEG:
         raise T2TwinError(f"frames cannot be rotated by {turn_deg}; expected one of {TURNS_DEG}")
     path = Path(name)
-    try:
-        if name.isascii() and name.isdigit():
-            frames = _camera(_opened_camera(name), name)
-        elif name and path.is_dir():
-            frames = FolderSource(path, report)
-        elif path.is_file():
-            frames = _video(path, report)
-        else:
-            raise T2TwinError(
-                f"there is no source {name!r}; expected a camera number, a video file or a folder"
-            )
-    except OSError as error:
+    if name.isascii() and name.isdigit():
+        frames = _camera(int(name))
+    elif name and path.is_dir():
+        frames = _folder(path, report)
+    elif path.is_file():
+        frames = _video(path, report)
+    else:
         raise T2TwinError(
-            f"the source {name!r} cannot be read ({(error.strerror or str(error)).lower()})"
-        ) from error
-    return (each and replace(each, image=_rotated(each.image, turn_deg)) for each in frames)
-
-
-def _opened_camera(number: str) -> Any:
-    """A camera of this machine. Raises T2TwinError if it cannot be opened."""
-    cv2 = _opencv()
-    capture = cv2.VideoCapture()
-    if len(number) <= MAX_CAMERA_DIGITS:
-        capture.open(int(number))
-    if not capture.isOpened():
-        raise T2TwinError(
-            f"camera {number} cannot be opened; expected the number of a connected camera that no "
-            "other program uses"
+            f"there is no source {name!r}; expected a camera number, a video file or a folder"
         )
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older frames are not needed
-    return capture
+    return (each and _rotated(each, turn_deg) for each in frames)
 
 
-def _camera(capture: Any, number: str) -> Source:
-    """Frames of an open camera."""
-    count, due_s = 0, time.monotonic() + READ_TIMEOUT_S
-    while True:
-        ok, bgr = capture.read()
-        if ok:
-            yield Frame(bgr[:, :, ::-1], count, None, time.perf_counter())
-            count, due_s = count + 1, time.monotonic() + READ_TIMEOUT_S
-        elif time.monotonic() >= due_s:
-            raise T2TwinError(f"camera {number} returns no frames; check its connection")
-        else:  # a damaged frame is not the end
-            time.sleep(POLL_S)
-            yield None
+def _rotated(frame: Frame, turn_deg: int) -> Frame:
+    """The frame rotated clockwise by a multiple of 90 degrees."""
+    image = np.ascontiguousarray(np.rot90(frame.image, -turn_deg // 90))
+    return replace(frame, image=image)
+
+
+def _opened(source: int | str) -> tuple[Any, Any]:
+    """OpenCV, and a camera or a video. Raises T2TwinError if it cannot be opened."""
+    os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = FFMPEG_OPTIONS
+    try:
+        import cv2
+    except ImportError:
+        raise T2TwinError(
+            "cameras and videos require OpenCV, which is not installed; install it with "
+            "`pip install 't2twin[live]'`, or use a folder of frames"
+        ) from None
+    is_camera = isinstance(source, int)
+    capture = cv2.VideoCapture(source, cv2.CAP_ANY if is_camera else cv2.CAP_FFMPEG)
+    if not capture.isOpened():
+        expected = (
+            "the number of a connected camera that no other program uses"
+            if is_camera
+            else "a video file, such as AVI, MP4 or MKV, or a folder of images"
+        )
+        name = f"camera {source}" if is_camera else source
+        raise T2TwinError(f"{name} cannot be opened; expected {expected}")
+    if is_camera:
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older frames are not needed
+    return cv2, capture
+
+
+def _camera(number: int) -> Source:
+    """Frames of a camera."""
+    _, capture = _opened(number)
+
+    def frames() -> Source:
+        count, due_s = 0, time.monotonic() + READ_TIMEOUT_S
+        while True:
+            ok, bgr = capture.read()
+            if ok:
+                yield Frame(bgr[:, :, ::-1], count, None, time.perf_counter())
+                count, due_s = count + 1, time.monotonic() + READ_TIMEOUT_S
+            elif time.monotonic() >= due_s:
+                raise T2TwinError(f"camera {number} returns no frames; check its connection")
+            else:  # a damaged frame is not the end
+                time.sleep(POLL_S)
+                yield None
+
+    return frames()
 
 
 def _video(path: Path, report: Report) -> Source:
-    """Frames of a video file at its frame rate.
-
-    Raises T2TwinError for a file that is not a video, and for a video without frames.
-    """
-    cv2 = _opencv()
-    with path.open("rb"):
-        pass  # raises the reason, which OpenCV does not state
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    if not capture.isOpened():
-        raise T2TwinError(
-            f"{path} cannot be read as a video; expected a video file, such as AVI, MP4 or MKV, or "
-            "a folder of images"
-        )
-    hz = capture.get(cv2.CAP_PROP_FPS)
+    """Frames of a video file at its frame rate. Raises T2TwinError for a video without frames."""
+    cv2, capture = _opened(str(path))
+    hz, announced = (capture.get(key) for key in (cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_COUNT))
     if not MIN_HZ <= hz <= MAX_HZ:
         report(f"{path} states {hz:g} frames/s; {DEFAULT_HZ:g} frames/s are used instead")
         hz = DEFAULT_HZ
@@ -175,7 +161,6 @@ def _video(path: Path, report: Report) -> Source:
                 break
             time.sleep(max(0.0, due_s - time.perf_counter()))
             yield Frame(bgr[:, :, ::-1], count, None, due_s)
-        announced = capture.get(cv2.CAP_PROP_FRAME_COUNT)
         if not count:
             raise T2TwinError(f"{path} contains no readable frame")
         if count < MIN_COMPLETE_SHARE * announced:
@@ -186,97 +171,73 @@ def _video(path: Path, report: Report) -> Source:
     return frames()
 
 
+def _folder(path: Path, report: Report) -> Source:
+    """PNG and JPEG files of a folder: the latest existing file first, then new files.
+
+    A new content of one of the RECENT latest files is a new frame. An incomplete file is read
+    again; if it remains unreadable for READ_TIMEOUT_S after its last change, it is reported.
+    """
+    from t2twin.translate.data.images import open_image  # imports torch
+
+    existing = _new_files(path, {}, ())
+    done = dict(existing[:-1])
+    recent = deque((name for name, _ in existing), maxlen=RECENT)
+    count = 0
+    while True:
+        new, image, arrived_s = _new_files(path, done, recent), None, 0.0
+        while new and image is None:
+            name, version = new[-1]
+            arrived_s = time.perf_counter()
+            try:
+                image = np.asarray(open_image(path / name))
+            except T2TwinError as error:
+                new.pop()
+                if time.time() - version[0] / 1e9 >= READ_TIMEOUT_S:
+                    done[name] = version
+                    report(f"a frame is skipped: {error}")
+        if image is None:
+            yield None
+            time.sleep(POLL_S)
+        else:
+            done.update(new)
+            recent.extend(name for name, _ in new)
+            count += len(new)
+            yield Frame(image, count - 1, new[-1][0], arrived_s)
+
+
 _Version = tuple[int, int]
 """Identifies one content of a file: time of its last change, ns, and size in bytes."""
 
 
-class FolderSource:
-    """PNG and JPEG files of a folder: the latest existing file first, then new files.
+def _new_files(
+    path: Path, done: dict[str, _Version], recent: Collection[str]
+) -> list[tuple[str, _Version]]:
+    """Image files that are not done in their version, the latest last. Forgets deleted files."""
+    try:
+        names = {
+            file.name
+            for file in path.iterdir()
+            if file.name.lower().endswith(SUFFIXES) and not file.name.startswith(".")
+        }
+    except OSError as error:
+        raise T2TwinError(f"the folder {path} cannot be read: {error.strerror}") from error
+    for name in done.keys() - names:
+        del done[name]
+    found = []
+    for name in names - (done.keys() - set(recent)):
+        version = _version(path / name)
+        if version is not None and version != done.get(name):
+            found.append((name, version))
+    return sorted(found, key=lambda each: (each[1], each[0]))
 
-    A rewritten file is a new frame. An incomplete file is retried; if it remains unreadable for
-    read_timeout_s after its last change, it is skipped and reported. Subfolders, hidden files,
-    pipes and devices are ignored. Raises T2TwinError if the folder cannot be listed.
-    """
 
-    def __init__(self, path: Path, report: Report, read_timeout_s: float = READ_TIMEOUT_S) -> None:
-        self._path, self._report, self._read_timeout_s = path, report, read_timeout_s
-        self._count, self._skipped, self._report_due_s = 0, 0, 0.0
-        self._recent: deque[str] = deque(maxlen=RECENT)  # names of processed files
-        self._done: dict[str, _Version] = {}  # processed contents
-        self._full_scan_due_s = 0.0  # monotonic
-        self._done.update(sorted(self._listed().items(), key=_age)[:-1])
-
-    def __iter__(self) -> Source:
-        while True:
-            frame = self._latest()
-            yield frame
-            if frame is None:
-                time.sleep(POLL_S)
-
-    def _latest(self) -> Frame | None:
-        """The latest readable frame that was not read yet. Older frames are dropped."""
-        listed = self._listed()
-        for name in self._done.keys() - listed.keys():
-            del self._done[name]
-        new = [each for each in listed.items() if self._done.get(each[0]) != each[1]]
-        new.sort(key=_age)
-        while new:
-            name, version = new[-1]
-            arrived_s = time.perf_counter()
-            image = self._image(name, version)
-            if image is not None:
-                self._done.update(new)
-                self._recent.extend(name for name, _ in new)
-                self._count += len(new)
-                return Frame(image, self._count - 1, name, arrived_s)
-            new.pop()
-        return None
-
-    def _image(self, name: str, version: _Version) -> np.ndarray | None:
-        """The image of a file; None if it is incomplete or was rewritten during reading."""
-        from t2twin.translate.data.images import open_image  # imports torch
-
-        try:
-            image = np.asarray(open_image(self._path / name))
-        except T2TwinError as error:
-            if time.time() - version[0] / 1e9 >= self._read_timeout_s:
-                self._skip(name, version, str(error))
-            return None
-        return image if _version(self._path / name) in (version, None) else None
-
-    def _skip(self, name: str, version: _Version, reason: str) -> None:
-        """Counts a frame that remains unreadable, and reports it at a limited rate."""
-        self._done[name] = version
-        self._skipped += 1
-        if time.monotonic() >= self._report_due_s:
-            self._report_due_s = time.monotonic() + REPORT_EVERY_S
-            self._report(f"{counted(self._skipped, 'frame')} skipped so far; latest: {reason}")
-
-    def _listed(self) -> dict[str, _Version]:
-        """Versions of the image files. Raises T2TwinError if the folder cannot be listed."""
-        began_s = time.monotonic()
-        is_full = began_s >= self._full_scan_due_s
-        recent, listed = set(self._recent), {}
-        for name in self._names():
-            known = None if is_full or name in recent else self._done.get(name)
-            version = known or _version(self._path / name)
-            if version is not None:
-                listed[name] = version
-        if is_full:
-            now_s = time.monotonic()
-            pause_s = max(FULL_SCAN_EVERY_S, (now_s - began_s) / FULL_SCAN_SHARE)
-            self._full_scan_due_s = now_s + pause_s
-        return listed
-
-    def _names(self) -> list[str]:
-        try:
-            names = [path.name for path in self._path.iterdir()]
-        except (FileNotFoundError, NotADirectoryError):
-            raise T2TwinError(f"the folder {self._path} no longer exists") from None
-        except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise T2TwinError(f"the folder {self._path} cannot be listed ({reason})") from error
-        return [name for name in names if name.lower().endswith(SUFFIXES) and name[0] != "."]
+def _version(path: Path) -> _Version | None:
+    """The version of a regular file; None for a pipe, a device or a missing file."""
+    with suppress(OSError):
+        status = path.stat()
+        if stat.S_ISREG(status.st_mode):
+            return status.st_mtime_ns, status.st_size
+    return None
 
 
 class LatestFrame:
@@ -286,10 +247,9 @@ class LatestFrame:
     """
 
     def __init__(self, source: Iterable[Frame | None]) -> None:
-        self.read = 0
+        self.read, self.ended = 0, False
         self._source, self._closed = source, False
         self._frame: Frame | None = None
-        self._ended = False
         self._error: Exception | None = None
         self._changed = Condition()
         # A daemon thread: the process does not wait for a camera when it stops.
@@ -302,7 +262,7 @@ class LatestFrame:
         frames. Raises the exception that the source raised.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self.read > after + 1 or self._ended, timeout_s)
+            self._changed.wait_for(lambda: self.read > after + 1 or self.ended, timeout_s)
             if self._frame is not None and self._frame.number > after:
                 return self._frame
             if self._error is not None:
@@ -312,12 +272,6 @@ class LatestFrame:
     def close(self) -> None:
         """Stops reading, without waiting for a frame that is being read."""
         self._closed = True
-
-    @property
-    def ended(self) -> bool:
-        """Whether the source has ended."""
-        with self._changed:
-            return self._ended
 
     def _run(self) -> None:
         try:
@@ -331,43 +285,5 @@ class LatestFrame:
         except Exception as error:  # `take` raises it
             self._error = error
         with self._changed:
-            self._ended = True
+            self.ended = True
             self._changed.notify_all()
-
-
-def _rotated(image: np.ndarray, turn_deg: int) -> np.ndarray:
-    """The image rotated clockwise by a multiple of 90 degrees."""
-    return np.ascontiguousarray(np.rot90(image, -turn_deg // 90))
-
-
-def _age(item: tuple[str, _Version]) -> tuple[int, str]:
-    """Sort key of files, the latest last."""
-    name, (modified_ns, _) = item
-    return modified_ns, name
-
-
-def _version(path: Path) -> _Version | None:
-    """The version of a regular file; None for anything else and for a missing file."""
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    if not stat.S_ISREG(status.st_mode):
-        return None
-    return status.st_mtime_ns, status.st_size
-
-
-def _opencv() -> Any:
-    """OpenCV, silent and limited by FFMPEG_OPTIONS. Raises T2TwinError if it is not installed."""
-    options = "|".join(f"{name};{value}" for name, value in FFMPEG_OPTIONS.items())
-    os.environ["OPENCV_FFMPEG_CAPTURE_OPTIONS"] = options
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's own messages
-    try:
-        import cv2
-    except ImportError:
-        raise T2TwinError(
-            "cameras and videos require OpenCV, which is not installed; install it with "
-            "`pip install 't2twin[live]'`, or use a folder of frames"
-        ) from None
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    return cv2
