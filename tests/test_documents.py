@@ -58,7 +58,7 @@ NOT_RUN = {
     "t2twin simdata --recipe mini-1": "takes half an hour",
     "t2twin simdata --recipe new-light": "takes minutes; tests/test_recipe_datasets.py",
     "t2twin simdata --scale small": "takes minutes; tests/test_regression.py",
-    "t2twin studio": "serves until Ctrl-C; tests/test_studio_server.py",
+    "t2twin studio": "serves until Ctrl-C; tests/test_studio_page.py",
     "t2twin train field --data data/union": "needs this dataset; tests/test_field.py",
     "t2twin train field --data data/contact": "takes hours; tests/test_contact_prediction.py",
     "t2twin translate image.png --background background.png --target contact": "needs this run",

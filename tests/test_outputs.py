@@ -51,10 +51,12 @@ def test_subscribers_receive_each_line() -> None:
         context.destroy(linger=0)
 
 
-@pytest.mark.parametrize("address", ["", "nowhere", "tcp://256.0.0.1:1", "tcp://127.0.0.1:x"])
+@pytest.mark.parametrize("address", ["", "nowhere", "tcp://256.0.0.1:1", "tcp://127.0.0.1:99999"])
 def test_an_invalid_address_is_one_sentence(address: str) -> None:
-    with pytest.raises(T2TwinError, match=r"cannot be bound|has no valid port"):
+    with pytest.raises(T2TwinError, match="cannot be bound"):
         published(address).__enter__()
+    with published("tcp://127.0.0.1:*"):
+        pass
 
 
 def test_a_touch_is_recorded(rerun: MagicMock) -> None:
@@ -115,15 +117,6 @@ def test_an_unusable_recording_is_one_sentence(file: str, sentence: str) -> None
     Path("file").touch()
     with pytest.raises(T2TwinError, match=sentence):
         RerunLog(Path(file))
-
-
-@pytest.mark.parametrize("port", ["99999", "-1", "65536", "port"])
-def test_a_port_out_of_range_is_refused(port: str) -> None:
-    """ZeroMQ itself takes it modulo 65,536."""
-    with pytest.raises(T2TwinError, match=f"127.0.0.1:{port} has no valid port; expected 0 to 655"):
-        published(f"tcp://127.0.0.1:{port}").__enter__()
-    with published("tcp://127.0.0.1:*"):
-        pass
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,13 +14,13 @@ import pytest
 import trimesh
 from browser import PATIENCE_MS, browser, canvas, chromium, free_port, picture
 from PIL import Image
+from t2twin.studio.files import MAX_BYTES
+from t2twin.studio.press_state import PressState
 from waiting import wait_until
 
 import t2twin
 from benchmarks.timing.studio_events import act
 from t2twin.cli import main
-from t2twin.studio.files import MAX_BYTES
-from t2twin.studio.press_state import PressState
 from t2twin.studio.server import FOLDER, studio
 
 SHAPE = "hemisphere-4"

@@ -1,24 +1,18 @@
 """Slides with friction: in a session, and through the protocol of the page."""
 
 import csv
-import io
-import zipfile
 from dataclasses import astuple
+from pathlib import Path
 
 import numpy as np
 import pytest
-from studio_client import Client
-from waiting import wait_until
 
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.slide import MAX_STEP_MM
-from t2twin.studio import cards, charts
-from t2twin.studio.files import zip_press
-from t2twin.studio.press_state import PressState, read_query
-from t2twin.studio.server import studio
-from t2twin.studio.session import MAX_STEPS, PATH_FILE, Session
+from t2twin.studio import cards, scene
+from t2twin.studio.session import MAX_STEPS, PressState, Session
 from t2twin.studio.translators import Translators
 
 SHAPE = "hemisphere-4"
@@ -34,7 +28,7 @@ def session(shape_cache):
 def slide(session, state):
     """The results of all parts of a slide."""
     results = [session.press(state)]
-    while results[-1].is_behind:
+    while any(results[-1].remaining):
         results.append(session.press(state))
     return results
 
@@ -62,26 +56,21 @@ def test_a_slide_has_the_shear_of_the_twin(slid):
 
 
 def test_the_path_repeats_the_slide(slid):
-    rows = [astuple(point.row) for point in slid.slide.points]
+    rows = [astuple(row) for row in slid.rows]
     assert len(rows) == 7 and rows[-1] == (1.0, 0.0, 5.0, 6.0)
     touch = t2twin.Twin().follow(SHAPE, rows, friction=0.6)[-1]
     assert np.array_equal(slid.touch.image, touch.image)
     assert np.array_equal(slid.touch.counts, touch.counts)
-    assert slid.slide.points[-1].force_n["digit"] == np.hypot(*touch.digit.shear_n)
+    assert slid.tangential[-1]["digit"][0] == np.hypot(*touch.digit.shear_n)
 
 
-def test_the_zip_of_a_slide_has_its_path_and_the_command_that_repeats_it(
-    slid, tmp_path, monkeypatch
-):
-    (tmp_path / "zip").mkdir()
-    _, content = zip_press(slid, tmp_path / "zip")
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        (tmp_path / PATH_FILE).write_bytes(archive.read(f"{SHAPE}/{PATH_FILE}"))
-    monkeypatch.chdir(tmp_path)
+def test_the_saved_slide_has_its_path_and_the_command_that_repeats_it(slid, tmp_path, monkeypatch):
+    slid.save(tmp_path / "saved")
+    monkeypatch.chdir(tmp_path / "saved")
     words = slid.command_line().split()
     assert words[:3] == ["t2twin", "slide", SHAPE]
     main([*words[1:], "--sensor", "digit", "--out", "out"])
-    with (tmp_path / "out/slide.csv").open() as file:
+    with Path("out/slide.csv").open() as file:
         *_, last = csv.DictReader(file)
     assert float(last["digit_shear_x_n"]) == pytest.approx(slid.touch.digit.shear_n[0], rel=1e-5)
 
@@ -90,13 +79,15 @@ def test_one_call_moves_the_shape_by_few_steps(session):
     session.press(STATE)
     far = STATE.with_changes({"x_mm": (MAX_STEPS + 2) * MAX_STEP_MM})
     first = session.press(far)
-    assert first.is_behind and first.touch.command.x_mm == pytest.approx(MAX_STEPS * MAX_STEP_MM)
-    assert first.slide.remaining == pytest.approx((far.x_mm - first.touch.command.x_mm, 0.0))
-    page = cards.press_html(first, cards.scales_of(first), has_runs=True)
+    assert any(first.remaining) and first.touch.command.x_mm == pytest.approx(
+        MAX_STEPS * MAX_STEP_MM
+    )
+    assert first.remaining == pytest.approx((far.x_mm - first.touch.command.x_mm, 0.0))
+    page = cards.press_html(first, *cards.scales_of(first))
     assert "The slide is behind: 0.4 mm and 0° remain." in page
     back = session.press(STATE.with_changes({"x_mm": MAX_STEP_MM}))  # the target has changed
-    assert not back.is_behind and back.touch.command.x_mm == MAX_STEP_MM
-    places = [point.row.x_mm for point in back.slide.points]
+    assert not any(back.remaining) and back.touch.command.x_mm == MAX_STEP_MM
+    places = [row.x_mm for row in back.rows]
     assert places == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.4, 0.2])
 
 
@@ -114,10 +105,10 @@ def test_a_jump_has_no_shear(session):
     session.press(STATE)
     assert session.press(STATE.with_changes({"x_mm": 0.2})).touch.digit.shear_n[0] > 0.1
     result = session.press(STATE.with_changes({"x_mm": 0.2, "motion": "jump"}))
-    assert result.slide is None and not result.has_slid
+    assert not result.has_slid
     for contact in result.touch.contacts.values():
         assert contact.shear_n.tolist() == NO_TRACTION
-    page = cards.press_html(result, cards.scales_of(result), has_runs=True)
+    page = cards.press_html(result, *cards.scales_of(result))
     assert "traction" not in page and "tangential" not in page
 
 
@@ -146,7 +137,7 @@ def test_a_depth_is_that_of_the_press_and_its_force_stays(session):
     state = PressState(SHAPE, depth_mm=0.5, motion="slide")
     first = session.press(state)
     result = session.press(state.with_changes({"x_mm": 0.2}))
-    assert result.touch.command.force_n == first.touch.command.force_n != state.force_n
+    assert result.touch.command.force_n == first.touch.command.force_n != 8.0
     assert session.press(state.with_changes({"force_n": 5.0, "x_mm": 0.2})).has_slid
 
 
@@ -156,7 +147,7 @@ def test_a_slide_off_the_pads_is_refused_and_the_contact_remains(session):
     with pytest.raises(T2TwinError):
         session.press(STATE.with_changes({"x_mm": 60.0}))
     after = session.press(STATE.with_changes({"x_mm": 0.2}))
-    assert after.slide.points == before.slide.points
+    assert after.rows == before.rows
 
 
 def test_readings_of_another_layout_are_of_the_same_contact(session):
@@ -180,77 +171,13 @@ def test_markers_move_with_the_gel(session):
     assert not np.array_equal(without.touch.image, touch.image)
 
 
-def test_a_link_contains_the_motion():
-    state = STATE.with_changes({"markers": True})
-    assert read_query(state.query()) == state
-    assert "--markers" in state.command_line()
-    for query, words in (
-        ("motion=fly", "one of jump, slide"),
-        ("friction=-1", "friction"),
-        ("friction=nan", "finite"),
-        ("markers=yes", "true or false"),
-    ):
-        with pytest.raises(T2TwinError, match=words):
-            read_query(query)
-
-
-def test_arrows_show_the_traction_and_where_the_shape_slips(slid):
+def test_arrows_show_the_traction(slid):
     contact = slid.touch.digit
-    arrows = charts.arrows_of(contact)
-    at = arrows.rows, arrows.columns
-    assert np.array_equal(arrows.slips, contact.slipping[at])
-    assert 0 < arrows.slips.sum() < arrows.slips.size
-    shear = contact.shear_kpa[:, *at]
-    share = np.hypot(*arrows.along_mm).max() / np.hypot(*shear).max()
-    assert np.allclose(arrows.along_mm, share * shear)
-    page = cards.press_html(slid, cards.scales_of(slid), has_runs=True)
-    assert page.count("-traction") == 2 and 'data-name="slide"' in page
-
-
-@pytest.fixture(scope="module")
-def opened(shape_cache):
-    """A page of a studio without a browser, and its client."""
-    with studio((), port=0) as served:
-        client = Client(served.address).open_page()
-        (page,) = served.pages.values()
-        yield page, client
-        client.close()
-
-
-def send(opened, **values):
-    """Sends values of controls; returns the result when the page shows it."""
-    page, client = opened
-    for label, value in values.items():
-        client.set(label, value)
-    wait_until(lambda: not client.take() and all(
-        getattr(page.state, FIELDS[label]) == value
-        for label, value in values.items() if label in FIELDS
-    ))  # fmt: skip
-    assert page.wait(60)
-    client.take()
-    return page.result
-
-
-FIELDS = {"Motion": "motion", "x, mm": "x_mm", "y, mm": "y_mm", "friction": "friction",
-          "force, N": "force_n"}  # fmt: skip
-
-
-def test_a_page_slides_and_lifts_off(opened):
-    page, client = opened
-    # One after the other: a page may press between two values, and slide from there.
-    send(opened, **{"force, N": 6.0})
-    send(opened, friction=0.5)
-    send(opened, Motion="slide")
-    result = send(opened, **{"x, mm": 1.2})
-    twin = t2twin.Twin()
-    start = twin.press(page.state.shape, force_n=6.0)
-    (touch,) = twin.slide(start, dx_mm=1.2, steps=1, friction=0.5)
-    assert result.touch.digit.shear_n == pytest.approx(touch.digit.shear_n, rel=1e-6, abs=1e-9)
-    assert result.touch.cyskin.shear_n == pytest.approx(touch.cyskin.shear_n, rel=1e-6, abs=1e-9)
-    assert f"<td>{np.hypot(*touch.digit.shear_n):.2f}</td>" in client.cards
-    client.set("Lift off and press again", True)
-    wait_until(lambda: not client.take() and page.wait(60) and not page.result.has_slid)
-    assert page.result.touch.command.x_mm == 1.2
-    assert page.result.touch.digit.shear_n.tolist() == NO_TRACTION
-    result = send(opened, **{"Motion": "jump", "x, mm": 0.4})
-    assert result.touch.digit.shear_n.tolist() == NO_TRACTION
+    at, along_mm, peak_kpa = scene.traction_arrows(contact, 10)
+    assert 0 < contact.slipping[at].sum() < contact.slipping[at].size
+    assert np.allclose(
+        along_mm / np.hypot(*along_mm).max(),
+        contact.shear_kpa[:, *at] / np.hypot(*contact.shear_kpa[:, *at]).max(),
+    )
+    assert peak_kpa == np.hypot(*contact.shear_kpa).max()
+    assert 'data-name="slide"' in cards.press_html(slid, *cards.scales_of(slid))

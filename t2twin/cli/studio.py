@@ -15,9 +15,6 @@ def studio(
     host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1",
     port: Annotated[int, tyro.conf.arg(metavar="INT")] = 8080,
     background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
-    allow_origin: Annotated[
-        tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="ORIGIN")
-    ] = (),
 ) -> None:
     """Press shapes and translate images in a browser, until Ctrl-C.
 
@@ -30,8 +27,6 @@ def studio(
         port: Port to listen on.
         background: Background frame of the same sensor for field runs; the mean background frame of
             their training unless given.
-        allow_origin: Additional origin whose pages may use the studio, such as https://lab.example
-            of a proxy. Can be repeated.
     """
     from importlib.util import find_spec
 
@@ -43,13 +38,17 @@ def studio(
             "the studio requires viser, which is not installed; install it with "
             "`pip install 't2twin[studio]'`"
         )
-    from t2twin.studio.server import EXPOSED_WARNING, is_loopback
+    from t2twin.studio.server import LOOPBACK
     from t2twin.studio.server import studio as serve
 
     try:
-        with serve(run, host, port, source, background, allow_origin) as served:
-            if not is_loopback(host):
-                print(EXPOSED_WARNING, file=sys.stderr, flush=True)
+        with serve(run, host, port, source, background) as served:
+            if host not in LOOPBACK:
+                print(
+                    "t2twin: everyone who can reach this machine can open the page and use its "
+                    "processors; --host 127.0.0.1 restricts it to this machine",
+                    file=sys.stderr, flush=True,
+                )  # fmt: skip
             print(f"open {served.address} (Ctrl-C ends it)", flush=True)
             while True:
                 time.sleep(3600)

@@ -182,27 +182,31 @@ def _folder(path: Path, report: Report) -> Source:
     existing = _new_files(path, {}, ())
     done = dict(existing[:-1])
     recent = deque((name for name, _ in existing), maxlen=RECENT)
-    count = 0
-    while True:
-        new, image, arrived_s = _new_files(path, done, recent), None, 0.0
-        while new and image is None:
-            name, version = new[-1]
-            arrived_s = time.perf_counter()
-            try:
-                image = np.asarray(open_image(path / name))
-            except T2TwinError as error:
-                new.pop()
-                if time.time() - version[0] / 1e9 >= READ_TIMEOUT_S:
-                    done[name] = version
-                    report(f"a frame is skipped: {error}")
-        if image is None:
-            yield None
-            time.sleep(POLL_S)
-        else:
-            done.update(new)
-            recent.extend(name for name, _ in new)
-            count += len(new)
-            yield Frame(image, count - 1, new[-1][0], arrived_s)
+
+    def frames() -> Source:
+        count = 0
+        while True:
+            new, image, arrived_s = _new_files(path, done, recent), None, 0.0
+            while new and image is None:
+                name, version = new[-1]
+                arrived_s = time.perf_counter()
+                try:
+                    image = np.asarray(open_image(path / name))
+                except T2TwinError as error:
+                    new.pop()
+                    if time.time() - version[0] / 1e9 >= READ_TIMEOUT_S:
+                        done[name] = version
+                        report(f"a frame is skipped: {error}")
+            if image is None:
+                yield None
+                time.sleep(POLL_S)
+            else:
+                done.update(new)
+                recent.extend(name for name, _ in new)
+                count += len(new)
+                yield Frame(image, count - 1, new[-1][0], arrived_s)
+
+    return frames()
 
 
 _Version = tuple[int, int]

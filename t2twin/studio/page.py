@@ -1,171 +1,204 @@
-"""The page of one client: its controls, scene, cards and press."""
+"""The page of one client: its controls, scene, cards and press, and its tab of own images."""
 
+import io
+import shutil
+import tempfile
+import traceback
+import zipfile
 from collections.abc import Callable
-from contextlib import suppress
-from threading import Event, Lock
-from typing import Any
+from functools import partial
+from pathlib import Path
+from threading import Event, Lock, Thread
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 import viser
 
-from t2twin.studio.cards import Scales, press_html, reproduce_html, scales_of, welcome_html
-from t2twin.studio.controls import MAX_SLIDER_N, MIN_SLIDER_N, Controls, ViewOptions
-from t2twin.studio.files import FileTasks
-from t2twin.studio.press_state import PressState
-from t2twin.studio.scene import Scene
-from t2twin.studio.session import PressResult, Session
-from t2twin.studio.shared import SharedState
-from t2twin.studio.tasks import LatestOnlyWorker, Notices
-from t2twin.studio.translate_tab import TranslateTab
+from t2twin.core.errors import T2TwinError
+from t2twin.studio import cards
+from t2twin.studio.controls import (
+    MAX_SLIDER_N,
+    MIN_SLIDER_N,
+    Controls,
+    Guard,
+    add_button,
+    add_upload,
+    connect,
+)
+from t2twin.studio.scene import Scene, Sensors, ShapeStyle
+from t2twin.studio.session import PressResult, PressState, Session, file_name
+
+if TYPE_CHECKING:
+    from t2twin.studio.server import Studio
 
 DEGREES_PER_MM, NEWTONS_PER_MM = 4.0, 0.25
 """Rotation of a drag to the right with Shift, and force of a drag downwards with Ctrl (assumed)."""
 
+WELCOME = (
+    "Press a shape into two touch sensors. Move a slider or drag the shape: Shift rotates it, "
+    "Ctrl changes the force."
+)
 FIRST_START = "The first start on a machine takes longer; later starts reuse its results."
-"""Notice until the first press is complete."""
+UNEXPECTED = "an unexpected error occurred; its message is in the terminal of the studio"
 
-LOOP_ITERATIONS = 20
-"""Iterations of viser's event loop after which flushed messages are sent: three times the required
-number."""
+SETTLED_S = 0.1
+"""Time without a new press after which the previous surfaces are hidden (assumed)."""
 
-SEND_TIMEOUT_S = 1.0
-"""Maximum wait for these iterations, s; they take about a millisecond."""
+CONTROLS_PX, CARDS_PX = 320, 420  # widths of the panels
 
-CONTROLS_PX, CARDS_PX = 320, 420
-"""Widths of the panels, px."""
+ACCENT, DARK_ACCENT = (11, 83, 148), (138, 184, 240)
+"""Accent color of the light and the dark theme, RGB: that of links in the reports."""
+
+MAX_SHOWN_HZ = 15.0
+"""Maximum rate at which a page receives frames of a live source (assumed)."""
+
+NO_BACKGROUND = "none; field runs use the mean of their training"
+
+NamedFrame = tuple[np.ndarray, str]
+"""A frame, (h, w, 3) or (h, w) uint8, and its name."""
+
+
+def read_frame(path: Path) -> NamedFrame:
+    """Reads an image file. Raises T2TwinError if it is not an image."""
+    from t2twin.translate.data.images import open_image  # imports torch
+
+    return np.asarray(open_image(path)), path.name
 
 
 class Page:
     """The page of one client.
 
-    A change requests a press from the worker, which always uses the latest state. A slide takes
-    several presses, so that the page shows its parts. controls: the panel. files: of the client.
-    state: the requested press. result: the shown press, None before the first.
+    A change requests a press from a thread of the page, which always uses the latest state. A slide
+    takes several presses, so that the page shows its parts. controls: the panel. tab: of own
+    images. result: the shown press, None before the first.
     """
 
-    def __init__(
-        self,
-        client: viser.ClientHandle,
-        shared: SharedState,
-        state: PressState,
-        link: Callable[[PressState], str],
-    ) -> None:
-        self._client, self._shared, self._link = client, shared, link
-        self._lock = Lock()
-        self.state, self._drag_start, self._drag_force_n = state, state, state.force_n
-        self._runs: tuple[str, ...] = ()
-        self._lifted = False
-        self._session: Session | None = None
+    def __init__(self, client: viser.ClientHandle, studio: "Studio") -> None:
+        self._client, self._studio = client, studio
+        self._folder = Path(tempfile.mkdtemp(dir=studio.folder))
         self.result: PressResult | None = None
-        self._notices = Notices(client)
-        folder = shared.folder / str(client.client_id)
-        self.files = FileTasks(client, self._notices, folder, lambda: self.result)
-        self._loop = client.gui._event_loop
-        self._scene = Scene(client, self._drag)
+        self._notice: viser.NotificationHandle | None = None
+        self._requested, self._closed = Event(), Event()
+        self._lifted, self._loading = False, False
+        self._runs: tuple[str, ...] = ()
+        self._runs_lock = Lock()
+        self._scene = Scene(client, self._drag, CONTROLS_PX + CARDS_PX)
         self._build()
-        self._worker = LatestOnlyWorker(
-            lambda: self._notices.guard(self._press_and_show),
-            lambda: self._notices.guard(self._scene.hide_old_surfaces),
-        )
-        # Loads in a thread of its own, so that the page still follows its sliders.
-        self._loader = LatestOnlyWorker(lambda: self._notices.guard(self._load))
         self.update_runs()
-        self._worker.request()
+        Thread(target=self._work, daemon=True).start()
+
+    @property
+    def state(self) -> PressState:
+        """The requested press."""
+        return self.controls.state
+
+    @property
+    def is_current(self) -> bool:
+        """Whether the page shows the requested press."""
+        is_shown = self.result is not None and self.result.state == self.state
+        return is_shown and not self._requested.is_set()
 
     def close(self) -> None:
         """Stops the page of a disconnected client and removes its files."""
-        self._worker.stop()
-        self._loader.stop()
-        self._tab.close()
-        self.files.remove()
+        self._closed.set()
+        self._requested.set()
+        self.tab.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
-    def join(self, timeout_s: float) -> None:
-        """Waits for the press that began before `close`."""
-        self._worker.join(timeout_s)
+    def guard(self, task: Callable[[], object]) -> None:
+        """Runs a task and shows its error in place of an earlier one."""
+        try:
+            task()
+        except Exception as error:  # the page continues after any error
+            if self._closed.is_set():
+                return
+            message = str(error)
+            if not isinstance(error, T2TwinError | OSError):
+                traceback.print_exc()
+                message = UNEXPECTED
+            self._clear(self._notice)
+            self._notice = self._client.add_notification("Not possible", message, color="red")
 
-    def wait(self, timeout_s: float) -> bool:
-        """Waits until the page shows its latest state, including files and translators.
-
-        timeout_s: of each. Returns False after a timeout.
-        """
-        works = (self.files, self._worker, self._loader, self._worker)
-        return all(each.wait(timeout_s) for each in works)
-
-    def change(self, changes: dict[str, Any]) -> PressState:
-        """Changes fields of the state and requests its press."""
-        with self._lock:
-            before, self.state = self.state, self.state.with_changes(changes)
-            self._lifted |= not self.state.continues(before)
-            state = self.state
-        self._worker.request()
-        return state
-
-    def lift_off(self) -> None:
-        """Ends the slide and presses again."""
-        with self._lock:
-            self._lifted = True
-        self._worker.request()
+    def request(self) -> None:
+        """Requests a press of the latest state."""
+        self._requested.set()
 
     def update_runs(self) -> None:
         """Adds a checkbox for each new run."""
-        names, default = self._shared.translators.names, self._shared.translators.default_names
-        with self._lock:
-            new = [name for name in names if name not in self._run_boxes]
-            with self._runs_folder:
-                for name in new:
-                    box = self._client.gui.add_checkbox(name, name in default)
-                    box.on_update(self._runs_changed)
-                    self._run_boxes[name] = box
-            self._runs_folder.visible = bool(names)
-        if new:
-            self._use_runs(default)
-        else:
-            self._worker.request()  # the page also states that there are no runs
+        translators = self._studio.translators
+        with self._runs_lock, self._runs_folder:
+            for name in translators.names:
+                if name not in self._run_boxes:
+                    is_default = name in translators.default_names
+                    self._run_boxes[name] = self._client.gui.add_checkbox(name, is_default)
+                    connect(self._run_boxes[name].on_update, self.guard, lambda _: self._use_runs())
+            self._runs_folder.visible = bool(self._run_boxes)
+        self._use_runs()
 
-    async def _runs_changed(self, event: viser.GuiEvent) -> None:
-        runs = tuple(name for name, box in self._run_boxes.items() if box.value)
-        self._notices.guard(lambda: self._use_runs(runs))
-
-    def _use_runs(self, runs: tuple[str, ...]) -> None:
-        self._runs = runs
-        self._tab.use_runs(runs)
-        self._worker.request()
+    def _use_runs(self) -> None:
+        """Translates with the selected runs."""
+        self._runs = tuple(name for name, box in self._run_boxes.items() if box.value)
+        self.tab.use_runs(self._runs)
+        self.request()
 
     def _build(self) -> None:
+        """Creates both panels."""
         gui = self._client.gui
         gui.set_panel_label("t2twin studio")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
-        gui.add_html(welcome_html())
-        self.controls = Controls(
-            self._client, self.state, self.change, self.lift_off, self._notices
-        )
-        self._view = ViewOptions(
-            self._client, self._notices, self._scene.arrange, lambda: self._worker.request()
-        )
-        self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
+        gui.add_html(cards.note_html(WELCOME))
+        self.controls = Controls(gui, self.guard, self._folder, self.request, self._lift_off)
+        with gui.add_folder("View", expand_by_default=False):
+            sensors = gui.add_dropdown("Sensors", get_args(Sensors))
+            self._style = gui.add_dropdown("Shape as", get_args(ShapeStyle))
+            self._with_arrows = gui.add_checkbox(
+                "Traction arrows", True, hint="Of a slide: stick blue, slip orange"
+            )
+            dark = gui.add_checkbox("Dark", False)
+        connect(sensors.on_update, self.guard, self._scene.arrange)
+        for handle in (self._style, self._with_arrows):
+            connect(handle.on_update, self.guard, lambda _: self.request())
+        connect(dark.on_update, self.guard, self._set_theme)
+        self._set_theme(False)
         self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
+        self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
         with gui.add_folder("Export", expand_by_default=False):
-            self.files.add_export_button()
-            self._reproduce = gui.add_html("")
-        cards = gui.add_panel()
-        with cards.add_tab("Images", viser.Icon.PHOTO):
+            icon = viser.Icon.DOWNLOAD
+            add_button(
+                gui, "Download this press (zip)", icon, self.guard, self._download, slow=True
+            )
+            self._command = gui.add_html("")
+        panel = gui.add_panel()
+        with panel.add_tab("Images", viser.Icon.PHOTO):
             self._cards = gui.add_html("")
-        with cards.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
-            self._tab = TranslateTab(self._client, self._shared, self._notices, lambda: self.result)
-        self.files.connect(self.controls, self._tab)
-        cards.dock_right()
-        cards.set_width(CARDS_PX)
-        cards.expand()
-        self._scene.arrange("both", CONTROLS_PX + CARDS_PX)
+        with panel.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
+            self.tab = TranslateTab(
+                gui, self._studio, self._folder, self.guard, lambda: self.result
+            )
+        panel.dock_right()
+        panel.set_width(CARDS_PX)
+        panel.expand()
+
+    def _set_theme(self, dark: bool) -> None:
+        self._client.gui.configure_theme(
+            dark_mode=dark,
+            brand_color=DARK_ACCENT if dark else ACCENT,
+            control_width="large",
+            show_logo=False,
+            show_share_button=False,
+        )
+
+    def _lift_off(self) -> None:
+        """Ends the slide and presses again."""
+        self._lifted = True
+        self.request()
 
     def _drag(self, by_mm: np.ndarray, key: str | None, is_start: bool) -> None:
+        """Changes the pose or the force by a drag of the shape."""
         if is_start:
             self._drag_start = self.state
-            self._drag_force_n = self.state.force_n
-            result = self.result  # contains the force of a given depth
-            if result is not None and result.state == self.state:
-                self._drag_force_n = result.touch.command.force_n
+            self._drag_force_n = self.controls.handles["force_n"].value
         start, (along_x, along_y, along_z) = self._drag_start, by_mm
         if key is None:
             changes = {"x_mm": start.x_mm + along_x, "y_mm": start.y_mm + along_y}
@@ -177,72 +210,193 @@ class Page:
         # Rounded to tenths, the resolution of the sliders.
         self.controls.apply({name: round(float(value), 1) for name, value in changes.items()})
 
-    def _press_and_show(self) -> None:
-        session = self._get_session()
-        with self._lock:
-            state, lifted, self._lifted = self.state, self._lifted, False
-        error = self._notices.shown
-        if lifted:
+    def _work(self) -> None:
+        """Presses until the page is closed."""
+        if not self._studio.is_ready.is_set():
+            notice = self._client.add_notification("Getting ready", FIRST_START, loading=True)
+            self._studio.is_ready.wait()
+            notice.remove()
+        session = Session(self._studio.translators, self._studio.sensors)
+        while self._requested.wait() and not self._closed.is_set():
+            self._requested.clear()
+            self.guard(partial(self._press_and_show, session))
+            if not self._requested.wait(SETTLED_S):
+                self._scene.hide_old_surfaces()
+
+    def _press_and_show(self, session: Session) -> None:
+        """Presses the latest state and shows the cards, then the scene.
+
+        A browser applies all changes of one message together, and drawing takes long without a GPU.
+        """
+        state, runs, notice = self.state, self._runs, self._notice
+        if self._lifted:
+            self._lifted = False
             session.lift_off()
-        runs = self._runs
-        loaded = self._shared.translators.are_loaded(runs)
+        translators = self._studio.translators
+        loaded = translators.are_loaded(runs)
         result = session.press(state, runs if loaded else ())
-        scales = scales_of(result)
-        self._send_cards(result, scales, not loaded, error)
-        self.result = result
-        view = self._view
-        arrows = view.arrows.value
-        self._scene.draw(result, view.shape_style.value, scales.kpa, scales.counts, arrows)
-        if result.is_behind:
-            self._worker.request()
-        self._shared.page_shown.set()
-        if not loaded:
-            self._loader.request()
-
-    def _get_session(self) -> Session:
-        """The client's session; waits for the first press of the studio."""
-        if self._session is None:
-            if not self._shared.press_ready.is_set():
-                with self._notices.progress("Getting ready", FIRST_START):
-                    self._shared.press_ready.wait()
-            self._session = Session(self._shared.translators, self._shared.sensors)
-        return self._session
-
-    def _load(self) -> None:
-        self._shared.translators.load(self._runs)
-        self._worker.request()
-
-    def _send_cards(
-        self,
-        result: PressResult,
-        scales: Scales,
-        loading: bool,
-        error: viser.NotificationHandle | None,
-    ) -> None:
-        """Sends the cards before the scene: a browser applies all changes of one message together,
-        and rendering the scene takes long without a GPU. error: one that this press ends."""
-        state, translators = result.state, self._shared.translators
-        loading = loading or not translators.is_searched
-        cards = press_html(result, scales, bool(translators.names), loading)
+        kpa, counts = cards.scales_of(result)
+        missing = "" if translators.names else cards.NO_RUNS
+        if not loaded or not translators.is_searched:
+            missing = cards.LOADING
+        html = cards.press_html(result, kpa, counts, missing)
+        if self._closed.is_set():
+            return
         with self._client.atomic():
-            self._notices.clear(error)
+            self._clear(notice)
             self.controls.show_solved_values(result)
-            self._cards.content = cards
-            link = None if state.files or result.has_slid else self._link(state)
-            self._reproduce.content = reproduce_html(result.command_line(), link)
+            self._cards.content = html
+            self._command.content = cards.command_html(result.command_line())
         self._client.flush()
-        self._wait_until_sent()
+        self.result = result
+        style, arrows = self._style.value, self._with_arrows.value
+        self._scene.draw(result.touch, style, kpa, counts, arrows)
+        if any(result.remaining):
+            self.request()
+        self._studio.is_shown.set()
+        if not loaded and not self._loading:
+            self._loading = True
+            Thread(target=self.guard, args=(partial(self._load, runs),), daemon=True).start()
 
-    def _wait_until_sent(self) -> None:
-        """Waits until viser's event loop has sent the flushed messages."""
-        sent = Event()
+    def _load(self, runs: tuple[str, ...]) -> None:
+        """Loads runs while the page still follows its sliders."""
+        try:
+            self._studio.translators.load(runs)
+            self.request()
+        finally:
+            self._loading = False
 
-        def iterate(left: int) -> None:
-            if left:
-                self._loop.call_soon(iterate, left - 1)
-            else:
-                sent.set()
+    def _clear(self, notice: viser.NotificationHandle | None) -> None:
+        """Removes an error, unless a newer one has replaced it."""
+        if notice is not None and notice is self._notice:
+            notice.remove()
+            self._notice = None
 
-        with suppress(RuntimeError):  # the loop is closed with the studio
-            self._loop.call_soon_threadsafe(iterate, LOOP_ITERATIONS)
-            sent.wait(SEND_TIMEOUT_S)
+    def _download(self) -> None:
+        """Sends a zip archive of the folder that `t2twin press` writes."""
+        result = self.result
+        if result is None:
+            return
+        name, content = file_name(result.touch.shape.name).replace("/", "-"), io.BytesIO()
+        with tempfile.TemporaryDirectory(dir=self._folder) as folder:
+            result.save(Path(folder))
+            with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+                for path in sorted(Path(folder).iterdir()):
+                    archive.write(path, f"{name}/{path.name}")
+        self._client.send_file_download(f"{name}.zip", content.getvalue(), save_immediately=True)
+
+
+class TranslateTab:
+    """The tab that translates frames of the user with all selected runs.
+
+    It is created inside its container. get_result: returns the shown press.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        studio: "Studio",
+        folder: Path,
+        guard: Guard,
+        get_result: Callable[[], PressResult | None],
+    ) -> None:
+        self._studio, self._guard, self._get_result = studio, guard, get_result
+        self._runs: tuple[str, ...] = ()
+        self._frame: NamedFrame | None = None
+        self._background = studio.background
+        self._ended, self._lock = Event(), Lock()
+        self._ended.set()
+        gui.add_markdown(
+            "Predicts counts from an upright frame of the gel camera that a run was trained on."
+        )
+        self.upload = add_upload(
+            gui, "Upload a frame", "PNG or JPEG of any size", guard, folder,
+            lambda path: self._show(read_frame(path)),
+        )  # fmt: skip
+        add_button(
+            gui, "Current image, with noise", viser.Icon.PHOTO, guard, self._show_current, slow=True
+        )
+        self._background_name = gui.add_html("")
+        add_upload(
+            gui, "Upload a background frame", "Frame of the same sensor without contact", guard,
+            folder, lambda path: self._set_background(read_frame(path)),
+        )  # fmt: skip
+        self._no_background = add_button(
+            gui, "Remove the background frame", viser.Icon.X, guard,
+            lambda: self._set_background(None), slow=True,
+        )  # fmt: skip
+        if studio.source is not None:
+            self._add_source(gui, studio.source)
+        self._shown = gui.add_html("")
+        self._set_background(self._background)
+
+    def close(self) -> None:
+        """Stops following the source."""
+        self._ended.set()
+
+    def use_runs(self, runs: tuple[str, ...]) -> None:
+        """Translates with these runs, including the frame that is shown."""
+        self._runs = runs
+        if self._frame is not None:
+            Thread(target=self._guard, args=(self._translate,), daemon=True).start()
+
+    def _set_background(self, frame: NamedFrame | None) -> None:
+        self._background = frame
+        self._no_background.visible = frame is not None
+        self._background_name.content = cards.note_html(
+            f"Background frame: {NO_BACKGROUND if frame is None else frame[1]}"
+        )
+        self._translate()
+
+    def _add_source(self, gui: viser.GuiApi, source: str) -> None:
+        """Adds the controls of the studio's source of frames."""
+        files = self._studio.source_files()
+        if len(files) > 1:
+            slider = gui.add_slider(
+                "Frame", 0, len(files) - 1, 1, 0, hint="Number of the file, sorted by name"
+            )
+            show_file = lambda _: self._show(read_frame(files[slider.value]))  # noqa: E731
+            connect(slider.on_update, self._guard, show_file, slow=True)
+        live = gui.add_checkbox(
+            f"Live: {Path(source).name}", False, hint="Translate frames as they arrive"
+        )
+        connect(live.on_update, self._guard, self._follow, slow=True)
+
+    def _follow(self, is_on: bool) -> None:
+        """Translates the frames of the studio's source until the box is cleared."""
+        self._ended.set()
+        if not is_on:
+            return
+        self._ended = ended = Event()
+        latest, last = self._studio.latest_frames(), -1
+        while not ended.is_set():
+            frame = latest.take(last, timeout_s=1.0)
+            if frame is None and latest.ended:
+                return
+            if frame is not None:
+                last = frame.number
+                self._show((frame.image, f"frame {frame.number}"))
+                ended.wait(1.0 / MAX_SHOWN_HZ)
+
+    def _show_current(self) -> None:
+        """Translates the image of the press with other noise."""
+        result = self._get_result()
+        if result is not None:
+            reading = result.touch.of_camera
+            if reading is None:
+                raise T2TwinError("neither sensor is a gel camera, so there is no image")
+            noisy = reading.sensor.image(reading.contact, np.random.default_rng())
+            self._show((noisy, f"{result.touch.shape.name}, one frame with noise"))
+
+    def _show(self, frame: NamedFrame) -> None:
+        self._frame = frame
+        self._translate()
+
+    def _translate(self) -> None:
+        """Translates the latest frame."""
+        with self._lock:
+            frame, background = self._frame, self._background
+            if frame is not None:
+                pixels = None if background is None else background[0]
+                found = self._studio.translators.translate(frame[0], self._runs, pixels)
+                self._shown.content = cards.frame_html(frame, background, found)

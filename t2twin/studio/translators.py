@@ -1,8 +1,7 @@
 """Trained runs by name: the pretrained run, and runs found in folders.
 
-Runs are loaded on first use and shared by all clients. torch and the twin are imported on first
-use, so that a page does not wait for them. Shape letters: R rows and C columns of a tactile image,
-N taxels of a run.
+Runs are loaded on first use and shared by all clients. torch is imported on first use, so that a
+page does not wait for it. Shape letters: R rows and C columns of a tactile image, N taxels.
 """
 
 from collections.abc import Sequence
@@ -10,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,15 +26,8 @@ if TYPE_CHECKING:
 RUNS = Path("runs")
 """Default folder of trained runs."""
 
-TRAIN_COMMAND = "t2twin demo"
-"""Command that trains the first runs."""
-
 LEVEL = 0.9
 """Nominal coverage of the intervals."""
-
-
-ForceInterval = tuple[float, float, float]
-"""A predicted force and the bounds of its interval of LEVEL, N."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +37,9 @@ class Translation:
     model: "field", "resnet18" or "touch2touch". counts: (N,) float32. layout: taxels of the run.
     tactile_image: (R, C) float32, counts. px_per_mm: its scale. in_distribution: whether the image
     resembles the training images. truth: (N,) float64, true counts at these taxels, None if
-    unknown. interval: lower and upper bounds of the counts, (N,) float32 each, and force: None for
-    runs without uncertainty. background_used: whether the run received a background frame. contact:
-    None for runs that do not predict it.
+    unknown. interval: lower and upper bounds of the counts, (N,) float32 each, and force: value and
+    bounds, N, None for runs without uncertainty. background_used: whether the run received a
+    background frame. contact: None for runs that do not predict it.
     """
 
     name: str
@@ -59,7 +51,7 @@ class Translation:
     px_per_mm: float
     truth: np.ndarray | None = None
     interval: tuple[np.ndarray, np.ndarray] | None = None
-    force: ForceInterval | None = None
+    force: tuple[float, float, float] | None = None
     background_used: bool = False
     contact: "ContactEstimate | None" = None
 
@@ -82,22 +74,24 @@ class Translation:
 class Translators:
     """Runs by name. Several threads may use one instance.
 
-    is_searched: whether `search` is complete; there are no runs before.
+    names: the pretrained run, given runs, then found runs, the latest first. default_names: runs of
+    a new page. is_searched: whether `search` is complete; there are no runs before.
     """
 
     def __init__(self) -> None:
         self.is_searched = False
+        self.names: tuple[str, ...] = ()
+        self.default_names: tuple[str, ...] = ()
         self._folders: dict[str, Path] = {}
-        self._models: dict[str, str] = {}
-        self._fixed: tuple[str, ...] = ()
         self._loaded: dict[str, TrainedTranslator] = {}
         self._loading = Lock()
 
     def search(self, given: Sequence[Path] = (), below: Path = RUNS) -> None:
         """Finds the pretrained run, the given runs, and runs in a folder and its subfolders.
 
-        Raises T2TwinError for a given folder that is not a run or does not predict counts. Such
-        folders are ignored in the search.
+        The default names are the pretrained run with the given runs or, without these, with the
+        latest run of each other model. Raises T2TwinError for a given folder that is not a run or
+        does not predict counts. Such folders are ignored in the search.
         """
         from t2twin.translate.runs.config import (
             BEST,
@@ -110,7 +104,7 @@ class Translators:
         pretrained = [DEFAULT_RUN] if DEFAULT_RUN in pretrained_runs() else []
         folders = {_name(folder): folder for folder in map(resolve_run, (*pretrained, *given))}
         models = {name: _model_of(folder) for name, folder in folders.items()}
-        self._fixed = tuple(folders) if given else ()
+        fixed = tuple(folders) if given else ()
         weights = [path.with_name(BEST) for path in below.glob("**/" + CONFIG)]
         existing = [path for path in weights if path.is_file()]
         for path in sorted(existing, key=lambda path: -path.stat().st_mtime):
@@ -118,22 +112,12 @@ class Translators:
             with suppress(T2TwinError):
                 if name not in folders:
                     models[name], folders[name] = _model_of(path.parent), path.parent
-        self._folders, self._models = folders, models
-        self.is_searched = True
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The pretrained run, given runs, then found runs, the latest first."""
-        return tuple(self._folders)
-
-    @property
-    def default_names(self) -> tuple[str, ...]:
-        """Runs of a new page: the pretrained run with the given runs or, without these, with the
-        latest run of each other model."""
         latest: dict[str, str] = {}
-        for name, model in self._models.items():
+        for name, model in models.items():
             latest.setdefault(model, name)
-        return self._fixed or tuple(latest.values())
+        self._folders, self.names = folders, tuple(folders)
+        self.default_names = fixed or tuple(latest.values())
+        self.is_searched = True
 
     def are_loaded(self, runs: Sequence[str]) -> bool:
         """Whether all of these runs are loaded."""
@@ -161,39 +145,38 @@ class Translators:
     def _translate(
         self, name: str, image: np.ndarray, background: np.ndarray | None, touch: "Touch | None"
     ) -> Translation:
+        """The prediction of one run."""
         from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
         from t2twin.translate.uncertainty.ood import OODClass
 
-        run = self._load(name)
-        data, interval, force = run.config.data.array, None, None
-        contacts: Any = [None]  # one, of one image
-        own = background if run.has_uncertainty else None
+        run, contact, interval, force = self._load(name), None, None, None
+        data, own = run.config.data.array, background if run.has_uncertainty else None
         if run.predicts_contact:
-            estimate, contacts = run.estimate_with_contact([image], own, tactile=True)
+            estimate, contact = run.estimate_with_contact(image, own, tactile=True)
         else:
-            estimate = run.estimate([image], own, tactile=True)
+            estimate = run.estimate(image, own, tactile=True)
         if run.has_uncertainty:
-            low, high = estimate.interval(LEVEL)
-            interval, force = (low[0], high[0]), _force(estimate)
+            interval, force = estimate.interval(LEVEL), _force(estimate)
         pads = data.pad_diameter_mm
         pads = np.full(data.x_mm.size, PAD_DIAMETER_MM) if pads is None else pads
         layout = Layout(data.layout, data.x_mm, data.y_mm, pads)
         return Translation(
             name=name,
             model=run.config.model,
-            counts=estimate.counts[0],
+            counts=estimate.counts,
             layout=layout,
-            tactile_image=estimate.tactile_images[0],
-            in_distribution=estimate.ood_class[0] == OODClass.IN_DISTRIBUTION,
+            tactile_image=estimate.tactile_images,
+            in_distribution=estimate.ood_class == OODClass.IN_DISTRIBUTION,
             px_per_mm=data.tactile_image[2],
             truth=None if touch is None else _truth(touch, layout, data),
             interval=interval,
             force=force,
             background_used=own is not None,
-            contact=contacts[0],
+            contact=contact,
         )
 
     def _load(self, name: str) -> "TrainedTranslator":
+        """A run by its name."""
         from t2twin.translate.inference import load
 
         with self._loading:
@@ -208,21 +191,20 @@ class Translators:
 
 
 def _name(folder: Path) -> str:
-    """Name of a run: its folder and the parent folder; of a pretrained run, the name that commands
-    accept."""
+    """Name of a run: its folder and the parent folder; of a pretrained run, that of commands."""
     from t2twin.translate.runs.config import HOME
 
     folder = folder.absolute()
     return folder.name if folder.parent == HOME.absolute() else "/".join(folder.parts[-2:])
 
 
-def _force(estimate: "Estimate") -> ForceInterval | None:
+def _force(estimate: "Estimate") -> tuple[float, float, float] | None:
     """Predicted force of one image; None for a run that was trained on one force."""
     from t2twin.translate.uncertainty.estimate import half_width
 
     if estimate.force_n is None or estimate.force_std_n is None:
         return None
-    value, half = float(estimate.force_n[0]), half_width(LEVEL) * float(estimate.force_std_n[0])
+    value, half = float(estimate.force_n), half_width(LEVEL) * float(estimate.force_std_n)
     return value, max(value - half, 0.0), value + half
 
 

@@ -1,16 +1,13 @@
-"""What the studio does before its first page: listen early, compile in two processes, press."""
+"""Compiling in a second process, and the studio that listens before slow imports."""
 
 import os
 import subprocess
 import sys
-from threading import Event
 
 import pytest
 
 from t2twin import compile_ahead
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.studio import shared
-from t2twin.studio.translators import Translators
 
 SLOW = ("torch", "cadquery", "numba", "mujoco", "trimesh")
 """What takes long to import."""
@@ -67,23 +64,3 @@ def test_it_compiles_only_where_nothing_is_kept(tmp_path, monkeypatch):
     (folder / "optics.nbi").touch()
     assert compile_ahead.compile_ahead() is False
     assert len(started) == 2
-
-
-def test_translators_are_loaded_after_a_page_has_its_picture(untrained_runs, tmp_path, monkeypatch):
-    order = []
-
-    class Seen(Event):
-        def wait(self, timeout=None):
-            order.append("seen")
-            return True
-
-    class Watched(Translators):
-        def load(self, runs):
-            order.append(runs)
-
-    translators = Watched()
-    translators.search(untrained_runs)
-    state = shared.SharedState(translators, tmp_path, page_shown=Seen())
-    monkeypatch.setattr(shared, "_press", lambda _: order.append(state.press_ready.is_set()))
-    shared.warm_up(state, search=False)
-    assert order == [False, "seen", translators.default_names] and state.press_ready.is_set()
