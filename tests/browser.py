@@ -4,7 +4,6 @@ import base64
 import io
 import os
 import shutil
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -46,12 +45,6 @@ def browser() -> Iterator:
             yield running
         finally:
             running.close()
-
-
-def free_port() -> int:
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        return taken.getsockname()[1]
 
 
 def picture(page, name: str) -> np.ndarray:

@@ -77,8 +77,8 @@ WATCH = """() => { window.shown = []; new MutationObserver(() => {
 
 def measure(options: Namespace) -> dict[str, Any]:
     from benchmarks.timing.studio_events import act
-    from t2twin.studio.press_state import PressState
     from t2twin.studio.server import studio
+    from t2twin.studio.session import PressState
 
     shown = PressState(*SHOWN)
 
@@ -94,7 +94,7 @@ def measure(options: Namespace) -> dict[str, Any]:
             if not options.keep_nothing:
                 draw(tab)
             other_tab, other = _opened(browser, served, PressState("circle-1"))
-            content["events"] = act(served, [page, other], EVENTS, folder)
+            content["events"] = act([page, other], EVENTS, folder)
             other_tab.close()
             tab.close()
         with _browser() as browser, studio(options.runs[:1], port=0) as served:
@@ -134,9 +134,8 @@ def _start_s(cache: Path) -> float:
 def _core_ms(run: Path) -> float:
     """A new force to all that is sent to a page, without one."""
     from t2twin.studio.cards import press_html, scales_of
-    from t2twin.studio.press_state import PressState
-    from t2twin.studio.session import Session
-    from t2twin.studio.solids import as_glb, elastomer_part, taxels_part
+    from t2twin.studio.scene import surfaces_of
+    from t2twin.studio.session import PressState, Session
     from t2twin.studio.translators import Translators
 
     translators = Translators()
@@ -146,13 +145,8 @@ def _core_ms(run: Path) -> float:
         started = time.perf_counter()
         result = session.press(PressState(force_n=float(force_n)), translators.default_names)
         scales = scales_of(result)
-        for name, contact in result.touch.contacts.items():
-            parts = [elastomer_part(contact, scales.kpa[name])]
-            if name in scales.counts:
-                layout, high = result.touch.layout, scales.counts[name]
-                parts.append(taxels_part(contact, layout, result.touch.counts, high))
-            as_glb(parts)
-        press_html(result, scales, has_runs=True)
+        surfaces_of(result.touch, *scales)
+        press_html(result, *scales)
         times.append(1e3 * (time.perf_counter() - started))
     return statistics.median(times[1:])
 
@@ -160,7 +154,7 @@ def _core_ms(run: Path) -> float:
 def _page_ms(tab: Any, page: Any) -> float:
     """From a key on the force's slider to the DIGIT's picture on the page; the CySkin's and the
     translator's come with it."""
-    slider = f'[id="{page.controls.sliders["force_n"]._impl.uuid}"] [role=slider]'
+    slider = f'[id="{page.controls.handles["force_n"]._impl.uuid}"] [role=slider]'
     tab.evaluate(WATCH)
     tab.locator(slider).focus()
     times = []
@@ -212,12 +206,15 @@ def _browser() -> Iterator[Any]:
 
 def _opened(browser: Any, served: Any, state: Any) -> tuple[Any, Any]:
     """The browser's page and the studio's, when they show a press."""
+    from benchmarks.timing.studio_events import settle
+
     known = set(served.pages)
     tab = browser.new_page(viewport=SIZE)
-    tab.goto(served.link(state))
+    tab.goto(served.address)
     tab.wait_for_selector('img[data-name="translated"]', state="attached", timeout=PATIENCE_MS)
     page = served.pages[next(iter(set(served.pages) - known))]
-    page.wait(60)
+    page.controls.apply(vars(state))
+    settle(page)
     time.sleep(3.0)  # viser draws it finely once nothing moves
     return tab, page
 

@@ -70,15 +70,15 @@ class Page:
 
     A change requests a press from a thread of the page, which always uses the latest state. A slide
     takes several presses, so that the page shows its parts. controls: the panel. tab: of own
-    images. result: the shown press, None before the first.
+    images. folder: of the client's files. result: the shown press, None before the first.
     """
 
     def __init__(self, client: viser.ClientHandle, studio: "Studio") -> None:
         self._client, self._studio = client, studio
-        self._folder = Path(tempfile.mkdtemp(dir=studio.folder))
+        self.folder = Path(tempfile.mkdtemp(dir=studio.folder))
         self.result: PressResult | None = None
         self._notice: viser.NotificationHandle | None = None
-        self._requested, self._closed = Event(), Event()
+        self._requested, self._idle, self._closed = Event(), Event(), Event()
         self._lifted, self._loading = False, False
         self._runs: tuple[str, ...] = ()
         self._runs_lock = Lock()
@@ -93,17 +93,16 @@ class Page:
         return self.controls.state
 
     @property
-    def is_current(self) -> bool:
-        """Whether the page shows the requested press."""
-        is_shown = self.result is not None and self.result.state == self.state
-        return is_shown and not self._requested.is_set()
+    def is_idle(self) -> bool:
+        """Whether the page shows the requested press, or why it is not possible."""
+        return self._idle.is_set() and not self._requested.is_set()
 
     def close(self) -> None:
         """Stops the page of a disconnected client and removes its files."""
         self._closed.set()
         self._requested.set()
         self.tab.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        shutil.rmtree(self.folder, ignore_errors=True)
 
     def guard(self, task: Callable[[], object]) -> None:
         """Runs a task and shows its error in place of an earlier one."""
@@ -148,7 +147,7 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
         gui.add_html(cards.note_html(WELCOME))
-        self.controls = Controls(gui, self.guard, self._folder, self.request, self._lift_off)
+        self.controls = Controls(gui, self.guard, self.folder, self.request, self._lift_off)
         with gui.add_folder("View", expand_by_default=False):
             sensors = gui.add_dropdown("Sensors", get_args(Sensors))
             self._style = gui.add_dropdown("Shape as", get_args(ShapeStyle))
@@ -173,9 +172,7 @@ class Page:
         with panel.add_tab("Images", viser.Icon.PHOTO):
             self._cards = gui.add_html("")
         with panel.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
-            self.tab = TranslateTab(
-                gui, self._studio, self._folder, self.guard, lambda: self.result
-            )
+            self.tab = TranslateTab(gui, self._studio, self.folder, self.guard, lambda: self.result)
         panel.dock_right()
         panel.set_width(CARDS_PX)
         panel.expand()
@@ -218,10 +215,12 @@ class Page:
             notice.remove()
         session = Session(self._studio.translators, self._studio.sensors)
         while self._requested.wait() and not self._closed.is_set():
+            self._idle.clear()
             self._requested.clear()
             self.guard(partial(self._press_and_show, session))
             if not self._requested.wait(SETTLED_S):
                 self._scene.hide_old_surfaces()
+                self._idle.set()
 
     def _press_and_show(self, session: Session) -> None:
         """Presses the latest state and shows the cards, then the scene.
@@ -278,7 +277,7 @@ class Page:
         if result is None:
             return
         name, content = file_name(result.touch.shape.name).replace("/", "-"), io.BytesIO()
-        with tempfile.TemporaryDirectory(dir=self._folder) as folder:
+        with tempfile.TemporaryDirectory(dir=self.folder) as folder:
             result.save(Path(folder))
             with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
                 for path in sorted(Path(folder).iterdir()):
