@@ -13,11 +13,13 @@ from functools import cached_property
 from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING
+from uuid import uuid4
 
 import viser
 
 from t2twin.compile_ahead import compile_ahead
 from t2twin.core.errors import T2TwinError
+from t2twin.core.files import temporary_folder
 from t2twin.studio.translators import Translators
 
 if TYPE_CHECKING:
@@ -34,9 +36,6 @@ LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
 PAGE_TIMEOUT_S = 10.0
 """Maximum time for which loading of translators waits for a first page (assumed: the start of a
 browser). PyTorch takes seconds to import, which would delay the first image."""
-
-FOLDER = "t2twin-studio-"
-"""Prefix of the temporary folders with clients' files."""
 
 
 class Studio(viser.ViserServer):
@@ -163,8 +162,8 @@ def studio(
     translators = Translators()
     if runs:
         translators.search(runs)
-    with tempfile.TemporaryDirectory(prefix=FOLDER) as folder:
-        served = Studio(host, port, Path(folder), translators, source, background)
+    with temporary_folder(Path(tempfile.gettempdir()), f"t2twin-studio-{uuid4().hex}") as folder:
+        served = Studio(host, port, folder, translators, source, background)
         Thread(target=served.warm_up, args=(not runs,), daemon=True).start()
         yield served
         with redirect_stdout(io.StringIO()):  # skipped after a signal, because it takes seconds

@@ -146,7 +146,6 @@ class Translators:
         self, name: str, image: np.ndarray, background: np.ndarray | None, touch: "Touch | None"
     ) -> Translation:
         """The prediction of one run."""
-        from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
         from t2twin.translate.uncertainty.ood import OODClass
 
         run, contact, interval, force = self._load(name), None, None, None
@@ -157,18 +156,15 @@ class Translators:
             estimate = run.estimate(image, own, tactile=True)
         if run.has_uncertainty:
             interval, force = estimate.interval(LEVEL), _force(estimate)
-        pads = data.pad_diameter_mm
-        pads = np.full(data.x_mm.size, PAD_DIAMETER_MM) if pads is None else pads
-        layout = Layout(data.layout, data.x_mm, data.y_mm, pads)
         return Translation(
             name=name,
             model=run.config.model,
             counts=estimate.counts,
-            layout=layout,
+            layout=data.taxels,
             tactile_image=estimate.tactile_images,
             in_distribution=estimate.ood_class == OODClass.IN_DISTRIBUTION,
             px_per_mm=data.tactile_image[2],
-            truth=None if touch is None else _truth(touch, layout, data),
+            truth=None if touch is None else _truth(touch, data),
             interval=interval,
             force=force,
             background_used=own is not None,
@@ -217,17 +213,15 @@ def _model_of(folder: Path) -> str:
     return config.model
 
 
-def _truth(touch: "Touch", layout: "Layout", data: "ArraySide") -> np.ndarray | None:
-    """True counts at the taxels of a layout; of the touch's own layout with its noise, of any other
-    without. None for a touch without an array of the cover and the full scale of the data."""
+def _truth(touch: "Touch", data: "ArraySide") -> np.ndarray | None:
+    """True counts at the taxels of a run; of the touch's own layout with its noise, of any other
+    without. None for a touch without an array of the cover and the full scale of the run."""
     if touch.of_array is None:
         return None
     array = touch.of_array.sensor
     cover = replace(array.elastomer, name=data.elastomer.name)
     if cover != data.elastomer or array.full_scale != data.full_scale_counts:
         return None
-    own = np.stack([touch.layout.x_mm, touch.layout.y_mm])
-    other = np.stack([layout.x_mm, layout.y_mm])
-    if own.shape == other.shape and np.allclose(own, other):
+    if data.same_layout(touch.layout.x_mm, touch.layout.y_mm):
         return touch.counts.astype(float)
-    return array.noiseless(touch.of_array.contact, layout)
+    return array.noiseless(touch.of_array.contact, data.taxels)
