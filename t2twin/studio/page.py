@@ -146,7 +146,7 @@ class Page:
         gui.set_panel_label("t2twin studio")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
-        gui.add_html(cards.note_html(WELCOME))
+        gui.add_html(cards.card_html(texts=[WELCOME]))
         self.controls = Controls(gui, self.guard, self.folder, self.request, self._lift_off)
         with gui.add_folder("View", expand_by_default=False):
             sensors = gui.add_dropdown("Sensors", get_args(Sensors))
@@ -245,7 +245,7 @@ class Page:
             self._clear(notice)
             self.controls.show_solved_values(result)
             self._cards.content = html
-            self._command.content = cards.command_html(result.command_line())
+            self._command.content = cards.card_html(command=result.command_line())
         self._client.flush()
         self.result = result
         style, arrows = self._style.value, self._with_arrows.value
@@ -342,9 +342,8 @@ class TranslateTab:
     def _set_background(self, frame: NamedFrame | None) -> None:
         self._background = frame
         self._no_background.visible = frame is not None
-        self._background_name.content = cards.note_html(
-            f"Background frame: {NO_BACKGROUND if frame is None else frame[1]}"
-        )
+        text = f"Background frame: {NO_BACKGROUND if frame is None else frame[1]}"
+        self._background_name.content = cards.card_html(texts=[text])
         self._translate()
 
     def _add_source(self, gui: viser.GuiApi, source: str) -> None:

@@ -111,7 +111,6 @@ ADAPT | --model field --init-from {resnet18} => resnet18
 studio | --run nowhere => nowhere | --run {data} => config.json | --source nowhere => no source
 studio | --host nowhere => cannot listen on | --source x.png => no source
 studio | --background nowhere.png => there is no file | --background / => is a folder
-studio --allow-origin | evil.example => is not an origin | http://evil.example/path => not an origin
 LIVE d | --turn-deg 45 => expected 0, 90, 180 or 270 | --layout cyskin-63 => ResNet18
 LIVE d | --background d => d | --background d/x.png => needs a field run | extra => with --run
 LIVE | nowhere => no source | '' => no source | /dev/zero => no source | 1.5 => no source
