@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from threading import Event, Lock, Thread
-from typing import TYPE_CHECKING, get_args
+from typing import get_args
 
 import numpy as np
 import viser
@@ -27,9 +27,7 @@ from t2twin.studio.controls import (
 )
 from t2twin.studio.scene import Scene, Sensors, ShapeStyle
 from t2twin.studio.session import PressResult, PressState, Session, file_name
-
-if TYPE_CHECKING:
-    from t2twin.studio.server import Studio
+from t2twin.studio.translators import NamedFrame, Shared, read_frame
 
 DEGREES_PER_MM, NEWTONS_PER_MM = 4.0, 0.25
 """Rotation of a drag to the right with Shift, and force of a drag downwards with Ctrl (assumed)."""
@@ -54,16 +52,6 @@ MAX_SHOWN_HZ = 15.0
 
 NO_BACKGROUND = "none; field runs use the mean of their training"
 
-NamedFrame = tuple[np.ndarray, str]
-"""A frame, (h, w, 3) or (h, w) uint8, and its name."""
-
-
-def read_frame(path: Path) -> NamedFrame:
-    """Reads an image file. Raises T2TwinError if it is not an image."""
-    from t2twin.translate.data.images import open_image  # imports torch
-
-    return np.asarray(open_image(path)), path.name
-
 
 class Page:
     """The page of one client.
@@ -73,9 +61,9 @@ class Page:
     images. folder: of the client's files. result: the shown press, None before the first.
     """
 
-    def __init__(self, client: viser.ClientHandle, studio: "Studio") -> None:
-        self._client, self._studio = client, studio
-        self.folder = Path(tempfile.mkdtemp(dir=studio.folder))
+    def __init__(self, client: viser.ClientHandle, shared: Shared) -> None:
+        self._client, self._shared = client, shared
+        self.folder = Path(tempfile.mkdtemp(dir=shared.folder))
         self.result: PressResult | None = None
         self._notice: viser.NotificationHandle | None = None
         self._requested, self._idle, self._closed = Event(), Event(), Event()
@@ -124,7 +112,7 @@ class Page:
 
     def update_runs(self) -> None:
         """Adds a checkbox for each new run."""
-        translators = self._studio.translators
+        translators = self._shared.translators
         with self._runs_lock, self._runs_folder:
             for name in translators.names:
                 if name not in self._run_boxes:
@@ -172,7 +160,7 @@ class Page:
         with panel.add_tab("Images", viser.Icon.PHOTO):
             self._cards = gui.add_html("")
         with panel.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
-            self.tab = TranslateTab(gui, self._studio, self.folder, self.guard, lambda: self.result)
+            self.tab = TranslateTab(gui, self._shared, self.folder, self.guard, lambda: self.result)
         panel.dock_right()
         panel.set_width(CARDS_PX)
         panel.expand()
@@ -209,11 +197,11 @@ class Page:
 
     def _work(self) -> None:
         """Presses until the page is closed."""
-        if not self._studio.is_ready.is_set():
+        if not self._shared.is_ready.is_set():
             notice = self._client.add_notification("Getting ready", FIRST_START, loading=True)
-            self._studio.is_ready.wait()
+            self._shared.is_ready.wait()
             notice.remove()
-        session = Session(self._studio.translators, self._studio.sensors)
+        session = Session(self._shared.translators, self._shared.sensors)
         while self._requested.wait() and not self._closed.is_set():
             self._idle.clear()
             self._requested.clear()
@@ -231,7 +219,7 @@ class Page:
         if self._lifted:
             self._lifted = False
             session.lift_off()
-        translators = self._studio.translators
+        translators = self._shared.translators
         loaded = translators.are_loaded(runs)
         result = session.press(state, runs if loaded else ())
         kpa, counts = cards.scales_of(result)
@@ -252,7 +240,7 @@ class Page:
         self._scene.draw(result.touch, style, kpa, counts, arrows)
         if any(result.remaining):
             self.request()
-        self._studio.is_shown.set()
+        self._shared.is_shown.set()
         if not loaded and not self._loading:
             self._loading = True
             Thread(target=self.guard, args=(partial(self._load, runs),), daemon=True).start()
@@ -260,7 +248,7 @@ class Page:
     def _load(self, runs: tuple[str, ...]) -> None:
         """Loads runs while the page still follows its sliders."""
         try:
-            self._studio.translators.load(runs)
+            self._shared.translators.load(runs)
             self.request()
         finally:
             self._loading = False
@@ -294,15 +282,15 @@ class TranslateTab:
     def __init__(
         self,
         gui: viser.GuiApi,
-        studio: "Studio",
+        shared: Shared,
         folder: Path,
         guard: Guard,
         get_result: Callable[[], PressResult | None],
     ) -> None:
-        self._studio, self._guard, self._get_result = studio, guard, get_result
+        self._shared, self._guard, self._get_result = shared, guard, get_result
         self._runs: tuple[str, ...] = ()
         self._frame: NamedFrame | None = None
-        self._background = studio.background
+        self._background = shared.background
         self._ended, self._lock = Event(), Lock()
         self._ended.set()
         gui.add_markdown(
@@ -324,8 +312,8 @@ class TranslateTab:
             gui, "Remove the background frame", viser.Icon.X, guard,
             lambda: self._set_background(None), slow=True,
         )  # fmt: skip
-        if studio.source is not None:
-            self._add_source(gui, studio.source)
+        if shared.source is not None:
+            self._add_source(gui, shared.source)
         self._shown = gui.add_html("")
         self._set_background(self._background)
 
@@ -348,7 +336,7 @@ class TranslateTab:
 
     def _add_source(self, gui: viser.GuiApi, source: str) -> None:
         """Adds the controls of the studio's source of frames."""
-        files = self._studio.source_files()
+        files = self._shared.source_files()
         if len(files) > 1:
             slider = gui.add_slider(
                 "Frame", 0, len(files) - 1, 1, 0, hint="Number of the file, sorted by name"
@@ -366,7 +354,7 @@ class TranslateTab:
         if not is_on:
             return
         self._ended = ended = Event()
-        latest, last = self._studio.latest_frames(), -1
+        latest, last = self._shared.latest_frames(), -1
         while not ended.is_set():
             frame = latest.take(last, timeout_s=1.0)
             if frame is None and latest.ended:
@@ -396,5 +384,5 @@ class TranslateTab:
             frame, background = self._frame, self._background
             if frame is not None:
                 pixels = None if background is None else background[0]
-                found = self._studio.translators.translate(frame[0], self._runs, pixels)
+                found = self._shared.translators.translate(frame[0], self._runs, pixels)
                 self._shown.content = cards.frame_html(frame, background, found)

@@ -8,10 +8,9 @@ import io
 import socket
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
-from functools import cached_property
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
-from threading import Event, Lock, Thread
+from threading import Thread
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
@@ -20,11 +19,9 @@ import viser
 from t2twin.compile_ahead import compile_ahead
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import temporary_folder
-from t2twin.studio.translators import Translators
+from t2twin.studio.translators import Shared, read_frame
 
 if TYPE_CHECKING:
-    from t2twin.live.sources import LatestFrame, Source
-    from t2twin.sim.sensors.pair import SensorPair
     from t2twin.studio.page import Page
 
 HOST, PORT = "127.0.0.1", 8080
@@ -39,36 +36,11 @@ browser). PyTorch takes seconds to import, which would delay the first image."""
 
 
 class Studio(viser.ViserServer):
-    """A running studio, created by `studio`.
+    """A running studio, created by `studio`. address: of the page. pages: by client number."""
 
-    address: of the page. pages: by client number. folder: of clients' files. source, background: as
-    for `studio`. is_ready: set after the first press. is_shown: set after a page shows a press.
-    """
-
-    def __init__(
-        self,
-        host: str,
-        port: int,
-        folder: Path,
-        translators: Translators,
-        source: str | None,
-        background: Path | None,
-    ) -> None:
-        self.translators, self.folder, self.source = translators, folder, source
+    def __init__(self, host: str, port: int, shared: Shared) -> None:
+        self.shared = shared
         self.pages: dict[int, Page] = {}
-        self.background = None
-        if background is not None:
-            from t2twin.studio.page import read_frame
-
-            self.background = read_frame(background)
-        self.is_ready, self.is_shown = Event(), Event()
-        self._latest: LatestFrame | None = None
-        self._frames_lock = Lock()
-        self._frames: Source | None = None
-        if source is not None:
-            from t2twin.live.sources import open_source
-
-            self._frames = open_source(source)
         with redirect_stdout(io.StringIO()):  # hides viser's message
             super().__init__(host, port, verbose=False)
         name = f"[{host}]" if ":" in host else host
@@ -77,13 +49,6 @@ class Studio(viser.ViserServer):
     def request_share_url(self, verbose: bool = True) -> str | None:
         """No public tunnel to this machine, which any page could request."""
         return None
-
-    @cached_property
-    def sensors(self) -> "SensorPair":
-        """The default sensors, which the pages share."""
-        from t2twin.sim.sensors.pair import SensorPair
-
-        return SensorPair()
 
     def warm_up(self, search: bool) -> None:
         """Presses once, then loads the default translators, and accepts clients meanwhile.
@@ -96,40 +61,20 @@ class Studio(viser.ViserServer):
         from t2twin.studio.session import PressState, Session
 
         try:
-            Session(self.translators, self.sensors).press(PressState())
+            Session(self.shared.translators, self.shared.sensors).press(PressState())
         finally:
-            self.is_ready.set()
-        self.is_shown.wait(PAGE_TIMEOUT_S)
+            self.shared.is_ready.set()
+        self.shared.is_shown.wait(PAGE_TIMEOUT_S)
         if search:
-            self.translators.search()
+            self.shared.translators.search()
         for page in list(self.pages.values()):
             page.update_runs()
-        self.translators.load(self.translators.default_names)
-
-    def latest_frames(self) -> "LatestFrame":
-        """The latest frames of the source from now on; restarts a video that has ended."""
-        from t2twin.live.sources import LatestFrame, open_source
-
-        with self._frames_lock:
-            if self._latest is None or self._latest.ended:
-                assert self.source is not None
-                self._latest = LatestFrame(self._frames or open_source(self.source))
-                self._frames = None
-            return self._latest
-
-    def source_files(self) -> list[Path]:
-        """The image files of a source that is a folder, sorted by name; else none."""
-        from t2twin.translate.inference.files import find_images
-
-        if self.source is not None and not self.source.isdigit() and Path(self.source).is_dir():
-            with suppress(T2TwinError):  # a folder without images so far
-                return find_images([self.source])
-        return []
+        self.shared.translators.load(self.shared.translators.default_names)
 
     def _connected(self, client: viser.ClientHandle) -> None:
         from t2twin.studio.page import Page
 
-        page = self.pages[client.client_id] = Page(client, self)
+        page = self.pages[client.client_id] = Page(client, self.shared)
         page.update_runs()  # runs found during the creation of the page
         if client.client_id not in self.get_clients():
             self._gone(client)
@@ -159,11 +104,11 @@ def studio(
         socket.create_server((host, port), family=family).close()
     except (OSError, OverflowError) as error:
         raise T2TwinError(f"cannot listen on {host}, port {port}: {error}") from error
-    translators = Translators()
-    if runs:
-        translators.search(runs)
     with temporary_folder(Path(tempfile.gettempdir()), f"t2twin-studio-{uuid4().hex}") as folder:
-        served = Studio(host, port, folder, translators, source, background)
+        shared = Shared(folder, source, None if background is None else read_frame(background))
+        if runs:
+            shared.translators.search(runs)
+        served = Studio(host, port, shared)
         Thread(target=served.warm_up, args=(not runs,), daemon=True).start()
         yield served
         with redirect_stdout(io.StringIO()):  # skipped after a signal, because it takes seconds

@@ -1,4 +1,4 @@
-"""Trained runs by name: the pretrained run, and runs found in folders.
+"""What the pages of a studio share: trained runs by name, the sensors and a source of frames.
 
 Runs are loaded on first use and shared by all clients. torch is imported on first use, so that a
 page does not wait for it. Shape letters: R rows and C columns of a tactile image, N taxels.
@@ -7,8 +7,9 @@ page does not wait for it. Shape letters: R rows and C columns of a tactile imag
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from threading import Lock
+from threading import Event, Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,8 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
+    from t2twin.live.sources import LatestFrame, Source
+    from t2twin.sim.sensors.pair import SensorPair
     from t2twin.sim.taxels.layout import Layout
     from t2twin.sim.touch import Touch
     from t2twin.translate.data.sides import ArraySide
@@ -69,6 +72,10 @@ class Translation:
         if self.truth is None:
             return None
         return float(np.sqrt(np.mean(np.square(self.counts - self.truth))))
+
+
+NamedFrame = tuple[np.ndarray, str]
+"""A frame, (h, w, 3) or (h, w) uint8, and its name."""
 
 
 class Translators:
@@ -225,3 +232,57 @@ def _truth(touch: "Touch", data: "ArraySide") -> np.ndarray | None:
     if data.same_layout(touch.layout.x_mm, touch.layout.y_mm):
         return touch.counts.astype(float)
     return array.noiseless(touch.of_array.contact, data.taxels)
+
+
+def read_frame(path: Path) -> NamedFrame:
+    """Reads an image file. Raises T2TwinError if it is not an image."""
+    from t2twin.translate.data.images import open_image
+
+    return np.asarray(open_image(path)), path.name
+
+
+class Shared:
+    """What all pages of a studio share.
+
+    folder: of the clients' files. source: frames to translate, as for `t2twin live`. background:
+    background frame of the same sensor. is_ready: set after the first press. is_shown: set after a
+    page shows a press. Raises T2TwinError for a source that cannot be opened.
+    """
+
+    def __init__(self, folder: Path, source: str | None, background: NamedFrame | None) -> None:
+        self.folder, self.source, self.background = folder, source, background
+        self.translators, self.is_ready, self.is_shown = Translators(), Event(), Event()
+        self._latest: LatestFrame | None = None
+        self._frames_lock = Lock()
+        self._frames: Source | None = None
+        if source is not None:
+            from t2twin.live.sources import open_source
+
+            self._frames = open_source(source)
+
+    @cached_property
+    def sensors(self) -> "SensorPair":
+        """The default sensors, which the pages share."""
+        from t2twin.sim.sensors.pair import SensorPair
+
+        return SensorPair()
+
+    def latest_frames(self) -> "LatestFrame":
+        """The latest frames of the source from now on; restarts a video that has ended."""
+        from t2twin.live.sources import LatestFrame, open_source
+
+        with self._frames_lock:
+            if self._latest is None or self._latest.ended:
+                assert self.source is not None
+                self._latest = LatestFrame(self._frames or open_source(self.source))
+                self._frames = None
+            return self._latest
+
+    def source_files(self) -> list[Path]:
+        """The image files of a source that is a folder, sorted by name; else none."""
+        from t2twin.translate.inference.files import find_images
+
+        if self.source is not None and not self.source.isdigit() and Path(self.source).is_dir():
+            with suppress(T2TwinError):  # a folder without images so far
+                return find_images([self.source])
+        return []
