@@ -23,8 +23,7 @@ from t2twin.sim.dataset.store import (
     verify_dataset,
     write_info,
 )
-from t2twin.sim.sampling.plan import plan
-from t2twin.sim.sampling.presses import MotionPath, sample_commands, sample_paths
+from t2twin.sim.sampling.plan import MotionPath, plan, sample_commands, sample_paths
 from t2twin.sim.sampling.recipe import Motion, load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair

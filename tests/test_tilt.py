@@ -24,7 +24,7 @@ from t2twin.primitives_cad.tilt import MAX_TILT_DEG, rotation_of, tilted
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import TILTED_POSE, schema_of
 from t2twin.sim.dataset.store import lists, read_split
-from t2twin.sim.sampling.presses import sample_tilt
+from t2twin.sim.sampling.plan import sample_tilt
 from t2twin.sim.sampling.recipe import Place
 from t2twin.studio.session import PressState, protocol_press
 

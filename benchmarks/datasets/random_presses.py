@@ -37,7 +37,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.dataset.shard import press_until_accepted
 from t2twin.sim.sampling import protocol
-from t2twin.sim.sampling.presses import PressSample, press_attempts, random_name, sample_force
+from t2twin.sim.sampling.plan import PressSample, press_attempts, random_name, sample_force
 from t2twin.sim.sampling.recipe import Part, load_recipe
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.touch import Touch

@@ -38,7 +38,7 @@ from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.sampling.presses import random_name
+from t2twin.sim.sampling.plan import random_name
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import slide_to
 

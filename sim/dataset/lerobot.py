@@ -26,8 +26,7 @@ The features, without those of columns that lack a value in some row; ROLE is so
     press_index, ROLE_unit, ...         columns index, unit and markers
 """
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, groupby
@@ -35,12 +34,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, new_folder, write_json
+from t2twin.core.files import new_folder, write_json
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.core.templates import render
@@ -67,42 +66,23 @@ from t2twin.sim.dataset.store import (
 )
 from t2twin.sim.sensors.defaults import ROLES
 
-VERSION = "v3.0"
-"""LeRobot's version of the format."""
-
-FRAMES_PER_SECOND = 30
-"""Nominal frame rate, 1/s (assumed: the simulated touches are quasi-static and have no time)."""
-
-DATA_FILE_MB, VIDEO_FILE_MB, FILES_PER_CHUNK = 100, 200, 1000
-"""LeRobot's default sizes of files, MB, and number of files of a folder."""
+VERSION = "v3.0"  # LeRobot's version of the format
+FRAMES_PER_SECOND = 30  # nominal (assumed): the simulated touches are quasi-static
+FILES_PER_CHUNK = 1000  # LeRobot's default number of files of a folder
+LEVELS = 256  # gray levels of an image
 
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 DATA, EPISODES = f"data/{FILE}", f"meta/episodes/{FILE}"
-"""Paths of the files of frames and of episodes."""
+"""Paths of the files of frames, one for each shard, and of episodes."""
 
-EPISODE_COLUMNS = [
-    ("episode_index", pa.int64()),
-    ("tasks", pa.list_(pa.string())),
-    *(
-        (name, pa.int64())
-        for name in (
-            "length",
-            "data/chunk_index",
-            "data/file_index",
-            "dataset_from_index",
-            "dataset_to_index",
-            "meta/episodes/chunk_index",
-            "meta/episodes/file_index",
-        )
-    ),
-]
-"""Columns of the file of episodes, before the statistics."""
+EPISODE_NUMBERS = (
+    "episode_index", "length", "data/chunk_index", "data/file_index", "dataset_from_index",
+    "dataset_to_index", "meta/episodes/chunk_index", "meta/episodes/file_index",
+)  # fmt: skip
+"""Columns of whole numbers of the file of episodes."""
 
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 """Quantiles of LeRobot's statistics, by name."""
-
-LEVELS = 256
-"""Gray levels of an image."""
 
 Statistics = dict[str, Any]
 """min, max, mean, std and QUANTILES as nested lists; count as a list of one number."""
@@ -124,178 +104,125 @@ def convert_to_lerobot(folder: str | Path, out: str | Path) -> dict[str, Any]:
     if not any(info.pairs.values()):
         raise T2TwinError(f"the dataset in {folder} has no pairs; expected at least one")
     with new_folder(out) as temporary:
-        return _Conversion(folder, temporary, info).run()
+        return _convert(folder, temporary, info)
 
 
-class _Conversion:
-    """The state of a conversion: the tasks, and the statistics and numbers so far."""
+def _convert(folder: Path, out: Path, info: DatasetInfo) -> dict[str, Any]:
+    """Write all files; returns the content of meta/info.json."""
+    features = [*features_of(info, _present(folder, info)), *INDICES]
+    totals = {feature.name: FeatureStatistics(feature) for feature in features}
+    kinds = [("tasks", pa.list_(pa.string())), *((name, pa.int64()) for name in EPISODE_NUMBERS)]
+    for name, each in totals.items():
+        kinds += [(f"stats/{name}/{key}", kind) for key, kind in each.types().items()]
+    tasks: dict[str, int] = {}
+    splits: dict[str, str] = {}
+    episodes = 0
+    with row_writer(
+        out / EPISODES.format(chunk_index=0, file_index=0), pa.schema(kinds), []
+    ) as write_episode:
+        for split, row in _episodes(folder, out, info, features, totals, tasks):
+            write_episode(row)
+            episodes += 1
+            first = splits.get(split, f"{episodes - 1}:").split(":")[0]
+            splits[split] = f"{first}:{episodes}"
+    path = out / "meta" / "tasks.parquet"  # LeRobot reads the tasks as the index of a table
+    table = pd.DataFrame({"task_index": [*tasks.values()]}, pd.Index([*tasks], name="task"))
+    write_whole(path, table.to_parquet(None))
+    write_json(out / "meta" / "stats.json", {name: each.total() for name, each in totals.items()})
+    write_whole(out / "meta" / "t2twin.json", (folder / INFO).read_bytes())
+    content = {
+        "codebase_version": VERSION,
+        "robot_type": "t2twin",
+        "total_episodes": episodes,
+        "total_frames": sum(info.pairs.values()),
+        "total_tasks": len(tasks),
+        "chunks_size": FILES_PER_CHUNK,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": FRAMES_PER_SECOND,
+        "splits": splits,
+        "data_path": DATA,
+        "video_path": None,
+        "features": {each.name: each.description() for each in features},
+    }
+    write_json(out / "meta" / "info.json", content)
+    card = render("sim/dataset/lerobot_card.md", info=info, content=content)
+    write_whole(out / CARD, card.encode())
+    return content
 
-    def __init__(self, folder: Path, out: Path, info: DatasetInfo) -> None:
-        self._folder, self._out, self._info = folder, out, info
-        self._splits = [split for split in SPLITS if info.pairs[split]]
-        self._features = features_of(info, self._present())
-        every = (*self._features, *INDICES)
-        self._statistics = {feature.name: FeatureStatistics(feature) for feature in every}
-        self._tasks: dict[str, int] = {}
-        self._frames = 0
-        self._ends: dict[str, int] = {}  # number of episodes up to the end of each split
 
-    def run(self) -> dict[str, Any]:
-        """Writes all files; returns the content of meta/info.json."""
-        episodes = self._out / EPISODES.format(chunk_index=0, file_index=0)
-        schema = EPISODE_COLUMNS + [
-            (f"stats/{name}/{key}", kind)
-            for name, each in self._statistics.items()
-            for key, kind in each.types().items()
-        ]
-        with row_writer(episodes, pa.schema(schema), []) as write_episode:
-            self._write_frames(write_episode)
-        _write_tasks(self._out / "meta" / "tasks.parquet", self._tasks)
-        statistics = {name: each.total() for name, each in self._statistics.items()}
-        write_json(self._out / "meta" / "stats.json", statistics)
-        write_whole(self._out / "meta" / "t2twin.json", (self._folder / INFO).read_bytes())
-        content = self._content()
-        write_json(self._out / "meta" / "info.json", content)
-        card = render("sim/dataset/lerobot_card.md", info=self._info, content=content)
-        write_whole(self._out / CARD, card.encode())
-        return content
+def _present(folder: Path, info: DatasetInfo) -> set[str]:
+    """Names of the columns with a value in every row."""
+    schema = schema_of(info.values, info.recipe)
+    scalars = [field.name for field in schema if not pa.types.is_nested(field.type)]
+    present = set(schema.names)
+    for _, table in _tables(folder, info, scalars):
+        present -= {name for name in scalars if table[name].null_count}
+    return present
 
-    def _present(self) -> set[str]:
-        """Names of the columns with a value in every row."""
-        schema = schema_of(self._info.values, self._info.recipe)
-        scalars = [field.name for field in schema if not pa.types.is_nested(field.type)]
-        present = set(schema.names)
-        for split in self._splits:
-            for table in iter_shards(self._folder, split, scalars):
-                present -= {name for name in scalars if table[name].null_count}
-        return present
 
-    def _write_frames(self, write_episode: Callable[[Row], None]) -> None:
-        """Writes the files of frames, and a row for each episode."""
-        columns = [(each.name, each.arrow_type) for each in (*self._features, *INDICES)]
-        schema = with_features(pa.schema(columns))
-        images = [each.name for each in self._features if each.dtype == IMAGE]
-        repeated = [f"{name}.bytes" for name in images if name.endswith(BACKGROUND)]
-        total = sum(self._info.pairs.values())
-        file, number = -1, 0
-        episodes = self._episodes()
-        with Progress(total=total, unit="pair", desc="convert") as bar:
-            for first in episodes:
-                file, size = file + 1, 0
-                chunk_index, file_index = divmod(file, FILES_PER_CHUNK)
-                place = {"chunk_index": chunk_index, "file_index": file_index}
-                with row_writer(self._out / DATA.format(**place), schema, repeated) as write:
-                    for split, rows in chain([first], episodes):
-                        frames = self._frames_of(rows, number)
-                        for frame in frames:
-                            write(frame)
-                        write_episode(self._episode(frames, rows, number, place))
-                        number += 1
-                        self._frames += len(rows)
-                        self._ends[split] = number
-                        bar.update(len(rows))
-                        for name in images:
-                            size += sum(len(frame[name]["bytes"]) for frame in frames)
-                        if size >= DATA_FILE_MB * 1e6:
-                            break
+def _tables(
+    folder: Path, info: DatasetInfo, columns: list[str] | None = None
+) -> Iterator[tuple[str, pa.Table]]:
+    """The split and the table of each shard."""
+    for split in SPLITS:
+        if info.pairs[split]:
+            for table in iter_shards(folder, split, columns):
+                yield split, table
 
-    def _episodes(self) -> Iterator[tuple[str, list[Row]]]:
-        """The split and the rows of each episode, with little memory."""
-        for split in self._splits:
-            tables = iter_shards(self._folder, split)
-            batches = (batch for table in tables for batch in table.to_batches(BATCH_ROWS))
-            rows = chain.from_iterable(batch.to_pylist() for batch in batches)
-            for _, own in groupby(rows, _path_of):
-                yield split, list(own)
 
-    def _frames_of(self, rows: list[Row], episode: int) -> list[Row]:
-        """The frames of an episode."""
-        task = self._tasks.setdefault(_task(rows), len(self._tasks))
-        return [
-            {feature.name: feature.value(row) for feature in self._features}
-            | {
-                "timestamp": number / FRAMES_PER_SECOND,
-                "frame_index": number,
-                "episode_index": episode,
-                "index": self._frames + number,
-                "task_index": task,
-            }
-            for number, row in enumerate(rows)
-        ]
+def _episodes(
+    folder: Path,
+    out: Path,
+    info: DatasetInfo,
+    features: list["Feature"],
+    totals: dict[str, "FeatureStatistics"],
+    tasks: dict[str, int],
+) -> Iterator[tuple[str, Row]]:
+    """Write the frames; yields the split and the row of each episode.
 
-    def _episode(
-        self, frames: list[Row], rows: list[Row], number: int, place: dict[str, int]
-    ) -> Row:
-        """The row of an episode; adds its frames to the statistics."""
-        return {
-            "episode_index": number,
-            "tasks": [_task(rows)],
-            "length": len(frames),
-            "data/chunk_index": place["chunk_index"],
-            "data/file_index": place["file_index"],
-            "dataset_from_index": self._frames,
-            "dataset_to_index": self._frames + len(frames),
-            "meta/episodes/chunk_index": 0,
-            "meta/episodes/file_index": 0,
-        } | {
-            f"stats/{name}/{key}": value
-            for name, each in self._statistics.items()
-            for key, value in each.add([frame[name] for frame in frames]).items()
-        }
-
-    def _content(self) -> dict[str, Any]:
-        """The content of meta/info.json."""
-        splits, start = {}, 0
-        for split in self._splits:
-            splits[split] = f"{start}:{self._ends[split]}"
-            start = self._ends[split]
-        return {
-            "codebase_version": VERSION,
-            "robot_type": "t2twin",
-            "total_episodes": start,
-            "total_frames": self._frames,
-            "total_tasks": len(self._tasks),
-            "chunks_size": FILES_PER_CHUNK,
-            "data_files_size_in_mb": DATA_FILE_MB,
-            "video_files_size_in_mb": VIDEO_FILE_MB,
-            "fps": FRAMES_PER_SECOND,
-            "splits": splits,
-            "data_path": DATA,
-            "video_path": None,
-            "features": {each.name: each.description() for each in (*self._features, *INDICES)},
-        }
+    totals, tasks: the statistics and the numbers of the tasks, to which the episodes are added.
+    """
+    schema = with_features(pa.schema([(each.name, each.arrow_type) for each in features]))
+    repeated = [f"{name}.bytes" for name in schema.names if name.endswith(BACKGROUND)]
+    frames = episodes = 0
+    with Progress(total=sum(info.pairs.values()), unit="pair", desc="convert") as bar:
+        for file, (split, table) in enumerate(_tables(folder, info)):
+            chunk_index, file_index = divmod(file, FILES_PER_CHUNK)
+            path = out / DATA.format(chunk_index=chunk_index, file_index=file_index)
+            with row_writer(path, schema, repeated) as write:
+                batches = (batch.to_pylist() for batch in table.to_batches(BATCH_ROWS))
+                for (shape, _), rows in groupby(chain.from_iterable(batches), _path_of):
+                    own = list(rows)
+                    task = f"{'press' if len(own) == 1 else 'press and move'} {shape}"
+                    number = tasks.setdefault(task, len(tasks))
+                    indices = (
+                        (n / FRAMES_PER_SECOND, n, episodes, frames + n, number)
+                        for n in range(len(own))
+                    )
+                    names = [each.name for each in INDICES]
+                    content = [
+                        {each.name: each.value(row) for each in features if each.columns}
+                        | dict(zip(names, values, strict=True))
+                        for row, values in zip(own, indices, strict=True)
+                    ]
+                    for frame in content:
+                        write(frame)
+                    ends = (
+                        episodes, len(own), chunk_index, file_index, frames, frames + len(own), 0, 0
+                    )  # fmt: skip
+                    episode: Row = dict(zip(EPISODE_NUMBERS, ends, strict=True))
+                    for name, each in totals.items():
+                        found = each.add([frame[name] for frame in content])
+                        episode |= {f"stats/{name}/{key}": value for key, value in found.items()}
+                    yield split, {"tasks": [task], **episode}
+                    episodes, frames = episodes + 1, frames + len(own)
+                    bar.update(len(own))
 
 
 def _path_of(row: Row) -> tuple[str, int]:
     """What the rows of an episode have in common."""
     return row["shape"], row[PATH] if PATH in row else row["index"]
-
-
-def _task(rows: list[Row]) -> str:
-    """The task of an episode."""
-    return f"{'press' if len(rows) == 1 else 'press and move'} {rows[0]['shape']}"
-
-
-def _write_tasks(path: Path, tasks: dict[str, int]) -> None:
-    """Writes the tasks. LeRobot reads them with pandas, as the index of a table."""
-    names = {"task": ("unicode", "object"), "task_index": ("int64", "int64")}
-    about = {
-        "index_columns": ["task"],
-        "column_indexes": [],
-        "columns": [
-            {
-                "name": name,
-                "field_name": name,
-                "pandas_type": kind,
-                "numpy_type": numpy_kind,
-                "metadata": None,
-            }
-            for name, (kind, numpy_kind) in names.items()
-        ],
-    }
-    table = pa.table({"task_index": list(tasks.values()), "task": list(tasks)})
-    with atomic_write(path) as temporary, temporary.open("wb") as file:
-        pq.write_table(table.replace_schema_metadata({"pandas": json.dumps(about)}), file)
 
 
 @dataclass(frozen=True)

@@ -39,13 +39,16 @@ from t2twin.sim.dataset.info import versions
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.units import log_uniform
-from t2twin.sim.sampling.plan import Batch, load_shape, name_of, paths_of
-from t2twin.sim.sampling.presses import (
+from t2twin.sim.sampling.plan import (
     FRAME_STREAM,
     MAX_ATTEMPTS,
     UNIT_STREAM,
+    Batch,
     PressSample,
+    load_shape,
+    name_of,
     path_attempts,
+    paths_of,
     sample_friction,
 )
 from t2twin.sim.sampling.recipe import Recipe

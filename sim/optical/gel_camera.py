@@ -18,7 +18,6 @@ from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.images import encode_png
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
@@ -385,11 +384,6 @@ class ImageReading:
             **own,
         }
 
-    def row(self, path: str) -> dict[str, Any]:
-        """The column of the image, PNG. path: its name."""
-        assert self.image is not None
-        return {"image": {"bytes": encode_png(self.image), "path": path}}
-
     @cached_property
     def depth_map_mm(self) -> np.ndarray:
         """(rows, columns) mm: depth of the gel on `sensor.contact_grid`."""
@@ -405,18 +399,6 @@ class ImageReading:
         if self.contact is None:
             return np.zeros((grid.rows, grid.columns))
         return grid.pressure_kpa(self.contact, self.sensor.optics.camera)
-
-    def dense_row(self, with_tractions: bool) -> dict[str, Any]:
-        """No columns: an image is dense."""
-        return {}
-
-    def contact_row(self) -> dict[str, Any]:
-        """The columns of the contact maps, in whole micrometers and hectopascals."""
-        depth_um, pressure_hpa = 1e3 * self.depth_map_mm, 10.0 * self.pressure_map_kpa
-        return {
-            "depth_map_um": np.rint(depth_um.ravel()).astype(np.int16),
-            "pressure_map_hpa": np.rint(pressure_hpa.ravel()).astype(np.uint32),
-        }
 
     def save(self, folder: Path, name: str) -> None:
         """Write NAME.png."""

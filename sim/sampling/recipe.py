@@ -1,20 +1,6 @@
 """A recipe: the distributions of shapes, positions, rotations, forces and light.
 
-It is a TOML file, or the name of a bundled one:
-
-    format = 1
-    name = "mine"
-    seed = 0
-    [[parts]]
-    shapes = "random"
-    count = 1000
-    presses = 4
-    place = { normal_mm = 2.5 }
-    force_n = { low = 0.5, high = 12.0 }
-    [light]
-    kind = "drawn"
-
-Relative paths in it start from the working directory.
+It is a TOML file, or the name of a bundled one. Relative paths start from the working directory.
 """
 
 from collections.abc import Iterator
@@ -45,33 +31,20 @@ NAMED = (RANDOM, "primitives", "tools")
 
 FORMAT = 1
 
-MIN_FORCE_SHARE = 0.1
-"""Smallest share of a range of forces that remains without leave_out, in the logarithm of the force
-(assumed: rejected forces are sampled again)."""
+# Limits that have no source are assumed: beyond them a dataset takes weeks, or presses miss.
+MIN_FORCE_SHARE = 0.1  # of a force range that leave_out must leave, in the logarithm of the force
+MAX_FORCES = 100  # forces in a list, and ranges in leave_out
+SHARE_TOLERANCE = 1e-6  # rounding of a sum of shares
 
-MAX_FORCES = 100
-"""Largest number of forces in a list, and of ranges in leave_out (assumed)."""
-
-MAX_SHAPES, MAX_PRESSES = 1_000_000, 10_000
-"""Largest number of random shapes of a part, and of presses of a shape (assumed: weeks of two
-cores)."""
-
-MAX_FRAMES = 10_000
-"""Largest number of frames averaged for an image (assumed: minutes of a camera)."""
-
-MAX_DISTANCE_MM = 25.0
-"""Largest parameter of the distance between press and shape's middle, mm (assumed: most presses
-would miss beyond it)."""
-
-SHARE_TOLERANCE = 1e-6
-"""Largest difference of the shares' sum from 1: rounding."""
-
-Share = Annotated[float, Meta(ge=0.0, le=0.9)]
-Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
-Reach = Annotated[float, Meta(ge=0.0, le=MAX_DISTANCE_MM)]
-Tilt = Annotated[float, Meta(ge=0.0, le=MAX_TILT_DEG)]
 Split = Literal["train", "val", "test"]
+Share = Annotated[float, Meta(ge=0.0, le=0.9)]
 MotionShare = Annotated[float, Meta(ge=0.0, le=1.0)]
+Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
+Reach = Annotated[float, Meta(ge=0.0, le=25.0)]
+Tilt = Annotated[float, Meta(ge=0.0, le=MAX_TILT_DEG)]
+Shapes = Annotated[int, Meta(ge=1, le=1_000_000)]
+Presses = Annotated[int, Meta(ge=1, le=10_000)]
+Frames = Annotated[int, Meta(ge=1, le=10_000)]
 Length = Annotated[float, Meta(ge=0.01, le=25.0)]
 Turn = Annotated[float, Meta(ge=0.1, le=180.0)]
 Steps = Annotated[int, Meta(ge=1, le=100)]
@@ -80,12 +53,11 @@ Friction = Annotated[float, Meta(ge=0.01, le=5.0)]
 
 
 class Place(Struct, frozen=True, forbid_unknown_fields=True):
-    """Distribution of presses around a shape's middle: either the standard deviation of a normal
+    """Distribution of presses around a shape's middle: the standard deviation of a normal
     distribution along x and y, or half the side of a square, mm.
 
-    tilt_deg: angle between the shape's axis and the press axis, uniform up to a maximum, or in a
-    range; its direction is uniform. Without it no press is tilted, and info.json does not contain
-    it.
+    tilt_deg: angle between the shape's axis and the press axis, uniform up to a maximum or in a
+    range, in a uniform direction; without it info.json does not contain it.
     """
 
     normal_mm: Reach | None = None
@@ -141,22 +113,17 @@ class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Part(Struct, frozen=True, forbid_unknown_fields=True):
-    """Shapes and their presses.
+    """Shapes and their presses; docs/reference/file-formats.md lists the keys.
 
-    shapes: "random", "primitives", "tools", or a folder of files of solids. count: of random
-    shapes. presses: of each shape, unless place is the grid. place: "grid", the protocol's with its
-    orientations, or a distribution. scale: of the grid (see protocol.SCALES). force_n: a force, a
-    list, or a range; a grid with a list has each press with each force, other presses sample one.
-    background_share: of the presses, without contact. split: of the shapes; "by-version" is the
-    protocol's split of the primitives. val_share: of the shapes, the last ones, for validation.
-    scale and center of files: a number of mm per unit of the files, and whether to press them at
-    their highest part, see catalogue.load.
+    A grid with a list of forces has each press with each force; other presses sample one. scale:
+    of the grid (see protocol.SCALES), or of files, mm per unit; center: of files, see
+    catalogue.load.
     """
 
     shapes: str
     split: Literal["train", "val", "test", "by-version"] = "train"
-    count: Annotated[int, Meta(ge=1, le=MAX_SHAPES)] | None = None
-    presses: Annotated[int, Meta(ge=1, le=MAX_PRESSES)] | None = None
+    count: Shapes | None = None
+    presses: Presses | None = None
     place: Literal["grid"] | Place = "grid"
     scale: Literal["smoke", "light", "small", "paper"] | Annotated[float, Meta(gt=0)] = "paper"
     center: bool | UnsetType = UNSET
@@ -165,29 +132,33 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     val_share: Share = 0.0
 
     def __post_init__(self) -> None:
-        named = f"the part of {self.shapes} shapes"
-        if self.shapes == RANDOM and self.count is None:
-            raise T2TwinError(f"{named}: count is missing, the number of random shapes")
-        if self.shapes != RANDOM and self.count is not None:
-            raise T2TwinError(f"{named}: count is for random shapes only")
-        if self.place != "grid" and self.presses is None:
-            raise T2TwinError(f"{named}: presses is missing, the number for each shape")
-        if self.place == "grid" and self.presses is not None:
-            raise T2TwinError(f"{named}: presses is for a distribution of place, not for the grid")
-        if self.place == "grid" and self.shapes not in ("primitives", "tools"):
-            raise T2TwinError(f"{named}: only primitives and tools have the protocol's grid")
-        if self.place == "grid" and (self.background_share or self.val_share):
-            raise T2TwinError(f"{named}: the grid must not have background_share or val_share")
-        if self.split == "by-version" and self.shapes != "primitives":
-            raise T2TwinError(f"{named}: only primitives can be split by-version")
-        if self.split == "by-version" and self.val_share:
-            raise T2TwinError(f"{named}: split by-version must not have val_share")
-        if self.force_n == ():
-            raise T2TwinError(f"{named}: force_n is an empty list")
-        if self.shapes in NAMED and (self.center or self.solid_scale is not None):
-            raise T2TwinError(f"{named}: center and a scale in mm per unit are for files only")
-        if self.shapes == "tools" and self.split != "test":
-            raise T2TwinError("the split of tools must be test, in every recipe")
+        on_grid, on_catalogue = self.place == "grid", self.shapes in ("primitives", "tools")
+        is_random, by_version = self.shapes == RANDOM, self.split == "by-version"
+        of_files = bool(self.center) or self.solid_scale is not None
+        for is_wrong, reason in (
+            (is_random and self.count is None, "count is missing, the number of random shapes"),
+            (not is_random and self.count is not None, "count is for random shapes only"),
+            (not on_grid and self.presses is None, "presses is missing, the number for each shape"),
+            (
+                on_grid and self.presses is not None,
+                "presses is for a distribution of place, not for the grid",
+            ),
+            (on_grid and not on_catalogue, "only primitives and tools have the protocol's grid"),
+            (
+                on_grid and (self.background_share or self.val_share),
+                "the grid must not have background_share or val_share",
+            ),
+            (by_version and self.shapes != "primitives", "only primitives can be split by-version"),
+            (by_version and self.val_share, "split by-version must not have val_share"),
+            (self.force_n == (), "force_n is an empty list"),
+            (
+                self.shapes in NAMED and of_files,
+                "center and a scale in mm per unit are for files only",
+            ),
+            (self.shapes == "tools" and self.split != "test", "the split of tools must be test"),
+        ):
+            if is_wrong:
+                raise T2TwinError(f"the part of {self.shapes} shapes: {reason}")
 
     @property
     def solid_scale(self) -> float | None:
@@ -196,16 +167,12 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Light(Struct, frozen=True, forbid_unknown_fields=True):
-    """The light of gel cameras.
+    """The light of gel cameras: one unit for all, or a sampled unit for each shape or press.
 
-    kind: "fixed", one unit for all; "drawn", a sampled unit for each shape or press. optics: a
-    file of `t2twin calibrate`, the fixed unit or the center of the sampled ones, of the first gel
-    camera; None for the sensor's own light. draw: ranges of the distribution. renderer: "baked", or
-    "pyrender", which takes seconds per image. frames: number of frames averaged for an image, which
-    reduces the noise: the sensor's by default, 1 for translation of single frames.
-    fixed_share: share of the units that are the fixed unit in place of a sampled one, without
-    artifacts. artifacts: of the sampled units; without them units have none, and info.json does not
-    contain them. Raises T2TwinError for artifacts and fixed_share with kind "fixed".
+    optics: a file of `t2twin calibrate`, the fixed unit or the center of the sampled ones, of the
+    first gel camera. frames: averaged for an image, which reduces the noise; 1 for translation of
+    single frames. fixed_share: of the units that are the fixed one, without artifacts. artifacts:
+    of the sampled units; without them info.json does not contain them.
     """
 
     kind: Literal["fixed", "drawn"] = "fixed"
@@ -214,7 +181,7 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     renderer: Literal["baked", "pyrender"] = "baked"
     draw: UnitRanges = UnitRanges()
     fixed_share: Share = 0.0
-    frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES)] | None = None
+    frames: Frames | None = None
     artifacts: Artifacts | UnsetType = UNSET
 
     def __post_init__(self) -> None:
@@ -225,15 +192,12 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Motion(Struct, frozen=True, forbid_unknown_fields=True):
-    """Distribution of the paths of sampled presses. Presses on the grid stay still.
+    """Distribution of the paths of sampled presses; presses on the grid stay still.
 
-    still, slide, twist: shares of the paths, whose sum is 1. The others are ranges, low and high.
-    slide_mm: length of a slide, in any direction. twist_deg: angle of a twist, either way. steps:
-    touches of a path after its press. force_change: force at the end over the force at the start.
-    gel_friction, cover_friction: coefficients of friction of gel cameras and of taxel arrays,
-    sampled for each shape. All are sampled uniformly in the logarithm, steps uniformly. markers:
-    share of the units of a gel camera that have markers (t2twin.sim.optical.markers), on grids of
-    sampled pitch and diameter. All defaults are assumed.
+    still, slide, twist: shares of the paths. The ranges are sampled uniformly in the logarithm,
+    steps uniformly. steps: touches of a path after its press. force_change: force at the end over
+    the force at the start. gel_friction, cover_friction: sampled for each shape. markers: share of
+    the units of a gel camera with markers. All defaults are assumed.
     """
 
     still: MotionShare = 0.4
@@ -260,15 +224,11 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
-    """What is sampled into a dataset.
+    """What is sampled into a dataset; docs/reference/file-formats.md lists the keys.
 
-    name: for tables. seed: of all samples. source, target: names of bundled sensors, or sensor
-    files. layout, imperfections: of taxel arrays; None for the layout of the sensor's file, and for
-    its imperfections "recorded", if it has them. dense_counts: whether pairs contain the dense
-    counts of taxel arrays (t2twin.sim.taxels.pads). background_frames: whether they contain the
-    background frames of gel cameras' units. motion: of the sampled presses; without it all stay
-    still. contact_maps: whether pairs contain the contact maps of gel cameras
-    (t2twin.sim.optical.gel_camera). Both are left out of info.json if they are not given.
+    source, target: names of bundled sensors, or sensor files. layout, imperfections: of taxel
+    arrays; None for those of the sensor's file, "recorded" if it has them. motion, contact_maps:
+    left out of info.json if they are not given.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=60)]

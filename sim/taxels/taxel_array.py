@@ -286,21 +286,6 @@ class CountsReading:
         """What differs from the sensor's file, for JSON."""
         return {"layout": self.sensor.layout.name}
 
-    def row(self, path: str) -> dict[str, Any]:
-        """The column of the counts. path: not used."""
-        return {"counts": self.counts}
-
-    def dense_row(self, with_tractions: bool) -> dict[str, Any]:
-        """The columns of the dense counts, and of the tractions at their places."""
-        if not with_tractions:
-            return {"dense_counts": self.dense_counts}
-        names = ("pressure_kpa", "shear_x_kpa", "shear_y_kpa")
-        return {"dense_counts": self.dense_counts, **dict(zip(names, self.tractions, strict=True))}
-
-    def contact_row(self) -> dict[str, Any]:
-        """No columns: contact maps are of gel cameras."""
-        return {}
-
     def save(self, folder: Path, name: str) -> None:
         """Write NAME.json, tactile_image.png and tactile_picture.png; of a second array
         tactile_image_NAME.png and tactile_picture_NAME.png."""

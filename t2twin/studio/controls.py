@@ -16,7 +16,7 @@ from t2twin.primitives_cad.mesh_files import SUFFIXES
 from t2twin.primitives_cad.shape import RANDOM_PREFIX
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.optical.optics import Optics
-from t2twin.sim.sampling.presses import MAX_SHAPE_SEED
+from t2twin.sim.sampling.plan import MAX_SHAPE_SEED
 from t2twin.sim.sampling.protocol import FORCE_N, SCALES
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.files import bundled_sensors, load_sensor
