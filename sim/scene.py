@@ -1,8 +1,9 @@
 """A solved press as a MuJoCo scene for viewing.
 
-The scene is the verified model in mm and N: the active pins with their springs, the shape's balls
-above them, and the solid as a visual mesh. Its keyframe `rest` is the equilibrium. The force is an
-actuator and can be changed; the springs then respond without the layer's coupling.
+The scene is the model of `t2twin.sim.contact.mujoco_contact` in mm and N: the active pins with
+their springs, the shape's balls above them, and the solid as a visual mesh. Its keyframe `rest` is
+the equilibrium. The force is an actuator and can be changed; the springs then respond without the
+layer's coupling.
 """
 
 from html import escape
@@ -14,20 +15,14 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.mujoco_contact import BALL_MM, PIN_MASS, SHAPE_MASS
 from t2twin.sim.contact.types import Contact, PinState
 
-STEP_S = 0.02
-"""Time step of the scene, s."""
-
-SINK_MM = 0.05
-"""Distance of the rendered surface below the pins' dots, mm, so that both are visible."""
-
-MAX_FORCE = 4.0
-"""Largest force of the actuator over the commanded one."""
-
-MAX_FACES = 200_000
-"""Limit of MuJoCo on the triangles of a mesh."""
-
+STEP_S = 0.02  # time step of the scene, s
+SINK_MM = (
+    0.05  # distance of the rendered surface below the pins' dots, mm, so that both are visible
+)
+MAX_FORCE = 4.0  # largest force of the actuator over the commanded one
+MAX_FACES = 200_000  # limit of MuJoCo on the triangles of a mesh
+# Colors of pins without force and with the largest force.
 PALE, DEEP = np.array([0.75, 0.8, 0.85]), np.array([0.85, 0.1, 0.1])
-"""Colors of pins without force and with the largest force."""
 
 
 def scene(contact: Contact, mesh_file: str | None) -> str:

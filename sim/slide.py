@@ -37,15 +37,12 @@ class PathRow:
 
 PATH_COLUMNS = tuple(field.name for field in fields(PathRow))
 
+# Largest motion between two solutions of a slide, mm and degrees. With half of it the tangential
+# force of a ball on the gel changes by less than 1 %.
 MAX_STEP_MM, MAX_STEP_DEG = 0.2, 2.0
-"""Largest motion between two solutions of a slide, mm and degrees. With half of it the tangential
-force of a ball on the gel changes by less than 1 %."""
-
-ROUNDING = 1e-6
-"""Share of a step by which a motion may exceed whole steps, for rounding errors."""
-
+ROUNDING = 1e-6  # share of a step by which a motion may exceed whole steps, for rounding errors
+# Limits on the motion of one slide, mm and degrees, and on its number of touches (assumed).
 MAX_MOTION, MAX_SLIDE_STEPS = 360.0, 10_000
-"""Limits on the motion of one slide, mm and degrees, and on its number of touches (assumed)."""
 
 
 def straight_path(

@@ -40,12 +40,8 @@ from t2twin.sim.taxels.taxel_array import CountsReading
 Reading = ImageReading | CountsReading
 """A sensor's reading: the sensor, its contact, and its image or counts."""
 
-VERSIONS = ("t2twin", "mujoco", "numpy")
-"""Packages whose versions press.json contains."""
-
-PRESS_JSON = "press.json"
-"""The file that each saved touch has."""
-
+VERSIONS = ("t2twin", "mujoco", "numpy")  # packages whose versions press.json contains
+PRESS_JSON = "press.json"  # the file that each saved touch has
 MARKERS_CSV = "markers.csv"
 MARKER_COLUMNS = ("marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm")
 

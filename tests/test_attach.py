@@ -307,24 +307,14 @@ def test_several_sensors_have_names_of_their_own():
     ("arguments", "message"),
     [
         ({"site": "pat"}, "no site 'pat'; expected one of pad"),
-        ({"body": "hand"}, "no body 'hand'; expected one of world, pedestal, ball"),
         ({"site": "pad", "body": "ball"}, "both given"),
         ({}, "both missing"),
-        (
-            {"site": "pad", "sensor": "gelsite"},
-            "there is no sensor 'gelsite'; allowed are cyskin-20",
-        ),
         ({"site": "pad", "layout": "cyskin-20"}, "it has optics and markers"),
-        ({"site": "pad", "imperfections": "all"}, "digit is a gel camera, which does not have it"),
-        ({"site": "pad", "sensor": "cyskin", "imperfections": "real"}, "no imperfections called"),
         ({"site": "pad", "sensor": "cyskin", "markers": True}, "it has layout and imperfections"),
-        ({"site": "pad", "pos": [0, 0]}, r"pos has shape \(2,\); expected \(3,\)"),
         ({"site": "pad", "quat": [0, 0, 0, 0]}, "not zero"),
         ({"site": "pad", "friction": -1}, "friction is -1"),
         ({"site": "pad", "rate_hz": 0}, "rate_hz is 0"),
-        ({"site": "pad", "seed": -1}, "seed is -1"),
         ({"site": "pad", "geometry": "hull"}, "one of collision, visual"),
-        ({"site": "pad", "name": ""}, "name is empty"),
     ],
 )
 def test_wrong_arguments(arguments, message):
@@ -345,8 +335,6 @@ def test_wrong_models():
         (other, mujoco.MjData(other), "no site digit/frame"),
         (model, mujoco.MjData(other), "of another model"),
         (model, mujoco.MjData(model), "mj_forward"),
-        (object(), mujoco.MjData(model), r"model is of type object; expected a mujoco\.MjModel"),
-        (model, object(), r"data is of type object; expected a mujoco\.MjData"),
     ):
         with pytest.raises(T2TwinError, match=message):
             attached.read(wrong, data)

@@ -55,8 +55,13 @@ def force_n(model, data):
     return total
 
 
-@pytest.mark.parametrize("kind", ["sphere", "box", "cylinder", "ellipsoid", "capsule"])
-@pytest.mark.parametrize(("drop_mm", "step_s"), [(20, 0.002), (100, 0.001), (100, 0.005)])
+@pytest.mark.parametrize(
+    ("kind", "drop_mm", "step_s"),
+    [
+        ("sphere", 20, 0.002), ("box", 100, 0.001), ("cylinder", 100, 0.005),
+        ("ellipsoid", 20, 0.002), ("capsule", 100, 0.005),
+    ],
+)  # fmt: skip
 @pytest.mark.parametrize("sensor", ["digit", "cyskin"])
 def test_a_dropped_body_rests_on_the_sensor(kind, drop_mm, step_s, sensor):
     """It arrives at 0.6 or 1.4 m/s, and moves by up to 7 mm a step."""
@@ -71,7 +76,7 @@ def test_a_dropped_body_rests_on_the_sensor(kind, drop_mm, step_s, sensor):
     assert touch.notices == ()
 
 
-@pytest.mark.parametrize("finger_mm", [3.0, 8.0, 50.0])
+@pytest.mark.parametrize("finger_mm", [3.0, 50.0])
 def test_the_geom_does_not_reach_through_the_finger(finger_mm):
     finger = f"<geom type='box' size='.02 .02 {finger_mm / 2e3}' pos='0 0 {-finger_mm / 2e3}'/>"
     for sensor in ("digit", "cyskin"):
@@ -160,15 +165,13 @@ def test_a_body_that_falls_asleep_before_it_rests_has_its_mean_force_and_a_notic
 
 
 @pytest.mark.parametrize(
-    "geom",
+    ("geom", "sensor"),
     [
-        "type='cylinder' size='.0001 .01'",
-        "type='box' size='.0001 .0001 .01'",
-        "type='box' size='.00001 .01 .002'",
-        "type='capsule' size='.0001 .01'",
+        ("type='cylinder' size='.0001 .01'", "digit"),
+        ("type='box' size='.0001 .0001 .01'", "cyskin"),
+        ("type='box' size='.00001 .01 .002'", "digit"),
     ],
 )
-@pytest.mark.parametrize("sensor", ["digit", "cyskin"])
 @pytest.mark.filterwarnings("ignore:.*wider on each side")
 def test_a_body_thinner_than_a_cell_is_read(geom, sensor):
     spec, attached = scene(f"<geom {geom} mass='.1'/>", sensor=sensor)
@@ -190,7 +193,7 @@ def test_a_body_thinner_than_a_cell_is_read(geom, sensor):
 def test_a_blade_is_read_alike_everywhere(half_mm, named):
     """Its place between the points of the grid hardly matters."""
     depths = []
-    for x_mm in np.arange(0.0, 0.5, 0.04):
+    for x_mm in np.arange(0.0, 0.5, 0.08):
         spec, attached = scene(f"<geom type='box' size='{1e-3 * half_mm} .005 .004' mass='.5'/>")
         spec.body("load").pos = [1e-3 * x_mm, 0.0, 0.0082]
         touch = attached.read(*at_rest(spec))
@@ -256,17 +259,11 @@ def test_many_light_bodies_are_named():
     assert touch.unread_n == pytest.approx(4 * 0.0009 * GRAVITY, rel=0.02)
 
 
-@pytest.mark.parametrize("name", ["time", "qpos"])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-@pytest.mark.parametrize("rate_hz", [None, 100])
-def test_a_state_that_is_not_finite_is_refused(name, value, rate_hz):
-    spec, attached = scene(box(), rate_hz=rate_hz)
+def test_a_state_that_is_not_finite_is_refused():
+    spec, attached = scene(box(), rate_hz=100)
     model, data = at_rest(spec, 1)
-    if name == "time":
-        data.time = value
-    else:
-        data.qpos[0] = value
-        mujoco.mj_forward(model, data)
+    data.qpos[0] = np.nan
+    mujoco.mj_forward(model, data)
     with pytest.raises(T2TwinError, match="not finite"):
         attached.read(model, data)
 

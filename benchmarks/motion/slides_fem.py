@@ -1,6 +1,6 @@
 """A rigid shape that slides on a bonded block, as finite elements in CalculiX.
 
-An independent answer to `t2twin.sim.contact.tangential`: small strain, linear elastic, hexahedra
+An independent answer to `t2twin.sim.contact.friction`: small strain, linear elastic, hexahedra
 with incompatible modes (C3D8I), surface-to-surface penalty contact with Coulomb friction. The shape
 is the master surface: with its normals, the force of gross sliding is the limit of friction. The
 block is bonded at its base and wide enough to be unbounded. All slides are along x, so half the

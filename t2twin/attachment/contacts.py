@@ -15,27 +15,22 @@ from t2twin.attachment.geometry import MM_PER_M, colliding
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 
+# Names of a sensor's elements in the model, after the sensor's name and a slash.
 BODY, SURFACE, FRAME = "body", "surface", "frame"
-"""Names of a sensor's elements in the model, after the sensor's name and a slash."""
-
+# Least cosine of the angle between a contact's normal and the sensor's (assumed). A dome is at most
+# 31 degrees steep; contacts at 60 degrees or more are at the sensor's side or back.
 MIN_FACING = 0.5
-"""Least cosine of the angle between a contact's normal and the sensor's (assumed). A dome is at
-most 31 degrees steep; contacts at 60 degrees or more are at the sensor's side or back."""
-
+# Steps of a woken copy whose mean force is read. MuJoCo stops a body that falls asleep, where its
+# contact force differs from that at rest; after ten steps it may sleep again (mjMINAWAKE).
 WAKING_STEPS = 10
-"""Steps of a woken copy whose mean force is read. MuJoCo stops a body that falls asleep, where its
-contact force differs from that at rest; after ten steps it may sleep again (mjMINAWAKE)."""
-
+# Share of MuJoCo's force, normal and tangential, and force, N, that a contact may lack without a
+# notice (assumed).
 READ_SHARE, READ_N = 0.01, 0.01
-"""Share of MuJoCo's force, normal and tangential, and force, N, that a contact may lack without a
-notice (assumed)."""
-
 SIDE = "at the sensor's side"
 BACK = "at the sensor's back, from behind the sensor or from inside it"
 ADHESION = "pulling at the sensor"
+# Places of forces that are not read.
 THROUGH = "on the mount, through the soft layer; make the contact with the sensor stiffer"
-"""Places of forces that are not read."""
-
 UNSTEADY = (
     f"it fell asleep before it was at rest; its force is the mean of {WAKING_STEPS} steps after it "
     f"is woken, of which some differ from the mean by more than {100 * READ_SHARE:g} %"

@@ -26,36 +26,24 @@ from t2twin.sim.contact.spec import MountTable
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.sensors.files import Sensor, load_sensor
 
-CONDIM = 4
-"""Dimensions of MuJoCo's contacts: a soft surface also resists turning about the normal."""
-
+CONDIM = 4  # dimensions of MuJoCo's contacts: a soft surface also resists turning about the normal
+# Contact parameters of a sensor's geom, see MuJoCo's manual, Modeling, Solver parameters (assumed:
+# a finger of 50 g yields by 0.03 mm at 10 N, less than the layer). MuJoCo raises the time constant
+# of 0.004 s to two time steps.
 SOLREF, SOLIMP = (0.004, 1.0), (0.9, 0.99, 0.001, 0.5, 2.0)
-"""Contact parameters of a sensor's geom, see MuJoCo's manual, Modeling, Solver parameters (assumed:
-a finger of 50 g yields by 0.03 mm at 10 N, less than the layer). MuJoCo raises the time constant of
-0.004 s to two time steps."""
-
-OWN_SOLMIX = 1e6
-"""Weight of the contact parameters of a sensor's geom; others have 1."""
-
+OWN_SOLMIX = 1e6  # weight of the contact parameters of a sensor's geom; others have 1
+# Distance of the vertices of a dome, mm. Its facets are within 0.006 mm of a dome whose radius is
+# 21 mm.
 MESH_PITCH_MM = 1.0
-"""Distance of the vertices of a dome, mm. Its facets are within 0.006 mm of a dome whose radius is
-21 mm."""
-
+# Largest depth where the spec does not compile yet, m (assumed: most fingers are thicker).
 UNKNOWN_M = 0.008
-"""Largest depth where the spec does not compile yet, m (assumed: most fingers are thicker)."""
-
-RAYS = (-0.25, 0.0, 0.25)
-"""Places of rays along both sides of the pad, in shares of its sides."""
-
+RAYS = (-0.25, 0.0, 0.25)  # places of rays along both sides of the pad, in shares of its sides
+# Distance of the geom from the mount's far side, m (assumed: more than bodies at rest there sink in
+# with MuJoCo's default contact).
 CLEARANCE_M = 1e-3
-"""Distance of the geom from the mount's far side, m (assumed: more than bodies at rest there sink
-in with MuJoCo's default contact)."""
-
+# Distance of two bases below which they are in one place, m (assumed: rounding).
 SAME_PLACE_M = 1e-6
-"""Distance of two bases below which they are in one place, m (assumed: rounding)."""
-
-START_M = 1e-4
-"""Depth below the base at which a ray starts, m (assumed)."""
+START_M = 1e-4  # depth below the base at which a ray starts, m (assumed)
 
 
 def attach(

@@ -14,8 +14,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import cores
 from t2twin.sim.touch import Touch
 
-MAX_WORKERS = 1024
-"""Largest number of threads (assumed: beyond any machine's cores)."""
+MAX_WORKERS = 1024  # largest number of threads (assumed: beyond any machine's cores)
 
 
 def read_all(

@@ -10,7 +10,7 @@ the image, y is down, z is out of the sensor.
 import warnings
 from copy import copy
 from dataclasses import dataclass, field, replace
-from math import floor, inf, isfinite
+from math import floor, inf
 from threading import Lock
 from typing import Any, get_args
 from weakref import WeakKeyDictionary
@@ -51,34 +51,25 @@ NOTHING = Shape(
 )
 """The shape of a touch without contact."""
 
+# A touch without contact and without readings.
 NO_TOUCH = Touch(NOTHING, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0))
-"""A touch without contact and without readings."""
-
-MAX_RATE_HZ = 1e6
-"""Largest rate of readings, Hz (assumed: beyond any simulation's steps)."""
-
-LISTED = 5
-"""Geoms that a warning names (assumed)."""
-
+MAX_RATE_HZ = 1e6  # largest rate of readings, Hz (assumed: beyond any simulation's steps)
+LISTED = 5  # geoms that a warning names (assumed)
+# Attributes that a copy of a sensor does not have: readings and warnings.
 OWN = ("_states", "_elements", "_lock", "_warned")
-"""Attributes that a copy of a sensor does not have: readings and warnings."""
-
+# Distance between the places of contact in two readings up to which the second one continues the
+# tractions of the first, mm (assumed: less than most contacts are wide).
 MAX_JUMP_MM = 2.0
-"""Distance between the places of contact in two readings up to which the second one continues the
-tractions of the first, mm (assumed: less than most contacts are wide)."""
-
+# Share of a period by which a reading may be early, for rounding errors of the time.
 ROUNDING = 1e-6
-"""Share of a period by which a reading may be early, for rounding errors of the time."""
-
-AWAKE = 1
-"""MuJoCo's mjS_AWAKE."""
+AWAKE = 1  # MuJoCo's mjS_AWAKE
 
 
 @dataclass
 class State:
     """The last reading of a sensor from one MjData.
 
-    time_s, period: of the last reading. reads: their number. seen: the poses and forces, as bytes.
+    time_s, period: of the last reading. reads: their number. seen: the state, as bytes.
     touch, touch_s: the last touch and its time. poses, centers_mm: of the touching bodies and of
     their places of contact, in the sensor frame, by the body's id. asleep: the poses of bodies that
     sleep, as bytes. sleeping: their forces. lock: of one reading at a time.
@@ -278,36 +269,33 @@ class AttachedSensor:
         if data.time < state.time_s:
             state.restart()
         state.time_s = data.time
-        period = 0
-        if self.rate_hz is not None:
-            if not isfinite(periods := data.time * self.rate_hz):
-                raise T2TwinError(f"data.time is {data.time:g} s, beyond what rate_hz can divide")
-            period = floor(periods + ROUNDING)
-            if state.touch is not None and period == state.period:
-                return state.touch
+        period = 0 if self.rate_hz is None else floor(data.time * self.rate_hz + ROUNDING)
+        is_due, state.period = period != state.period, period
+        if state.touch is not None and self.rate_hz is not None and not is_due:
+            return state.touch
+        seen = _as_bytes(data, frame)
+        if state.touch is not None and seen == state.seen:
+            return state.touch
         touching, others = state.forces(model, data, geom, frame)
         pressing = [each for each in touching if each.pressing_n >= FORCE_RANGE_N[0]]
         light = [each for each in touching if each.pressing_n < FORCE_RANGE_N[0]]
         others += [Push(each.body, LIGHT, each.force_n) for each in light]
         poses = {each.body: _body_pose(data, each.body).in_frame(frame) for each in pressing}
-        seen = _as_bytes(data.time, frame, pressing, others, poses)
-        if state.touch is None or seen != state.seen:
-            contact, notices = self._contact(model, data, frame, pressing, poses, state)
-            names = {each.body: _body_name(model, each.body) for each in others}
-            notices += push_notices(others, names)
-            touch = self._touch(contact, frame, state, data.time)
-            state.touch = replace(touch, notices=tuple(notices))
-            state.touch_s = data.time
-            state.poses, state.seen = poses, seen
-            state.centers_mm = {each.body: each.center_mm for each in pressing}
-            state.reads += 1
-            for each in notices:
-                self._warn(each.reason, str(each))
-            reasons = "; ".join(each.reason for each in notices)
-            for note in (each.removeprefix(f"{self.sensor}: ") for each in touch.notes):
-                if note not in reasons:
-                    self._warn(note, note)
-        state.period = period
+        contact, notices = self._contact(model, data, frame, pressing, poses, state)
+        notices += push_notices(
+            others, {each.body: _body_name(model, each.body) for each in others}
+        )
+        touch = self._touch(contact, frame, state, data.time)
+        state.touch = replace(touch, notices=tuple(notices))
+        state.touch_s, state.poses, state.seen = data.time, poses, seen
+        state.centers_mm = {each.body: each.center_mm for each in pressing}
+        state.reads += 1
+        for each in notices:
+            self._warn(each.reason, str(each))
+        reasons = "; ".join(each.reason for each in notices)
+        for note in (each.removeprefix(f"{self.sensor}: ") for each in touch.notes):
+            if note not in reasons:
+                self._warn(note, note)
         return state.touch
 
     def _contact(
@@ -366,18 +354,7 @@ def _body_pose(data: "mujoco.MjData", body: int) -> Pose:
     return Pose(data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy())
 
 
-def _as_bytes(
-    time_s: float,
-    frame: Pose,
-    pressing: list[Wrench],
-    others: list[Push],
-    poses: dict[int, Pose],
-) -> bytes:
-    """All that a reading depends on."""
-    values = [np.array([time_s]), frame.rotation.ravel(), frame.position_m]
-    for each in pressing:
-        pose = poses[each.body]
-        values += [np.array([each.body, each.friction]), each.force_n, each.torque_nmm]
-        values += [pose.rotation.ravel(), pose.position_m]
-    values += [each.force_n for each in others]
-    return np.concatenate(values).tobytes()
+def _as_bytes(data: "mujoco.MjData", frame: Pose) -> bytes:
+    """All that a reading depends on: time, poses, and contacts with their forces."""
+    values = data.time, *frame, data.xpos, data.xmat, data.efc_force, data.contact.friction
+    return b"".join(np.asarray(each).tobytes() for each in values)

@@ -17,20 +17,13 @@ if TYPE_CHECKING:
     from t2twin.primitives_cad.shape import Shape
     from t2twin.sim.contact.elastomer import Elastomer
 
+# Forces at which the depths are fitted, N: those of most grasps (assumed).
 FIT_FORCES_N = (0.5, 1.0, 2.0, 4.0, 8.0, 12.0)
-"""Forces at which the depths are fitted, N: those of most grasps (assumed)."""
-
-MIDPOINT = 0.5
-"""MuJoCo's default midpoint of the impedance."""
-
+MIDPOINT = 0.5  # muJoCo's default midpoint of the impedance
+# Limits of the impedance (assumed). A low one also lets bodies creep against friction.
 IMPEDANCE = (0.5, 0.98)
-"""Limits of the impedance (assumed). A low one also lets bodies creep against friction."""
-
-MAX_POWER = 6.0
-"""Largest power of the impedance's curve (assumed)."""
-
-POINTS = 400
-"""Points of a force curve."""
+MAX_POWER = 6.0  # largest power of the impedance's curve (assumed)
+POINTS = 400  # points of a force curve
 
 
 class Stiffness(NamedTuple):
