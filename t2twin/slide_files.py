@@ -11,6 +11,8 @@ slide.png                tangential force, and what the sensors show in three st
 slide.gif, slide.mp4     images and counts; the second with imageio-ffmpeg only
 """
 
+from __future__ import annotations
+
 import importlib
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -18,16 +20,18 @@ from contextlib import suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from PIL import Image
 
-from t2twin.core.draw import COLOR_MAP, colored_tactile_image, extent_mm, figure
+from t2twin.core.draw import (
+    COLORS,
+    colored_tactile_image,
+    draw_tactile_image,
+    figure,
+    in_a_row,
+)
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import (
     check_own,
@@ -42,6 +46,10 @@ from t2twin.sim.optical.gel_camera import ImageReading
 from t2twin.sim.taxels.taxel_array import CountsReading
 from t2twin.sim.touch import MARKER_COLUMNS, MARKERS_CSV, Touch, marker_rows
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 SLIDE_CSV, FRAMES = "slide.csv", "frames"
 OPTIONAL_FILE = re.compile(
     r"contact_([a-z0-9_-]+)_\d+\.npz|counts(_[a-z0-9_-]+)?\.csv|markers\.csv|slide\.mp4"
@@ -52,39 +60,18 @@ FRAME_FILE = re.compile(r"(?:([a-z0-9_-]+)_)?\d+\.png")
 MARKER_VALUES = ("pitch_mm", "diameter_mm", "jitter_mm", "seed")
 """Attributes of markers that are columns of slide.csv."""
 
-MIN_DIGITS = 3
-"""Digits of a step in a file's name, at least."""
+MIN_DIGITS = 3  # of a step in a file's name, at least
+FRAME_MS = 150  # duration of a step in the animation (assumed)
+MAX_FRAMES = 300  # steps in the animation at most (assumed: its file stays below 100 MB)
+HEIGHT_PX = 480  # of the animation; even, as video codecs need
 
-FRAME_MS = 150
-"""Duration of a step in the animation, ms (assumed)."""
-
-MAX_FRAMES = 300
-"""Steps in the animation at most, evenly spaced (assumed: its file stays below 100 MB)."""
-
-HEIGHT_PX = 480
-"""Height of the animation; even, as video codecs need."""
-
-FORCE_COLOR, TORQUE_COLOR, LIMIT_COLOR = "#1f5fa8", "#b8561b", "#888888"
-STICK_COLOR, SLIP_COLOR = "#9ec5e8", "#f2b880"
-MARKER_COLOR = "white"
-
-MARGIN_MM = 1.0
-"""Margin around the contact, mm."""
-
-LEGEND_PT = 20
-"""Height of the legend between a panel and its title, points."""
-
-KEY_SHARE = 0.1
-"""Height below the contact for the key of the arrows, as a share of the panel (assumed)."""
-
-ARROWS = 10
-"""Arrows along the longer side of the contact, about."""
-
-MIN_ARROW_PX = 3.0
-"""Shortest displacement of a marker that has an arrow, px."""
-
-SHOWN = 3
-"""Steps that the figure shows: the first, the middle and the last one."""
+LIMIT_COLOR, STICK_COLOR, SLIP_COLOR = "#888888", "#9ec5e8", "#f2b880"
+MARGIN_MM = 1.0  # around the contact
+LEGEND_PT = 20  # height of the legend between a panel and its title
+KEY_SHARE = 0.1  # height below the contact for the key of the arrows, share of the panel (assumed)
+ARROWS = 10  # along the longer side of the contact, about
+MIN_ARROW_PX = 3.0  # shortest displacement of a marker that has an arrow
+SHOWN = 3  # steps that the figure shows: the first, the middle and the last one
 
 PANEL_WIDTH, PANEL_HEIGHT, FORCE_HEIGHT = 2.5, 2.6, 2.4
 """Sizes of a panel of a step and of the panels of the force, inches."""
@@ -239,15 +226,7 @@ def _write_animation(
 
 def _animation(pictures: Callable[[int], list[Image.Image]], steps: int) -> Iterator[Image.Image]:
     for step in np.unique(np.linspace(0, steps - 1, min(steps, MAX_FRAMES)).round().astype(int)):
-        parts = [
-            part.resize((2 * round(part.width * HEIGHT_PX / part.height / 2), HEIGHT_PX))
-            for part in pictures(int(step))
-        ]
-        page = Image.new("RGB", (sum(part.width for part in parts), HEIGHT_PX))
-        left = 0
-        for part in parts:
-            page.paste(part, (left, 0))
-            left += part.width
+        page = in_a_row(pictures(int(step)), HEIGHT_PX)
         yield page.quantize(palette=page.quantize())  # the second pass dithers
 
 
@@ -300,6 +279,8 @@ def _draw_slide(
         draw(sensor, images, readings)
     for axes, step in zip(columns[0], steps, strict=True):
         axes.set_ylabel(f"step {step}\n{axes.get_ylabel()}".strip())
+    from matplotlib.patches import Patch
+
     bottom.legend(
         handles=[Patch(color=STICK_COLOR, label="stick"), Patch(color=SLIP_COLOR, label="slip")],
         loc="outside lower center",
@@ -331,7 +312,7 @@ def _draw_force(axes: Axes, rows: list[Row], sensor: str, contact: Contact) -> N
         axes.set_xlabel("step")
         travel = column("step")
     force_n = np.hypot(column(f"{sensor}_shear_x_n"), column(f"{sensor}_shear_y_n"))
-    lines = axes.plot(travel, force_n, ".-", color=FORCE_COLOR, label="tangential force")
+    lines = axes.plot(travel, force_n, ".-", color=COLORS[0], label="tangential force")
     if contact.motion is not None:
         limit_n = np.where(
             np.isnan(force_n), np.nan, contact.motion.friction.limit_n(column("force_n"))
@@ -345,7 +326,7 @@ def _draw_force(axes: Axes, rows: list[Row], sensor: str, contact: Contact) -> N
         other = axes.twinx()
         other.spines["right"].set_visible(True)
         torque_nmm = column(f"{sensor}_torque_nmm")
-        lines += other.plot(travel, torque_nmm, ".-", color=TORQUE_COLOR, label="torque")
+        lines += other.plot(travel, torque_nmm, ".-", color=COLORS[1], label="torque")
         if np.nanmin(torque_nmm) >= 0:
             other.set_ylim(bottom=0)
         other.set_ylabel("torque, N mm")
@@ -368,29 +349,27 @@ def _draw_images(sensor: str, panels: Sequence[Axes], readings: Sequence[ImageRe
         kept = np.hypot(*by.T) >= MIN_ARROW_PX
         axes.quiver(
             rest[kept, 1], rest[kept, 0], by[kept, 1], by[kept, 0],
-            angles="xy", scale_units="xy", scale=1, width=0.01, color=MARKER_COLOR,
+            angles="xy", scale_units="xy", scale=1, width=0.01, color="white",
         )  # fmt: skip
         rows, columns, _ = reading.image.shape
         axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
 
 
 def _draw_counts(sensor: str, panels: Sequence[Axes], readings: Sequence[CountsReading]) -> None:
-    """The tactile images of a taxel array on one scale, with a circle on each taxel."""
-    largest = max(float(reading.tactile_image.max()) for reading in readings)
+    """The tactile images of a taxel array on one scale, with a ring on each taxel."""
+    largest = max(1.0, *(float(reading.tactile_image.max()) for reading in readings))
     for axes, reading in zip(panels, readings, strict=True):
-        image = axes.imshow(
-            reading.tactile_image, cmap=COLOR_MAP, vmin=0, vmax=max(largest, 1.0),
-            extent=extent_mm(*reading.sensor.phi.centers_mm),
-        )  # fmt: skip
-        layout = reading.sensor.layout
-        axes.plot(layout.x_mm, layout.y_mm, "o", ms=4, mfc="none", mec="white", mew=0.5)
-        axes.set(xticks=[], yticks=[])
-        axes.figure.colorbar(image, ax=axes, fraction=0.07, label="counts")
+        phi, layout = reading.sensor.phi, reading.sensor.layout
+        places = phi.centers_mm, layout.x_mm, layout.y_mm
+        drawn = draw_tactile_image(axes, reading.tactile_image, *places, (0.0, largest))
+        axes.figure.colorbar(drawn, ax=axes, fraction=0.07, label="counts", format="{x:,g}")
     panels[0].set_title(f"tactile image of {sensor}", loc="left")
 
 
 def _draw_contacts(sensor: str, panels: Sequence[Axes], contacts: Sequence[Contact]) -> None:
     """Stick and slip regions, and the tangential traction on the sensor as arrows of one scale."""
+    from matplotlib.colors import ListedColormap
+
     first = contacts[0]
     touched = np.any([contact.pressure_kpa > 0 for contact in contacts], axis=0)
     columns, rows = np.flatnonzero(touched.any(axis=0)), np.flatnonzero(touched.any(axis=1))

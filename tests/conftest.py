@@ -96,7 +96,7 @@ def egl():
 def few_drawn_pairs():
     """Reports draw one pair of each family of the small dataset and no more."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("t2twin.report.pairs.PAIRS", 6)
+        patch.setattr("t2twin.report.dataset_report.PAIRS", 6)
         yield
 
 

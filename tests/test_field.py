@@ -447,7 +447,7 @@ def test_the_report_draws_how_sure_it_is(
 ) -> None:
     draw_only(monkeypatch, "summary", "uncertainty")
     page = write_report(tmp_path / "report", data_dir, [run_dir]).read_text()
-    assert '<section id="uncertainty"' in page and "its 90 % intervals cover" in page
+    assert '<section id="uncertainty"' in page and "coverage of 90 % intervals, %" in page
 
 
 def test_background_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) -> None:

@@ -82,7 +82,7 @@ def figures(dataset: Dataset) -> dict[str, Any]:
     force = dataset.column("force_n")
     alike, same = _near_duplicates(dataset)
     return {
-        "pairs": {name: len(table) for name, table in dataset.tables.items()},
+        "pairs": dataset.table.groupby("split", sort=False).size().to_dict(),
         "shards_sha256": shards_sha256(dataset.data),
         "versions": dict(dataset.info.versions),
         "size_gib": size / 2**30,
@@ -127,7 +127,7 @@ def _near_duplicates(dataset: Dataset) -> tuple[np.ndarray, np.ndarray]:
     alike, same = np.zeros((2, len(shapes)), bool)
     for shape in np.unique(shapes):
         at = np.flatnonzero(shapes == shape)
-        images = (dataset.image(*dataset.places[place]) for place in at)
+        images = (dataset.image(place) for place in at.tolist())
         coarse = np.array([block_reduce(each, (BLOCK_PX, BLOCK_PX, 1), np.mean) for each in images])
         near = _distances(coarse) < noise_grey
         alike[at] = near.any(axis=1)

@@ -24,7 +24,7 @@ from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.files import atomic_write
 
 if TYPE_CHECKING:
-    from t2twin.report.data import ReportData
+    from t2twin.report.run_report import ReportData
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.translation",
@@ -57,7 +57,7 @@ SHOWN = {"val": (0.5, 1.0), "test": (0.1, 0.5, 0.9, 1.0)}
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.report.data import read_report_data
+    from t2twin.report.run_report import read_report_data
 
     report = read_report_data(options.report, options.data, options.runs)
     if not options.keep_nothing:

@@ -20,7 +20,7 @@ import numpy as np
 from PIL import Image
 from skimage.measure import label
 
-from t2twin.core.draw import Panel, panels_image
+from t2twin.core.draw import Panel, panels_image, tactile_panel
 from t2twin.core.files import atomic_write
 from t2twin.core.tables import Table
 from t2twin.core.templates import render
@@ -414,9 +414,9 @@ def _figure(run: TrainedTranslator, comparison: PressComparison) -> bytes:
     phi = layout.phi
     panels = [
         Panel("real frame", reference.frame),
-        Panel("translated", phi(comparison.real.counts)),
+        tactile_panel("translated", phi(comparison.real.counts), phi, layout, "counts"),
         Panel("simulated frame", reference.simulated),
-        Panel("translated", phi(comparison.simulated.counts)),
-        Panel("simulated target", phi(reference.counts)),
+        tactile_panel("translated", phi(comparison.simulated.counts), phi, layout, "counts"),
+        tactile_panel("simulated target", phi(reference.counts), phi, layout, "counts"),
     ]
-    return panels_image(panels, phi.centers_mm, layout.x_mm, layout.y_mm)
+    return panels_image(panels)

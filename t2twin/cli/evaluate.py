@@ -66,8 +66,7 @@ def report(
     from t2twin.core.errors import T2TwinError
 
     if runs:
-        from t2twin.report.data import read_report_data
-        from t2twin.report.run_report import draw_report
+        from t2twin.report.run_report import draw_report, read_report_data
         from t2twin.translate.models.distributed import use_all_cores
 
         use_all_cores()

@@ -76,8 +76,6 @@ RING_MM, RING_SHARE = 1.4, 0.3
 PANEL_IN, WIDEST_IN, TITLE_IN, BAR_IN = 2.06, 2.5, 0.22, 0.6
 """Largest height and width of a panel, height of a line of its title, width of a color bar."""
 
-FORCE_MARGIN = 1.15  # factor at both ends of a force axis
-
 
 def in_colors(values: np.ndarray) -> np.ndarray:
     """Colors (R, C, 3) uint8 of values (R, C) in [0, 1], by COLOR_MAP."""
@@ -274,72 +272,50 @@ def color_bar(page: Figure, drawn: ScalarMappable, axes: Any, width: float, titl
 class Panel(NamedTuple):
     """An image with its title: of a camera, (R, C, 3) uint8, or tactile, (R, C) counts.
 
-    is_difference: whether the counts are a difference of two tactile images.
+    Of a tactile image: scale, the title of its color scale, which all panels with this title share;
+    centers_mm, x_mm, y_mm as for `draw_tactile_image`. A scale that starts with "difference" is one
+    of differences.
     """
 
     title: str
     image: np.ndarray
-    is_difference: bool = False
-
-    @property
-    def aspect(self) -> float:
-        """Width over height."""
-        return self.image.shape[1] / self.image.shape[0]
+    scale: str = ""
+    centers_mm: Any = None
+    x_mm: Any = None
+    y_mm: Any = None
 
 
-def panels_image(
-    panels: Sequence[Panel],
-    centers_mm: tuple[np.ndarray, np.ndarray],
-    x_mm: np.ndarray,
-    y_mm: np.ndarray,
-    width_in: float = 100.0,
-) -> bytes:
-    """PNG of images in a row, with one color scale of counts and one of differences.
+def tactile_panel(title: str, image: np.ndarray, phi: Any, layout: Any, scale: str) -> Panel:
+    """The panel of a tactile image of a layout. phi: its `Phi`."""
+    return Panel(title, image, scale, phi.centers_mm, layout.x_mm, layout.y_mm)
 
-    centers_mm, x_mm, y_mm: of the tactile images, as for `draw_tactile_image`. width_in: the most.
-    """
-    kinds = sorted({one.is_difference for one in panels if one.image.ndim == 2}, reverse=True)
-    aspects, bars_in = [one.aspect for one in panels], BAR_IN * len(kinds)
+
+def panels_image(panels: Sequence[Panel], width_in: float = 100.0) -> bytes:
+    """PNG of images in a row, with a color bar for each scale. width_in: the most."""
+    aspects = [one.image.shape[1] / one.image.shape[0] for one in panels]
+    scales = list(dict.fromkeys(one.scale for one in panels if one.scale))
+    bars_in = BAR_IN * len(scales)
     peaks = {
-        kind: max(
-            1.0,
-            *(
-                float(np.abs(one.image).max())
-                for one in panels
-                if one.image.ndim == 2 and one.is_difference is kind
-            ),
-        )
-        for kind in kinds
+        name: max(1.0, *(float(np.abs(one.image).max()) for one in panels if one.scale == name))
+        for name in scales
     }
 
     def draw(page: Figure) -> None:
         all_axes = page.subplots(1, len(panels), squeeze=False, width_ratios=aspects)[0]
-        drawn = {}
+        last: dict[str, tuple[Axes, ScalarMappable]] = {}
         for axes, one in zip(all_axes, panels, strict=True):
             axes.set_title(one.title)
-            if one.image.ndim == 3:
+            if not one.scale:
                 draw_image(axes, one.image)
                 continue
-            peak = peaks[one.is_difference]
-            limits = (-peak if one.is_difference else 0.0, peak)
-            image = draw_tactile_image(axes, one.image, centers_mm, x_mm, y_mm, limits)
-            drawn[one.is_difference] = image
-        for kind in kinds:
-            title = "difference, counts" if kind else "counts"
-            color_bar(page, drawn[kind], all_axes[-1], 0.12, title)
+            peak = peaks[one.scale]
+            limits = (-peak if one.scale.startswith("difference") else 0.0, peak)
+            places = one.centers_mm, one.x_mm, one.y_mm
+            last[one.scale] = axes, draw_tactile_image(axes, one.image, *places, limits)
+        for name in reversed(scales):
+            axes, drawn = last[name]
+            color_bar(page, drawn, axes, 0.12, name)
 
     height = min(PANEL_IN, WIDEST_IN / max(aspects), (width_in - bars_in) / sum(aspects))
     lines = 1 + max(one.title.count("\n") for one in panels)
     return figure("png", height * sum(aspects) + bars_in, height + lines * TITLE_IN, draw)
-
-
-def force_axis(axes: Axes, low_n: float, high_n: float) -> None:
-    """Makes x a logarithmic axis with ticks at powers of two. low_n, high_n: range, above 0 N."""
-    from matplotlib.ticker import FixedLocator, NullLocator
-
-    axes.set_xscale("log")
-    low_n, high_n = low_n / FORCE_MARGIN, high_n * FORCE_MARGIN
-    axes.set_xlim(low_n, high_n)
-    marks = 2.0 ** np.arange(np.ceil(np.log2(low_n)), np.log2(high_n) + 1e-9)
-    axes.xaxis.set_major_locator(FixedLocator(marks.tolist() or [low_n * FORCE_MARGIN]))
-    axes.xaxis.set_minor_locator(NullLocator())

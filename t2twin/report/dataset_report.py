@@ -1,7 +1,5 @@
 """The report of a dataset: one self-contained HTML page."""
 
-from collections import Counter
-from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,117 +10,73 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
-from t2twin.core.draw import draw_discs, figure, force_axis
-from t2twin.report import pairs
+from t2twin.core.draw import COLORS, draw_discs, draw_image, figure
 from t2twin.report.data import MIN_CONTACT_SHARE, Array, Dataset, read_dataset
-from t2twin.report.page import (
-    SENSOR_COLORS,
-    SPLIT_COLORS,
-    SPLIT_NAMES,
-    check_out,
-    forces_text,
-    shape_name,
-    write_page,
-)
+from t2twin.report.page import SPLIT_COLORS, SPLIT_NAMES, check_out, shape_name, write_page
 
-MAX_BARS = 100
-"""Maximum number of bars (assumed: three printed pages)."""
+PAIRS, PAIR_IN = 12, 4.4
+"""Number of pairs, and width of their pictures, inches."""
 
+MAX_BARS = 100  # assumed: three printed pages
 GALLERY_COLUMNS, MAX_IMAGES = 10, 60
-GALLERY_SEED = 0
-BARS_WIDTH_IN, BAR_IN, MARGINS_IN = 4.4, 0.17, 1.0
-"""Width of the bar chart, which fits on a phone; height of a bar and of the margins, inches."""
-
-SATURATION_IN = 2.8
-MIN_BARS = 4
-"""Height of the charts of saturation, inches; smallest range of saturated taxels of a pair."""
-
-TILE_TITLE_IN = 0.22
-"""Height of the title of an image of the grid, inches."""
-
-BINS = 40
-FORCE_BINS = 12
-"""Number of bins of the commanded forces, equal in the logarithm."""
+BARS_WIDTH_IN, BAR_IN, MARGINS_IN, TILE_TITLE_IN = 4.4, 0.17, 1.0, 0.22
+SATURATION_IN, WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 2.8, 9.0, 2.9, 3.2
+BINS, COUNTS_TICKS = 40, 5
+MIN_BARS = 4  # smallest range of saturated taxels of a pair
+MIN_PERCENT = 0.001  # smallest displayed force error
 
 MAX_FAMILIES = 24
 """Maximum number of families in the chart of depths (assumed: space for their names)."""
 
-MIN_PERCENT = 0.001
-"""Smallest displayed force error, percent."""
-
-COUNTS_TICKS = 5
-WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
+SENSOR_COLORS = {"source": COLORS[0], "target": COLORS[3]}
 
 
 def summary(dataset: Dataset) -> dict[str, Any]:
-    """Shares of unusual pairs and counts, and the pair with the median maximum count, or without
-    taxel arrays with the median depth.
-    """
-    arrays = dataset.arrays
-    sizes = dataset.array.largest if arrays else dataset.contact("source", "depth_mm")
-    place = int(np.argsort(sizes, kind="stable")[(sizes.size - 1) // 2])
-    split, row = dataset.places[place]
+    """The facts of the dataset."""
+    without_contact = dataset.without_contact
+    least = f"no count exceeds the noise at rest and {100 * MIN_CONTACT_SHARE:g} % of full scale"
+    files = sum((dataset.data / path).stat().st_size for path in dataset.info.shards)
     return {
-        "shapes": np.unique(dataset.column("shape")).size,
-        "without_contact": _share(dataset.without_contact),
-        "contact": _contact(dataset),
-        "saturated": {dataset.label(role): _share(one.saturated) for role, one in arrays.items()},
-        "example": pairs.example(dataset, split, row),
-        "shape": dataset.row(split, row)["shape"],
-        "median": f"{sizes[place]:,.0f}" if arrays else f"{sizes[place]:.2f}",
-    }
-
-
-def _share(which: np.ndarray) -> str:
-    """The share of True values, such as "1.2 %", or "none"."""
-    return f"{100 * which.mean():.2g} %" if which.any() else "none"
-
-
-def _contact(dataset: Dataset) -> str:
-    """The condition by which a pair has no contact, in words."""
-    if not dataset.arrays:
-        return "commanded force of 0 N"
-    return f"no count exceeds the noise at rest and {100 * MIN_CONTACT_SHARE:g} % of full scale"
-
-
-def about(dataset: Dataset) -> dict[str, Any]:
-    """Number of shapes by split, size of the dataset, and pairs without contact."""
-    sizes = [(dataset.data / path).stat().st_size for path in dataset.info.shards]
-    mib, without_contact = sum(sizes) / 2**20, dataset.without_contact
-    return {
-        "shapes": {s: len(table["shape"].unique()) for s, table in dataset.tables.items()},
-        "size": f"{mib:,.0f}" if mib >= 10 else f"{mib:.1f}",
-        "pair_kb": sum(sizes) / without_contact.size / 1e3,
-        "pairs": without_contact.size,
+        "pairs": dataset.table.groupby("split", sort=False).size().to_dict(),
+        "shapes": dataset.table.groupby("split", sort=False)["shape"].nunique().to_dict(),
+        "all_shapes": dataset.table["shape"].nunique(),
         "without_contact": int(without_contact.sum()),
-        "contact": _contact(dataset),
+        "contact": least if dataset.arrays else "commanded force of 0 N",
+        "mib": files / 2**20,
+        "pair_kb": files / without_contact.size / 1e3,
     }
 
 
 def shapes(dataset: Dataset) -> dict[str, Any]:
     """Bar chart of the pairs per shape; of more than MAX_BARS shapes, per family."""
-    number = np.unique(dataset.column("shape")).size
-    by_shape = number <= MAX_BARS
-    counted = counted_by_split(
-        dataset, dataset.column("shape") if by_shape else dataset.column("family")
-    )
-    shown = dict(list(counted.items())[:MAX_BARS])
-    height = MARGINS_IN + BAR_IN * len(shown)
+    number = dataset.table["shape"].nunique()
+    kind = "shape" if number <= MAX_BARS else "family"
+    counted = dataset.table.groupby(["split", kind], sort=False).size()
+    if len(counted) > MAX_BARS:
+        counted = counted.sort_values(ascending=False, kind="stable")
+    names = list(counted.index[:MAX_BARS])
+    pairs = counted.to_numpy()[:MAX_BARS]
+
+    def bars(page: Figure) -> None:
+        axes = page.subplots()
+        for split in dict.fromkeys(split for split, _ in names):
+            own = np.array([split == other for other, _ in names])
+            axes.barh(
+                np.flatnonzero(own), pairs[own], 0.8, color=SPLIT_COLORS[split],
+                label=SPLIT_NAMES[split],
+            )  # fmt: skip
+        axes.set_yticks(range(len(names)), [shape_name(name) for _, name in names], fontsize=7.5)
+        axes.set(xlabel="pairs", ylim=(len(names) - 0.4, -0.6))
+        axes.locator_params(axis="x", integer=True)
+        page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+
+    height_in = MARGINS_IN + BAR_IN * len(names)
     return {
         "shapes": number,
-        "by_shape": by_shape,
-        "hidden": len(counted) - len(shown),
-        "chart": figure("svg", BARS_WIDTH_IN, height, lambda page: bars(page, shown)),
+        "kind": kind,
+        "hidden": len(counted) - len(names),
+        "chart": figure("svg", BARS_WIDTH_IN, height_in, bars),
     }
-
-
-def counted_by_split(dataset: Dataset, names: np.ndarray) -> dict[tuple[str, str], int]:
-    """Number of pairs by split and name, in the order of the shards.
-
-    Of more than MAX_BARS names, in descending order. names: (P,).
-    """
-    counted = Counter(zip(dataset.splits.tolist(), names.tolist(), strict=True))
-    return dict(counted.most_common()) if len(counted) > MAX_BARS else dict(counted)
 
 
 def images(dataset: Dataset) -> dict[str, Any] | None:
@@ -132,33 +86,37 @@ def images(dataset: Dataset) -> dict[str, Any] | None:
 
 
 def grid_of(dataset: Dataset, role: str) -> bytes:
-    """Content of a PNG file with images of a gel camera: one of each shape, then further ones."""
-    rows = pairs.sample_in_turn(dataset, dataset.column("shape"), MAX_IMAGES, GALLERY_SEED)
-    lines = -(-len(rows) // GALLERY_COLUMNS)
+    """PNG of images of a gel camera: one of each shape, then further ones."""
+    places = dataset.sample_in_turn("shape", MAX_IMAGES)
+    lines = -(-len(places) // GALLERY_COLUMNS)
+    rows_px, columns_px, _ = dataset.image(places[0], role).shape
 
     def draw(page: Figure) -> None:
         grid = page.subplots(lines, GALLERY_COLUMNS, squeeze=False)
         for axes in grid.flat:
             axes.set_axis_off()
-        for axes, (split, row) in zip(grid.flat, rows, strict=False):
-            axes.imshow(dataset.image(split, row, role))
-            axes.set_title(shape_name(dataset.row(split, row)["shape"]), fontsize=6)
+        for axes, place in zip(grid.flat, places, strict=False):
+            draw_image(axes, dataset.image(place, role))
+            axes.set_title(shape_name(dataset.column("shape")[place]), fontsize=6)
 
-    rows_px, columns_px, _ = dataset.image(*rows[0], role).shape
-    height_in = WIDTH_IN / GALLERY_COLUMNS * rows_px / columns_px
-    return figure("png", WIDTH_IN, (height_in + TILE_TITLE_IN) * lines, draw)
+    height_in = WIDTH_IN / GALLERY_COLUMNS * rows_px / columns_px + TILE_TITLE_IN
+    return figure("png", WIDTH_IN, height_in * lines, draw)
 
 
-def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
-    """counted: number of pairs by split and name, in the order of the bars."""
-    axes = page.subplots()
-    for split in dict.fromkeys(split for split, _ in counted):
-        own = {n: pairs for n, ((s, _), pairs) in enumerate(counted.items()) if s == split}
-        axes.barh([*own], [*own.values()], 0.8, color=SPLIT_COLORS[split], label=SPLIT_NAMES[split])
-    axes.set_yticks(range(len(counted)), [shape_name(name) for _, name in counted], fontsize=7.5)
-    axes.set(xlabel="pairs", ylim=(len(counted) - 0.4, -0.6))
-    axes.locator_params(axis="x", integer=True)
-    page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+def pairs(dataset: Dataset) -> dict[str, Any]:
+    """Rows and pictures of PAIRS pairs, of different families as far as possible."""
+    places = dataset.sample_in_turn("family", PAIRS)
+    rows = dataset.table.iloc[places].to_dict("records")
+    return {
+        "pairs": [
+            (
+                row,
+                {dataset.label(role): each.largest[place] for role, each in dataset.arrays.items()},
+                dataset.picture(place, PAIR_IN),
+            )
+            for place, row in zip(places, rows, strict=True)
+        ]
+    }
 
 
 def saturation_charts(dataset: Dataset) -> dict[str, Any] | None:
@@ -171,14 +129,17 @@ def saturation_charts(dataset: Dataset) -> dict[str, Any] | None:
 
 
 def saturation(page: Figure, array: Array) -> None:
+    """Draws the largest counts, the saturated taxels of a pair, and where they are."""
     largest, number, places = page.subplots(1, 3)
-    full_scale, layout, saturated = array.full_scale, array.layout, array.saturated
-    largest.hist(array.largest, np.linspace(0, full_scale, 41).tolist(), color="#0072b2")
+    layout, saturated = array.layout, array.saturated
+    largest.hist(
+        array.largest, np.linspace(0, array.full_scale, BINS + 1).tolist(), color=COLORS[0]
+    )
     largest.set(xlabel="largest count of a pair", ylabel="pairs")
     largest.xaxis.set_major_formatter("{x:,g}")
     largest.locator_params(axis="x", nbins=4)
     times = np.bincount(saturated.sum(axis=1))
-    number.bar(range(times.size), times, color="#0072b2")
+    number.bar(range(times.size), times, color=COLORS[0])
     number.set(xlabel="saturated taxels of a pair", ylabel="pairs", yscale="log")
     number.set(xlim=(-0.6, max(times.size, MIN_BARS) - 0.4), ylim=(0.5, None))
     number.locator_params(axis="x", integer=True)
@@ -203,28 +164,15 @@ def forces(dataset: Dataset) -> dict[str, Any] | None:
         return None
     commanded = dataset.column("force_n")
     contact = commanded > 0
-    families = np.unique(dataset.column("family")).size
-
-    def chart(draw: Callable[[Figure, Dataset], None], height_in: float = HEIGHT_IN) -> bytes:
-        return figure("svg", WIDTH_IN, height_in, lambda page: draw(page, dataset))
-
     return {
-        "title": forces_title(dataset),
         "commanded": _range(commanded[contact], "N"),
         "without_contact": int((~contact).sum()),
         "sensors": [_sensor(dataset, role) for role in dataset.info.sensors],
-        "pairs": commanded.size,
-        "families": families,
-        "max_families": MAX_FAMILIES,
-        "by_force": chart(commanded_and_depths) if dataset.forces_n.size > 1 else None,
-        "histograms": chart(forces_and_counts),
-        "depths": chart(depths_in, DEPTHS_IN),
+        "charts": [
+            figure("svg", WIDTH_IN, height_in, partial(draw, dataset=dataset))
+            for draw, height_in in ((forces_and_counts, HEIGHT_IN), (depths_in, DEPTHS_IN))
+        ],
     }
-
-
-def forces_title(dataset: Dataset) -> str:
-    """Title of the section `forces`."""
-    return "Forces, depths, counts" if dataset.arrays else "Forces and depths"
 
 
 def _sensor(dataset: Dataset, role: str) -> dict[str, Any]:
@@ -235,7 +183,7 @@ def _sensor(dataset: Dataset, role: str) -> dict[str, Any]:
     percent = 100 * np.abs(error).max(initial=0.0)
     return {
         "name": dataset.label(role),
-        "error_percent": f"{percent:.2g}" if percent >= MIN_PERCENT else f"{MIN_PERCENT:g}",
+        "error_percent": f"{max(percent, MIN_PERCENT):.2g}",
         "not_converged": int((~dataset.contact(role, "settled").astype(bool)).sum()),
         "bottomed": int(dataset.contact(role, "bottomed").sum()),
         "depth": _range(dataset.contact(role, "depth_mm")[contact], "mm"),
@@ -248,6 +196,7 @@ def _range(values: np.ndarray, unit: str) -> str:
 
 
 def forces_and_counts(page: Figure, dataset: Dataset) -> None:
+    """Draws histograms of the force errors of both sensors, and of the counts of each array."""
     left, *others = page.subplots(1, 1 + len(dataset.arrays), squeeze=False)[0]
     commanded, roles = dataset.column("force_n"), dataset.info.sensors
     errors = {role: 1e3 * (dataset.contact(role, "force_n") - commanded) for role in roles}
@@ -257,46 +206,18 @@ def forces_and_counts(page: Figure, dataset: Dataset) -> None:
         label = dataset.label(role)
         left.hist(values, bins, color=SENSOR_COLORS[role], alpha=0.65, label=label)
     left.axvline(0.0, color="#222222", linewidth=0.8)
-    commanded_text = forces_text(dataset.forces_n)
-    left.set(xlabel=f"contact force − commanded ({commanded_text}), mN", ylabel="pairs")
+    left.set(xlabel=f"contact force − commanded ({dataset.forces_text}), mN", ylabel="pairs")
     left.locator_params(axis="x", nbins=6)
     left.legend()
     for axes, role in zip(others, dataset.arrays, strict=True):
         _counts(axes, dataset, role)
 
 
-def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
-    left, right = page.subplots(1, 2)
-    commanded = dataset.column("force_n")
-    touching = commanded > 0
-    low, high = commanded[touching].min(), commanded[touching].max()
-    edges = np.geomspace(low, high, FORCE_BINS + 1) if high > low else np.array([low, 2 * low])
-    for split, color in SPLIT_COLORS.items():
-        own = commanded[touching & (dataset.splits == split)]
-        if own.size:
-            left.hist(own, edges.tolist(), histtype="step", color=color, label=SPLIT_NAMES[split])
-    left.set(xlabel="commanded force, N", ylabel="pairs")
-    force_axis(left, low, high)
-    left.legend()
-    place = np.clip(np.searchsorted(edges, commanded, "right") - 1, 0, edges.size - 2)
-    bins = [touching & (place == n) for n in range(edges.size - 1)]
-    kept = [mine for mine in bins if mine.any()]
-    middles = [float(np.median(commanded[mine])) for mine in kept]
-    for role, color in SENSOR_COLORS.items():
-        depths = dataset.contact(role, "depth_mm")
-        spread = [np.quantile(depths[mine], (0.25, 0.5, 0.75)) for mine in kept]
-        first, median, third = np.array(spread).T
-        right.plot(middles, median, "o-", color=color, markersize=3, label=dataset.label(role))
-        right.fill_between(middles, first, third, color=color, alpha=0.2, linewidth=0)
-    right.set(xlabel="commanded force, N", ylabel="depth, mm", ylim=(0, None))
-    force_axis(right, low, high)
-    right.legend()
-
-
 def _counts(axes: Axes, dataset: Dataset, role: str) -> None:
-    bins = np.linspace(0.0, dataset.arrays[role].full_scale, BINS + 1).tolist()
-    for split in dataset.tables:
-        counts = dataset.arrays[role].counts[dataset.splits == split].ravel()
+    array = dataset.arrays[role]
+    bins = np.linspace(0.0, array.full_scale, BINS + 1).tolist()
+    for split in dict.fromkeys(dataset.splits):
+        counts = array.counts[dataset.pairs_of(split)].ravel()
         weights = np.full(counts.size, 100.0 / counts.size)
         color, name = SPLIT_COLORS[split], SPLIT_NAMES[split]
         axes.hist(counts, bins, weights=weights, histtype="step", color=color, label=name)
@@ -309,16 +230,15 @@ def _counts(axes: Axes, dataset: Dataset, role: str) -> None:
 
 
 def depths_in(page: Figure, dataset: Dataset) -> None:
-    touching = dataset.column("force_n") > 0
-    families = dataset.column("family")[touching]
-    names = list(dict.fromkeys(families.tolist()))
-    if len(names) > MAX_FAMILIES:
-        names = [name for name, _ in Counter(families.tolist()).most_common(MAX_FAMILIES)]
-    axes = page.subplots()
+    """Draws boxes of the depths by family; of many families those with the most pairs."""
+    table = dataset.table[dataset.column("force_n") > 0]
+    numbers = table.groupby("family", sort=False).size()
+    if len(numbers) > MAX_FAMILIES:
+        numbers = numbers.sort_values(ascending=False, kind="stable")[:MAX_FAMILIES]
+    names, axes = [str(name) for name in numbers.index], page.subplots()
     for place, (role, color) in enumerate(SENSOR_COLORS.items()):
-        depths = dataset.contact(role, "depth_mm")[touching]
         boxes = axes.boxplot(
-            [depths[families == name] for name in names],
+            [table[f"{role}_depth_mm"][table["family"] == name].to_numpy() for name in names],
             positions=(np.arange(len(names)) + 0.36 * (place - 0.5)).tolist(),
             widths=0.28, whis=(0, 100), patch_artist=True,
             boxprops={"facecolor": color, "alpha": 0.65, "linewidth": 0.6},
@@ -333,6 +253,16 @@ def depths_in(page: Figure, dataset: Dataset) -> None:
 
 TEMPLATES = ("report/templates/dataset.html",)
 
+SECTIONS = {
+    "summary": ("", summary),
+    "shapes": ("Pairs by shape", shapes),
+    "gallery": ("Images", images),
+    "pairs": ("Pairs", pairs),
+    "forces": ("Forces and depths", forces),
+    "saturation": ("Saturation", saturation_charts),
+}
+"""Title of the link to each section, and its values."""
+
 
 def write_data_report(out: str | Path, data: str | Path) -> Path:
     """Writes out/index.html, a self-contained page, and returns its path.
@@ -343,13 +273,5 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     out, data = arguments.path(out, "out"), arguments.path(data, "data")
     check_out(out)
     dataset = read_dataset(data)
-    sections = {
-        "summary": ("", partial(summary, dataset)),
-        "about": ("", partial(about, dataset)),
-        "shapes": ("Pairs by shape", partial(shapes, dataset)),
-        "gallery": ("Images", partial(images, dataset)),
-        "pairs": ("Pairs", partial(pairs.section, dataset)),
-        "forces": (forces_title(dataset), partial(forces, dataset)),
-        "saturation": ("Saturation", partial(saturation_charts, dataset)),
-    }
+    sections = {name: (link, partial(values, dataset)) for name, (link, values) in SECTIONS.items()}
     return write_page(out, f"The dataset in {data}", TEMPLATES, sections, dataset=dataset)

@@ -5,8 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from t2twin.core.draw import COLORS
 from t2twin.core.files import atomic_write, check_replaceable, locked
 from t2twin.core.progress import Progress
 from t2twin.core.templates import environment, render
@@ -29,30 +28,19 @@ NAMES = {
     NOISE_FLOOR: "noise floor",
     LAYOUT_FLOOR: "layout floor",
     "resnet18": "ResNet18",
-    "touch2touch": "touch2touch",
-    "field": "field",
     **SPLIT_NAMES,
 }
 BASELINE_COLORS = {
     MEAN_ARRAY: "#222222",
     MEAN_ARRAY_OF_FORCE: "#888888",
-    NEAREST_NEIGHBOR: "#009e73",
+    NEAREST_NEIGHBOR: COLORS[5],
 }
-RUN_COLORS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
-SENSOR_COLORS = {"source": "#0072b2", "target": "#e69f00"}
-"""Colors for all kinds of color vision (Okabe and Ito 2008). Those of sensors are by role."""
-
-SPLIT_COLORS = {"train": "#999999", "val": "#0072b2", "test": "#d55e00"}
+SPLIT_COLORS = {"train": "#999999", "val": COLORS[0], "test": COLORS[1]}
 KIND_NAMES = {"image": "gel camera", "counts": "taxel array"}
-"""Names of the kinds of sensors, by the value of their readings."""
-
-MAX_LISTED_FORCES = 6
-"""Maximum number of forces that are listed individually."""
 
 MAX_NAME, NAME_END = 20, 6
 """Maximum length of a displayed shape name, and length of its preserved end (assumed: half of a
 phone's width)."""
-
 
 Values = Callable[[], Mapping[str, Any] | None]
 """Computes the values of a section's block, or None to leave the section out."""
@@ -106,27 +94,10 @@ def name_of(model: str) -> str:
     return NAMES.get(kind, kind) + space + printable(rest)
 
 
-def shape_name(shape: str) -> str:
+def shape_name(shape: str, most: int = MAX_NAME) -> str:
     """Displayed name of a shape: one line; a long name is shortened in the middle."""
-    return shortened(printable(shape), MAX_NAME)
-
-
-def shortened(name: str, most: int) -> str:
-    """A name of at most this number of characters, shortened in the middle."""
+    name = printable(shape)
     return name if len(name) <= most else f"{name[: most - NAME_END - 1]}…{name[-NAME_END:]}"
-
-
-def forces_text(forces_n: np.ndarray) -> str:
-    """Forces as text: "8 N", "1, 2 and 8 N" or "0.52 to 11.9 N".
-
-    forces_n: (k,) ascending, unique; 0 is not listed.
-    """
-    touching = [f"{force:.3g}" for force in forces_n if force > 0]
-    if not touching:
-        return "none"
-    if len(touching) > MAX_LISTED_FORCES:
-        return f"{touching[0]} to {touching[-1]} N"
-    return f"{listed(touching)} N"
 
 
 def listed(items: Sequence[str]) -> str:
@@ -144,16 +115,9 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
-def colors(models: list[str]) -> dict[str, str]:
-    """Colors of models and baselines."""
-    runs = [model for model in models if model not in BASELINE_COLORS]
-    return BASELINE_COLORS | {run: RUN_COLORS[i % len(RUN_COLORS)] for i, run in enumerate(runs)}
-
-
 LABELS = {
     "name_of": name_of,
     "shape_name": shape_name,
-    "forces_text": forces_text,
     "listed": listed,
     "split_names": SPLIT_NAMES,
     "kind_names": KIND_NAMES,

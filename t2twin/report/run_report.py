@@ -1,121 +1,198 @@
-"""The report of runs: one self-contained HTML page."""
+"""The report of runs with their evaluation: one self-contained HTML page.
 
+An existing evaluation is used if it evaluates the same weights, in the same order, on the same
+dataset.
+"""
+
+import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
-from t2twin.core.draw import Panel, panels_image
+from t2twin.core.draw import COLORS, Panel, figure, panels_image, tactile_panel
+from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import cores, processor
 from t2twin.core.tables import Table
-from t2twin.report import dataset_report, pairs, run_charts
-from t2twin.report.data import ReportData, read_report_data
+from t2twin.primitives_cad import catalogue
+from t2twin.report import dataset_report
+from t2twin.report.data import Dataset, read_dataset
 from t2twin.report.page import (
-    KIND_NAMES,
+    BASELINE_COLORS,
+    SPLIT_COLORS,
     SPLIT_NAMES,
-    listed,
+    check_out,
     name_of,
-    shortened,
+    shape_name,
     write_page,
 )
-from t2twin.sim.dataset.info import SensorInfo
+from t2twin.sim.dataset.info import SPLITS
+from t2twin.sim.dataset.store import INFO, sha256_of
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
-from t2twin.translate.evaluation.predictions import bundled_in_own_light
-from t2twin.translate.evaluation.records import Evaluation
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.metrics import REPORTED_SHARE
+from t2twin.translate.evaluation.predictions import (
+    Predictions,
+    bundled_in_own_light,
+    read_predictions,
+    run_names,
+    splits_with_pairs,
+)
+from t2twin.translate.evaluation.records import Evaluation, read_evaluation
 from t2twin.translate.evaluation.table import (
     FURTHER,
     MAIN,
+    counts_form,
     figures_table,
+    force_tables,
+    outputs_table,
     training_data,
 )
-from t2twin.translate.runs.log import best_epoch
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.runs.config import BEST, load_config, resolve_run
+from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
+from t2twin.translate.training.trainer import stop_reason
+
+SIBLING_FOLDER = "evaluate"
+"""Folder next to the report's folder, into which `make evaluate` writes val and test."""
 
 TITLE = "Touch-to-touch translation on a simulated bench"
 IMPORTED_TITLE = "Touch-to-touch translation of the pairs in {}"
 
-UNSEEN_SHAPES = {
-    "val": "new versions of the training shapes",
-    "test": "hand tools (new objects)",
-}
-"""Content of the splits of the paper's protocol, for a run trained on the same dataset."""
-
-TITLES = {"val": "Validation, unseen versions", "test": "Test, objects"}
-"""Titles of the splits of the paper's protocol."""
-
-TRANSDUCER = {
-    "modulus_mpa": "modulus {:g} MPa",
-    "largest_strain": "largest strain {:g}",
-    "a_per_kpa": "a = {:g}/kPa",
-    "b_per_kpa": "b = {:g}/kPa",
-}
-"""Constants of a transducer (t2twin.sim.taxels.spec.TransducerTable), in words."""
-
-MAX_TITLE = 14
-"""Largest number of characters of a run's folder in a title of a sample (assumed: fits a panel)."""
-
 QUANTILES = {"val": (0.1, 0.5, 0.9, 1.0), "test": (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)}
 """Quantiles of the error at which samples are shown."""
 
+MAX_TITLE = 14  # characters of a run's folder in the title of a panel (assumed)
+WIDTH_IN, HEIGHT_IN = 9.0, 3.4
+SHAPES_IN, BAR_IN, MARGINS_IN = 4.2, 0.30, 1.3  # the chart by shape fits on a phone
+MAX_SHAPES = 60  # bars of a chart (assumed: a printed page)
 
-def summary(report: ReportData) -> dict[str, Any]:
-    """Errors by split, and the press with the median error of the best run."""
-    split, evaluation = next(iter(report.evaluations.items()))
-    name, predictions = best_run(evaluation), report.predictions[split]
-    errors = predictions.rmse_counts(name)
-    row = int(np.argsort(errors, kind="stable")[(errors.size - 1) // 2])
-    ratios = {s: _ratio(one) for s, one in report.evaluations.items()}
-    return {
-        "runs": [name_of(run) for run in report.runs],
-        "pairs": {split: _pairs(report, split) for split in report.evaluations},
-        "baselines": (MEAN_ARRAY, NEAREST_NEIGHBOR),
-        "ratios": ratios,
-        "better": [split for split, ratio in ratios.items() if ratio < 1.0],
-        "split": split,
-        "best": name,
-        "errors": errors,
-        "row": row,
-        "example": pairs.translation(report, split, row, predictions.by_model[name][row]),
-    }
+DASHED: dict[str, Any] = {"linestyle": (0, (6, 3)), "linewidth": 1.0}
+MARKS: dict[str, dict[str, Any]] = {
+    MEAN_ARRAY: {"marker": "|", "markersize": 13, "markeredgewidth": 2.0},
+    NEAREST_NEIGHBOR: {"marker": "D", "markersize": 5, "markeredgecolor": "white"},
+}
+STYLES = ("-", "--", ":")
+"""Line styles of the runs with uncertainty."""
 
 
-def best_run(evaluation: Evaluation) -> str:
-    """Name of the run with the lowest RMSE on a split."""
-    return min(evaluation.runs, key=lambda name: evaluation.runs[name].overall.counts)
+@dataclass(frozen=True)
+class ReportData(Dataset):
+    """Data of the report of runs.
+
+    runs: by their names in the evaluation. histories: logs of the runs, one record per epoch.
+    evaluations, predictions, folders (of the evaluations): by split, "val" and "test"; imported
+    pairs may lack a split.
+    """
+
+    runs: dict[str, TrainedTranslator]
+    histories: dict[str, list[EpochRecord]]
+    evaluations: dict[str, Evaluation]
+    predictions: dict[str, Predictions]
+    folders: dict[str, Path]
+
+    def counts(self, value: float) -> str:
+        """A number of counts as text, with a decimal for a small full scale."""
+        return counts_form(self.array.full_scale).format(value)
+
+    @property
+    def colors(self) -> dict[str, str]:
+        """Colors of runs and baselines."""
+        return BASELINE_COLORS | {run: COLORS[i % 5] for i, run in enumerate(self.runs)}
 
 
-def _pairs(report: ReportData, split: str) -> str:
-    """Content of a split, and whether its shapes are in the training split, if recorded."""
-    evaluation = report.evaluations[split]
-    pairs = f"the {evaluation.pairs:,} {SPLIT_NAMES[split]} pairs"
-    if not all(row.same_data for row in evaluation.runs.values()):
-        return pairs
-    own, trained = (set(report.tables[s]["shape"].to_pylist()) for s in (split, "train"))
-    if own <= trained:
-        return f"{pairs} (of training shapes)"
-    if own & trained:
-        return f"{pairs} (some of training shapes)"
-    return UNSEEN_SHAPES[split] if report.info.is_protocol else f"{pairs} (of unseen shapes)"
+def read_report_data(
+    out: Path, data: Path, runs: list[Path], evaluation: Path | None = None
+) -> ReportData:
+    """Reads the dataset, the runs and their evaluation.
+
+    evaluation: a folder of `t2twin evaluate --split both`; see `_find_or_evaluate`. Raises
+    T2TwinError, before anything is written, for a dataset, a run or a folder that cannot be used.
+    """
+    check_out(out)
+    if not runs:
+        raise T2TwinError(
+            "there is no run to report on; expected at least one folder of `t2twin train`"
+        )
+    if evaluation is not None and not any((evaluation / name).is_dir() for name in SPLITS):
+        raise T2TwinError(
+            f"{evaluation} contains no evaluation; expected a folder of "
+            "`t2twin evaluate --split both`"
+        )
+    runs = [resolve_run(run) for run in runs]
+    dataset, splits = read_dataset(data), splits_with_pairs(data)
+    histories = [read_log(run) for run in runs]
+    for run, history in zip(runs, histories, strict=True):
+        config = load_config(run)
+        if stop_reason(config, history) is None:
+            raise T2TwinError(
+                f"{run} is unfinished after {len(history)} of {config.planned_epochs} epochs; the "
+                "same `t2twin train` command resumes it"
+            )
+    loaded = [load_run(run) for run in runs]
+    names = run_names(loaded)
+    found = {s: _find_or_evaluate(loaded, names, data, s, out, evaluation) for s in splits}
+    return ReportData(
+        **vars(dataset),
+        runs=dict(zip(names, loaded, strict=True)),
+        histories=dict(zip(names, histories, strict=True)),
+        evaluations={split: each for split, (_, each, _) in found.items()},
+        predictions={split: each for split, (_, _, each) in found.items()},
+        folders={split: folder for split, (folder, _, _) in found.items()},
+    )
 
 
-def _ratio(evaluation: Evaluation) -> float:
-    """RMSE of the best run relative to that of the better baseline."""
-    baselines = (evaluation.models[name] for name in (MEAN_ARRAY, NEAREST_NEIGHBOR))
-    lowest = min(row.overall.counts for row in baselines)
-    best = evaluation.runs[best_run(evaluation)].overall.counts
-    return best / lowest if lowest else float("inf")
+def _find_or_evaluate(
+    runs: Sequence[TrainedTranslator],
+    names: Sequence[str],
+    data: Path,
+    split: str,
+    out: Path,
+    given: Path | None,
+) -> tuple[Path, Evaluation, Predictions]:
+    """Evaluation of runs on one split, and its folder.
+
+    Searches given, the sibling folder of `out`, and out/evaluate-SPLIT for an evaluation of these
+    weights, in this order, on this split of this dataset. Digests are compared, so folders may be
+    moved and copied. If none matches, evaluates the runs into the last.
+    """
+    weights, info_sha256 = [sha256_of(run.run_dir / BEST) for run in runs], sha256_of(data / INFO)
+    own = out / f"evaluate-{split}"
+    folders = [out.parent / SIBLING_FOLDER / split, own]
+    for folder in folders if given is None else [given / split, *folders]:
+        try:
+            evaluation, predictions = read_evaluation(folder), read_predictions(folder)
+        except T2TwinError:
+            continue  # there is no evaluation that this version can read
+        if (
+            evaluation.split == split
+            and evaluation.info_sha256 == info_sha256
+            and list(evaluation.runs) == names
+            and [row.weights_sha256 for row in evaluation.runs.values()] == weights
+            and list(predictions.by_model) == list(evaluation.models)
+            and len(predictions.truth) == evaluation.pairs
+        ):
+            return folder, evaluation, predictions
+    evaluation = evaluate([run.run_dir for run in runs], data, split, own)
+    return own, evaluation, read_predictions(own)
 
 
 def about(report: ReportData) -> dict[str, Any]:
-    """Shapes by split, table of the runs, and runs with other training data."""
-    models = report.evaluation.runs
+    """Pairs and shapes by split, table of the runs, and runs with other training data."""
+    groups = report.table.groupby("split", sort=False)
+    models = next(iter(report.evaluations.values())).runs
     rows = [_run(report, name) for name in report.runs]
     return {
-        "shapes": {s: len(table["shape"].unique()) for s, table in report.tables.items()},
-        "cores": cores(),
-        "processor": processor(),
+        "pairs": groups.size().to_dict(),
+        "shapes": groups["shape"].nunique().to_dict(),
+        "machine": f"{cores()} cores, {processor()}",
         "table": Table([*rows[0]], {"": [[*row.values()] for row in rows]}),
         "other_data": [
             f"{name_of(name)} ({training_data(model)[0]})"
@@ -131,7 +208,8 @@ def _run(report: ReportData, name: str) -> dict[str, str]:
     preset = run.config.preset
     parameters = sum(p.numel() for p in run.translator.predictor.parameters())
     seconds = sum(record.seconds for record in history)
-    recipe, pairs, steps = training_data(report.evaluation.runs[name])
+    model = next(iter(report.evaluations.values())).runs[name]
+    recipe, pairs, steps = training_data(model)
     return {
         "Run": name_of(name),
         "Trained on": recipe,
@@ -146,73 +224,69 @@ def _run(report: ReportData, name: str) -> dict[str, str]:
     }
 
 
-def limits(report: ReportData) -> dict[str, Any]:
-    """Known parameters of simulated sensors, and whether the light is that of the sensor's file."""
-    info = report.info
-    if not info.is_simulated:
-        return {}
-    laws = [(sensor.elastomer or {}).get("law") for sensor in info.sensors.values()]
-    return {
-        "sensors": [
-            {
-                "kind": KIND_NAMES[sensor.value],
-                "name": report.label(role),
-                "known": known_values(sensor),
-            }
-            for role, sensor in info.sensors.items()
-        ],
-        "is_stiffening": "stiffening" in laws,
-        # of LEDs, or a bundled sensor's own
-        "is_own_light": info.camera.optics_sha256 is None or bundled_in_own_light(info.camera),
-    }
-
-
-def known_values(sensor: SensorInfo) -> list[str]:
-    """What a dataset records of a simulated sensor, in words; less for a dataset of format 1."""
-    values, layer, spec = [], sensor.elastomer, sensor.spec or {}
-    if layer is not None:
-        values.append(
-            f"a layer of {layer['thickness_mm']:g} mm with a modulus of {layer['young_mpa']:g} MPa "
-            f"and a Poisson's ratio of {layer['poisson']:g}"
-        )
-    if sensor.noise_grey is not None:
-        values.append(f"image noise of {sensor.noise_grey:.2g} grey levels")
-    if sensor.pad_diameter_mm is not None:
-        pads = sorted(set(sensor.pad_diameter_mm))
-        values.append(f"pads with a diameter of {listed([f'{pad:.3g}' for pad in pads])} mm")
-    if (transducer := spec.get("transducer")) is not None:
-        constants = [
-            text.format(transducer[name]) for name, text in TRANSDUCER.items() if name in transducer
-        ]
-        values.append(f"{transducer['law']} taxels ({', '.join(constants)})")
-    if (counts := spec.get("counts")) is not None:
-        values.append(f"{counts['gain']:,g} counts for a signal of 1")
-    return values
-
-
 def results(report: ReportData) -> dict[str, Any]:
     """Two tables of the figures."""
-    evaluations = report.evaluations
-    titles = {
-        split: TITLES[split] if report.info.is_protocol else name_of(split).capitalize()
-        for split in evaluations
-    }
-    with_pairs = {s: f"{titles[s]} ({one.pairs:,} pairs)" for s, one in evaluations.items()}
+    each = report.evaluations
+    titles = {s: f"{name_of(s).capitalize()} ({one.pairs:,} pairs)" for s, one in each.items()}
     own = "This dataset" + ", simulated" * report.info.is_simulated
     return {
-        "main": figures_table(evaluations, MAIN, with_pairs, name_of, own=own),
-        "further": figures_table(evaluations, FURTHER, titles, name_of),
+        "first": next(iter(each.values())),
+        "main": figures_table(each, MAIN, titles, name_of, own=own),
+        "further": figures_table(each, FURTHER, titles, name_of),
     }
+
+
+def by_force(report: ReportData) -> dict[str, Any] | None:
+    """Tables of the splits with several forces; None without one."""
+    tables = force_tables(report.evaluations, name_of)
+    return {"tables": tables} if tables else None
+
+
+def uncertainty(report: ReportData) -> dict[str, Any] | None:
+    """Reliability diagram, risk-coverage curve, and metrics of further outputs.
+
+    None if no run predicts uncertainty.
+    """
+    tables = outputs_table(report.evaluations, name_of)
+    if not tables:
+        return None
+    return {
+        "chart": figure("svg", WIDTH_IN, HEIGHT_IN, partial(_coverage, report)),
+        "tables": tables,
+    }
+
+
+def _coverage(report: ReportData, page: Figure) -> None:
+    left, right = page.subplots(1, 2)
+    for split, evaluation in report.evaluations.items():
+        rows = {n: row.uncertainty for n, row in evaluation.runs.items() if row.uncertainty}
+        for style, (name, found) in zip(STYLES * len(rows), rows.items(), strict=False):
+            nominal, observed, kept = (
+                [100 * share for share in shares]
+                for shares in (found.levels, found.coverage, found.retained)
+            )
+            look = {"color": SPLIT_COLORS[split], "label": f"{name_of(name)}, {SPLIT_NAMES[split]}"}
+            left.plot(nominal, observed, style, marker="o", markersize=3, **look)
+            right.plot(kept, found.retained_rmse_counts, style, **look)
+    left.plot((0, 100), (0, 100), color="#999999", linewidth=0.8)
+    left.set(xlabel="nominal coverage, %", ylabel="observed coverage, %")
+    left.set(xlim=(0, 100), ylim=(0, 100))
+    right.axvline(100 * REPORTED_SHARE, color="#999999", linewidth=0.8)
+    right.set(xlabel="presses with the lowest uncertainty, %", ylabel="RMSE, counts")
+    right.set(xlim=(0, 100), ylim=(0, None))
+    right.yaxis.set_major_formatter("{x:,g}")
+    left.legend()
+    right.legend()
 
 
 def samples(report: ReportData) -> dict[str, Any]:
-    """Split, quantile, values, errors by run, and figure of each sample."""
+    """Split, quantile, values, errors by run, and picture of each sample."""
     return {
         "samples": [
             (
                 split,
                 quantile,
-                report.row(split, row),
+                report.table.iloc[report.pairs_of(split)[row]].to_dict(),
                 {name: report.predictions[split].rmse_counts(name)[row] for name in report.runs},
                 sample_image(report, split, row),
             )
@@ -235,36 +309,124 @@ def samples_at_quantiles(report: ReportData, split: str) -> list[tuple[int, floa
 
 def sample_image(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, generated images, phi of the predicted counts, differences, and I."""
-    predictions, phi = report.predictions[split], report.array.phi
-    image, truth = report.image(split, row), phi(predictions.truth[row])
+    predictions, phi, layout = report.predictions[split], report.array.phi, report.array.layout
+    image = report.image(int(report.pairs_of(split)[row]))
+    truth = phi(predictions.truth[row])
     panels = [Panel(f"X\n{report.camera_name}", image)]
     for name, run in report.runs.items():
         predicted = phi(predictions.by_model[name][row])
         model, _, folder = name_of(name).partition(" ")
-        lines = f"{model}\n{shortened(folder, MAX_TITLE)}" if folder else model
+        lines = f"{model}\n{shape_name(folder, MAX_TITLE)}" if folder else model
         if run.reads_any_layout:
-            panels.append(Panel(f"{lines}\ngenerated", run.tactile_images([image])[0]))
-        error = predictions.rmse_counts(name)[row]
-        panels.append(Panel(f"φ(Ŷ) {lines}\n{report.counts(error)} counts", predicted))
-        panels.append(Panel("φ(Ŷ) − I\n", predicted - truth, is_difference=True))
-    panels.append(Panel("I = φ(Y)\ntrue", truth))
-    layout = report.array.layout
-    return panels_image(panels, phi.centers_mm, layout.x_mm, layout.y_mm)
+            drawn = run.tactile_images([image])[0]
+            panels.append(tactile_panel(f"{lines}\ngenerated", drawn, phi, layout, "counts"))
+        error = report.counts(predictions.rmse_counts(name)[row])
+        title = f"φ(Ŷ) {lines}\n{error} counts"
+        panels.append(tactile_panel(title, predicted, phi, layout, "counts"))
+        off = predicted - truth
+        panels.append(tactile_panel("φ(Ŷ) − I\n", off, phi, layout, "difference, counts"))
+    panels.append(tactile_panel("I = φ(Y)\ntrue", truth, phi, layout, "counts"))
+    return panels_image(panels)
+
+
+def learning_curves(report: ReportData) -> dict[str, Any]:
+    """Chart of the RMSE by epoch, from the logs of the runs."""
+    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, partial(_epochs, report))}
+
+
+def _epochs(report: ReportData, page: Figure) -> None:
+    axes, colors, full_scale = page.subplots(), report.colors, report.array.full_scale
+    for name, history in report.histories.items():
+        epochs = [record.epoch for record in history]
+        look: dict[str, Any] = {"color": colors[name], "marker": "o" if len(history) == 1 else ""}
+        validation = [full_scale * record.val_rmse_percent / 100 for record in history]
+        axes.plot(epochs, validation, label=f"{name_of(name)}, validation", **look)
+        best = best_epoch(history)
+        lowest = full_scale * best.val_rmse_percent / 100
+        axes.plot(best.epoch, lowest, "o", color=colors[name], markersize=5)
+        if "l3" in history[0].train:
+            seen = [full_scale * math.sqrt(record.train["l3"]) for record in history]
+            axes.plot(epochs, seen, "--", label=f"{name_of(name)}, training", **look)
+    evaluation = report.evaluations.get("val")
+    if evaluation is not None and all(row.same_data for row in evaluation.runs.values()):
+        for name in (MEAN_ARRAY, NEAREST_NEIGHBOR):
+            level, label = evaluation.models[name].overall.counts, f"{name_of(name)}, validation"
+            axes.axhline(level, color=colors[name], label=label, **DASHED)
+    axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
+    axes.yaxis.set_major_formatter("{x:,g}")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend()
+
+
+def by_shape(report: ReportData) -> dict[str, Any]:
+    """A chart per split, with bars for the runs and marks for the baselines, by shape, or by family
+    if there are too many shapes or none."""
+    grouped = {split: _grouped(one) for split, one in report.evaluations.items()}
+    high = max(max(errors) for _, rows in grouped.values() for errors in rows.values())
+    charts = {}
+    for split, (names, rows) in grouped.items():
+        draw = partial(_shape_bars, report=report, names=names, rows=rows, high=high)
+        charts[split] = figure("svg", SHAPES_IN, MARGINS_IN + BAR_IN * len(names), draw)
+    return {"charts": charts, "max_shapes": MAX_SHAPES}
+
+
+def _grouped(evaluation: Evaluation) -> tuple[list[str], dict[str, list[float]]]:
+    """Shapes in the order of the catalogue, or the families with the most pairs; RMSE by model."""
+    row = evaluation.models[MEAN_ARRAY]
+    if 0 < len(row.by_shape) <= MAX_SHAPES:
+        order = {name: place for place, name in enumerate(catalogue.NAMES)}
+        names = sorted(row.by_shape, key=lambda name: order.get(name, len(order)))
+        groups = {model: one.by_shape for model, one in evaluation.models.items()}
+    else:
+        names = sorted(row.by_family, key=lambda name: -row.by_family[name].pairs)[:MAX_SHAPES]
+        groups = {model: one.by_family for model, one in evaluation.models.items()}
+    return names, {model: [one[name].counts for name in names] for model, one in groups.items()}
+
+
+def _shape_bars(
+    page: Figure,
+    report: ReportData,
+    names: Sequence[str],
+    rows: Mapping[str, Sequence[float]],
+    high: float,
+) -> None:
+    axes, colors = page.subplots(), report.colors
+    places, height = np.arange(len(names)), 0.8 / len(report.runs)
+    for i, run in enumerate(report.runs):
+        at = places + (i - (len(report.runs) - 1) / 2) * height
+        axes.barh(at, rows[run], height, color=colors[run], label=name_of(run))
+    for baseline, style in MARKS.items():
+        axes.plot(
+            rows[baseline], places, color=colors[baseline], label=name_of(baseline),
+            linestyle="none", **style,
+        )  # fmt: skip
+    axes.set_yticks(places, [shape_name(name) for name in names])
+    axes.set(xlabel="RMSE, counts", xlim=(0, 1.05 * high or 1), ylim=(len(names) - 0.4, -0.6))
+    axes.xaxis.set_major_locator(MaxNLocator(4))
+    axes.xaxis.set_major_formatter("{x:,g}")
+    page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+
+def limits(report: ReportData) -> dict[str, Any]:
+    """Whether the light of simulated images is that of the sensor's file."""
+    camera = report.info.camera
+    # of LEDs, or a bundled sensor's own
+    return {"is_own_light": camera.optics_sha256 is None or bundled_in_own_light(camera)}
 
 
 TEMPLATES = ("report/templates/runs.html", *dataset_report.TEMPLATES)
 
 SECTIONS: dict[str, tuple[str, Callable[[ReportData], Mapping[str, Any] | None]]] = {
-    "summary": ("", summary),
+    "summary": ("", lambda _: {}),
     "about": ("", about),
     "results": ("Results", results),
-    "by-force": ("By force", run_charts.by_force),
-    "uncertainty": ("Uncertainty", run_charts.uncertainty),
+    "by-force": ("By force", by_force),
+    "uncertainty": ("Uncertainty", uncertainty),
     "samples": ("Samples", samples),
-    "pairs": ("Pairs", pairs.section),
-    "curves": ("Learning", run_charts.learning_curves),
+    "pairs": ("Pairs", dataset_report.pairs),
+    "curves": ("Learning", learning_curves),
     "forces": ("Forces", dataset_report.forces),
-    "by-shape": ("By shape", run_charts.by_shape),
+    "by-shape": ("By shape", by_shape),
     "limits": ("Limits", limits),
 }
 """Title of the link to each section, and its values; two are also in the report of a dataset."""

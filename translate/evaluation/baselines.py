@@ -34,14 +34,9 @@ MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR, MEAN_IMAGE, NOISE_FLOOR, LAYO
 )  # fmt: skip
 """Names of their rows; the second one with several forces only."""
 
-FEATURE_SIZE = 32
-"""Side of the RGB images for the search of neighbors, pixels (assumed)."""
-
-NEIGHBORS = 8
-"""Nearest images that are found for each press, and ordered by their exact distances."""
-
-BATCH_SIZE = 256
-"""Images compared together; bounds memory to 100 MB with 20,000 pairs, besides the stored ones."""
+FEATURE_SIZE = 32  # side of the RGB images for the search of neighbors, pixels (assumed)
+NEIGHBORS = 8  # nearest images of each press, which are ordered by their exact distances
+BATCH_SIZE = 256  # images compared together; bounds memory to 100 MB with 20,000 pairs
 
 PAPER: dict[str, dict[str, Values]] = {
     "val": {
@@ -58,24 +53,16 @@ PAPER: dict[str, dict[str, Values]] = {
 TAXEL_GROUPS = ("under", "near", "beyond")
 """Groups of taxels: under the view; outside, within one pitch; farther."""
 
-SLACK = 1e-6
-"""Tolerance of positions for rounding, fraction of a pitch."""
+SLACK = 1e-6  # tolerance of positions for rounding, fraction of a pitch
 
 OUTSIDE_PARTS = 0.01
 """Largest distance of a taxel outside its triangle of trained taxels, in barycentric coordinates
 (assumed: layouts.OUTSIDE_MM for a triangle 1 mm high)."""
 
-SEED = 1
-"""Seed of the second readings; the noise of datasets has other seeds."""
-
-MAX_FORCES = 12
-"""Maximum number of forces with a bin each (assumed: the lines of a table)."""
-
-DECIMALS = 2
-"""Decimals to which forces are rounded, N (assumed)."""
-
-BINS_PER_DOUBLING = 2
-"""Bins per factor of two of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed)."""
+SEED = 1  # of the second readings; the noise of datasets has other seeds
+MAX_FORCES = 12  # forces with a bin each (assumed: the lines of a table)
+DECIMALS = 2  # to which forces are rounded, N (assumed)
+BINS_PER_DOUBLING = 2  # of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed)
 
 MIN_PRESSES = 50
 """Minimum number of training presses for a mean array (assumed: its standard error is a seventh of
@@ -193,16 +180,14 @@ def representable(trained: ArraySide, x_mm: np.ndarray, y_mm: np.ndarray) -> np.
 def second_reading(
     counts: np.ndarray, info: DatasetInfo, seed: int = SEED, role: str = ROLES[1]
 ) -> np.ndarray | None:
-    """A second reading of each press, with the imperfections of the dataset.
+    """A second reading of each press, with the imperfections of the dataset: (P, N) float32.
 
-    counts: (P, N), the readings of the dataset's sensor of a role. info: its info.json. Returns
-    (P, N) float32, or None for a dataset without known imperfections, such as imported pairs.
+    counts: (P, N), the readings of the dataset's sensor of a role. None for a dataset without known
+    imperfections, such as imported pairs.
 
     A dataset has no noiseless counts. Two readings of each stored one are simulated, as if it were
     noiseless, and their difference is added to it. The result differs from the stored reading like
-    two independent readings of one press: by sqrt(2) of the noise of one. A predictor of noiseless
-    counts would differ by the noise once. Permanent imperfections, such as gains, cancel. Counts
-    without contact are subtracted first, as the second reading adds them again.
+    two independent readings of one press. Permanent imperfections, such as gains, cancel.
     """
     array = info.sensors[role]
     if array.imperfections is None:

@@ -131,7 +131,7 @@ def figures_table(
     if any(one.paired for one in each):
         groups[own].append(line(DIFFERENCE, _difference))
     for row in dict.fromkeys(row for one in each for row in one.paper):
-        cells = line(name(row), lambda one, c, row=row: _number(one.paper.get(row, {}), c))
+        cells = line(name(row), lambda one, c, row=row: _of_paper(one.paper.get(row, {}), c))
         if any(cell != NONE for cell in cells[1:]):
             groups.setdefault(PAPER, []).append(cells)
     title = "" if splits else f"{each[0].split}, {each[0].pairs} pairs"
@@ -153,6 +153,11 @@ def _difference(evaluation: Evaluation, column: Column) -> Cell:
     low, high, value = found.get("low"), found.get("high"), found.get("difference")
     span = None if low is None or high is None else Interval(low, high)
     return _number({column.figure: value}, column), _interval(span, column.form)
+
+
+def _of_paper(values: Values, column: Column) -> str:
+    """A figure of the paper, with its decimals."""
+    return _number(values, column._replace(form="{:.2f}") if column.figure == "ssim" else column)
 
 
 def _number(values: Mapping[str, float | None], column: Column) -> str:
