@@ -24,6 +24,9 @@ SHAPE = "hemisphere-4"
 STATE = PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0)
 SIZE = {"width": 1120, "height": 720}
 
+OPEN_MS = 300_000
+"""Longest wait for the first image, ms: the studio may have to compile."""
+
 
 @pytest.fixture(scope="module")
 def chrome():
@@ -49,7 +52,8 @@ def opened(chrome, served):
         tab.asked = []
         tab.on("request", lambda request: tab.asked.append(request.url))
         tab.goto(served.address)
-        tab.wait_for_selector('img[data-name="translated"]', state="attached")
+        first = 'img[data-name="translated"]'
+        tab.wait_for_selector(first, state="attached", timeout=OPEN_MS)
         return tab, served.pages[next(iter(set(served.pages) - known))]
 
     return open_page

@@ -91,7 +91,10 @@ class Scene:
     """
 
     def __init__(self, client: viser.ClientHandle, on_drag: OnDrag, panels_px: int) -> None:
-        self._client, self._on_drag, self._panels_px = client, on_drag, panels_px
+        self._client, self._on_drag = client, on_drag
+        # viser's scene fills the page until the panels are docked, at an unknown time.
+        full_px = client.camera.image_width
+        self._width_px = max(full_px - panels_px, full_px / 3, 1)
         self._places = {role: client.scene.add_frame(f"/{role}", show_axes=False) for role in ROLES}
         self._labels: dict[str, viser.LabelHandle] = {}
         self._sensors: tuple[Sensor, ...] = ()
@@ -114,9 +117,7 @@ class Scene:
             self._places[role].visible = sensors in ("both", role)
             self._places[role].position = (side * spacing_mm if both else 0.0, 0.0, 0.0)
         camera = self._client.camera
-        # viser's scene fills the page until the panels are docked.
-        is_new = not self._sensors or not self._labels
-        width_px = max(camera.image_width - self._panels_px * is_new, 1)
+        width_px = min(camera.image_width, self._width_px)
         far = (1.0 if both else ONE_SENSOR) * max(
             1.0,
             (spacing_mm + width_mm / 2) / EXTENT_MM,
