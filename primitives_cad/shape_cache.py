@@ -12,7 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 import trimesh
 
-from t2twin.core.cached_files import DIGEST_DIGITS, short_digest
+from t2twin.core.cache_dir import DIGEST_DIGITS, short_digest
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import installed_version
 from t2twin.primitives_cad.mesh_files import read_bytes

@@ -3,7 +3,7 @@
 import os
 import sys
 
-from t2twin.core.signals import install_handlers
+from t2twin.core.files import install_handlers
 
 
 def main() -> None:

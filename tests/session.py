@@ -13,8 +13,7 @@ from pathlib import Path
 from filelock import FileLock
 
 import t2twin
-from t2twin.core.cache_dir import VARIABLE
-from t2twin.core.cached_files import short_digest
+from t2twin.core.cache_dir import VARIABLE, short_digest
 
 PACKAGE = Path(t2twin.__file__).parent
 

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,14 +11,12 @@ from session import copy_machine_code
 
 from maintenance.write_bundled import build, tool_mesh
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.core.cached_files import cached_array
 from t2twin.core.draw import in_colors
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_files import binary_stl
 
 SLOW = (
-    "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "scipy.interpolate",
-    "scipy.optimize", "torch", "trimesh",
+    "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "torch", "trimesh",
 )  # fmt: skip
 """Imports that a press of a shape of the catalogue does without."""
 
@@ -127,19 +124,3 @@ def test_the_colors_are_matplotlib_s_viridis():
     values[0, :2] = 0.0, 1.0
     expected = colormaps["viridis"](values.clip(0.0, 1.0), bytes=True)[..., :3]
     np.testing.assert_array_equal(in_colors(values), expected)
-
-
-def test_an_array_is_computed_once_for_each_key(tmp_path, monkeypatch):
-    monkeypatch.setenv(VARIABLE, str(tmp_path))
-    computed = []
-
-    def compute() -> np.ndarray:
-        computed.append(1)
-        return np.arange(4.0)
-
-    for key in ("a", "a", "b"):
-        np.testing.assert_array_equal(
-            cached_array("arrays", key, __file__, compute), np.arange(4.0)
-        )
-    assert len(computed) == 2
-    assert len(list(Path(tmp_path / "arrays").iterdir())) == 2

@@ -31,7 +31,7 @@ from benchmarks.contact.contact_shapes import FAMILIES, Case, make_case
 from benchmarks.contact.flat_pad import DEEPEST_MM, TOLERANCE, FlatPad
 from benchmarks.contact.press import SENSORS, block_forces, distance
 from benchmarks.evidence import Argument, Benchmark, Figure, main
-from t2twin.core.cached_files import cached_array
+from t2twin.core.cache_dir import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.tilt import rotation_of

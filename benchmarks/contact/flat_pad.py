@@ -16,7 +16,7 @@ from scipy.special import j1
 
 from benchmarks.contact import oracle
 from benchmarks.contact.oracle import Answer, Waves, deflection_under, kernel
-from t2twin.core.cached_files import cached_array
+from t2twin.core.cache_dir import cached_array
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import PressCommand

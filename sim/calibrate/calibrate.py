@@ -17,7 +17,7 @@ from skimage.metrics import structural_similarity
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, write_json
-from t2twin.core.frame_faults import is_colored
+from t2twin.core.images import is_colored
 from t2twin.sim.calibrate.coverage import Coverage, coverage_of, coverage_picture
 from t2twin.sim.calibrate.fit import GAMMA, BallFit, Presses
 from t2twin.sim.calibrate.frames import (

@@ -14,8 +14,7 @@ from scipy.optimize import least_squares
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
-from t2twin.core.frame_faults import COLORLESS, NOISE, fault_of, is_noise
-from t2twin.core.images import MAX_FILE_BYTES, decode_image
+from t2twin.core.images import COLORLESS, MAX_FILE_BYTES, NOISE, decode_image, fault_of, is_noise
 from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.response import REACH, TAPS, Noise
 

@@ -39,7 +39,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from t2twin.core.cached_files import cached_array
+from t2twin.core.cache_dir import cached_array
 from t2twin.sim.contact.elastomer import Elastomer
 
 # Limits on s, between which the hyperbolic functions are accurate and finite. At the upper one the

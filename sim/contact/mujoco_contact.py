@@ -31,8 +31,7 @@ from threading import Lock
 import mujoco
 import numpy as np
 
-from t2twin.core.cache_dir import cache_dir
-from t2twin.core.cached_files import read_checked, short_digest, write_checked
+from t2twin.core.cache_dir import cache_dir, short_digest, write_once
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.sim.contact.solver_loops import spring_depth
@@ -120,16 +119,15 @@ def _model(pins: int) -> mujoco.MjModel:
     folder = cache_dir() if pins >= MIN_CACHED_PINS else None
     if folder is None:
         return _compile(pins)
-    text = f"{mujoco.__version__} {BLOCK_PINS} {_shape_mjcf(pins)} {_pins_mjcf(range(1))}"
+    text = f"mjb {mujoco.__version__} {BLOCK_PINS} {_shape_mjcf(pins)} {_pins_mjcf(range(1))}"
     path = folder / "mujoco" / f"{pins}-{short_digest(text.encode())}.mjb"
-    content = read_checked(path)
-    if content is not None:
-        return mujoco.MjModel.from_binary_path(path.name, {path.name: content})
+    if path.is_file():
+        return mujoco.MjModel.from_binary_path(str(path))
     model = _compile(pins)
     with suppress(T2TwinError):  # a full disk: it is compiled the next time too
         content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, content)
-        write_checked(path, content.tobytes())
+        write_once(path, lambda file: file.write(content))
         for older in set(path.parent.glob(f"{pins}-*.mjb")) - {path}:
             older.unlink(missing_ok=True)
     return model

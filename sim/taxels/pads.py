@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
-from t2twin.core.cached_files import cached_array
+from t2twin.core.cache_dir import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.sim.contact.closed_forms import spectra

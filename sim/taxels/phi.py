@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 from scipy import sparse
 
-from t2twin.core.cached_files import cached_array, short_digest
+from t2twin.core.cache_dir import cached_array, short_digest
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 

@@ -2,7 +2,6 @@
 
 import logging
 import os
-import signal
 import sys
 from contextlib import suppress
 
@@ -22,7 +21,6 @@ from t2twin.cli import (
 )
 from t2twin.core.errors import OUT_OF_MEMORY, T2TwinError, is_out_of_memory
 from t2twin.core.files import NO_SPACE
-from t2twin.core.signals import Stopped, report_stop
 
 COMMANDS = {
     "shapes": press.shapes,
@@ -69,10 +67,6 @@ def main(arguments: list[str] | None = None) -> None:
         if not isinstance(error, OSError):
             raise
         sys.exit(_print_error(_file_error(error)))
-    except KeyboardInterrupt:
-        sys.exit(report_stop(signal.SIGINT))
-    except Stopped as stop:
-        sys.exit(report_stop(stop.number))
 
 
 def _print_log() -> None:

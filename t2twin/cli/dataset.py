@@ -138,7 +138,7 @@ def _check_options(options: SimdataOptions) -> None:
 def _verify(folder: Path) -> int:
     """Check a dataset; returns the exit status."""
     import t2twin
-    from t2twin.core.words import counted
+    from t2twin.core.errors import counted
     from t2twin.sim.dataset.store import read_info
 
     faults = t2twin.verify_dataset(folder)

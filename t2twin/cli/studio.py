@@ -1,6 +1,5 @@
 """t2twin studio"""
 
-import os
 import sys
 import time
 from pathlib import Path
@@ -31,7 +30,6 @@ def studio(
     from importlib.util import find_spec
 
     from t2twin.core.errors import T2TwinError
-    from t2twin.core.signals import Stopped, report_stop
 
     if find_spec("viser") is None:
         raise T2TwinError(
@@ -41,17 +39,14 @@ def studio(
     from t2twin.studio.server import LOOPBACK
     from t2twin.studio.server import studio as serve
 
-    try:
-        with serve(run, host, port, source, background) as served:
-            if host not in LOOPBACK:
-                print(
-                    "t2twin: everyone who can reach this machine can open the page and use its "
-                    "processors; --host 127.0.0.1 restricts it to this machine",
-                    file=sys.stderr, flush=True,
-                )  # fmt: skip
-            print(f"open {served.address} (Ctrl-C ends it)", flush=True)
-            while True:
-                time.sleep(3600)
-    except Stopped as stop:
-        # Does not wait for threads that are still pressing; the files are removed.
-        os._exit(report_stop(stop.number))
+    with serve(run, host, port, source, background) as served:
+        if host not in LOOPBACK:
+            print(
+                "t2twin: everyone who can reach this machine can open the page and use its "
+                "processors; --host 127.0.0.1 restricts it to this machine",
+                file=sys.stderr,
+                flush=True,
+            )
+        print(f"open {served.address} (Ctrl-C ends it)", flush=True)
+        while True:
+            time.sleep(3600)

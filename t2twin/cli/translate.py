@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from t2twin.core.words import counted
+from t2twin.core.errors import counted
 
 if TYPE_CHECKING:
     from t2twin.translate.uncertainty.estimate import Estimate

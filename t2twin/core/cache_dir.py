@@ -1,20 +1,31 @@
 """The cache directory: prepared shapes, arrays, compiled code and models."""
 
+import hashlib
 import os
 import stat
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import BinaryIO
 
+import numpy as np
 import platformdirs
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
 
 NAME = "t2twin"
 """Name of the directory below the user's directory for caches."""
 
 VARIABLE = "T2TWIN_CACHE"
 """Environment variable that names another directory."""
+
+DIGEST_DIGITS = 16
+"""Hexadecimal digits of a digest in a file name, 64 bits: collisions are negligible."""
+
+MAX_ARRAYS = 200
+"""Limit on the arrays of one kind (assumed: some dozen elastomers); the oldest are removed."""
 
 
 def cache_dir() -> Path | None:
@@ -87,3 +98,35 @@ def _temporary() -> Path | None:
     shared = found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
     ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not shared
     return folder if ours and is_writable(folder) else None
+
+
+def short_digest(content: bytes) -> str:
+    """The first DIGEST_DIGITS hexadecimal digits of the SHA-256."""
+    return hashlib.sha256(content).hexdigest()[:DIGEST_DIGITS]
+
+
+def write_once(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Write a file unless it exists. Raises T2TwinError where that fails."""
+    if not path.is_file():
+        with atomic_write(path) as temporary, temporary.open("w+b") as file:
+            write(file)
+
+
+def cached_array(kind: str, key: str, source: str, compute: Callable[[], np.ndarray]) -> np.ndarray:
+    """The array that `compute` returns, computed once for each key.
+
+    kind: subfolder of the cache directory. key: everything that the array depends on, besides the
+    code in the file `source`. Without a cache directory the array is computed at every call.
+    """
+    folder = cache_dir()
+    if folder is None:
+        return compute()
+    path = folder / kind / f"{short_digest(key.encode() + Path(source).read_bytes())}.npy"
+    if path.is_file():
+        return np.load(path)
+    values = compute()
+    with suppress(T2TwinError):  # a full disk
+        write_once(path, lambda file: np.save(file, values))
+        for oldest in sorted(path.parent.glob("*.npy"), key=os.path.getmtime)[:-MAX_ARRAYS]:
+            oldest.unlink(missing_ok=True)
+    return values

@@ -1,4 +1,4 @@
-"""The base classes of the project's exceptions and warnings, and exceptions for lack of memory."""
+"""The exceptions and warnings of the project, and words of messages."""
 
 
 class T2TwinError(ValueError):
@@ -35,3 +35,8 @@ def is_out_of_memory(error: Exception) -> bool:
             return True
         cause = cause.__cause__ or cause.__context__
     return False
+
+
+def counted(number: int, noun: str, plural: str | None = None) -> str:
+    """A number and a noun, as "1 pair" or "2 pairs". plural: by default the noun and an s."""
+    return f"{number} {noun if number == 1 else plural or f'{noun}s'}"

@@ -1,8 +1,8 @@
 """Writes files completely or not at all, locks folders, and reads files named by the user.
 
 Files are written under a temporary name and then renamed. A process that writes more than one file
-into a folder holds the folder's lock. `pending_writes` lists what `t2twin.core.signals` has to
-remove when the process is ended.
+into a folder holds the folder's lock. SIGINT and SIGTERM end a command at once, without its
+temporary files. Imports nothing slow, so that signals are handled before the rest is loaded.
 """
 
 import csv
@@ -11,14 +11,14 @@ import json
 import os
 import re
 import shutil
+import signal
 import stat
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import get_ident
 from typing import Any, BinaryIO
-
-from filelock import FileLock, Timeout
 
 from t2twin.core.errors import T2TwinError
 
@@ -38,11 +38,44 @@ LOCK = ".t2twin.lock"
 """Name of a folder's lock file. It is removed with the lock; a file without a process that holds it
 locks nothing."""
 
-pending_writes: set[Path] = set()
-"""Temporary files and folders that this process is writing."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""Ctrl-C, and the signal of `kill`, service managers and containers."""
 
-created_folders: list[Path] = []
-"""Folders that were created for pending writes."""
+RESUMING = ("adapt", "demo", "simdata", "train")
+"""Commands that continue an earlier call; the others start again and leave no files."""
+
+_pending: set[Path] = set()
+"""Temporary files and folders that this process is writing, and its locks."""
+
+_created: list[Path] = []
+"""Folders that were created for them, a parent after its folders."""
+
+
+def install_handlers() -> None:
+    """Let SIGNALS end the process. Signals that the parent process ignored stay ignored."""
+    for number in SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _stop)
+
+
+def _stop(number: int, _: object) -> None:
+    """End the process without its children and temporary files; no exception could be caught."""
+    for each in SIGNALS:
+        signal.signal(each, signal.SIG_IGN)
+    if "multiprocessing" in sys.modules:
+        for child in sys.modules["multiprocessing"].active_children():
+            child.kill()
+            child.join()
+    for path in tuple(_pending):
+        if path.name == LOCK:  # the children's files
+            remove_leftovers(path.parent, f"**/{TEMPORARY_NAMES}")
+        _remove(path)
+    _remove_empty(tuple(_created))
+    resumes = len(sys.argv) > 1 and sys.argv[1] in RESUMING
+    effect = "continues from its last saved state" if resumes else "begins again"
+    with suppress(OSError):  # standard error is closed
+        os.write(2, f"t2twin: stopped; the same command {effect}\n".encode())
+    os._exit(128 + number)
 
 
 @contextmanager
@@ -57,18 +90,12 @@ def atomic_write(path: Path) -> Iterator[Path]:
     writer = f"{get_ident()}.{os.getpid()}"
     stem = path.stem[:MAX_STEM_CHARACTERS]
     temporary = path.with_name(f".{stem}.{writer}.part{path.suffix}")
-    with created_folder(path.parent):
-        pending_writes.add(temporary)
+    with created_folder(path.parent), _removed(temporary):
         try:
             yield temporary
-            check_replaceable(path)
             temporary.replace(path)
         except OSError as error:
             raise write_error(path, error) from error
-        finally:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
-            pending_writes.discard(temporary)
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -103,27 +130,16 @@ def move_into(folder: Path, files: Sequence[Path]) -> None:
 
 
 def check_replaceable(path: Path) -> None:
-    """Raises T2TwinError for a path that exists and is not a regular file.
-
-    Renaming over a device, a pipe or a socket would remove it. Follows links.
-    """
+    """Raises T2TwinError for a path that is no file: renaming over a device would remove it."""
     try:
-        mode = path.stat().st_mode
-    except (FileNotFoundError, NotADirectoryError):
-        return
+        if path.exists() and not path.is_file():
+            raise T2TwinError(f"{path} cannot be written: it is a folder or a device")
     except OSError as error:
         raise write_error(path, error) from error
-    if not stat.S_ISREG(mode):
-        kind = "a folder" if stat.S_ISDIR(mode) else "a device, a pipe or a socket"
-        raise T2TwinError(f"{path} cannot be written: it is {kind}; expected a file")
 
 
 def check_new_file(path: Path, force: bool) -> None:
-    """Raises T2TwinError for an output file that must not be replaced.
-
-    force: whether a regular file may be replaced; other paths never are. Call it before the work
-    whose result is written there.
-    """
+    """Raises T2TwinError for an output file that exists, unless force, and for what is no file."""
     check_replaceable(path)
     if not force and os.path.lexists(path):
         raise T2TwinError(f"{path} already exists; name another file, or replace it with --force")
@@ -136,16 +152,12 @@ def temporary_folder(place: Path, name: str) -> Iterator[Path]:
     Raises T2TwinError where it cannot be created.
     """
     folder = place / f".{name}.{os.getpid()}.part"
-    pending_writes.add(folder)
-    try:
+    with _removed(folder):
         try:
             folder.mkdir()
         except OSError as error:
             raise write_error(place, error) from error
         yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        pending_writes.discard(folder)
 
 
 @contextmanager
@@ -155,44 +167,40 @@ def new_folder(folder: Path) -> Iterator[Path]:
     Raises T2TwinError where the path is a file or a folder with content, or cannot be written.
     After an error there is no new folder.
     """
-    _check_free(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise T2TwinError(f"{folder} is not empty; choose another folder")
     with created_folder(folder.parent):
         remove_leftovers(folder.parent, f".{folder.name}.*.part")
         with temporary_folder(folder.parent, folder.name) as temporary:
             yield temporary
             try:
                 temporary.replace(folder)
-            except OSError as error:  # another process may have written to it meanwhile
-                _check_free(folder)
+            except OSError as error:
                 raise write_error(folder, error) from error
-
-
-def _check_free(folder: Path) -> None:
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise T2TwinError(f"{folder} is not empty; choose another folder")
 
 
 @contextmanager
 def created_folder(folder: Path) -> Iterator[None]:
-    """Create a folder and its parents if they are missing.
+    """Create a folder and its parents if they are missing; remove those that stay empty.
 
-    Those created here that are empty after the block are removed. Raises T2TwinError where the path
-    is a file, or the folder cannot be created.
+    Raises T2TwinError where the path is a file, or the folder cannot be created.
     """
-    created = _missing(folder)
-    created_folders.extend(created)
+    created = []
+    for path in (folder, *folder.parents):
+        if os.path.lexists(path):
+            break
+        created.append(path)
+    _created.extend(created)
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError):
-            raise T2TwinError(
-                f"{folder} is a file, or lies below one; give a folder to write into"
-            ) from None
         except OSError as error:
             raise write_error(folder, error) from error
         yield
     finally:
         _remove_empty(created)
+        for path in created:
+            _created.remove(path)
 
 
 @contextmanager
@@ -203,35 +211,26 @@ def locked(folder: Path) -> Iterator[None]:
     created here and is empty afterwards. Raises T2TwinError where another process holds the lock,
     the path is a file, or the folder cannot be written.
     """
-    file = folder / LOCK
+    from filelock import FileLock, Timeout
+
     with created_folder(folder):
-        pending_writes.add(file)
+        lock = FileLock(folder / LOCK, blocking=False)
         try:
-            lock = _acquired(folder)
-            try:
+            lock.acquire()
+        except Timeout:
+            raise T2TwinError(
+                f"another t2twin is writing into {folder}; wait until it is done, or choose "
+                "another folder"
+            ) from None
+        except OSError as error:
+            raise write_error(folder, error) from error
+        try:
+            # Removed before the release: no other process can then hold it.
+            with _removed(folder / LOCK):
                 remove_leftovers(folder)
                 yield
-            finally:
-                # Before the release: no other process can then hold the file that is removed.
-                with suppress(OSError):
-                    file.unlink(missing_ok=True)
-                lock.release()
         finally:
-            pending_writes.discard(file)
-
-
-def _acquired(folder: Path) -> FileLock:
-    try:
-        lock = FileLock(folder / LOCK, blocking=False)
-        lock.acquire()
-    except Timeout:
-        raise T2TwinError(
-            f"another t2twin is writing into {folder}; wait until it is done, or choose another "
-            "folder"
-        ) from None
-    except OSError as error:
-        raise write_error(folder, error) from error
-    return lock
+            lock.release()
 
 
 def is_empty(folder: Path) -> bool:
@@ -261,19 +260,12 @@ def remove_leftovers(folder: Path, names: str = TEMPORARY_NAMES) -> None:
             _remove(leftover)
 
 
-def remove_pending() -> None:
-    """Remove pending writes and the folders created for them, before the process ends at once."""
-    for path in tuple(pending_writes):
-        _remove(path)
-    _remove_empty(sorted(created_folders, key=lambda folder: len(folder.parts), reverse=True))
-
-
 def write_error(path: Path, error: OSError) -> T2TwinError:
     """The exception for a file or a folder that cannot be written."""
     reason = (error.strerror or str(error) or type(error).__name__).lower()
     if error.errno in NO_SPACE:
         return T2TwinError(f"there is no room for {path} ({reason}); make room and start again")
-    return T2TwinError(f"{path} cannot be written ({reason}); a writable folder is needed")
+    return T2TwinError(f"{path} cannot be written ({reason})")
 
 
 def read_file(path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = "") -> bytes:
@@ -286,28 +278,37 @@ def read_file(path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = "")
 def open_regular(
     path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = ""
 ) -> Iterator[BinaryIO]:
-    """A regular file of at most `max_bytes`, open for reading in binary mode.
+    """A regular file of at most `max_bytes`, open for reading; opening a named pipe would block.
 
-    otherwise: alternative to a file that does not exist, for the message. Never blocks, as opening
-    a named pipe would.
-    Raises T2TwinError where the file does not exist, is a folder, a pipe, a socket or a device,
-    cannot be read, or is larger.
+    otherwise: alternative to a file that does not exist, for the message. Raises T2TwinError for
+    anything else, and where it cannot be read.
     """
-    file = None
     try:
         about = path.stat()
-        if stat.S_ISREG(about.st_mode) and about.st_size <= max_bytes:
-            file = path.open("rb")
+        if not stat.S_ISREG(about.st_mode):
+            raise T2TwinError(f"{path} is a folder or a device; give a file")
+        if about.st_size > max_bytes:
+            size = f"{about.st_size / 1e6:,.0f} MB; at most {max_bytes / 1e6:,.0f} MB"
+            raise T2TwinError(f"{path} has {size} are allowed")
+        file = path.open("rb")
     except FileNotFoundError as error:
         also = f"; {otherwise}" if otherwise else ""
         raise T2TwinError(f"there is no file {path}{also}") from error
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise T2TwinError(f"{path} cannot be read ({reason}); give a readable file") from error
-    if file is None:
-        raise T2TwinError(_refusal(path, about.st_mode, about.st_size, max_bytes))
+    except OSError as error:
+        raise T2TwinError(f"{path} cannot be read ({error.strerror})") from error
     with file:
         yield file
+
+
+@contextmanager
+def _removed(path: Path) -> Iterator[None]:
+    """Remove a temporary file or folder after the block, or when the process is stopped."""
+    _pending.add(path)
+    try:
+        yield
+    finally:
+        _remove(path)
+        _pending.discard(path)
 
 
 def _remove(path: Path) -> None:
@@ -318,22 +319,10 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _remove_empty(folders: list[Path]) -> None:
+def _remove_empty(folders: Sequence[Path]) -> None:
     for folder in folders:
         with suppress(OSError):
             folder.rmdir()  # fails for a folder that is not empty
-        with suppress(ValueError):
-            created_folders.remove(folder)
-
-
-def _missing(folder: Path) -> list[Path]:
-    """The folder and its parents that do not exist, the innermost first."""
-    missing = []
-    for path in (folder, *folder.parents):
-        if os.path.lexists(path):
-            break
-        missing.append(path)
-    return missing
 
 
 def _is_running(process: int) -> bool:
@@ -344,11 +333,3 @@ def _is_running(process: int) -> bool:
     except (PermissionError, OverflowError):
         pass  # another user's process, or a number beyond the largest
     return True
-
-
-def _refusal(path: Path, mode: int, size: int, max_bytes: int) -> str:
-    if stat.S_ISDIR(mode):
-        return f"{path} is a folder; give a file in it"
-    if not stat.S_ISREG(mode):
-        return f"{path} is not a file but a pipe or a device; give a file"
-    return f"{path} has {size / 1e6:,.0f} MB; at most {max_bytes / 1e6:,.0f} MB are allowed"

@@ -18,8 +18,7 @@ from typing import Any
 import numba
 from numba.core import event
 
-from t2twin.core.cache_dir import cache_dir, is_writable
-from t2twin.core.cached_files import short_digest
+from t2twin.core.cache_dir import cache_dir, is_writable, short_digest
 
 PACKAGE_LEVEL = 3
 """Dots in the name of a module; modules with more belong to a package at this level."""

@@ -1,7 +1,6 @@
 """Progress of long work: a bar on a terminal, elsewhere one line per minute."""
 
 import io
-import math
 import sys
 from time import time
 from typing import Any
@@ -13,33 +12,22 @@ INTERVAL_S = 60.0
 
 
 class Progress(tqdm):
-    """tqdm's bar, with its arguments; plain lines where standard error is not a terminal.
+    """tqdm's bar, with its arguments; plain lines where standard error is not a terminal."""
 
-    The estimate leaves out the time before the first update, in which code is compiled and workers
-    start.
-    """
-
-    last_print_t = math.inf  # until tqdm sets it
-    _has_begun = False
+    _printed_s = float("inf")  # until the bar begins
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._plain = not sys.stderr.isatty()
         if self._plain:
             options |= {"file": io.StringIO(), "mininterval": INTERVAL_S, "maxinterval": INTERVAL_S}
         super().__init__(*arguments, **options)
-
-    def update(self, n: float | None = 1) -> bool | None:
-        """Count n more steps."""
-        displayed = super().update(n)
-        if not self._has_begun and not self.disable and self.n > self.initial:
-            self._has_begun, self.initial, self.start_t = True, self.n, time()
-        return displayed
+        self._printed_s = time()
 
     def display(self, msg: str | None = None, pos: int | None = None) -> None:
         """Display the progress."""
         if not self._plain:
             super().display(msg, pos)
-        elif self.total and 0 < self.n < self.total and time() >= self.last_print_t + INTERVAL_S:
+        elif self.total and 0 < self.n < self.total and time() >= self._printed_s + INTERVAL_S:
             step_s = (time() - self.start_t) / max(self.n - self.initial, 1)
             self.print_line(
                 f"{self.n:,} of {self.total:,} {self.unit}s, about "
@@ -49,5 +37,5 @@ class Progress(tqdm):
     def print_line(self, text: str) -> None:
         """Print a line of its own where there is no bar; the next comes an interval later."""
         if self._plain and not self.disable:
-            self.last_print_t = time()
+            self._printed_s = time()
             print(f"{self.desc.removesuffix(': ')}: {text}", file=sys.stderr, flush=True)

@@ -28,7 +28,7 @@ from numpy.lib import format as npy
 from PIL import Image
 from torch.nn import functional
 
-from t2twin.core.cached_files import cached_file
+from t2twin.core.cache_dir import write_once
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
@@ -302,7 +302,7 @@ def load_pairs(
         shape = (table.num_rows, size, size, 1 if grey else 3)
         images = _stored_images(data_dir, stored, split, role)
         write = partial(_write_images, images=images, shape=shape, stored=side.image_shape)
-        cached_file(cache, shape, partial(write, name=cache.stem))
+        write_once(cache, partial(write, name=cache.stem))
         return ImageFile(cache)
 
     source, backgrounds, pictures = readings(roles[0], info.source), None, None
@@ -357,10 +357,9 @@ def load_backgrounds(data_dir: Path, split: str, size: int, cache: Path, name: s
         distinct = (png for png, _ in groupby(_frames(data_dir, split, info)))
         np.save(file, np.stack([_decode(png, None, size, grey=False) for png in distinct]))
 
-    cached_file(index, (info.pairs[split],), write_index)
-    frame_of_pair = np.load(index)
-    cached_file(frames, (frame_of_pair.max() + 1, size, size, 3), write_frames)
-    return ImageFile(frames, frame_of_pair)
+    write_once(index, write_index)
+    write_once(frames, write_frames)
+    return ImageFile(frames, np.load(index))
 
 
 def load_contact(
@@ -389,7 +388,7 @@ def load_contact(
             file.write(resampled.numpy().astype(np.float16).tobytes())
 
     path = cache / f"{split}-contact-{role}-{side}-{sha256_of(data_dir / INFO)[:12]}.npy"
-    cached_file(path, (pairs, 2, side, side), write)
+    write_once(path, write)
     return ImageFile(path)
 
 

@@ -14,9 +14,8 @@ import numpy as np
 import torch
 from msgspec.structs import replace
 
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, counted
 from t2twin.core.progress import Progress
-from t2twin.core.words import counted
 from t2twin.translate.data.images import COLORS, WHITE_GREY, augment, on_device, to_input, to_scaled
 from t2twin.translate.data.pairs import Examples, ImageFile, Pairs, Pictures
 from t2twin.translate.models import distributed

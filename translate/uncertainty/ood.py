@@ -21,7 +21,8 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct, field
 
-from t2twin.core.frame_faults import (
+from t2twin.core.errors import counted
+from t2twin.core.images import (
     BLACK,
     COLORLESS,
     NOISE,
@@ -30,7 +31,6 @@ from t2twin.core.frame_faults import (
     is_colored,
     is_noise,
 )
-from t2twin.core.words import counted
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import ImageFile
 
