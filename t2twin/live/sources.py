@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from t2twin.core.errors import T2TwinError, counted
+from t2twin.core.errors import T2TwinError
 from t2twin.core.images import SUFFIXES
 
 DEFAULT_HZ = 60.0
