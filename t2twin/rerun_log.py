@@ -29,11 +29,7 @@ class RerunLog:
 
     def __init__(self, file: Path) -> None:
         if file.suffix != SUFFIX:
-            raise T2TwinError(
-                f"{file} cannot be a recording; expected a name that ends in {SUFFIX}"
-            )
-        if file.is_dir():
-            raise T2TwinError(f"{file} is a folder; expected a file name that ends in {SUFFIX}")
+            raise T2TwinError(f"{file} is no recording; expected a name that ends in {SUFFIX}")
         if find_spec("rerun") is None:
             raise T2TwinError("a recording needs Rerun: `pip install 't2twin[rerun]'`")
         try:

@@ -114,7 +114,7 @@ def test_intervals_by_force_are_those_of_the_same_resamples() -> None:
     values = values_of_pairs(predicted, pairs)
     (alone,) = by_force(predicted, values, pairs, force_bins(pairs, pairs), FULL_SCALE)
     whole = np.sqrt(resampled_means(values, pairs.shapes)["squared_error"])
-    assert alone.interval == pytest.approx(interval(whole.to_numpy()), rel=1e-12)
+    assert alone.interval == pytest.approx(interval(np.asarray(whole)), rel=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -185,8 +185,8 @@ def test_both_splits_at_once(
     main(["evaluate", *given, "--data", str(data_dir), "--split", "both", "--out", str(tmp_path)])
     evaluations = {split: read_evaluation(tmp_path / split) for split in ("val", "test")}
     for one in evaluations.values():
-        both = (one.models[name].overall.counts for name in ("touch2touch", "resnet18"))
-        assert one.paired["rmse_counts"]["difference"] == pytest.approx(np.subtract(*both))
+        ours, theirs = (one.models[name].overall.counts for name in ("touch2touch", "resnet18"))
+        assert one.paired["rmse_counts"]["difference"] == pytest.approx(ours - theirs)
         assert one.paired["rmse_counts"]["low"] is None  # one shape a split has no interval
     lines = (tmp_path / "results.md").read_text().splitlines()
     assert len({line.count("|") for line in lines if line.startswith("|")}) == 1

@@ -157,15 +157,13 @@ def test_differences_have_a_paired_interval() -> None:
     sign = np.repeat(np.where(np.arange(12) % 2 == 0, 1.0, -1.0), 5)
     pairs = pairs_with(np.zeros((60, 20)), shapes)
     for off, signs in ((20.0, (1, 1)), (-20.0, (-1, -1)), (200.0 * sign, (-1, 1))):
-        rows = {
-            name: _row(values_of(errors), pairs, FULL_SCALE)
-            for name, errors in (("touch2touch", base + off), ("resnet18", base))
-        }
-        parts = ({name: row[place] for name, row in rows.items()} for place in (0, 1))
-        found = _paired(*parts)
-        assert tuple(np.sign([found["rmse_counts"][end] for end in ("low", "high")])) == signs
-        opposite = tuple(np.sign([-found["ssim"][end] for end in ("high", "low")]))
-        assert opposite == signs
+        rows, drawn = {}, {}
+        for name, errors in (("touch2touch", base + off), ("resnet18", base)):
+            rows[name], drawn[name] = _row(values_of(errors), pairs, FULL_SCALE)
+        found = _paired(rows, drawn)
+        for figure, factor in (("rmse_counts", 1), ("ssim", -1)):
+            ends = sorted(factor * (found[figure][end] or 0) for end in ("low", "high"))
+            assert tuple(np.sign(np.array(ends))) == signs
 
 
 def pairs_with(counts: np.ndarray, shapes: np.ndarray) -> Pairs:

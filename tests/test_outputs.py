@@ -109,7 +109,11 @@ def test_a_slide_is_recorded() -> None:
 
 @pytest.mark.parametrize(
     ("file", "sentence"),
-    [("a.txt", "ends in .rrd"), ("folder.rrd", "is a folder"), ("file/a.rrd", "cannot be written")],
+    [
+        ("a.txt", "ends in .rrd"),
+        ("folder.rrd", "cannot be written"),
+        ("file/a.rrd", "cannot be written"),
+    ],
 )
 @pytest.mark.usefixtures("rerun")
 def test_an_unusable_recording_is_one_sentence(file: str, sentence: str) -> None:

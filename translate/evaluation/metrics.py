@@ -81,8 +81,9 @@ def compare(
         "total": true.sum(axis=1),
     }
     for name in TAXEL_GROUPS:
-        inside = (taxel_groups or {}).get(name, np.zeros(true.shape[1], bool))
-        mean = squares[:, inside].mean(axis=1) if inside.any() else np.full(len(true), np.nan)
+        inside = (taxel_groups or {}).get(name)
+        known = inside is not None and inside.any()
+        mean = squares[:, inside].mean(axis=1) if known else np.full(len(true), np.nan)
         values[f"squared_error_{name}"] = mean
     scores = []
     with (
@@ -103,7 +104,7 @@ def image_scores(a: np.ndarray, b: np.ndarray, data_range: float) -> tuple[float
 
     A pixel above CONTACT_LEVEL of its image's maximum is in contact; NaN without contact.
     """
-    ssim, local = structural_similarity(a, b, data_range=data_range, full=True)
+    ssim, local, *_ = structural_similarity(a, b, data_range=data_range, full=True)
     one, other = (image > CONTACT_LEVEL * max(image.max(), 0.0) for image in (a, b))
     either = (one | other).sum()
     in_contact = local[other].mean() if other.any() else np.nan
@@ -241,10 +242,10 @@ def by_force(
         {n: values["squared_error"].iloc[one.members] for n, one in enumerate(bins)},
         index=np.sort(np.concatenate([one.members for one in bins])),
     )
-    samples = np.sqrt(resampled_means(squares, pairs.shapes[squares.index]))
+    samples = np.sqrt(resampled_means(squares, pairs.shapes[squares.index]).to_numpy())
     whole = np.sqrt(squares.groupby(np.zeros(len(squares))).mean().iloc[0])
     rows = []
-    for one, rmse, (_, sample) in zip(bins, whole.tolist(), samples.items(), strict=True):
+    for one, rmse, sample in zip(bins, whole.tolist(), samples.T, strict=True):
         apart = np.square(one.mean_array - pairs.counts[one.members].astype(float))
         level = float(np.sqrt(apart.mean()))
         totals = predicted[one.members].sum(axis=1, dtype=float)
@@ -256,7 +257,7 @@ def by_force(
                 pairs=one.members.size,
                 rmse_counts=rmse,
                 rmse_percent=100.0 * rmse / full_scale,
-                interval=interval(sample.to_numpy()),
+                interval=interval(sample),
                 of_mean_array=rmse / level if one.has_contact and level else None,
                 mean_of=one.mean_of if one.has_contact else None,
                 phantom_counts=None if one.has_contact else float(totals.mean()),
