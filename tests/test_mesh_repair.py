@@ -231,7 +231,7 @@ REFUSED = {
     "none.stl": (raw(stl([])), "no triangles"),
     "unended.stl": (text("solid a\nfacet normal 0 0 1\nvertex 1 1 1\n"), "cut short"),
     "second.stl": (
-        text(box().export(file_type="stl_ascii") * 2 + f"solid\n{3 * CORNER}"), "cut short",
+        text(f"{box().export(file_type='stl_ascii')}solid\n{3 * CORNER}"), "cut short",
     ),
     "halves.stl": (text(f"solid a\nfacet{2 * CORNER}\nvertex 1 2\nendsolid"), "read as STL"),
     "letters.stl": (text(f"solid a\nfacet{2 * CORNER}\nvertex 1 x 1\nendsolid"), "read as STL"),
