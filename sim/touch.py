@@ -279,8 +279,7 @@ def contact_notes(contact: Contact) -> list[str]:
 
 
 def _files_of_touch(folder: Path) -> set[str]:
-    """Names of the files that a touch in the folder may have, except those of sensors without
-    contact."""
+    """Names of the files of a touch in the folder, except those of sensors without contact."""
     found = {MARKERS_CSV, "shape.stl", "tactile_image.png", "tactile_picture.png"}
     for path in folder.glob("contact_*.npz"):
         sensor = path.stem.removeprefix("contact_")

@@ -167,10 +167,7 @@ def _base_part(
     elastomer: Elastomer, thicknesses_mm: np.ndarray, radii_mm: np.ndarray, pitch_mm: float,
     shear: bool,
 ) -> np.ndarray:  # fmt: skip
-    """(parts, thicknesses, radii): see `_hankel`; cached on disk, as it takes a tenth of a second.
-
-    The modulus only scales it.
-    """
+    """(parts, thicknesses, radii) of `_hankel`, cached on disk; the modulus only scales it."""
     nu = elastomer.poisson
     key = repr((thicknesses_mm.tolist(), float(radii_mm[-1]), radii_mm.size, nu, pitch_mm, shear))
     compute = lambda: _hankel(thicknesses_mm, radii_mm, nu, pitch_mm, shear)  # noqa: E731
@@ -230,10 +227,7 @@ def _hankel_rule(
 def _cell_mean(
     potential: Callable[..., np.ndarray], x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float
 ) -> np.ndarray:
-    """Integral of a function over a square cell, averaged over a cell at (x, y); (y, x).
-
-    potential: its integral, twice over x and twice over y, of x, y and the distance r.
-    """
+    """(y, x) integral of a function over a cell at (x, y), averaged over a cell at the origin."""
     x = np.concatenate([[x_mm[0] - pitch_mm], x_mm, [x_mm[-1] + pitch_mm]])[None, :]
     y = np.concatenate([[y_mm[0] - pitch_mm], y_mm, [y_mm[-1] + pitch_mm]])[:, None]
     values = potential(x, y, np.maximum(np.hypot(x, y), 1e-12))

@@ -317,11 +317,7 @@ class Equilibrium:
         return self.forces_n * self.compliance / self.pins.cell_mm2
 
     def _iterate(self) -> bool:
-        """Iterate until the pressure changes by less than the stage's tolerance.
-
-        Where full steps oscillate, as in places that are pressed almost through, goes on with
-        damped steps and then with stiffer springs. Returns whether the iteration converged.
-        """
+        """Full steps, then damped ones, then on stiffer springs; returns whether it converged."""
         tolerance = STAGES[self.last][1]
         if self._steps(tolerance, 1.0, MAX_STEPS):
             return True
@@ -386,11 +382,7 @@ class Equilibrium:
         return change < STAGES[True][1]
 
     def _solve_with_mujoco(self, current: np.ndarray, pressure: np.ndarray) -> float:
-        """MuJoCo's solution of the last step: write the pins' pressure, (n,), and set depths_mm.
-
-        Each body is a model of its own. Returns the largest share of a body's force that differs
-        from the current pressure, (n,).
-        """
+        """MuJoCo's last step: writes the pressure; returns the largest changed share of a force."""
         pins, rest, change = self.pins, self._rest, 0.0
         # A pin that is clear of the shape stays where its spring carries nothing.
         deflection, depths_mm, forces = rest.copy(), self.depths_mm.copy(), self._forces
@@ -542,11 +534,7 @@ def _solve(
     slips_mm: np.ndarray | None,
     with_mujoco: bool,
 ) -> Equilibrium:
-    """Solves the rough and the last stage, adding pins where a shape touches outside them.
-
-    near: a result near the solution, which makes the rough stage unnecessary. The others are those
-    of solve_bodies.
-    """
+    """Solves the rough stage, unless a result is near, and the last one, adding missed pins."""
     before = None if near is None else near.layout
     if near is None:
         expected = [survey.expected_contact(survey.command.force_n) for survey in surveys]
@@ -599,16 +587,14 @@ def _bottomed(found: Equilibrium) -> bool:
 
 
 def _base_limit_mm(survey: Survey, pins: Pins) -> np.ndarray | float:
-    """Largest height of a base plate, mm, on the pins' fine cells; -inf for a shape without one.
-
-    A tilted one is a plane, whose height may differ by its slope within a partly covered cell.
-    """
+    """Largest height of a base plate, mm, on the pins' fine cells; -inf without one."""
     base_mm, (along_x, along_y) = survey.shape.base_mm, survey.shape.base_slope
     if base_mm is None:
         return -np.inf
     limit = base_mm + BASE_TOLERANCE_MM
     if along_x == 0.0 == along_y:
         return limit
+    # A tilted one is a plane, whose height differs by its slope within a partly covered cell.
     command, layer, (rows, columns) = survey.command, pins.layer, pins.window
     x, y = layer.x_mm[columns] - command.x_mm, layer.y_mm[rows, None] - command.y_mm
     cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)

@@ -61,6 +61,13 @@ class Friction:
     coefficient: float | np.ndarray
 
     @classmethod
+    def of(cls, friction: "float | Friction") -> "Friction":
+        """The friction of a coefficient. Raises T2TwinError for a value out of range."""
+        if isinstance(friction, Friction):
+            return friction
+        return cls(arguments.number(friction, "friction", 0.0, MAX_FRICTION))
+
+    @classmethod
     def of_cells(cls, frictions: "Sequence[Friction]", owner: np.ndarray) -> "Friction":
         """That of each cell, from those of the bodies and the index of each cell's body."""
         return cls(np.array([each.coefficient for each in frictions])[owner])
@@ -75,10 +82,8 @@ class Friction:
 
 
 def check_friction(friction: float | Friction | None) -> Friction | None:
-    """The friction of a coefficient. Raises T2TwinError for a value out of range."""
-    if friction is None or isinstance(friction, Friction):
-        return friction
-    return Friction(arguments.number(friction, "friction", 0.0, MAX_FRICTION))
+    """As Friction.of; None for None."""
+    return None if friction is None else Friction.of(friction)
 
 
 @lru_cache(maxsize=256)

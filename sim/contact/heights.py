@@ -255,10 +255,7 @@ _flat: dict[int, tuple[weakref.ref, np.ndarray]] = {}
 
 
 def _flat_blocks(surface: HeightMap) -> np.ndarray:
-    """Height of each block of BLOCK x BLOCK points, mm; NOT_FLAT where a neighbor differs.
-
-    Computed once a surface: a base plate and a punch's face are most of a map.
-    """
+    """Height of each block of BLOCK x BLOCK points, mm; NOT_FLAT where a neighbor differs."""
     known = _flat.get(id(surface))
     if known is not None and known[0]() is surface:
         return known[1]
@@ -293,10 +290,7 @@ def _find_flat_blocks(heights, blocks):
 
 @compiled(inline="always")
 def _sample(heights, cos, sin, cell, count, at, samples):
-    """Write the heights of the samples of `count` cells, (SAMPLES^2, >= count).
-
-    at: (2, >= count) columns and rows of the cells' centers on the height map.
-    """
+    """Write samples, (SAMPLES^2, count), of cells with centers at (2, count) columns and rows."""
     apart, first = cell / SAMPLES, -(SAMPLES - 1) / 2
     columns, rows = np.empty(count), np.empty(count)
     for a in range(SAMPLES):
@@ -310,10 +304,7 @@ def _sample(heights, cos, sin, cell, count, at, samples):
 
 @compiled(nogil=True, **INNER)
 def _mean_above(samples, count, lowest, mean, number):
-    """Write the mean of the samples of each cell that are not below the lowest, and their number.
-
-    samples: (SAMPLES^2, >= count). The others are (count,).
-    """
+    """Write the mean and the number of each cell's samples that are not below the lowest."""
     for n in range(count):
         mean[n], number[n] = 0.0, 0.0
     for k in range(samples.shape[0]):
@@ -392,10 +383,7 @@ def _chosen_cells(
     heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted, shift,
     included, i, chosen, columns, rows, mean, share, peak,
 ):  # fmt: skip
-    """Write the cells of row i that have to be sampled, and their centers; return their number.
-
-    Cells over flat parts of the map are written to mean, share and peak at once.
-    """
+    """Write flat cells of row i; return how many others are to be sampled, with their centers."""
     # A cell's side in cells of the map: farther outside the map no sample of a cell is on it.
     reach = (x_mm[1] - x_mm[0]) * np.hypot(cos, sin)
     max_column, max_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach

@@ -274,8 +274,7 @@ def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
 
 
 def _nodes(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
-    """Distances of the nodes from one of them, (2 M - 1, 2 N - 1), and the thickness at each,
-    (M, N), mm."""
+    """Distances of the nodes from one of them, (2 M - 1, 2 N - 1), and thickness there, (M, N)."""
     x, y = (
         np.arange(1 - nodes, nodes) * layer.per_node * layer.pitch_mm
         for nodes in (side // layer.per_node + 2 * PADDING for side in (layer.columns, layer.rows))
@@ -376,8 +375,9 @@ def domed_layer(
         return DomedLayer(layer, None, flat_mm, thickness, most)
     middle = float((pressure * thickness).sum() / pressure.sum())
     middle = max(round(middle / THICKNESS_STEP_MM), 2) * THICKNESS_STEP_MM
-    layers = (each(elastomer, middle, pitch, shape) for each in (cached_shear_layer, _cached_slope))
-    return DomedLayer(*layers, middle, thickness - middle, most)
+    layer = cached_shear_layer(elastomer, middle, pitch, shape)
+    slope = _cached_slope(elastomer, middle, pitch, shape)
+    return DomedLayer(layer, slope, middle, thickness - middle, most)
 
 
 @lru_cache(maxsize=8)
@@ -513,10 +513,7 @@ def _clear(values):
 
 @compiled(nogil=True)
 def _to_nodes(pressure, first, taps, lines, nodes):
-    """Write the pressure, (R, >= C), distributed to the nodes, (M, >= N), MPa cells.
-
-    lines: (M, C) work array.
-    """
+    """Write the pressure, (R, >= C), distributed to the nodes, (M, >= N); lines: (M, C) work."""
     per_node, columns = first.size, lines.shape[1]
     _clear(lines)
     for i in range(pressure.shape[0]):

@@ -114,8 +114,7 @@ def _compile(pins: int) -> mujoco.MjModel:
 
 
 def _model(pins: int) -> mujoco.MjModel:
-    """The compiled model. Large ones are cached on disk: compiling takes up to half a minute, and
-    loading a second at most."""
+    """The compiled model; large ones, which take up to half a minute, are cached on disk."""
     folder = cache_dir() if pins >= MIN_CACHED_PINS else None
     if folder is None:
         return _compile(pins)

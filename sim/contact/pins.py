@@ -313,11 +313,7 @@ def _place(
     along, per_cell, heights, shares, wall, compliance, surface, thickness, first_touch, rows,
     columns, sides, of_pins, cover,
 ):  # fmt: skip
-    """Write the first cells and sides of the covered pins, and their cover.
-
-    of_pins: (4, n) their mean gaps, covered cells, additional edge compliances, and the layer's
-    mean thickness under them. Returns the number of covered pins.
-    """
+    """Write the covered pins; of_pins: gaps, covered cells, edge compliances, thicknesses."""
     _blocks(along, per_cell, rows, columns, sides)
     # In a block that a wall crosses only the part above the wall is pressed.
     _cover(heights, shares, wall, rows, columns, sides, cover)

@@ -119,11 +119,7 @@ def carry(
 def _kept_traction(
     motion: Motion, before: Contact, now: Contact, continuing: Sequence[str]
 ) -> Motion:
-    """The motion of a contact, whose traction is zero where a cell has another body now.
-
-    before: the contact of the motion. now: a contact after. continuing: names of the bodies whose
-    traction continues.
-    """
+    """The motion of a contact before, whose traction is zero where a cell has another body now."""
     if len(before.bodies) == len(now.bodies) == 1:
         return motion
     owner = owner_of(before, now.bodies)
@@ -271,10 +267,7 @@ class _Bodies:
         return x, y, max(np.sqrt(square), pitch_mm)
 
     def _find_slide(self, body: int) -> None:
-        """Set whether a body slides as a whole, and along which motion.
-
-        The force has priority, as the torque depends on the assumed places of the contact.
-        """
+        """Set whether a body slides as a whole, and along which motion; the force has priority."""
         limit = np.where(self.owner == body, self.limit, np.float32(0.0))
         capacity, wrench = float(limit.sum(dtype=float)), self.wrenches[body]
         if capacity == 0:

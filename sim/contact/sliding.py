@@ -26,7 +26,6 @@ from t2twin.sim.contact.friction import (
     PREDICTION_TOLERANCE,
     TOLERANCE,
     Friction,
-    check_friction,
     solve_traction,
 )
 from t2twin.sim.contact.grid import Window, dilated, window_around, window_shape
@@ -83,7 +82,7 @@ def advance(
     dx_mm, dy_mm: motion of the shape's origin. dyaw_rad: rotation about it. friction: or its
     coefficient. The given contact does not change. Raises T2TwinError as solve_contact does.
     """
-    command, step, dry = contact.command, (dx_mm, dy_mm, dyaw_rad), check_friction(friction)
+    command, step, dry = contact.command, (dx_mm, dy_mm, dyaw_rad), Friction.of(friction)
     moved = replace(
         command,
         x_mm=command.x_mm + dx_mm,
@@ -292,11 +291,7 @@ def _press(
     moves: np.ndarray | None,
     with_mujoco: bool,
 ) -> tuple[Contact, np.ndarray]:
-    """The contact of bodies over a surface that is displaced by seen, and that displacement.
-
-    Where it leaves a body without surface, it is halfway to the possible one, (3, rows, columns).
-    near, moves: see solve_bodies.
-    """
+    """The contact of bodies over a surface displaced by seen, halved towards the possible one."""
     rows, columns = window
     halvings = 0
     while True:
@@ -315,8 +310,7 @@ def _press(
 def _corrected(
     seen: np.ndarray, error: np.ndarray, late: int, prescribed: bool, acceleration: Anderson
 ) -> np.ndarray:
-    """The displacement that the normal contact sees in the next round. late: the number of this
-    round after ACCELERATED_ROUNDS, below 0 before."""
+    """The displacement that the normal contact sees next; late: rounds after ACCELERATED_ROUNDS."""
     if late >= 0:
         return seen + (DAMPED_RELAXATION if prescribed else 1.0) * error
     corrected = seen + (1.0 if prescribed else RELAXATION) * error
@@ -344,8 +338,7 @@ def _window(contact: Contact, start: Motion) -> Window:
 def _response(
     contact: Contact, motion: Motion, layer: DomedLayer, window: Window
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement by the pressure and by the traction at the start of a step: those of the last
-    step in the same window."""
+    """Displacement by pressure and by traction at the start, the last step's in the same window."""
     spread, parts = motion.spread_mm, motion.parts_mm
     known = motion.window == window and motion.middle_mm == layer.middle_mm
     if spread is None or parts is None or not known:

@@ -28,11 +28,7 @@ PINS = "Tuple((i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8
 
 @compiled(inline="always")
 def _mean_linear(linear, cover, body, row, column, side, covered):
-    """Mean over the covered part of a pin of the linear layer's deflection, and its variance.
-
-    linear: (R, C). cover: (bodies, R, C); passing a part of it would take longer than the loop.
-    covered: sum of the cover over the pin's block.
-    """
+    """Mean and variance of the linear deflection over the covered part of a pin."""
     total, squares = 0.0, 0.0
     for i in range(row, row + side):
         for j in range(column, column + side):
@@ -47,11 +43,7 @@ def _mean_linear(linear, cover, body, row, column, side, covered):
 def _mean_deflections(
     linear, cover, bodies, rows, columns, sides, area, thickness, stiffens, surface, slope
 ):
-    """Write the mean deflection by the elastomer's law of each pin, (n,), and the law's slope.
-
-    area: see `_mean_linear`. thickness: (n,) means. The mean is that of the law's expansion about
-    the mean linear deflection to the second order.
-    """
+    """Write the mean deflection by the law of each pin, to second order, and the law's slope."""
     for n in range(area.size):
         surface[n], slope[n] = _mean_linear(
             linear, cover, bodies[n], rows[n], columns[n], sides[n], area[n]

@@ -219,9 +219,7 @@ def _decoded(
 def _through(
     model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose, bodies: set[int]
 ) -> list[Push]:
-    """Forces of bodies that press a sensor's geom on other geoms that are welded to it, at places
-    inside the sensor's geom: a soft contact lets bodies through.
-    """
+    """Forces on geoms welded to a sensor's, inside it: a soft contact lets bodies through."""
     if not bodies:
         return []
     welded = model.body_weldid[model.geom_bodyid]

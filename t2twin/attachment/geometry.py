@@ -259,10 +259,7 @@ def _of_hfield(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
 
 
 def _of_field(heights: np.ndarray, half: np.ndarray, base: float) -> np.ndarray:
-    """Triangles, (n, 3, 3), of the solid between heights (rows, columns) over x and y, and -base.
-
-    half: (2,) half extents along x and y.
-    """
+    """Triangles, (n, 3, 3), of the solid between heights over half extents and -base."""
     rows, columns = heights.shape
     x, y = np.linspace(-half[0], half[0], columns), np.linspace(-half[1], half[1], rows)
     x, y = np.meshgrid(x, y)

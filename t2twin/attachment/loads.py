@@ -115,8 +115,7 @@ def _load(body: Body, shape: Shape, limit: float) -> Load:
 
 
 def _choices(load: Load) -> Iterator[tuple[Load, float, bool]]:
-    """What is tried for a body: the load, its share of the tangential load, and whether the body is
-    wider, as one is that covers less than a cell of the grid or is narrower than THIN_CELLS."""
+    """What is tried for a body: the load, its tangential share, whether the body is wider."""
     surface = load.shape.surface
     covered_mm2 = np.count_nonzero(surface.heights_mm > NOTHING_MM / 2) * surface.pitch_mm**2
     is_thin = covered_mm2 < SURVEY_MM**2 or not covers_square(surface.heights_mm, THIN_CELLS)

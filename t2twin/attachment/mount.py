@@ -142,8 +142,7 @@ def _own_spec(
     pos: np.ndarray,
     quat: np.ndarray,
 ) -> "mujoco.MjSpec":
-    """The sensor as a spec of its own, so that defaults of the model do not apply to it. depth_m:
-    of its geom behind the base."""
+    """The sensor as a spec of its own, so that defaults of the model do not apply to it."""
     spec, thickness_m = mujoco.MjSpec(), 1e-3 * elastomer.thickness_mm
     body = spec.worldbody.add_body(name=BODY, pos=pos, quat=quat)
     geom = body.add_geom(name=SURFACE, mass=mount.mass_kg, rgba=mount.color, condim=CONDIM)
@@ -187,10 +186,7 @@ def _named(find, name: object, kind: str, existing: Iterable) -> "mujoco.MjsBody
 
 
 def _free_name(spec: "mujoco.MjSpec", name: str | None, sensor: str | Path) -> str:
-    """The given name, or the first free one. Raises T2TwinError for one that is in use.
-
-    sensor: as for `attach`.
-    """
+    """The given name, or the first free one. Raises T2TwinError for one that is in use."""
 
     def is_used(name: str) -> bool:
         places = ((spec.body, BODY), (spec.geom, SURFACE), (spec.mesh, SURFACE), (spec.site, FRAME))
@@ -272,8 +268,7 @@ def _thickness_m(
     model: "mujoco.MjModel", data: "mujoco.MjData", geoms: np.ndarray, start_m: np.ndarray,
     frame: Pose, deepest_m: float,
 ) -> float:  # fmt: skip
-    """Depth below a point up to which there are geoms without a gap, less CLEARANCE_M, at most
-    deepest_m."""
+    """Depth below a point up to which there are geoms without a gap, less CLEARANCE_M, m."""
     into, depth = -frame.rotation[:, 2], START_M
     while depth < deepest_m:
         point = start_m + depth * into

@@ -76,11 +76,7 @@ def fit_stiffness(
 def _force_n(
     penetration_m: np.ndarray, unknowns: np.ndarray, width_m: float, inverse_mass: float
 ) -> np.ndarray:
-    """MuJoCo's force at rest.
-
-    unknowns: logarithm of the stiffness, impedance at 0, its rise as a share of what IMPEDANCE
-    allows, and its power.
-    """
+    """MuJoCo's force at rest; unknowns: log of stiffness, impedance, its rise, its power."""
     log_stiffness, low, _, power = unknowns
     high = _high(unknowns)
     share = np.minimum(penetration_m / width_m, 1.0)
