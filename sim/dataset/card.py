@@ -183,7 +183,7 @@ def _pairs(info: DatasetInfo) -> dict[str, Any]:
     for stored in columns_of(info.values, info.recipe):
         name, kind = stored.name, stored.column.type
         extract = {"fileSet": {"@id": "shards"}, "extract": {"column": name}}
-        field = {"@type": "cr:Field", "@id": f"pairs/{name}", "name": name}
+        field: dict[str, Any] = {"@type": "cr:Field", "@id": f"pairs/{name}", "name": name}
         field["description"] = stored.column.about
         if kind == IMAGE_TYPE:
             field["dataType"] = "sc:ImageObject"

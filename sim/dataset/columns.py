@@ -19,7 +19,7 @@ from t2twin.sim.sensors.defaults import ROLES
 
 if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
     from t2twin.sim.dataset.info import SensorInfo
-    from t2twin.sim.touch import Reading, Touch
+    from t2twin.sim.touch import Touch
 
 IMAGE, COUNTS = "image", "counts"
 """Columns of a gel camera's image and of a taxel array's counts, after the role. They also name the
@@ -66,8 +66,8 @@ class Sample:
     friction: Mapping[str, float] = field(default_factory=dict)
     units: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def reading(self, role: str) -> "Reading | Any":
-        """The reading of the sensor of a role."""
+    def reading(self, role: str) -> Any:
+        """The reading of the sensor of a role, of the kind of the column."""
         return [*self.touch.readings.values()][ROLES.index(role)]
 
     def friction_of(self, role: str) -> float:

@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager, suppress
@@ -284,7 +284,8 @@ def _make_shards(
     context: ShardContext, todo: list[Batch], workers: int, scheduler: str | None
 ) -> dict[str, Shard]:
     """Make shards, and log the time; returns them by path."""
-    start, made, seconds = time.monotonic(), {}, dict.fromkeys(STAGES, 0.0)
+    start, made = time.monotonic(), {}
+    seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
     peaks, rejected, notes = {}, Counter(), Counter()
     # The largest first, so that no long one is left alone at the end.
     todo = sorted(todo, key=lambda batch: -batch.pairs)
@@ -327,7 +328,7 @@ def _make_shards(
 
 def _results(
     context: ShardContext, todo: list[Batch], workers: int, scheduler: str | None
-) -> Iterator[tuple[Batch, ShardResult]]:
+) -> Generator[tuple[Batch, ShardResult]]:
     """Each shard as it is finished: made in this process, in others, or on a cluster."""
     if scheduler is None and workers == 1:
         for batch in todo:

@@ -194,7 +194,7 @@ def make_shard(context: ShardContext, batch: Batch) -> ShardResult:
     """
     watch, rejected, notes = Stopwatch(), Counter(), Counter()
     start = time.process_time()
-    values = dict(zip(ROLES, context.sensors.values, strict=True))
+    values: dict[str, str] = dict(zip(ROLES, context.sensors.values, strict=True))
     columns = columns_of(values, context.recipe)
 
     def rows() -> Iterator[dict[str, Any]]:
