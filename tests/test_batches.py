@@ -10,8 +10,6 @@ import torch
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.models.presets import PRESETS, Model, Preset
 from t2twin.translate.runs.checkpoint import TRANSLATORS
-from t2twin.translate.training import trainer as batches
-from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import Batches
 
 CPU = torch.device("cpu")
@@ -25,23 +23,6 @@ def field_pairs(data_dir: Path, tmp_path: Path) -> tuple[Pairs, Preset]:
     return load_pairs(data_dir, "train", preset.size, False, tmp_path, True), preset
 
 
-def test_kept_batches_are_those_that_are_read(
-    moving_dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pairs, preset = field_pairs(moving_dataset, tmp_path)
-    read = Batches(pairs, preset, CPU)
-    monkeypatch.setattr(batches, "_fits", lambda *_: True)
-    monkeypatch.setattr(batches, "COPIED", 4)
-    held = Batches(pairs, preset, CPU)
-    index = np.random.default_rng(0).permutation(len(pairs))[:4]
-    for rng in (None, np.random.default_rng(5)):
-        again = None if rng is None else np.random.default_rng(5)
-        for one, other in zip(vars(read.examples(index, rng)).values(),
-                              vars(held.examples(index, again)).values(), strict=True):  # fmt: skip
-            assert (one is None) == (other is None)
-            assert one is None or (one.dtype == torch.float32 and torch.equal(one, other))
-
-
 def test_a_batch_is_the_stored_pairs_as_the_networks_take_them(
     moving_dataset: Path, tmp_path: Path
 ) -> None:
@@ -53,17 +34,6 @@ def test_a_batch_is_the_stored_pairs_as_the_networks_take_them(
     np.testing.assert_array_equal(found.targets, pairs.counts[[1, 5]])
     assert found.dense_counts is not None and pairs.dense_counts is not None
     np.testing.assert_array_equal(found.dense_counts, pairs.dense_counts[[1, 5]])
-
-
-def test_a_training_on_kept_pairs_is_the_same(
-    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("read", "kept"):
-        if name == "kept":
-            monkeypatch.setattr(batches, "_fits", lambda *_: True)
-        train("resnet18", data_dir, "smoke", tmp_path / name, epochs=1)
-    read, held = ((tmp_path / name / "best.safetensors").read_bytes() for name in ("read", "kept"))
-    assert read == held
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")

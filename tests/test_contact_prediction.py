@@ -37,7 +37,6 @@ from t2twin.translate.models.contact import (
     MAPS,
     center_of_pressure,
     contact_scale,
-    depth_errors_mm,
     fit_contact_knots,
     fit_contact_limits,
     read_contact,
@@ -303,12 +302,6 @@ def test_empty_contacts_and_contacts_at_the_edge_are_named() -> None:
     assert estimate_of(pressure).notes == (EDGE_NOTE,)
 
 
-def test_an_even_slope_is_even_in_the_size_of_the_image() -> None:
-    depth = torch.arange(48.0).repeat(1, 48, 1)
-    contact = estimate_of(torch.zeros(1, 48, 48), depth, (320, 240))
-    np.testing.assert_allclose(np.diff(contact.depth_mm[:, 20:-20]), 48 / 240, rtol=1e-3)
-
-
 def test_the_center_of_pressure_is_the_mean_place() -> None:
     pressure = torch.zeros(1, 4, 4)
     pressure[0, 0, 3], pressure[0, 2, 3] = 30.0, 10.0  # rows are y, columns x
@@ -384,16 +377,6 @@ def test_below_its_limit_an_image_has_no_contact() -> None:
     found = (read_contact(network, outputs, torch.tensor(n), VIEW_MM) for n in (False, True))
     largest = [each["probability"].amax(dim=(1, 2)) for each in found]
     assert (torch.stack(largest) > 0.5).tolist() == [[False, True], [True, True]]
-
-
-def test_depth_errors_are_those_in_the_contact() -> None:
-    maps = torch.zeros(2, 2, 4, 4)
-    maps[0, 0, :2], maps[0, 1, :2] = 0.5, 40.0  # the second press has no contact
-    zero = torch.zeros(2, 4, 4)
-    depth = torch.full((2, 4, 4), 3.0)  # times the scale 0.2: 0.6 mm
-    outputs = ContactOutputs(depth, zero, zero, zero, zero)
-    errors = depth_errors_mm(torch.tensor([0.2, 1.0]), outputs, maps)
-    assert errors.tolist() == pytest.approx([0.1])
 
 
 def test_the_evaluation_has_the_errors_of_the_contact(alone, few, tmp_path) -> None:

@@ -10,16 +10,14 @@ from typing import cast
 import numpy as np
 import pytest
 import torch
-from pages import draw_only
 from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
-from t2twin.report.run_report import write_report
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.layout import Layout, load_layout
+from t2twin.sim.taxels.layout import load_layout
 from t2twin.sim.taxels.pads import reading_matrix
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
@@ -38,10 +36,8 @@ from t2twin.translate.training.train import recalibrate, train
 from t2twin.translate.training.trainer import Batches
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
-    MIN_STD,
     Errors,
     fit_calibration,
-    identity_knots,
     interpolate_scale,
     standard_deviation,
 )
@@ -167,18 +163,6 @@ def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float, part: float
         assert np.sqrt(np.square(read - true).mean()) < part * true.max()
 
 
-def test_a_place_of_the_field_is_read_as_it_is_and_one_off_the_cover_refused() -> None:
-    places = DENSE.layout
-    np.testing.assert_array_equal(
-        reading_matrix(DENSE.layout, places, DENSE.cover), np.eye(places.size)
-    )
-    own = reading_matrix(DENSE.layout, load_layout(), DENSE.cover)
-    assert ((own == 0) | (own == 1)).all() and (own.sum(axis=1) == 1).all()
-    off = Layout("off", np.array([0.0, 5.0, 15.0]), np.array([0.0, 5.0, 0.0]), np.full(3, 4.0))
-    with pytest.raises(T2TwinError, match=r"off has 1 taxel\(s\) off the cover, such as taxel 2"):
-        reading_matrix(DENSE.layout, off, DENSE.cover)
-
-
 def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
     """A map that holds each cell's own x or y gives every place in the view its own."""
     places, view = DENSE.layout, (6.25, 8.0)
@@ -298,20 +282,6 @@ def test_errors_that_go_together_are_drawn_together() -> None:
     assert float(found["correlation"][0, 1]) == pytest.approx(0.8, abs=0.05)
     assert float(found["correlation"][0, 2]) == pytest.approx(0.0, abs=0.05)
     assert torch.linalg.eigvalsh(found["correlation"]).min() > 0
-
-
-def test_few_presses_that_all_hit_leave_standard_deviations() -> None:
-    nothing = torch.zeros(2)
-    few = fit_calibration([Errors(torch.zeros(2, 3), torch.ones(2, 3), nothing, torch.ones(2))])
-    assert torch.isfinite(few["correlation"]).all()
-    std = standard_deviation(torch.zeros(2, 3), few["place_knots"], few["press_knots"])
-    assert torch.isfinite(std).all() and (std > 0).all()
-
-
-def test_no_standard_deviation_is_below_the_smallest() -> None:
-    knots = identity_knots(3)
-    std = standard_deviation(torch.tensor([[1e-6, 0.02]]).log(), knots, knots)
-    torch.testing.assert_close(std, torch.tensor([[MIN_STD, 0.02]]))
 
 
 @pytest.mark.parametrize("presses", [3, 40, 2000])
@@ -436,20 +406,6 @@ def test_a_background_frame_counts(run: TrainedTranslator, data_dir: Path, frame
     )
 
 
-def test_the_card_says_what_is_told_and_how_sure(run_dir: Path) -> None:
-    card = (run_dir / "README.md").read_text()
-    assert ".estimate(frame)" in card and "| counts_std | (20,) float32 |" in card
-    assert "90 % intervals covered" in card
-
-
-def test_the_report_draws_how_sure_it_is(
-    run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    draw_only(monkeypatch, "summary", "uncertainty")
-    page = write_report(tmp_path / "report", data_dir, [run_dir]).read_text()
-    assert '<section id="uncertainty"' in page and "coverage of 90 % intervals, %" in page
-
-
 def test_background_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) -> None:
     preset = replace(PRESETS["field"]["smoke"], background_share=0.5)
     pairs = load_pairs(data_dir, "train", preset.size, False, with_dense_counts=True)
@@ -516,29 +472,6 @@ def test_tempered_on_several_recipes(
         recalibrate(own, [small_dataset])
     with pytest.raises(T2TwinError, match="have no dense counts"):
         recalibrate(own, [data_dir, small_dataset])
-
-
-def test_a_training_that_was_stopped_ends_as_one_that_was_not(
-    run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from t2twin.translate.training import trainer
-
-    saved = trainer.save_state
-
-    def stop_after_one(path, translator, history, *part) -> None:
-        saved(path, translator, history, *part)
-        if len(history) == 1:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(trainer, "save_state", stop_after_one)
-    with pytest.raises(KeyboardInterrupt):
-        train("field", data_dir, "smoke", tmp_path / "run", epochs=2)
-    monkeypatch.setattr(trainer, "save_state", saved)
-    train("field", data_dir, "smoke", tmp_path / "run", epochs=2)
-    for name in ("best.safetensors", "last.safetensors"):
-        own, other = (load_file(folder / name) for folder in (tmp_path / "run", run_dir))
-        assert own.keys() == other.keys()
-        assert all(torch.equal(tensor, other[key]) for key, tensor in own.items())
 
 
 def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp_path) -> None:

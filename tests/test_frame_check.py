@@ -20,7 +20,6 @@ from t2twin.translate.networks.frame_check import (
     CLASSES,
     SIDE,
     TRANSFORMED,
-    WITHOUT,
     FrameCheck,
     features_of,
     scores,
@@ -196,17 +195,6 @@ def test_transforms_of_fresh_frames_are_named(
             assert (scores(logits) > limit).all(), kind
             assert (logits.argmax(dim=1) == CLASSES.index(kind)).all(), kind
     assert list(FORWARD) == list(CLASSES[1 : 1 + len(FORWARD)])
-
-
-def test_the_frames_of_a_single_unit_are_enough():
-    rng = np.random.default_rng(0)
-    right, wrong = (torch.from_numpy(rng.normal(n, 1.0, (600, 4))).float() for n in (0.0, 9.0))
-    kinds = np.full(600, CLASSES.index(OODClass.OTHER))
-    check = fitting._trained([fitting._Part([[right, wrong]], kinds, [b"unit"] * 600)], 0)
-    images = np.zeros((600, 32, 32, 3), np.uint8)
-    assert check.classify(right.numpy(), images, False).count(OODClass.IN_DISTRIBUTION) >= 590
-    assert check.limits[WITHOUT] == 0.0  # not that of the rightmost of frames that are all right
-    assert check.classify(wrong.numpy(), images, False) == [OODClass.OTHER] * 600
 
 
 def test_the_pretrained_run_names_turned_frames_without_a_background():

@@ -8,22 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-import yaml
-from safetensors.torch import load_file
-from spots import stopped_after_an_epoch
 
 import t2twin
 from t2twin.core.errors import T2TwinError
 from t2twin.studio.translators import Translators
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
-from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.onnx_export import export_onnx
 from t2twin.translate.models.presets import PRESETS, Preset
 from t2twin.translate.models.touch2touch import ImageTranslator, Pix2Pix
-from t2twin.translate.runs import config as run_config
 from t2twin.translate.runs.checkpoint import build
-from t2twin.translate.runs.config import DEFAULT_RUN, RunConfig, load_config
+from t2twin.translate.runs.config import DEFAULT_RUN, RunConfig
 from t2twin.translate.runs.log import read_log
 from t2twin.translate.training.train import train
 
@@ -48,22 +43,6 @@ def translator(data_dir: Path, preset: Preset, direction: str) -> Pix2Pix:
     made = build(config)
     assert isinstance(made, Pix2Pix)
     return made
-
-
-def test_the_networks_keep_their_form(data_dir: Path) -> None:
-    both = (translator(data_dir, SMOKE, way) for way in (WAY, "image-to-counts"))
-    ours, paper = (
-        {
-            f"{name}/{key}": tensor
-            for name, network in one.networks.items()
-            for key, tensor in network.state_dict().items()
-        }
-        for one in both
-    )
-    assert {key: tensor.shape for key, tensor in ours.items()} == {
-        key: tensor.shape for key, tensor in paper.items()
-    }
-    assert all(torch.equal(ours[key], paper[key]) for key in ours)
 
 
 @pytest.mark.exhaustive
@@ -158,50 +137,12 @@ def test_jitter_is_not_put_on_what_is_drawn(
     np.testing.assert_allclose(grey, np.rint(grey), atol=1e-3)
 
 
-def test_stopped_and_resumed_is_as_undisturbed(data_dir: Path, tmp_path: Path) -> None:
-    preset = replace(SMOKE, averaged_part=0.25)
-    train("touch2touch", data_dir, preset, tmp_path / "whole", epochs=3, direction=WAY)
-    with stopped_after_an_epoch():
-        train("touch2touch", data_dir, preset, tmp_path / "killed", epochs=3, direction=WAY)
-    train("touch2touch", data_dir, preset, tmp_path / "killed", epochs=3, direction=WAY)
-    whole, resumed = (load_file(tmp_path / n / "last.safetensors") for n in ("whole", "killed"))
-    assert whole.keys() == resumed.keys()
-    assert all(torch.equal(whole[key], resumed[key]) for key in whole)
-
-
-def test_another_direction_into_a_run_is_refused(
-    data_dir: Path, run_dir: Path, tmp_path: Path
-) -> None:
-    with pytest.raises(T2TwinError, match=r"another direction \(counts-to-image\)"):
-        train("touch2touch", data_dir, "smoke", run_dir, epochs=40)
-    train("touch2touch", data_dir, "smoke", tmp_path, epochs=1)
-    with pytest.raises(T2TwinError, match=r"another direction \(image-to-counts\)"):
-        train("touch2touch", data_dir, "smoke", tmp_path, epochs=1, direction=WAY)
-
-
 def test_a_direction_that_cannot_be_gone_is_one_sentence(data_dir: Path, tmp_path: Path) -> None:
     with pytest.raises(T2TwinError, match="resnet18 has no direction counts-to-image"):
         train("resnet18", data_dir, "smoke", tmp_path, direction=WAY)
-    with pytest.raises(T2TwinError, match="'sideways'; it must be one of source-to-target, target"):
+    with pytest.raises(T2TwinError, match="'sideways' of type str; expected one of source"):
         train("touch2touch", data_dir, "smoke", tmp_path, direction="sideways")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "said"),
-    [
-        ("data", {}, "info_sha256"),
-        ("model", "resnet18", "resnet18 has no direction counts-to-image"),
-    ],
-)
-def test_a_wrong_direction_in_the_config_is_one_sentence(
-    run_dir: Path, tmp_path: Path, key: str, value: object, said: str
-) -> None:
-    content = json.loads((run_dir / "config.json").read_text()) | {key: value}
-    (tmp_path / "config.json").write_text(json.dumps(content))
-    with pytest.raises(T2TwinError, match=said) as error:
-        load_config(tmp_path)
-    assert str(error.value).startswith(str(tmp_path / "config.json")) and "\n" not in str(error)
 
 
 @pytest.mark.parametrize(
@@ -224,41 +165,9 @@ def test_a_loaded_run_gives_no_counts(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_run_of_the_papers_way_draws_no_pictures(untrained_runs: list[Path]) -> None:
-    for run in untrained_runs:
-        with pytest.raises(T2TwinError, match="predict_image needs a run that predicts images"):
-            t2twin.load(run).predict_image(np.zeros(20))
-
-
 def test_the_studio_passes_it_over_and_refuses_it_by_name(run_dir: Path) -> None:
     translators = Translators()
     translators.search(below=run_dir.parent)
     assert translators.names == (DEFAULT_RUN,)
     with pytest.raises(T2TwinError, match="needs an image-to-counts run"):
         translators.search([run_dir])
-
-
-def test_load_run_is_of_translators_to_counts(run_dir: Path) -> None:
-    with pytest.raises(T2TwinError, match="needs an image-to-counts run"):
-        load_run(run_dir)
-
-
-def test_load_run_knows_runs_that_ship_by_their_names(
-    untrained_runs: list[Path], run_dir: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(run_config, "HOME", untrained_runs[0].parent)
-    assert load_run(untrained_runs[0].name).run_dir == untrained_runs[0]
-    monkeypatch.setattr(run_config, "HOME", run_dir.parent)
-    with pytest.raises(T2TwinError, match="needs an image-to-counts run"):
-        load_run(run_dir.name)
-
-
-def test_the_card_says_which_way_it_goes(run_dir: Path) -> None:
-    _, head, text = (run_dir / "README.md").read_text().split("---\n", 2)
-    [result] = yaml.safe_load(head)["model-index"][0]["results"]
-    assert result["task"]["name"] == "counts of cyskin-20 to image of digit"
-    names = [metric["name"] for metric in result["metrics"]]
-    assert names == ["RMSE, grey levels", "RMSE, % of full scale"]
-    for words in ("Reversed touch2touch", "predict(counts)", "| direction | counts-to-image |",
-                  "grey levels of the image's pixels", "invents them"):  # fmt: skip
-        assert words in text, words

@@ -1,17 +1,16 @@
 """Factors of spreads, fitted to presses whose errors follow a known rule."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file, save_file
 
-from t2twin.core.errors import T2TwinError
-from t2twin.translate.networks.field_net import SCALE, FieldNet
-from t2twin.translate.runs.checkpoint import load_weights, save_weights
-from t2twin.translate.uncertainty.calibration import HALF_WIDTH, Errors
-from t2twin.translate.uncertainty.spread_scale import SpreadScale, fit_scale, scaled
+from t2twin.translate.uncertainty.calibration import (
+    HALF_WIDTH,
+    Errors,
+    SpreadScale,
+    fit_scale,
+    scaled,
+)
 
 PLACES, PRESSES = 4, 3000
 
@@ -81,22 +80,3 @@ def test_a_feature_far_outside_changes_an_interval_by_a_bounded_factor() -> None
     place, force = scale(1e3 * errors.of_place, -1e3 * errors.of_press)
     for each in (place, force):
         assert torch.isfinite(each).all() and each.abs().max() <= 3.0
-
-
-def test_weights_of_earlier_versions_have_factors_of_one(tmp_path: Path) -> None:
-    places = np.repeat([0.0, 2.5, 5.0], 3), np.tile([0.0, 2.5, 5.0], 3)
-    network = FieldNet(*places, (6.0, 8.0), 32, 16)
-    save_weights(tmp_path / "new.safetensors", network)
-    weights = load_file(tmp_path / "new.safetensors")
-    old = {name: each for name, each in weights.items() if not name.startswith(SCALE)}
-    assert len(old) < len(weights)
-    save_file(old, tmp_path / "old.safetensors")
-    other = FieldNet(*places, (6.0, 8.0), 32, 16)
-    load_weights(tmp_path / "old.safetensors", other)
-    images = torch.rand(2, 6, 32, 32)
-    for each, before in zip(other.eval()(images)[:4], network.eval()(images)[:4], strict=True):
-        assert torch.equal(each, before)
-    del old["force.weight"]
-    save_file(old, tmp_path / "damaged.safetensors")
-    with pytest.raises(T2TwinError, match="does not fit"):
-        load_weights(tmp_path / "damaged.safetensors", other)

@@ -114,24 +114,6 @@ def test_run_folder_says_what_it_is(data_dir: Path, tmp_path: Path) -> None:
     assert not list(tmp_path.glob(".*"))
 
 
-def test_each_epoch_is_a_line_of_a_log(
-    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
-) -> None:
-    errors = iter([900.0, 500.0, 700.0])
-    monkeypatch.setattr(Trainer, "_validate", lambda self: next(errors))
-    train("resnet18", data_dir, "smoke", tmp_path, epochs=3)
-    scale = load_info(data_dir).array.full_scale_counts / 100
-    lines = capsys.readouterr().err.splitlines()
-    assert [line.split(" minutes")[0].rsplit(",", 1)[0] for line in lines] == [
-        f"resnet18: epoch {n} of 3, step {4 * n} of 12" for n in (1, 2, 3)
-    ]
-    assert [line.split("validation ")[1] for line in lines] == [
-        f"RMSE {900 / scale:.2f} %, best {900 / scale:.2f} % in epoch 1",
-        f"RMSE {500 / scale:.2f} %, best {500 / scale:.2f} % in epoch 2",
-        f"RMSE {700 / scale:.2f} %, best {500 / scale:.2f} % in epoch 2",
-    ]
-
-
 @pytest.mark.parametrize("model", PAPER_MODELS)
 def test_bf16_trains_float32_weights_that_are_validated_in_float32(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: Model
@@ -203,37 +185,6 @@ def test_minutes_bound_the_epochs(
     outcome = train("resnet18", data_dir, smoke, tmp_path / "fixed", minutes=1e-6)
     assert load_config(tmp_path / "fixed").planned_epochs == smoke.epochs
     assert outcome.epochs == 1 and "minutes are over" in outcome.stop_reason
-
-
-def test_a_presets_steps_bound_the_epochs_unless_those_are_given(
-    data_dir: Path, tmp_path: Path
-) -> None:
-    preset = replace(PRESETS["resnet18"]["smoke"], steps=9)  # 4 steps an epoch
-    train("resnet18", data_dir, preset, tmp_path / "steps")
-    train("resnet18", data_dir, preset, tmp_path / "epochs", epochs=3)
-    train("resnet18", data_dir, "smoke", tmp_path / "many", steps=50_000_000, minutes=1e-6)
-    names = ("steps", "epochs", "many")
-    planned = [load_config(tmp_path / name).planned_epochs for name in names]
-    assert planned == [2, 3, 1_000_000]
-
-
-def test_the_discriminator_takes_its_share_of_the_rate(data_dir: Path, tmp_path: Path) -> None:
-    """At no share it stays as it was drawn, while the generator learns; at its own it moves."""
-    smoke = PRESETS["touch2touch"]["smoke"]
-    moved: dict[float, dict[str, bool]] = {}
-    for share in (0.0, 0.2):
-        run_dir = tmp_path / f"{share}"
-        train("touch2touch", data_dir, replace(smoke, discriminator_share=share), run_dir, epochs=1)
-        state = load_file(run_dir / "last.safetensors")
-        moved[share] = {
-            name: any(
-                not torch.equal(state[f"network/{name}/{key}"], value)
-                for key, value in network.named_parameters()
-            )
-            for name, network in build(load_config(run_dir)).networks.items()
-        }
-    assert moved[0.0] == {"generator": True, "discriminator": False}
-    assert moved[0.2] == {"generator": True, "discriminator": True}
 
 
 @pytest.mark.exhaustive

@@ -3,8 +3,7 @@
 Shape letters: B images, h rows, w columns, S image side, c channels.
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -14,19 +13,15 @@ from PIL import Image
 
 from t2twin.core.arguments import describe
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import open_regular, read_file
-from t2twin.core.images import MAX_FILE_BYTES, check_image_header, decode_image
+from t2twin.core.files import read_file
+from t2twin.core.images import MAX_FILE_BYTES, decode_image
 from t2twin.sim.optical.response import standard_normal
 
 RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
+# Mean and standard deviation of ImageNet's channels, the usual normalization of ResNet18
 RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)
-"""Mean and standard deviation of ImageNet's channels, the usual normalization of ResNet18."""
-
-COLORS = 3
-"""Channels of a color image: red, green, blue."""
-
-WHITE_GREY = 255.0
-"""Full scale of an image, grey levels."""
+COLORS = 3  # Channels of a color image: red, green, blue
+WHITE_GREY = 255.0  # Full scale of an image, grey levels
 
 
 def open_image(path: Path) -> Image.Image:
@@ -36,28 +31,15 @@ def open_image(path: Path) -> Image.Image:
     file that is missing, not a complete PNG or JPEG, or far too large.
     """
     content = read_file(path, MAX_FILE_BYTES)
-    with _named(path):
-        image = decode_image(content)
-    if image.mode.startswith("I"):  # 16 bits per pixel, which PIL would clip to 8 bits
-        return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
-    return image.convert("L" if image.mode in ("1", "L", "LA") else "RGB")
-
-
-def check_image(path: Path) -> None:
-    """Checks the header of an image file. Raises T2TwinError as `open_image` does."""
-    with open_regular(path, MAX_FILE_BYTES) as file, _named(path):
-        check_image_header(file)
-
-
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Adds the name of an image file to exceptions."""
     try:
-        yield
+        image = decode_image(content)
     except T2TwinError as error:
         raise T2TwinError(
             f"{path} cannot be read as an image: {error}; give PNG or JPEG files"
         ) from None
+    if image.mode.startswith("I"):  # 16 bits per pixel, which PIL would clip to 8 bits
+        return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
+    return image.convert("L" if image.mode in ("1", "L", "LA") else "RGB")
 
 
 def to_pixels(image: Image.Image, size: int, grey: bool) -> np.ndarray:
@@ -135,9 +117,8 @@ def to_scaled(pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
     return (2.0 * torch.as_tensor(pixels) - 1.0).permute(0, 3, 1, 2)
 
 
+# One image, a batch, or a list of images, as `image_list` takes them
 Images = np.ndarray | Sequence[np.ndarray]
-"""One image, a batch, or a list of images, as `image_list` takes them."""
-
 ONE = "an image of shape (h, w) or (h, w, 3)"
 EXPECTED = f"{ONE}, a batch of shape (B, h, w, 3) or (B, h, w, 1), or a list of images"
 
@@ -189,22 +170,24 @@ def check_pixels(pixels: np.ndarray, size: int, channels: Sequence[int]) -> None
         )
 
 
+HINTS: dict[type, str] = {
+    torch.Tensor: "tensor.cpu().numpy() converts a tensor, channels must be last",
+    Image.Image: "numpy.asarray(image.convert('RGB')) converts a PIL image",
+    str: "numpy.asarray(PIL.Image.open(path).convert('RGB')) reads a file",
+    PathLike: "numpy.asarray(PIL.Image.open(path).convert('RGB')) reads a file",
+}
+
+
 def _array(value: object, name: str, expected: str) -> np.ndarray:
-    if isinstance(value, np.ndarray):
-        if value.dtype != np.uint8:
-            raise T2TwinError(
-                f"{name} has type {value.dtype}; expected {expected}, of uint8, from 0 to 255"
-            )
+    if isinstance(value, np.ndarray) and value.dtype == np.uint8:
         return value
-    hint = ""
-    if isinstance(value, torch.Tensor):
-        hint = "; tensor.cpu().numpy() converts a tensor, channels must be last"
-    elif isinstance(value, Image.Image):
-        hint = "; numpy.asarray(image.convert('RGB')) converts a PIL image"
-    elif isinstance(value, str | PathLike):
-        hint = "; numpy.asarray(PIL.Image.open(path).convert('RGB')) reads a file"
+    if isinstance(value, np.ndarray):
+        raise T2TwinError(
+            f"{name} has type {value.dtype}; expected {expected}, of uint8, from 0 to 255"
+        )
+    hints = [f"; {hint}" for kind, hint in HINTS.items() if isinstance(value, kind)]
     raise T2TwinError(
-        f"{name} is {describe(value)}; expected {expected}, NumPy arrays of uint8{hint}"
+        f"{name} is {describe(value)}; expected {expected}, NumPy arrays of uint8{''.join(hints)}"
     )
 
 

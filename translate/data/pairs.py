@@ -16,9 +16,9 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import partial
-from itertools import chain, groupby, islice, repeat
+from itertools import groupby, islice, repeat
 from pathlib import Path
-from typing import Annotated, Any, BinaryIO
+from typing import Annotated, Any, BinaryIO, cast
 
 import numpy as np
 import torch
@@ -57,14 +57,10 @@ from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.sides import ArraySide, CameraSide, Side, TactilePictures, side_of
 
 CACHE = "cache"
+# Columns of the shear force on the gel camera after its role, of recipes with motion
 SHEAR = ("shear_x_n", "shear_y_n")
-"""Columns of the shear force on the gel camera after its role, of recipes with motion."""
-
-UNITS = np.array([1e-3, 0.1], np.float32)
-"""mm and kPa of the units of CONTACT_MAPS."""
-
-BATCH_SIZE = 256
-"""Images decoded together; bounds memory to 60 MB."""
+UNITS = np.array([1e-3, 0.1], np.float32)  # mm and kPa of the units of CONTACT_MAPS
+BATCH_SIZE = 256  # Images decoded together; bounds memory to 60 MB
 
 
 @dataclass(frozen=True)
@@ -117,11 +113,8 @@ class InputImages:
         return np.concatenate([images, self.backgrounds[index]], axis=-1)
 
 
-Readings = ImageFile | np.ndarray
-"""Images, or counts, (P, N) float32."""
-
-Pictures = InputImages | TactilePictures
-"""The pictures of the source's readings."""
+Readings = ImageFile | np.ndarray  # Images, or counts, (P, N) float32
+Pictures = InputImages | TactilePictures  # The pictures of the source's readings
 
 
 @dataclass(frozen=True)
@@ -284,8 +277,11 @@ def load_pairs(
     """
     info, stored, roles = load_info(data_dir, reverse), read_info(data_dir), _roles(reverse)
     target, moves = info.target, bool(info.has_shear)
-    if with_dense_counts:
-        _check_dense_counts(target, data_dir)
+    if with_dense_counts and not (isinstance(target, ArraySide) and target.dense is not None):
+        raise T2TwinError(
+            f"the pairs in {data_dir} have no dense counts; make a dataset with them, such as "
+            "`t2twin simdata --recipe union`"
+        )
     counts = [column(role, stored.values[role]) for role in ROLES if stored.values[role] != IMAGE]
     dense, shear = column(roles[1], DENSE_COUNTS), [column(roles[0], name) for name in SHEAR]
     optional = [dense] if with_dense_counts else []
@@ -300,7 +296,7 @@ def load_pairs(
         color, part = "grey" if grey else "rgb", f"{split}-target" if second else split
         cache = folder / f"{part}-{size}-{color}-{name}.npy"
         shape = (table.num_rows, size, size, 1 if grey else 3)
-        images = _stored_images(data_dir, stored, split, role)
+        images = _pngs(data_dir, stored, split, column(role, IMAGE))
         write = partial(_write_images, images=images, shape=shape, stored=side.image_shape)
         write_once(cache, partial(write, name=cache.stem))
         return ImageFile(cache)
@@ -325,18 +321,10 @@ def load_pairs(
     )
 
 
-def _check_dense_counts(target: Side, data_dir: Path) -> None:
-    if not isinstance(target, ArraySide) or target.dense_x_mm is None:
-        raise T2TwinError(
-            f"the pairs in {data_dir} have no dense counts; make a dataset with them, such as "
-            "`t2twin simdata --recipe union`"
-        )
-
-
-def _stored_images(data_dir: Path, info: DatasetInfo, split: str, role: str) -> Iterator[bytes]:
-    """PNG bytes of the images of a role, in the order of read_split."""
+def _pngs(data_dir: Path, info: DatasetInfo, split: str, name: str) -> Iterator[bytes]:
+    """PNG bytes of a column of images, in the order of read_split."""
     for shard in split_shards(info, split):
-        yield from iter_images(data_dir, shard, column(role, IMAGE))
+        yield from iter_images(data_dir, shard, name)
 
 
 def load_backgrounds(data_dir: Path, split: str, size: int, cache: Path, name: str) -> ImageFile:
@@ -349,12 +337,21 @@ def load_backgrounds(data_dir: Path, split: str, size: int, cache: Path, name: s
     frames = cache / f"{split}-background-{size}-rgb-{name}.npy"
     index = cache / f"{split}-background-{name}.npy"
 
+    def stored() -> Iterator[bytes]:
+        """Each pair's frame; with a fixed light, all have the first."""
+        own = _pngs(data_dir, info, split, column(info.role_of(IMAGE), BACKGROUND))
+        pairs, recipe = info.pairs[cast(Any, split)], info.recipe
+        if recipe is not None and recipe.light.kind == "fixed":
+            return repeat(next(own), pairs)
+        title = f"background frames of {split}"
+        return iter(Progress(own, total=pairs, desc=title, unit="pair", disable=pairs < 1000))
+
     def write_index(file: BinaryIO) -> None:
-        lengths = [sum(1 for _ in pairs) for _, pairs in groupby(_frames(data_dir, split, info))]
+        lengths = [sum(1 for _ in pairs) for _, pairs in groupby(stored())]
         np.save(file, np.repeat(np.arange(len(lengths)), lengths))
 
     def write_frames(file: BinaryIO) -> None:
-        distinct = (png for png, _ in groupby(_frames(data_dir, split, info)))
+        distinct = (png for png, _ in groupby(stored()))
         np.save(file, np.stack([_decode(png, None, size, grey=False) for png in distinct]))
 
     write_once(index, write_index)
@@ -371,14 +368,13 @@ def load_contact(
     Raises T2TwinError if a shard cannot be read.
     """
     info, names = read_info(data_dir), [column(role, name) for name in CONTACT_MAPS]
-    grid, pairs = info.sensors[role].contact_grid, info.pairs[split]
+    grid, pairs = info.sensors[role].contact_grid, info.pairs[cast(Any, split)]
     if grid is None or side is None:
         return None
+    shape = (pairs, 2, side, side)
 
     def write(file: BinaryIO) -> None:
-        npy.write_array_header_1_0(
-            file, {"descr": "<f2", "fortran_order": False, "shape": (pairs, 2, side, side)}
-        )
+        _write_header(file, shape, np.float16)
         for table in iter_shards(data_dir, split, names):
             maps = np.stack([lists(table, name).astype(np.float32) for name in names], axis=1)
             maps = maps.reshape(-1, 2, *grid) * UNITS[:, None, None]
@@ -397,48 +393,31 @@ def has_backgrounds(info: DatasetInfo) -> bool:
     return info.recipe is not None and info.recipe.has_more and info.recipe.background_frames
 
 
-def _frames(data_dir: Path, split: str, info: DatasetInfo) -> Iterator[bytes]:
-    """PNG bytes of each pair's frame in the order of read_split. With a fixed light, all have the
-    first."""
-    shards, pairs = split_shards(info, split), info.pairs[split]
-    assert info.recipe is not None
-    name = column(info.role_of(IMAGE), BACKGROUND)
-    if info.recipe.light.kind == "fixed":
-        yield from repeat(next(iter_images(data_dir, shards[0], name)), pairs)
-        return
-    frames = chain.from_iterable(iter_images(data_dir, shard, name) for shard in shards)
-    title = f"background frames of {split}"
-    yield from Progress(frames, total=pairs, desc=title, unit="pair", disable=pairs < 1000)
-
-
 def usable_cache(data_dir: Path, out_dir: Path) -> Path:
     """The cache folder of the dataset, or of out_dir if the dataset is read-only."""
     return (data_dir if os.access(data_dir, os.W_OK) else out_dir) / CACHE
+
+
+def _write_header(file: BinaryIO, shape: tuple[int, ...], kind: Any) -> None:
+    """The header of an .npy file, whose values follow."""
+    descr = npy.dtype_to_descr(np.dtype(kind))
+    npy.write_array_header_1_0(file, {"descr": descr, "fortran_order": False, "shape": shape})
 
 
 def _write_images(
     file: BinaryIO,
     images: Iterator[bytes],
     shape: tuple[int, int, int, int],
-    stored: tuple[int, int, int] | None,
+    stored: tuple[int, int, int],
     name: str,
 ) -> None:
-    """Decodes all images in parallel threads into an .npy file.
-
-    images: PNG bytes in the order of read_split. stored: the shape of all images, if info.json
-    contains it. name: of the file, for the progress bar.
-    """
+    """Decodes PNG files of a stored shape in parallel threads into an .npy file."""
     rows, size, _, channels = shape
-    header = {
-        "descr": npy.dtype_to_descr(np.dtype(np.uint8)),
-        "fortran_order": False,
-        "shape": shape,
-    }
     with (
         ThreadPoolExecutor() as pool,
         Progress(total=rows, desc=f"decoding {name}", unit="image", disable=rows < 1000) as bar,
     ):
-        npy.write_array_header_1_0(file, header)
+        _write_header(file, shape, np.uint8)
         while encoded := list(islice(images, BATCH_SIZE)):
             for pixels in pool.map(lambda png: _decode(png, stored, size, channels == 1), encoded):
                 file.write(pixels.tobytes())

@@ -23,24 +23,23 @@ from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import COLORS, WHITE_GREY
 
+# Largest distance of corresponding taxels of equal layouts, mm (assumed: far below the tolerance
+# of a printed board)
 SAME_MM = 1e-3
-"""Largest distance of corresponding taxels of equal layouts, mm (assumed: far below the tolerance
-of a printed board)."""
-
 
 IMAGE_SHAPE, VIEW_MM = (320, 240, 3), (6.25, 25 / 3)
 TACTILE_IMAGE = (396, 240, 8.8)
+# Values of the DIGIT and the CySkin, for runs that do not record them
 COVER = {
     "name": "cyskin", "thickness_mm": 2.5, "young_mpa": 0.1, "poisson": 0.47, "width_mm": 28.0,
     "length_mm": 46.0,
 }  # fmt: skip
-"""Values of the DIGIT and the CySkin, for runs that do not record them."""
 
 
 class CameraSide(Struct, frozen=True, tag_field="value", tag=IMAGE):
     """A gel camera of a run. The defaults are a DIGIT's.
 
-    sensor: its name, None in older runs. image_shape: rows, columns and channels of its images.
+    sensor: its name, None if unknown. image_shape: rows, columns and channels of its images.
     view_mm: half of what they show along x and y.
     """
 
@@ -77,7 +76,7 @@ class ArraySide(Struct, frozen=True, tag_field="value", tag=COUNTS):
     taxels saturate. dense_x_mm, dense_y_mm: (F,) places of the dense counts, None without dense
     counts. pad_diameter_mm: (N,) of the taxels, None if unknown. tactile_image: rows, columns and
     px/mm. dense_pad_mm: diameter of the dense counts' pads. cover: as in elastomer_json. sensor:
-    its name, None in older runs. Some fields have other names in a run's config.json. The defaults
+    its name, None if unknown. Some fields have other names in a run's config.json. The defaults
     are a CySkin's.
     """
 

@@ -21,13 +21,10 @@ from t2twin.translate.models.contact import CENTER, EVEN, MAPS
 from t2twin.translate.uncertainty.estimate import with_std
 from t2twin.translate.uncertainty.ood import OODClass
 
+# Depth of one level of the PNG file with 16 bits, mm, and the level of depth 0: the gel is raised
+# around a contact
 PNG_MM, PNG_ZERO = 1e-3, 1000
-"""Depth of one level of the PNG file with 16 bits, mm, and the level of depth 0: the gel is raised
-around a contact."""
-
-EDGE_CELLS = 1
-"""Width of the edge of the view, cells of the network."""
-
+EDGE_CELLS = 1  # Width of the edge of the view, cells of the network
 EDGE_NOTE = "the contact reaches the edge of the view; force and depth may be of a part of it"
 EMPTY_NOTE = "no contact was found; there is no center of pressure"
 

@@ -39,16 +39,14 @@ from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
 COUNTS_CSV, COUNTS_JSON, COUNTS_STD_CSV = "counts.csv", "counts.json", "counts_std.csv"
 CONTACTS_CSV = "contacts.csv"
 
-TAXEL = "taxel_"
-"""Start of the columns of counts."""
-
+TAXEL = "taxel_"  # Start of the columns of counts
 COLUMNS = ("force_n", "force_std_n", "largest_depth_mm", "area_mm2", "force_in_view_n")
 VECTORS = ("center_mm", "center_std_mm", "shear_n", "shear_std_n")
+# Numbers and vectors of ContactEstimate.summary in contacts.csv, and the vectors' columns
 VECTOR_COLUMNS = (
     "center_x_mm", "center_y_mm", "center_std_x_mm", "center_std_y_mm",
     "shear_x_n", "shear_y_n", "shear_std_x_n", "shear_std_y_n",
 )  # fmt: skip
-"""Numbers and vectors of ContactEstimate.summary in contacts.csv, and the vectors' columns."""
 
 
 def find_images(paths: Sequence[str | Path]) -> list[Path]:
@@ -216,10 +214,7 @@ def _write_tables(
     found: Estimate,
     background: Path | None,
 ) -> list[str]:
-    """Writes counts.csv and counts.json, and counts_std.csv for a field run. Returns their names.
-
-    names: of the PNG files, or empty. background: file of the background frame, or None.
-    """
+    """Writes counts.csv and counts.json, and counts_std.csv for a field run."""
     files, info = list(map(_text, images)), run.config.data.array
     columns = ["image", *(f"{TAXEL}{n}" for n in range(found.counts.shape[1]))]
     values = {"counts": np.rint(found.counts).astype(int).tolist()}

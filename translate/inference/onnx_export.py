@@ -45,19 +45,15 @@ from t2twin.translate.runs.config import BEST
 
 INPUT, BACKGROUND = "images", "background"
 
+# Version of the ONNX operators, not the latest, so that older runtimes can read the file
 OPSET = 17
-"""Version of the ONNX operators, not the latest, so that older runtimes can read the file."""
-
-PARITY_IMAGES = 5
-"""Random images on which the file is compared with the run."""
-
+PARITY_IMAGES = 5  # Random images on which the file is compared with the run
+# Largest accepted difference, counts; for standard deviations above 1,000 counts, thousandths of
+# them; for depths, micrometers
 PARITY_COUNTS = 1.0
-"""Largest accepted difference, counts; for standard deviations above 1,000 counts, thousandths of
-them; for depths, micrometers."""
-
+# Folder of the files in the cache folder, and their maximum number; the oldest are removed
+# (assumed: 200 MB of preset cpu)
 FOLDER, MAX_FILES = "onnx", 20
-"""Folder of the files in the cache folder, and their maximum number; the oldest are removed
-(assumed: 200 MB of preset cpu)."""
 
 
 def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
@@ -94,15 +90,15 @@ def _write(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> None:
     """Traces the run on pixels, (B, S, S, c) uint8, and writes the file."""
     import onnx
 
-    module = run.translator.as_module().eval()
+    module: Any = run.translator.as_module().eval()
     frame = [module.mean_frame] if run.has_uncertainty else []
     given = (torch.from_numpy(_to_input(pixels)), *frame)
     with torch.no_grad():
         module(*given)  # makes what is constant, and the names
     with warnings.catch_warnings():
         # The tracing exporter is deprecated, but its successor needs onnxscript as well.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        warnings.simplefilter("ignore", torch.jit.TracerWarning)
+        # The outputs are compared afterwards.
+        warnings.simplefilter("ignore")
         torch.onnx.export(
             module,
             given,

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Self, cast
 
 import numpy as np
 import torch
@@ -39,7 +39,7 @@ from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures
 from t2twin.translate.data.sides import ArraySide, TactilePictures
 from t2twin.translate.inference.contact import ContactEstimate, contacts_of
 from t2twin.translate.models.base import TACTILE_IMAGES, Translator
-from t2twin.translate.models.field import FEATURES
+from t2twin.translate.models.field import FEATURES, FieldTranslator
 from t2twin.translate.models.touch2touch import GENERATED
 from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.checkpoint import load_frame_check
@@ -54,40 +54,27 @@ from t2twin.translate.uncertainty.ood import (
     unlike,
 )
 
-BATCH_SIZE = 64
-"""Images in one batch; bounds memory."""
-
-COUNTS, IMAGE = "counts", "image"
-"""Names of predictions."""
-
+BATCH_SIZE = 64  # Images in one batch; bounds memory
+COUNTS, IMAGE = "counts", "image"  # Names of predictions
 TACTILE_STD = "tactile_std"
 
+# Maximum number of arrays that one call samples (assumed: 90 MB with 216 places)
 MAX_FIELDS = 100_000
-"""Maximum number of arrays that one call samples (assumed: 90 MB with 216 places)."""
-
-FORCE_LEVEL = 0.9
-"""Probability of the interval of a force that must not contain 0 (assumed)."""
-
+FORCE_LEVEL = 0.9  # Probability of the interval of a force that must not contain 0 (assumed)
+# Half widths of its interval from which a low force is not 0 (assumed). Measured: at least 3.5 for
+# 0.1 and 0.2 N; at most 1.9 for frames of sampled units, without contact or with more than 0.4 N
 SURE = 3.0
-"""Half widths of its interval from which a low force is not 0 (assumed). Measured: at least 3.5 for
-0.1 and 0.2 N; at most 1.9 for frames of sampled units, without contact or with more than 0.4 N."""
-
+# Share of the training's highest force above which a predicted one may be of any higher force:
+# `field` predicts 15 to 17 N for 20 N (assumed)
 NEAR_HIGHEST = 0.97
-"""Share of the training's highest force above which a predicted one may be of any higher force:
-`field` predicts 15 to 17 N for 20 N (assumed)."""
-
+# The commands' recommendation for a field run
 NO_BACKGROUND = (
     "no background frame is given, which makes predictions less accurate; give an image of the "
     "same sensor without contact with --background"
 )
-"""The commands' recommendation for a field run."""
-
-Outputs = dict[str, np.ndarray]
-"""Predictions for B readings by name, see Translator."""
-
+Outputs = dict[str, np.ndarray]  # Predictions for B readings by name, see Translator
+# Predicts pixels, as for `predict_pixels`, with the contact or without; None if it cannot
 Compute = Callable[[np.ndarray, bool], Outputs | None]
-"""Predicts pixels, as for `predict_pixels`, with the contact or without; None if it cannot."""
-
 INSIDE = OODClass.IN_DISTRIBUTION
 
 
@@ -201,8 +188,7 @@ class TrainedTranslator:
         features: bool = False,
         tactile: bool = False,
     ) -> Outputs:
-        """Predictions for checked pixels. contact, features, tactile: whether they contain these,
-        if the run has them."""
+        """Predictions for checked pixels."""
         found, in_torch = [], tactile and not self.has_uncertainty
         for part in parts_of(len(pixels), progress):
             batch = pixels[part]
@@ -219,7 +205,7 @@ class TrainedTranslator:
             if tactile and self.has_uncertainty:
                 for name, values in ((TACTILE_IMAGES, "counts"), (TACTILE_STD, "counts_std")):
                     dense = torch.from_numpy(outputs[f"dense_{values}"])
-                    outputs[name] = self.translator.dense_image(dense).numpy()
+                    outputs[name] = self._field.dense_image(dense).numpy()
             if IMAGE in outputs:
                 outputs[IMAGE] = outputs[IMAGE].round().clip(0.0, WHITE_GREY).astype(np.uint8)
             found.append(outputs)
@@ -356,7 +342,7 @@ class TrainedTranslator:
             self.translator.to_input(pixels.astype(np.float32) / WHITE_GREY)
         )
         dense_counts, std = found["dense_counts"], found["dense_counts_std"]
-        samples = self.translator.sample(dense_counts, std, int(number), int(seed)).cpu().numpy()
+        samples = self._field.sample(dense_counts, std, int(number), int(seed)).cpu().numpy()
         return samples[0] if is_one else samples
 
     def classify_frames(
@@ -408,12 +394,7 @@ class TrainedTranslator:
         ]
 
     def _classes_by_force(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
-        """(B,) classes by the predicted forces of images and of their background frames.
-
-        Predicted forces hardly exceed the training's highest force. Above NEAR_HIGHEST of it they
-        may be of any higher force. Below the lowest, only a force that is SURE not to be 0 counts:
-        frames without contact are in the training.
-        """
+        """(B,) classes by the predicted forces of images and of their background frames."""
         known = self.config.data.force_n
         if not known or outputs.get("force_n") is None:
             return [INSIDE] * len(pixels)
@@ -467,6 +448,10 @@ class TrainedTranslator:
     def has_uncertainty(self) -> bool:
         """Whether it is a field run, which predicts dense counts, force and uncertainty."""
         return self.config.has_uncertainty
+
+    @property
+    def _field(self) -> FieldTranslator:
+        return cast(FieldTranslator, self.translator)
 
     @property
     def predicts_contact(self) -> bool:

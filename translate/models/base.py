@@ -27,9 +27,8 @@ from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.distributed import average_gradients
 from t2twin.translate.models.presets import Preset
 
+# Predictions for B pictures by name: "counts", (B, N), or "image", (B, S, S, c) in grey levels
 Outputs = dict[str, torch.Tensor]
-"""Predictions for B pictures by name: "counts", (B, N), or "image", (B, S, S, c) in grey levels."""
-
 TACTILE_IMAGES = "tactile_images"
 
 

@@ -23,37 +23,23 @@ from t2twin.translate.uncertainty.calibration import (
     negative_log_likelihood,
 )
 
+# Pressure from which a cell is in contact, kPa (assumed: a hundredth of a gel's modulus)
 CONTACT_KPA = 5.0
-"""Pressure from which a cell is in contact, kPa (assumed: a hundredth of a gel's modulus)."""
-
+# Weight of errors in the contact relative to others (assumed: it is about a tenth of the view)
 IN_CONTACT_WEIGHT = 4.0
-"""Weight of errors in the contact relative to others (assumed: it is about a tenth of the view)."""
-
-SQUARED_WEIGHT = 0.3
-"""Weight of squared errors relative to absolute errors (assumed)."""
-
+SQUARED_WEIGHT = 0.3  # Weight of squared errors relative to absolute errors (assumed)
+# Error, as a fraction of the scale, below which an absolute error is rounded off (assumed)
 ROUNDING = 0.03
-"""Error, as a fraction of the scale, below which an absolute error is rounded off (assumed)."""
-
+# Least scales of depth, mm, and of pressure, kPa (assumed), for presses without contact
 MIN_SCALES = (0.01, 1.0)
-"""Least scales of depth, mm, and of pressure, kPa (assumed), for presses without contact."""
-
+# Share of the images without contact that show one, and limit on the share of those with a contact
+# in which it is missed (assumed)
 FALSE_SHARE, MISSED_SHARE = 0.01, 0.005
-"""Share of the images without contact that show one, and limit on the share of those with a contact
-in which it is missed (assumed)."""
-
-MIN_WITHOUT_CONTACT = 20
-"""Minimum number of held-out images that a limit is set on (assumed)."""
-
-SCALE_PRESSES = 2000
-"""Presses that the scales are measured on."""
-
-EVEN = 0.5
-"""Probability from which a cell is in contact."""
-
+MIN_WITHOUT_CONTACT = 20  # Minimum number of held-out images that a limit is set on (assumed)
+SCALE_PRESSES = 2000  # Presses that the scales are measured on
+EVEN = 0.5  # Probability from which a cell is in contact
 MAPS = ("depth_mm", "depth_std_mm", "pressure_kpa", "pressure_std_kpa", "probability")
-CENTER = ("center_mm", "center_std_mm")
-"""Names of the predictions, see `read_contact`."""
+CENTER = ("center_mm", "center_std_mm")  # Names of the predictions, see `read_contact`
 
 
 def contact_scale(maps: ImageFile) -> torch.Tensor:

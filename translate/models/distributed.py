@@ -4,12 +4,10 @@ Each process has the same weights and computes its part of each batch. Gradients
 each backward pass, which serves two networks in one step without a wrapper. They are averaged with
 gloo, which supports CPUs and GPUs, and several processes on one GPU, which nccl does not.
 
-Also the threads and the memory of one process.
+Also the threads of one process.
 """
 
-import ctypes
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -18,9 +16,6 @@ import torch.distributed as dist
 from torch import nn
 
 from t2twin.core.machine import cores
-
-TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
-"""Parameters of glibc's mallopt(3)."""
 
 
 def process_count() -> int:
@@ -69,18 +64,6 @@ def use_all_cores() -> None:
         torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
         return
     torch.set_num_threads(max(1, cores() // local))
-
-
-def keep_memory() -> None:
-    """Makes glibc keep up to 1 GB of freed memory for the next step; no effect elsewhere.
-
-    Memory returned to the system is cleared page by page on reuse. Keeping it makes a step of
-    resnet18's preset cpu 6 % faster, and one of touch2touch's neither faster nor slower (medians
-    of 6 and 3 runs in alternation, 2026-11-23).
-    """
-    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
-        for setting in (MMAP_THRESHOLD, TRIM_THRESHOLD):
-            libc.mallopt(setting, 2**30)
 
 
 def average_gradients(network: nn.Module) -> None:

@@ -54,61 +54,50 @@ from t2twin.translate.networks.field_net import (
     FieldOutputs,
 )
 from t2twin.translate.uncertainty.calibration import (
+    SAME_FRAME,
     Errors,
     calibrated,
     fit_calibration,
+    fit_scale,
     negative_log_likelihood,
+    part_of,
+    scaled,
     standard_deviation,
 )
-from t2twin.translate.uncertainty.spread_scale import SAME_FRAME, fit_scale, part_of, scaled
 
+# Weights of losses, 1 unless given (assumed). Squared errors of places without contact are
+# negligible next to those of a contact; without the absolute ones the network predicts up to 100
+# counts there
 WEIGHTS = {"field_absolute": 0.1, "force": 0.3, "contact_mask": 0.3}
-"""Weights of losses, 1 unless given (assumed). Squared errors of places without contact are
-negligible next to those of a contact; without the absolute ones the network predicts up to 100
-counts there."""
-
+# Error, in standard deviations of the dense counts, below which the absolute error is rounded off
+# (assumed)
 ROUNDING = 0.01
-"""Error, in standard deviations of the dense counts, below which the absolute error is rounded off
-(assumed)."""
-
+# Added to a force before its logarithm is taken, N (assumed: the force is zero without contact,
+# and at least half a newton otherwise)
 FORCE_OFFSET_N = 0.1
-"""Added to a force before its logarithm is taken, N (assumed: the force is zero without contact,
-and at least half a newton otherwise)."""
-
+# Shear force below which its error is no longer relative to it, N (assumed: as for the figures of
+# an evaluation)
 MIN_RELATIVE_SHEAR_N = 0.3
-"""Shear force below which its error is no longer relative to it, N (assumed: as for the figures of
-an evaluation)."""
-
+# Learning rate of the layers of shear force and contact, divided by the preset's (assumed: they
+# are new after a warm start, whose learning rate is lower)
 NEW_RATE_SHARE = 5.0
-"""Learning rate of the layers of shear force and contact, divided by the preset's (assumed: they
-are new after a warm start, whose learning rate is lower)."""
-
+# Share of the training pairs whose background frame is replaced by the dataset's mean frame
+# (assumed), so that the network also works without a background frame
 MEAN_FRAME_SHARE = 0.35
-"""Share of the training pairs whose background frame is replaced by the dataset's mean frame
-(assumed), so that the network also works without a background frame."""
-
+# Least scale of the shear force, N (assumed), for presses that all stay still
 MIN_SHEAR_SCALE_N = 1e-3
-"""Least scale of the shear force, N (assumed), for presses that all stay still."""
-
+# Images averaged to the mean frame if the pairs have no background frames (assumed)
 MEAN_FRAME_IMAGES = 2000
-"""Images averaged to the mean frame if the pairs have no background frames (assumed)."""
-
+# Minimum number of validation presses of random shapes for a calibration mostly on these (assumed)
 MIN_RANDOM_PRESSES = 500
-"""Minimum number of validation presses of random shapes for a calibration mostly on these
-(assumed)."""
-
+# Presses of other shapes in a calibration, relative to those of random shapes (assumed)
 OTHER_PRESSES = 1 / 3
-"""Presses of other shapes in a calibration, relative to those of random shapes (assumed)."""
-
+# Presses of a dataset that the limits of contact are set on, at most (assumed: quantiles of half a
+# percent need some hundreds)
 LIMIT_PRESSES = 400
-"""Presses of a dataset that the limits of contact are set on, at most (assumed: quantiles of half a
-percent need some hundreds)."""
-
-BATCH_SIZE = 64
-"""Images in one batch of prediction; bounds memory."""
-
+BATCH_SIZE = 64  # Images in one batch of prediction; bounds memory
+# Name of the features for the frame check, (B, n), among the predictions
 FEATURES = "frame_features"
-"""Name of the features for the frame check, (B, n), among the predictions."""
 
 
 def training_losses(
@@ -429,10 +418,7 @@ class FieldTranslator(Translator):
     def _largest_logits(
         self, sets: Sequence[Pairs]
     ) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
-        """Largest logits of pairs without and with a contact, as for `fit_contact_limits`.
-
-        Background frames are images without contact too, for the mode without them.
-        """
+        """Largest logits of pairs without and with a contact, as for `fit_contact_limits`."""
         without_contact, with_contact = [torch.empty(0)] * 2, [torch.empty(0)] * 2
         for pairs in sets:
             if pairs.contact is None:
@@ -550,10 +536,7 @@ def _input(pixels: np.ndarray) -> torch.Tensor:
 
 
 def _mostly_new_shapes(pairs: Pairs) -> Pairs:
-    """The presses of random shapes and a third as many others, or all if few are random.
-
-    Versions of trained primitives have smaller errors than new shapes, and users press both.
-    """
+    """The presses of random shapes and a third as many others, or all if few are random."""
     is_random = pairs.families == RANDOM_FAMILY
     others = np.flatnonzero(~is_random)
     if is_random.sum() < MIN_RANDOM_PRESSES:

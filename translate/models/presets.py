@@ -8,7 +8,7 @@ the dataset to those of the other.
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
 from msgspec import Meta
 
@@ -18,36 +18,28 @@ from t2twin.core.errors import T2TwinError
 Model = Literal["touch2touch", "resnet18", "field"]
 MODELS: tuple[Model, ...] = ("touch2touch", "resnet18", "field")
 
+# The models of Grella et al. 2023, which need no dense counts in the dataset
 PAPER_MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
-"""The models of Grella et al. 2023, which need no dense counts in the dataset."""
-
 Direction = Literal["source-to-target", "target-to-source", "image-to-counts", "counts-to-image"]
 
 SOURCE_TO_TARGET: Direction = "source-to-target"
 TARGET_TO_SOURCE: Direction = "target-to-source"
 IMAGE_TO_COUNTS: Direction = "image-to-counts"
 COUNTS_TO_IMAGE: Direction = "counts-to-image"
+# Directions that a training takes. The first two are for any dataset, the others for one of a gel
+# camera and a taxel array, whichever is its source
 DIRECTIONS = (SOURCE_TO_TARGET, TARGET_TO_SOURCE, IMAGE_TO_COUNTS, COUNTS_TO_IMAGE)
-"""Directions that a training takes. The first two are for any dataset, the others for one of a gel
-camera and a taxel array, whichever is its source."""
-
-GENERATES = "touch2touch"
-"""The model of any direction: its inputs and targets are pictures."""
-
+GENERATES = "touch2touch"  # The model of any direction: its inputs and targets are pictures
+# What each model predicts from what
 DIRECTIONS_OF: dict[Model, tuple[str, ...]] = {
     GENERATES: (IMAGE_TO_COUNTS, COUNTS_TO_IMAGE, "image-to-image", "counts-to-counts"),
     "resnet18": (IMAGE_TO_COUNTS, "counts-to-counts"),
     "field": (IMAGE_TO_COUNTS,),
 }
-"""What each model predicts from what."""
-
+# Maxima of settings (assumed, as those of Preset: more than a machine trains in a month), so that
+# a damaged file cannot allocate all memory
 MAX_BATCH, MAX_EPOCHS = 65_536, 1_000_000
-"""Maxima of settings (assumed, as those of Preset: more than a machine trains in a month), so that
-a damaged file cannot allocate all memory."""
-
-FIXED: Literal["fixed"] = "fixed"
-"""The schedule of a constant learning rate."""
-
+FIXED: Literal["fixed"] = "fixed"  # The schedule of a constant learning rate
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]
@@ -212,20 +204,12 @@ def find_preset(model: str, preset: str | Preset) -> Preset:
     presets = PRESETS[find_model(model)]
     if isinstance(preset, Preset):
         return preset
-    arguments.text(preset, "preset")
-    if preset not in presets:
-        names = ", ".join(presets)
-        raise T2TwinError(f"{model} has no preset {preset!r}; it must be one of {names}")
-    return presets[preset]
+    return presets[arguments.choice(preset, f"the preset of {model}", tuple(presets))]
 
 
 def find_model(model: str) -> Model:
     """The model of a name. Raises T2TwinError with the valid names."""
-    arguments.text(model, "model")
-    for known in MODELS:
-        if model == known:
-            return known
-    raise T2TwinError(f"there is no model {model!r}; it must be one of {', '.join(MODELS)}")
+    return cast(Model, arguments.choice(model, "the model", MODELS))
 
 
 def check_direction(direction: str, model: Model) -> None:
@@ -244,10 +228,7 @@ def is_reverse(direction: str, source: str, target: str) -> bool:
     source, target: values of the dataset's sensors, "image" or "counts". Raises T2TwinError for an
     unknown direction, and for one that the dataset does not have.
     """
-    if arguments.text(direction, "direction") not in DIRECTIONS:
-        raise T2TwinError(
-            f"the direction is {direction!r}; it must be one of {', '.join(DIRECTIONS)}"
-        )
+    arguments.choice(direction, "the direction", DIRECTIONS)
     if direction in (SOURCE_TO_TARGET, f"{source}-to-{target}"):
         return False
     if direction in (TARGET_TO_SOURCE, f"{target}-to-{source}"):

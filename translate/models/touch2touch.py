@@ -39,28 +39,21 @@ from t2twin.translate.networks.pix2pix import PatchGAN, UNet
 
 GENERATED = "generated"
 
+# Largest distance of a taxel outside the trained layout's hull, mm: positions are often rounded
 OUTSIDE_MM = 0.01
-"""Largest distance of a taxel outside the trained layout's hull, mm: positions are often
-rounded."""
-
-SAME_COVER = 1e-6
-"""Largest difference of two hulls' coverage of a pixel, as a fraction (assumed)."""
-
+SAME_COVER = 1e-6  # Largest difference of two hulls' coverage of a pixel, as a fraction (assumed)
+# Fraction of the maximum at which the membership is one half; the contact IoU of an evaluation has
+# its threshold there (evaluation.metrics.CONTACT_LEVEL)
 CONTACT_LEVEL = 0.1
-"""Fraction of the maximum at which the membership is one half; the contact IoU of an evaluation has
-its threshold there (evaluation.metrics.CONTACT_LEVEL)."""
-
+# Exponent of the membership (assumed: 0.2 at half the level and 0.8 at twice the level; with a
+# higher exponent, fewer pixels have a gradient)
 SHARPNESS = 2
-"""Exponent of the membership (assumed: 0.2 at half the level and 0.8 at twice the level; with a
-higher exponent, fewer pixels have a gradient)."""
-
+# A target image with no pixel above this fraction of full scale has no contact (assumed: a few
+# times the counts of noise)
 MIN_CONTACT = 0.01
-"""A target image with no pixel above this fraction of full scale has no contact (assumed: a few
-times the counts of noise)."""
-
+# Lower bound of the union, pixels, against division by zero: less than the membership of the
+# maximum of any image with a contact
 MIN_UNION = 0.5
-"""Lower bound of the union, pixels, against division by zero: less than the membership of the
-maximum of any image with a contact."""
 
 
 def soft_iou_loss(predicted: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
@@ -79,11 +72,7 @@ def soft_iou_loss(predicted: torch.Tensor, target: torch.Tensor) -> torch.Tensor
 
 
 def _membership(images: torch.Tensor) -> torch.Tensor:
-    """(B, 1, S, S): membership of each pixel in the contact.
-
-    The maximum is detached: a higher maximum would shrink all memberships without a change of
-    shape.
-    """
+    """(B, 1, S, S): membership of each pixel in the contact."""
     maximum = images.detach().amax((1, 2, 3), keepdim=True).clamp(min=MIN_CONTACT)
     height = (images / (CONTACT_LEVEL * maximum)) ** SHARPNESS
     return height / (1.0 + height)

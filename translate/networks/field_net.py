@@ -37,36 +37,29 @@ from t2twin.translate.uncertainty.calibration import (
     PLACE_SHARES,
     PRESS_SHARES,
     SHEAR_SHARES,
+    SpreadScale,
     identity_knots,
 )
-from t2twin.translate.uncertainty.spread_scale import SpreadScale
 
+# Side of the images that displacements are measured on, pixels (assumed: most markers of sampled
+# units are then 2 pixels wide). Larger images are reduced to less than twice that
 IMAGE_SIDE = 96
-"""Side of the images that displacements are measured on, pixels (assumed: most markers of sampled
-units are then 2 pixels wide). Larger images are reduced to less than twice that."""
-
+# Reductions of these images. A displacement can be measured up to the radius of a marker, and
+# after a reduction by 2 also where markers have merged to larger ones
 SCALES = (1, 2)
-"""Reductions of these images. A displacement can be measured up to the radius of a marker, and
-after a reduction by 2 also where markers have merged to larger ones."""
-
+# Distance of neighboring windows, and what a window extends beyond it on each side, pixels. The
+# median errors of the plain sum of the displacements are 2.2 degrees and 11 %, with a margin of 8
+# pixels 2.5 degrees and 13 % (measured on 210 touches of tools)
 STEP, MARGIN = 8, 4
-"""Distance of neighboring windows, and what a window extends beyond it on each side, pixels. The
-median errors of the plain sum of the displacements are 2.2 degrees and 11 %, with a margin of 8
-pixels 2.5 degrees and 13 % (measured on 210 touches of tools)."""
-
+# Pixels on each side of a pixel whose mean is subtracted from it (assumed: more than a marker and
+# less than the variation of the light)
 BLUR = 10
-"""Pixels on each side of a pixel whose mean is subtracted from it (assumed: more than a marker and
-less than the variation of the light)."""
-
+# Mean squared gradient of a window that halves its displacement, in colors' variance per squared
+# pixel (as measured for MARGIN; ten times as much is worse)
 MIN_TEXTURE = 1e-4
-"""Mean squared gradient of a window that halves its displacement, in colors' variance per squared
-pixel (as measured for MARGIN; ten times as much is worse)."""
-
+# Limit of a displacement, pixels of its scale (assumed: larger ones are errors)
 MAX_DISPLACEMENT = 3.0
-"""Limit of a displacement, pixels of its scale (assumed: larger ones are errors)."""
-
-WIDTH = 32
-"""Channels of the network that predicts the weights (assumed)."""
+WIDTH = 32  # Channels of the network that predicts the weights (assumed)
 
 
 def averaged(maps: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
@@ -183,11 +176,9 @@ def with_minimum(least: float, log_spread: torch.Tensor) -> torch.Tensor:
     return torch.log(torch.exp(log_spread) + least)  # ONNX has no logaddexp
 
 
+# Minimum spreads, fractions of the scales of depth and pressure (assumed: a micrometer)
 MIN_DEPTH_SPREAD, MIN_PRESSURE_SPREAD = 2e-3, 1e-3
-"""Minimum spreads, fractions of the scales of depth and pressure (assumed: a micrometer)."""
-
-PLANES = 3
-"""Outputs of the mean: depth, pressure, and the logit of contact."""
+PLANES = 3  # Outputs of the mean: depth, pressure, and the logit of contact
 
 
 class ContactOutputs(NamedTuple):
@@ -266,47 +257,34 @@ def _places(maps: torch.Tensor) -> torch.Tensor:
     return torch.stack([x, y, x * x, x * y, y * y])[None]
 
 
+# Maximum cells along each side of the last map that the vector is made from (assumed)
 MAX_POOLED = 4
-"""Maximum cells along each side of the last map that the vector is made from (assumed)."""
-
+# Factor of the difference from the background frame (assumed: a press changes an image by some
+# tenths of the standard deviation of its colors)
 DIFFERENCE_SCALE = 2.0
-"""Factor of the difference from the background frame (assumed: a press changes an image by some
-tenths of the standard deviation of its colors)."""
-
-CANVAS = 32
-"""Channels of the canvas that the vector predicts (assumed)."""
-
+CANVAS = 32  # Channels of the canvas that the vector predicts (assumed)
+# Minimum spread of the dense counts, fraction of full scale (assumed: 10 counts, twice a reading's
+# noise)
 MIN_SPREAD = 2.5e-4
-"""Minimum spread of the dense counts, fraction of full scale (assumed: 10 counts, twice a reading's
-noise)."""
-
+# Minimum spread of the force, in standard deviations of the training forces' logarithms (assumed)
 MIN_FORCE_SPREAD = 0.01
-"""Minimum spread of the force, in standard deviations of the training forces' logarithms
-(assumed)."""
-
+# Standard deviation of the training forces' logarithms above which the network predicts the force
+# (assumed)
 MIN_FORCE_SCALE = 1e-3
-"""Standard deviation of the training forces' logarithms above which the network predicts the force
-(assumed)."""
-
+# Minimum spread of the shear force, in root mean squares of the training presses (assumed)
 MIN_SHEAR_SPREAD = 0.01
-"""Minimum spread of the shear force, in root mean squares of the training presses (assumed)."""
-
+# First letters of the names of the weights and buffers of the shear force, of the contact, and of
+# the factors of the spreads, which belong to the calibration
 SHEAR, CONTACT, SCALE = "shear", "contact", "scale"
-"""First letters of the names of the weights and buffers of the shear force, of the contact, and of
-the factors of the spreads, which belong to the calibration."""
-
-LIMITS = "contact_limits"
-"""Name of the buffer of the limits of contact, which the calibration sets."""
-
+LIMITS = "contact_limits"  # Name of the buffer of the limits of contact, which the calibration sets
+# As KNOTS, of the contact: of depth and pressure in a cell, and of the center of pressure
 CONTACT_KNOTS = {
     "contact_depth_knots": PLACE_SHARES,
     "contact_pressure_knots": PLACE_SHARES,
     "contact_center_knots": PRESS_SHARES,
 }
-"""As KNOTS, of the contact: of depth and pressure in a cell, and of the center of pressure."""
-
+# Buffers with the knots of the calibration, and the shares of the errors in their bins
 KNOTS = {"place_knots": PLACE_SHARES, "press_knots": PRESS_SHARES, "force_knots": FORCE_SHARES}
-"""Buffers with the knots of the calibration, and the shares of the errors in their bins."""
 
 
 class FieldOutputs(NamedTuple):

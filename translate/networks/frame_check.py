@@ -21,44 +21,28 @@ from torch.nn import functional
 from t2twin.translate.data.images import COLORS, to_input
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
-BATCH_SIZE = 64
-"""Images in one batch; bounds memory."""
-
+BATCH_SIZE = 64  # Images in one batch; bounds memory
+# The K classes, the right one first
 CLASSES = (
     OODClass.IN_DISTRIBUTION,
     *INVERSE_TRANSFORMS,
     OODClass.UNLIKE_BACKGROUND,
     OODClass.OTHER,
 )
-"""The K classes, the right one first."""
-
-HIDDEN = 64
-"""Width of the hidden layer (assumed)."""
-
-DROPOUT = 0.2
-"""Share of the hidden values that is left out in training (assumed)."""
-
+HIDDEN = 64  # Width of the hidden layer (assumed)
+DROPOUT = 0.2  # Share of the hidden values that is left out in training (assumed)
+# Limit of a standardized feature (assumed: wrong frames have features far from all others)
 MAX_FEATURE = 8.0
-"""Limit of a standardized feature (assumed: wrong frames have features far from all others)."""
-
-CELLS = 3
-"""Cells along each side of the encoder's first map (assumed)."""
-
-SIDE = 32
-"""Side of the second network's images, pixels (assumed: light and color are smooth)."""
-
+CELLS = 3  # Cells along each side of the encoder's first map (assumed)
+SIDE = 32  # Side of the second network's images, pixels (assumed: light and color are smooth)
+# Channels of its convolutions, and width of its hidden layer (assumed)
 CHANNELS, WIDTH = (32, 48, 64), 128
-"""Channels of its convolutions, and width of its hidden layer (assumed)."""
-
-TRANSFORM_DROPOUT = 0.3
-"""Share of its values that is left out in training (assumed)."""
-
+TRANSFORM_DROPOUT = 0.3  # Share of its values that is left out in training (assumed)
+# Minimum limit of a score, the logarithm of the odds: no frame is refused that is more likely
+# right than wrong
 MIN_LIMIT = 0.0
-"""Minimum limit of a score, the logarithm of the odds: no frame is refused that is more likely
-right than wrong."""
-
+# Index of the limit without and with a background frame, and of the second network's
 WITHOUT, WITH, TRANSFORMED = 0, 1, 2
-"""Index of the limit without and with a background frame, and of the second network's."""
 
 
 def features_of(maps: Sequence[torch.Tensor], side: int) -> torch.Tensor:

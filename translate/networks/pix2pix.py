@@ -14,14 +14,11 @@ from torch import nn
 
 from t2twin.core.errors import T2TwinError
 
+# Channels stop doubling at this many times the base filters (Isola et al. 2017)
 MAX_WIDTH_FACTOR = 8
-"""Channels stop doubling at this many times the base filters (Isola et al. 2017)."""
-
+# Decoder blocks, counted from the innermost, that have dropout (Isola et al. 2017)
 DROPOUT_BLOCKS = 3
-"""Decoder blocks, counted from the innermost, that have dropout (Isola et al. 2017)."""
-
-INITIAL_STD = 0.02
-"""Standard deviation of the initial weights (Isola et al. 2017)."""
+INITIAL_STD = 0.02  # Standard deviation of the initial weights (Isola et al. 2017)
 
 
 class UNet(nn.Module):

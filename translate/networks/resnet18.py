@@ -8,10 +8,10 @@ from torch import nn
 
 from t2twin.core.errors import T2TwinError
 
+# Minimum base width. Below it, oneDNN (PyTorch 2.13, AVX-512) writes outside its buffer in the
+# backward pass of strided 1 x 1 convolutions, if its threads divide a batch unevenly. Measured
+# with a guard page after every tensor
 MIN_FILTERS = 16
-"""Minimum base width. Below it, oneDNN (PyTorch 2.13, AVX-512) writes outside its buffer in the
-backward pass of strided 1 x 1 convolutions, if its threads divide a batch unevenly. Measured with a
-guard page after every tensor."""
 
 
 class BasicBlock(nn.Module):

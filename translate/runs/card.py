@@ -14,9 +14,7 @@ from t2twin.translate.runs.log import best_epoch, read_log
 
 CARD = "README.md"
 
-LIMITS = "## Limits"
-"""Heading of the section on limits."""
-
+LIMITS = "## Limits"  # Heading of the section on limits
 TITLES = {"touch2touch": "touch2touch", "resnet18": "ResNet18", "field": "Field"}
 
 

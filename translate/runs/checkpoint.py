@@ -40,6 +40,7 @@ from t2twin.translate.runs.config import (
 )
 from t2twin.translate.runs.log import EpochPart, EpochRecord
 
+# Translators by value of the target and by model; all take preset, dataset, device and bf16
 TRANSLATORS: dict[str, dict[str, Any]] = {
     COUNTS: {
         "touch2touch": Touch2Touch,
@@ -48,11 +49,9 @@ TRANSLATORS: dict[str, dict[str, Any]] = {
     },
     IMAGE: {"touch2touch": ImageTranslator},
 }
-"""Translators by value of the target and by model; all take preset, dataset, device and bf16."""
-
+# Processors with one of these compute faster in bfloat16 than in float32 (measured on one that has
+# both)
 BF16_INSTRUCTIONS = ("avx512_bf16", "amx_bf16")
-"""Processors with one of these compute faster in bfloat16 than in float32 (measured on one that has
-both)."""
 
 
 def build(config: RunConfig) -> Translator:
@@ -77,11 +76,8 @@ def has_bf16() -> bool:
     return any(found.get(name) for name in BF16_INSTRUCTIONS)
 
 
-HISTORY, PART = "history", "part"
-"""Keys of a state's metadata."""
-
-MEAN = "mean"
-"""Name of the weight average in the state."""
+HISTORY, PART = "history", "part"  # Keys of a state's metadata
+MEAN = "mean"  # Name of the weight average in the state
 
 
 def save_weights(path: Path, network: nn.Module) -> None:
@@ -229,8 +225,7 @@ def _save(
         temporary.chmod(0o644)  # safetensors restricts it to the owner
 
 
-AVERAGE = "average.json"
-"""Contains the share of the later run, for the card."""
+AVERAGE = "average.json"  # Contains the share of the later run, for the card
 
 
 def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
@@ -270,9 +265,7 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
 
 
 def _mean(first: torch.Tensor, last: torch.Tensor, share: float) -> torch.Tensor:
-    """Of the later run's type; pretrained weights are stored as float16. Counters of batch norm are
-    those of the later run.
-    """
+    """Of the later run's type; pretrained weights are stored as float16."""
     if not last.is_floating_point():
         return last
     return torch.lerp(first.float(), last.float(), share).to(last.dtype)

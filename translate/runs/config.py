@@ -38,12 +38,9 @@ from t2twin.translate.models.presets import (
 )
 from t2twin.translate.uncertainty.ood import OODDetector
 
-FORMAT = 2
-"""Version of config.json."""
-
+FORMAT = 2  # Version of config.json
+# Maximum steps of a training (assumed: more than a machine trains in a month)
 MAX_STEPS = 100_000_000
-"""Maximum steps of a training (assumed: more than a machine trains in a month)."""
-
 CONFIG = "config.json"
 LOG = "log.jsonl"
 TENSORBOARD = "tensorboard"
@@ -167,11 +164,9 @@ def load_config(run_dir: Path) -> RunConfig:
 
 HOME = Path(__file__).parents[1] / "weights"
 
-DEFAULT_RUN = "field"
-"""The pretrained run that commands, `load` and the studio use by default."""
-
+DEFAULT_RUN = "field"  # The pretrained run that commands, `load` and the studio use by default
+# Versions of the pretrained runs, 1 unless given. Another training predicts other counts
 VERSIONS = {"field": 3}
-"""Versions of the pretrained runs, 1 unless given. Another training predicts other counts."""
 
 
 def pretrained_runs() -> tuple[str, ...]:

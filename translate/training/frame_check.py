@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -31,7 +32,7 @@ from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import augment, resized, to_input
 from t2twin.translate.data.pairs import has_backgrounds, load_pairs, usable_cache
-from t2twin.translate.models.base import Translator
+from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.networks.frame_check import (
     CLASSES,
     SIDE,
@@ -46,17 +47,15 @@ from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, FRAME_CHECK, RunConfig, load_config
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
+# Makes a wrong frame of a right one, (h, w, 3) uint8
 Alter = Callable[[np.ndarray, np.random.Generator], np.ndarray]
-"""Makes a wrong frame of a right one, (h, w, 3) uint8."""
-
+# Share of the wrong frames that are transformed (assumed: the most frequent mistake of users)
 TRANSFORM_SHARE = 0.5
-"""Share of the wrong frames that are transformed (assumed: the most frequent mistake of users)."""
-
+# The transforms themselves; only the rotations are not their own inverse
 FORWARD = INVERSE_TRANSFORMS | {
     OODClass.ROTATED_LEFT: INVERSE_TRANSFORMS[OODClass.ROTATED_RIGHT],
     OODClass.ROTATED_RIGHT: INVERSE_TRANSFORMS[OODClass.ROTATED_LEFT],
 }
-"""The transforms themselves; only the rotations are not their own inverse."""
 
 
 def wrong_frame(frame: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, OODClass]:
@@ -172,57 +171,42 @@ def drawing(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return gaussian_filter(np.asarray(image), (sigma, sigma, 0))
 
 
+# Their limits are assumed: what a user would call another frame
 ALTERATIONS: tuple[Alter, ...] = (
     cropped, rolled, blurred, bright, dark, grey, negative, exchanged, noise, spectral,
     gradient, drawing,
 )  # fmt: skip
-"""Their limits are assumed: what a user would call another frame."""
 
-
+# Right frames that the check is trained on, at most (assumed: a few minutes of a core)
 MAX_FRAMES = 5000
-"""Right frames that the check is trained on, at most (assumed: a few minutes of a core)."""
-
-MIN_FRAMES = 300
-"""Right frames without which a run has no check (assumed)."""
-
-MAX_SHARDS = 40
-"""Shards that they are read from, at most (assumed)."""
-
+MIN_FRAMES = 300  # Right frames without which a run has no check (assumed)
+MAX_SHARDS = 40  # Shards that they are read from, at most (assumed)
+# Share of the wrong frames whose background frame is altered in the same way (assumed: a user who
+# mirrors or crops frames does so with both)
 BOTH_SHARE = 0.5
-"""Share of the wrong frames whose background frame is altered in the same way (assumed: a
-user who mirrors or crops frames does so with both)."""
-
+# Share of the wrong frames that are right but for their background frame (assumed)
 OTHER_UNIT_SHARE = 0.12
-"""Share of the wrong frames that are right but for their background frame (assumed)."""
-
-HELD_OUT_SHARE = 0.2
-"""Share of the units that the limits are set on."""
-
-MIN_UNITS = 10
-"""Units below which frames are held out, and not units (assumed)."""
-
+HELD_OUT_SHARE = 0.2  # Share of the units that the limits are set on
+MIN_UNITS = 10  # Units below which frames are held out, and not units (assumed)
+# Share of these units' right frames that is above the limits, without and with a background frame
+# (assumed: less than one percent, as other statistics refuse some too)
 REFUSED_SHARES = (0.003, 0.003)
-"""Share of these units' right frames that is above the limits, without and with a background frame
-(assumed: less than one percent, as other statistics refuse some too)."""
-
-EPOCHS, BATCH, LEARNING_RATE, WEIGHT_DECAY = 30, 128, 2e-3, 0.1
-"""Of the training (assumed)."""
-
-MIN_SCALE = 0.01
-"""Minimum standard deviation of a feature (assumed)."""
-
-BATCH_SIZE = 64
-"""Frames whose features are computed together; bounds memory."""
+EPOCHS, BATCH, LEARNING_RATE, WEIGHT_DECAY = 30, 128, 2e-3, 0.1  # Of the training (assumed)
+MIN_SCALE = 0.01  # Minimum standard deviation of a feature (assumed)
+MAX_TRANSFORM_FRAMES = 30_000  # Training frames, at most (assumed: five minutes of a core)
+# Of its training: epochs, largest learning rate, and share of the steps in which the learning rate
+# increases (assumed)
+TRANSFORM_EPOCHS, TRANSFORM_RATE, WARM_UP = 12, 4e-3, 0.2
+TRANSFORMED_SHARE = 0.5  # Share of the frames that are transformed (assumed)
+# Share of the validation frames above the limit, and a margin that is added (assumed). Without it,
+# 2 % of the right frames of used units are refused
+TRANSFORM_REFUSED, MARGIN = 0.002, 1.5
+BATCH_SIZE = 64  # Frames whose features are computed together; bounds memory
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Right frames of a shard, and a wrong one made of each.
-
-    features: (R, n) of right and of wrong frames, without and, if there are any, with background
-    frames. kinds: (R,) index of the wrong frames' classes. units: (R,) SHA-256 of the background
-    frames, or of the frames without.
-    """
+    """Right frames of a shard, and a wrong one made of each."""
 
     features: list[list[torch.Tensor]]
     kinds: np.ndarray
@@ -244,7 +228,7 @@ def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
     info, config = read_info(data_dir), load_config(run_dir)
     if info.pairs["train"] < MIN_FRAMES:
         return False
-    translator = build(config)
+    translator = cast(FieldTranslator, build(config))
     load_weights(run_dir / BEST, translator.predictor)
     rng = np.random.default_rng(config.seed)
     shards = split_shards(info, "train")
@@ -259,7 +243,7 @@ def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
 
 
 def _part(
-    translator: Translator, config: RunConfig, data_dir: Path, shard: str, info: DatasetInfo,
+    translator: FieldTranslator, config: RunConfig, data_dir: Path, shard: str, info: DatasetInfo,
     limit: int, rng: np.random.Generator,
 ) -> _Part:  # fmt: skip
     """At most `limit` right frames of a shard, evenly spread. config: of the run."""
@@ -276,21 +260,22 @@ def _part(
     seeds = rng.integers(2**32, size=len(frames)).tolist()
     wrong, kinds = zip(*map(_altered, frames, seeds), strict=True)
     classes = np.array([CLASSES.index(kind) for kind in kinds])
-    right, altered = _pixels(frames, size), _pixels(wrong, size)
+    right, altered = resized(frames, size, False), resized(wrong, size, False)
     found = [[_features(translator, each) for each in (right, altered)]]
     if own:
         stills = [decode_png(png) for png in own[0]]
-        backgrounds = _pixels(stills, size)
+        backgrounds = resized(stills, size, False)
         others = rng.permutation(len(frames))
         differs = np.array([units[n] != units[other] for n, other in enumerate(others)])
-        differs &= not _has_one_light(info)
+        # An optics file: the light of all units is near its own.
+        differs &= info.recipe is None or info.recipe.light.optics is None
         is_other = differs & (rng.random(len(frames)) < OTHER_UNIT_SHARE)
         classes[is_other] = CLASSES.index(OODClass.UNLIKE_BACKGROUND)
         altered[is_other] = right[is_other]
         behind = backgrounds[np.where(is_other, others, np.arange(len(frames)))]
         is_both = ~is_other & (rng.random(len(frames)) < BOTH_SHARE)
         for n in np.flatnonzero(is_both):
-            behind[n] = _pixels([_altered(stills[n], seeds[n])[0]], size)[0]
+            behind[n] = resized([_altered(stills[n], seeds[n])[0]], size, False)[0]
         both = ((right, backgrounds), (altered, behind))
         found.append([_features(translator, _drifted(*each, drift, rng)) for each in both])
     return _Part(found, classes, units)
@@ -299,11 +284,6 @@ def _part(
 def _altered(frame: np.ndarray, seed: int) -> tuple[np.ndarray, OODClass]:
     """A wrong frame made of a right one. One seed alters every frame in the same way."""
     return wrong_frame(frame, np.random.default_rng(seed))
-
-
-def _has_one_light(info: DatasetInfo) -> bool:
-    """Whether the light of all units is near that of one optics file."""
-    return info.recipe is not None and info.recipe.light.optics is not None
 
 
 def _drifted(
@@ -317,11 +297,7 @@ def _drifted(
     return (varied * 255.0).round().to(torch.uint8).numpy()
 
 
-def _pixels(frames: Sequence[np.ndarray], size: int) -> np.ndarray:
-    return resized(frames, size, grey=False)
-
-
-def _features(translator: Translator, pixels: np.ndarray) -> torch.Tensor:
+def _features(translator: FieldTranslator, pixels: np.ndarray) -> torch.Tensor:
     parts = [pixels[start : start + BATCH_SIZE] for start in range(0, len(pixels), BATCH_SIZE)]
     inputs = (to_input(part.astype(np.float32) / 255.0) for part in parts)
     return torch.cat([translator.frame_features(each).cpu() for each in inputs])
@@ -374,21 +350,6 @@ def _train(check: FrameCheck, inputs: torch.Tensor, classes: torch.Tensor) -> No
             nn.functional.cross_entropy(check(inputs[batch]), classes[batch]).backward()
             optimizer.step()
             schedule.step()
-
-
-MAX_TRANSFORM_FRAMES = 30_000
-"""Training frames, at most (assumed: five minutes of a core)."""
-
-TRANSFORM_EPOCHS, TRANSFORM_RATE, WARM_UP = 12, 4e-3, 0.2
-"""Of its training: epochs, largest learning rate, and share of the steps in which the learning rate
-increases (assumed)."""
-
-TRANSFORMED_SHARE = 0.5
-"""Share of the frames that are transformed (assumed)."""
-
-TRANSFORM_REFUSED, MARGIN = 0.002, 1.5
-"""Share of the validation frames above the limit, and a margin that is added (assumed). Without it,
-2 % of the right frames of used units are refused."""
 
 
 def fit_transform_net(check: FrameCheck, config: RunConfig, data_dir: Path, run_dir: Path) -> None:

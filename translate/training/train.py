@@ -64,12 +64,10 @@ from t2twin.translate.runs.log import EpochRecord
 from t2twin.translate.training.frame_check import complete
 from t2twin.translate.training.trainer import Trainer, TrainingResult, stop_reason, training_result
 
-MIN_PAIRS = 8
-"""Minimum number of training pairs (assumed: batch norm needs several)."""
-
+MIN_PAIRS = 8  # Minimum number of training pairs (assumed: batch norm needs several)
+# Learning rate after a warm start, divided by the preset's (assumed). With another sensor, another
+# force or fewer pairs, a trained translator needs a tenth of the steps of a new one
 WARM_START_SHARE = 0.3
-"""Learning rate after a warm start, divided by the preset's (assumed). With another sensor, another
-force or fewer pairs, a trained translator needs a tenth of the steps of a new one."""
 
 
 def train(
@@ -167,13 +165,8 @@ def _run(
     config: RunConfig, data_dir: Path, out_dir: Path, weights: Path | None, reverse: bool,
     frame_check: bool,
 ) -> TrainingResult:  # fmt: skip
-    """Trains the run of a configuration, unless out_dir contains it finished.
-
-    weights: initial ones, None for random ones. reverse: as for `load_pairs`. frame_check: as for
-    `train`.
-    """
+    """Trains the run of a configuration, unless out_dir contains it finished."""
     distributed.use_all_cores()
-    distributed.keep_memory()
     with distributed.processes() as rank:
         if config.preset.batch % config.processes:
             raise T2TwinError(
@@ -201,8 +194,7 @@ def _run(
 def _complete(
     config: RunConfig, out_dir: Path, data_dir: Path, weights: Path | None, frame_check: bool
 ) -> None:
-    """Gives a finished run what it lacks: its card, and a field run its frame check. If the contact
-    alone was trained, this is that of the run with the initial weights."""
+    """Gives a finished run what it lacks: its card, and a field run its frame check."""
     if not (out_dir / CARD).is_file():
         write_card(out_dir, data_dir)
     if not frame_check:
@@ -301,10 +293,7 @@ def for_steps(preset: Preset, steps: int | None) -> Preset:
 
 
 def _with_iou_weight(preset: Preset, weight: float | None, model: Model, info: DataInfo) -> Preset:
-    """The preset with a weight of the soft IoU loss, None for its own.
-
-    Raises T2TwinError for a negative weight, and for a model or target without tactile images.
-    """
+    """The preset with a weight of the soft IoU loss, None for its own."""
     weight = arguments.number(preset.iou_weight if weight is None else weight, "iou_weight", 0.0)
     if weight and not (model == GENERATES and isinstance(info.target, ArraySide)):
         raise T2TwinError(

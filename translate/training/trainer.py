@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from t2twin.core.errors import T2TwinError, counted
 from t2twin.core.progress import Progress
 from t2twin.translate.data.images import COLORS, WHITE_GREY, augment, on_device, to_input, to_scaled
-from t2twin.translate.data.pairs import Examples, ImageFile, Pairs, Pictures
+from t2twin.translate.data.pairs import Examples, ImageFile, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.presets import FIXED, MAX_EPOCHS, Preset
@@ -33,33 +33,18 @@ from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, write_log
 from t2twin.translate.uncertainty.ood import OODDetector, fit_ood_detector
 
-KEPT_SHARE = 0.4
-"""Largest share of a GPU's free memory that the pairs of one split may take (assumed: with two, a
-third is left for the networks)."""
-
-COPIED = 4096
-"""Pairs that are copied to a GPU at a time; bounds memory."""
-
+# Pairs in one batch of validation by the type of the device; bounds memory
 VALIDATION_BATCH = {"cpu": 64, "cuda": 256}
-"""Pairs in one batch of validation by the type of the device; bounds memory."""
-
+# Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
+# the paper's dataset). With a large dataset an epoch is a part of the data, because the learning
+# rate's schedule and the choice of the best weights depend on epochs
 MIN_EPOCHS = 12
-"""Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
-the paper's dataset). With a large dataset an epoch is a part of the data, because the learning
-rate's schedule and the choice of the best weights depend on epochs."""
-
+# Minimum number of steps of a shortened epoch (assumed: with fewer, validation takes longer)
 MIN_STEPS = 100
-"""Minimum number of steps of a shortened epoch (assumed: with fewer, validation takes longer)."""
-
+# Time between two saved states within an epoch, seconds (assumed: a state of the largest network
+# takes a few seconds to write)
 SAVE_SECONDS = 600.0
-"""Time between two saved states within an epoch, seconds (assumed: a state of the largest network
-takes a few seconds to write)."""
-
-TIMED_STEPS = 3
-"""Steps of the time estimate, after one that is not counted."""
-
-Values = ImageFile | Pictures | np.ndarray
-"""Values of P pairs, by their indices."""
+TIMED_STEPS = 3  # Steps of the time estimate, after one that is not counted
 
 
 @dataclass(frozen=True)
@@ -112,20 +97,12 @@ def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
 
 
 class Batches:
-    """The batches of the pairs of one split.
-
-    On a GPU with enough free memory, all pairs are kept there, pictures as uint8, and a batch is
-    made there. Otherwise each batch is read and moved to the device.
-    """
+    """The batches of the pairs of one split, on a device, which also augments them."""
 
     def __init__(self, pairs: Pairs, preset: Preset, device: torch.device) -> None:
         self.preset, self.pairs, self.device = preset, pairs, device
-        self.predicts_images = isinstance(pairs.target, ImageFile)
-        more = (pairs.dense_counts, pairs.force_n, pairs.shear_n, pairs.contact)
-        self.values: list[Values | None] = [pairs.inputs, pairs.target, *more]
-        self.kept: list[torch.Tensor | None] = [None] * len(self.values)
-        if _fits(self.values, len(pairs), device):
-            self.kept = [each if each is None else self._kept(each) for each in self.values]
+        self.inputs = pairs.inputs
+        self.more = (pairs.dense_counts, pairs.force_n, pairs.shear_n, pairs.contact)
 
     def examples(
         self,
@@ -138,10 +115,10 @@ class Batches:
         Augmentation is for images of the source; counts and targets stay as they are. to_input: the
         translator's.
         """
-        inputs, target, *more = self._read(np.sort(batch))  # the order on disk
-        assert inputs is not None and target is not None
-        more = [None if each is None else each.float() for each in more]
-        pixels, preset = inputs.float() / WHITE_GREY, self.preset
+        batch, preset = np.sort(batch), self.preset  # the order on disk
+        inputs, target = self.readings(batch)
+        pixels = inputs.float() / WHITE_GREY
+        more = [None if each is None else self._tensor(each[batch]).float() for each in self.more]
         if rng is not None and self.pairs.pictures is None:
             if preset.background_share and self.pairs.backgrounds is not None:
                 drawn = rng.random(len(batch)) < preset.background_share
@@ -154,49 +131,20 @@ class Batches:
                 pixels = augment(
                     pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
                 )
-        if self.predicts_images:
+        if isinstance(self.pairs.target, ImageFile):
             target = to_scaled(target.float() / WHITE_GREY)
         return Examples(to_input(pixels), target, *more)
 
-    def readings(self, batch: np.ndarray) -> list[torch.Tensor]:
-        """The stored pictures and targets of pairs with these indices, (B,), on the device:
-        (B, S, S, c) uint8, and (B, N) counts or (B, S, S, c) uint8."""
-        return [each for each in self._read(batch, 2) if each is not None]
+    def readings(self, batch: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+        """The stored pictures and targets of pairs with these indices, (B,): (B, S, S, c) uint8,
+        and (B, N) counts or (B, S, S, c) uint8."""
+        return self._tensor(self.inputs[batch]), self._tensor(self.pairs.target[batch])
 
-    def _read(self, index: np.ndarray, columns: int | None = None) -> list[torch.Tensor | None]:
-        """The values of pairs, on the device. columns: the number of them, all by default."""
-        found: list[torch.Tensor | None] = []
-        for values, kept in list(zip(self.values, self.kept, strict=True))[:columns]:
-            if kept is not None:
-                found.append(kept[on_device(index, self.device)])
-            else:
-                found.append(None if values is None else _tensor(values[index]).to(self.device))
-        return found
-
-    def _kept(self, values: Values) -> torch.Tensor:
-        """All values on the device."""
-        one, pairs = _tensor(values[:1]), len(self.pairs)
-        kept = torch.empty((pairs, *one.shape[1:]), dtype=one.dtype, device=self.device)
-        for start in range(0, pairs, COPIED):
-            part = slice(start, start + COPIED)
-            kept[part] = _tensor(values[part])
-        return kept
-
-
-def _tensor(values: np.ndarray) -> torch.Tensor:
-    """Pictures as uint8, contact maps as float16, other values as float32."""
-    if values.dtype not in (np.uint8, np.float16):
-        values = values.astype(np.float32, copy=False)
-    return torch.from_numpy(values)
-
-
-def _fits(all_values: list[Values | None], pairs: int, device: torch.device) -> bool:
-    """Whether the device is a GPU whose free memory holds values of P pairs."""
-    if device.type != "cuda":
-        return False
-    bytes_each = sum(_tensor(each[:1]).nbytes for each in all_values if each is not None)
-    free, _ = torch.cuda.mem_get_info(device)
-    return pairs * bytes_each <= KEPT_SHARE * free
+    def _tensor(self, values: np.ndarray) -> torch.Tensor:
+        """Pictures as uint8, contact maps as float16, other values as float32."""
+        if values.dtype not in (np.uint8, np.float16):
+            values = values.astype(np.float32, copy=False)
+        return torch.from_numpy(values).to(self.device)
 
 
 class Trainer:
@@ -265,8 +213,7 @@ class Trainer:
         return fit_ood_detector(self.pairs.images)
 
     def _planned_epochs(self, epoch_seconds: float) -> int:
-        """The user's number of epochs or the preset's; with a limit in minutes, those that fit, if
-        the learning rate's schedule depends on it."""
+        """The user's number of epochs or the preset's."""
         config, planned = self.config, self.config.planned_epochs
         if config.steps is not None:
             planned = round(config.steps / self.steps)
@@ -324,11 +271,7 @@ class Trainer:
         )
 
     def _epoch(self, epoch: int, bar: Progress) -> EpochRecord:
-        """Trains for the rest of an epoch and validates. Returns the record of the epoch.
-
-        With one process, the state is saved in between; with several, batch norm's statistics
-        differ between them until the end of the epoch.
-        """
+        """Trains for the rest of an epoch and validates. Returns the record of the epoch."""
         started = time.perf_counter() - self.part.seconds
         config, translator = self.config, self.translator
         share = _learning_rate_share(config, epoch)
@@ -375,11 +318,7 @@ class Trainer:
         )
 
     def _batches(self, epoch: int) -> Iterator[np.ndarray]:
-        """Indices of the pairs of each step of an epoch, (b,).
-
-        One pass uses each pair once, in an order that depends on (seed, pass), and may extend over
-        several epochs. An epoch with as many steps as the data has batches is one pass.
-        """
+        """Indices of the pairs of each step of an epoch, (b,)."""
         current, order = -1, np.empty(0, int)
         for step in range(epoch * self.steps, (epoch + 1) * self.steps):
             data_pass, place = divmod(step, self.batches)

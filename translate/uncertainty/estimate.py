@@ -16,11 +16,11 @@ from t2twin.sim.taxels.spec import CountsTable, Imperfections
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.uncertainty.ood import OODClass
 
+# Names of the predictions of an estimate
 VALUES = (
     "counts", "counts_std", "dense_counts", "dense_counts_std", "force_n", "force_std_n",
     "shear_n", "shear_std_n", "tactile_images", "tactile_std",
 )  # fmt: skip
-"""Names of the predictions of an estimate."""
 
 
 @dataclass(frozen=True)

@@ -34,53 +34,35 @@ from t2twin.core.images import (
 from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import ImageFile
 
-CELLS = 8
-"""Cells along each side of an image (assumed: a contact covers a few of them)."""
-
+CELLS = 8  # Cells along each side of an image (assumed: a contact covers a few of them)
+# Lower bound of a cell's standard deviation, grey levels (assumed: a camera's drift)
 MIN_STD_GREY = 2.0
-"""Lower bound of a cell's standard deviation, grey levels (assumed: a camera's drift)."""
-
+# Distance above which an image is out of distribution, divided by the largest distance of a
+# training image (assumed). Measured at scale small: at most 0.9 for unseen shapes, at least 2.2
+# for a real DIGIT with its own light, at least 4 for rotated images
 MAX_DISTANCE_RATIO = 1.5
-"""Distance above which an image is out of distribution, divided by the largest distance of a
-training image (assumed). Measured at scale small: at most 0.9 for unseen shapes, at least 2.2 for a
-real DIGIT with its own light, at least 4 for rotated images."""
-
+# Share of the cells along the border, those closest to the background frame, that a contact does
+# not change much (assumed)
 BORDER_SHARE = 0.4
-"""Share of the cells along the border, those closest to the background frame, that a contact does
-not change much (assumed)."""
-
+# Largest difference of these cells from the background frame, grey levels (assumed). Measured: at
+# most 13.2 in 1,200 frames of 240 units, 0.4 to 15 N; at least 14.8 for another unit's frame
 MAX_BORDER_GREY = 14.0
-"""Largest difference of these cells from the background frame, grey levels (assumed). Measured: at
-most 13.2 in 1,200 frames of 240 units, 0.4 to 15 N; at least 14.8 for another unit's frame."""
-
+# The same, without a common fixed pattern. Measured: 1 of the 1,200 frames is above
 MAX_UNPATTERNED_GREY = 5.0
-"""The same, without a common fixed pattern. Measured: 1 of the 1,200 frames is above."""
-
+# Correlation of the fixed patterns from which they are the same (assumed). Measured: at most 0.034
+# for another unit; at least 0.067 for 21 frames of a real unit; above in 98 % of the frames
 MIN_PATTERN = 0.04
-"""Correlation of the fixed patterns from which they are the same (assumed). Measured: at most 0.034
-for another unit; at least 0.067 for 21 frames of a real unit; above in 98 % of the frames."""
-
+# Images of twice this side or more are averaged before patterns are compared (assumed)
 PATTERN_PX = 96
-"""Images of twice this side or more are averaged before patterns are compared (assumed)."""
-
+# Largest relative deviation of an image's width over its height (assumed: 5 px of 240)
 ASPECT_TOLERANCE = 0.02
-"""Largest relative deviation of an image's width over its height (assumed: 5 px of 240)."""
-
+# An image is transformed if undoing the transform reduces that difference below this share of it
+# (assumed), or if the fixed patterns are then the same. It is not if they are the same before
 TRANSFORMED_SHARE = 0.5
-"""An image is transformed if undoing the transform reduces that difference below this share of it
-(assumed), or if the fixed patterns are then the same. It is not if they are the same before."""
-
-STORED_DECIMALS = 3
-"""Decimals of the statistics, which a run stores as text."""
-
-MIN_IMAGES = 100
-"""Training images that the statistics need (assumed)."""
-
-MAX_BACKGROUNDS = 64
-"""Number of background frames whose results are kept (assumed: 15 MB)."""
-
-BATCH_SIZE = 1024
-"""Images in one batch; bounds memory."""
+STORED_DECIMALS = 3  # Decimals of the statistics, which a run stores as text
+MIN_IMAGES = 100  # Training images that the statistics need (assumed)
+MAX_BACKGROUNDS = 64  # Number of background frames whose results are kept (assumed: 15 MB)
+BATCH_SIZE = 1024  # Images in one batch; bounds memory
 
 
 class OODClass(StrEnum):
@@ -104,6 +86,7 @@ class OODClass(StrEnum):
     OTHER = "of another light or sensor"
 
 
+# Functions that undo each transform, (B, S, S, c) -> (B, S, S, c)
 INVERSE_TRANSFORMS: dict[OODClass, Callable[[np.ndarray], np.ndarray]] = {
     OODClass.UPSIDE_DOWN: lambda pixels: pixels[:, ::-1, ::-1],
     OODClass.MIRRORED: lambda pixels: pixels[:, :, ::-1],
@@ -112,7 +95,6 @@ INVERSE_TRANSFORMS: dict[OODClass, Callable[[np.ndarray], np.ndarray]] = {
     OODClass.ROTATED_RIGHT: lambda pixels: np.rot90(pixels, -1, (1, 2)),
     OODClass.BLUE_FIRST: lambda pixels: pixels[..., ::-1],
 }
-"""Functions that undo each transform, (B, S, S, c) -> (B, S, S, c)."""
 
 
 class OODDetector(Struct, frozen=True):
@@ -144,31 +126,24 @@ class OODDetector(Struct, frozen=True):
         """
         return _distances(_cell_means(pixels), self.mean, self.std)
 
-    def in_distribution(self, pixels: np.ndarray) -> np.ndarray:
-        """(B,) bool: whether each image lies within MAX_DISTANCE_RATIO of the training images."""
-        return self.distances(pixels) <= MAX_DISTANCE_RATIO * self.max_distance
-
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
         """(B,) classes of images, (B, S, S, c) uint8.
 
         An image is in a class of INVERSE_TRANSFORMS if undoing that transform makes it
         in-distribution; if several do, the one with the smallest distance.
         """
-        inside = self.in_distribution(pixels)
+        limit, classes = MAX_DISTANCE_RATIO * self.max_distance, []
         colored = is_colored(self.mean.reshape(CELLS**2, -1))
-        classes = [OODClass.IN_DISTRIBUTION if each else OODClass.OTHER for each in inside]
-        for number, image in enumerate(pixels[:, None]):
-            fault = fault_of(image[0], colored)
-            if fault is not None:
-                classes[number] = OODClass(fault)
-            elif not inside[number]:
+        for image, distance in zip(pixels[:, None], self.distances(pixels), strict=True):
+            found = OODClass(fault_of(image[0], colored) or OODClass.IN_DISTRIBUTION)
+            if found == OODClass.IN_DISTRIBUTION and distance > limit:
                 distances = {
-                    name: self.distances(undo(image))[0]
-                    for name, undo in INVERSE_TRANSFORMS.items()
+                    kind: self.distances(undo(image))[0]
+                    for kind, undo in INVERSE_TRANSFORMS.items()
                 }
-                nearest = min(distances, key=lambda name: distances[name])
-                if distances[nearest] <= MAX_DISTANCE_RATIO * self.max_distance:
-                    classes[number] = nearest
+                nearest = min(distances, key=lambda kind: distances[kind])
+                found = nearest if distances[nearest] <= limit else OODClass.OTHER
+            classes.append(found)
         return classes
 
 
@@ -296,7 +271,6 @@ def _cells_and_pattern(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @lru_cache(MAX_BACKGROUNDS)
 def _of_background(content: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """`_cells_and_pattern` of a background frame, given as the bytes and the shape of its array."""
     return _cells_and_pattern(np.frombuffer(content, np.uint8).reshape(shape))
 
 
