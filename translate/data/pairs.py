@@ -269,19 +269,15 @@ def load_pairs(
     """Loads one split with pictures at size x size, grey or RGB.
 
     cache_dir: folder of the decoded images, by default `cache` of the dataset. with_dense_counts:
-    also load the dense counts of the target, and the background frames of the source if the pairs
-    contain them. reverse: exchange source and target. contact_side: H of the contact maps of
-    the source, which are then also loaded, if the pairs contain them.
-    Raises T2TwinError for an unknown, missing or unfinished split, and with with_dense_counts for
-    pairs without dense counts.
+    also load the dense counts of the target, and background frames if there are any. reverse:
+    exchange source and target. contact_side: H of the contact maps to load, if there are any.
+    Raises T2TwinError for an unknown, missing or unfinished split, and without dense counts.
     """
     info, stored, roles = load_info(data_dir, reverse), read_info(data_dir), _roles(reverse)
     target, moves = info.target, bool(info.has_shear)
     if with_dense_counts and not (isinstance(target, ArraySide) and target.dense is not None):
-        raise T2TwinError(
-            f"the pairs in {data_dir} have no dense counts; make a dataset with them, such as "
-            "`t2twin simdata --recipe union`"
-        )
+        more = "make a dataset with them, such as `t2twin simdata --recipe union`"
+        raise T2TwinError(f"the pairs in {data_dir} have no dense counts; {more}")
     counts = [column(role, stored.values[role]) for role in ROLES if stored.values[role] != IMAGE]
     dense, shear = column(roles[1], DENSE_COUNTS), [column(roles[0], name) for name in SHEAR]
     optional = [dense] if with_dense_counts else []
