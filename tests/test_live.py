@@ -280,4 +280,4 @@ def test_a_field_run_gives_standard_deviations_and_force():
 
 def test_a_background_frame_is_for_field_runs_only(run):
     with pytest.raises(T2TwinError, match="a background frame needs a field run"):
-        follow(run, listed(1), str, str, background=frame(0))
+        follow(run, listed(1), [].append, str, background=frame(0))

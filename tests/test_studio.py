@@ -186,6 +186,7 @@ def test_the_errors_of_given_runs_are_known(untrained_runs):
     assert "ResNet18" in page and page.count("<img") == 6 and "interval" not in page
     other = own.press(replace(state, layout="cyskin-63"), translators.default_names[1:])
     truth = other.translations[0].truth  # at the taxels of the run
+    assert truth is not None
     assert np.rint(truth).astype(int).tolist() == seen.touch.counts.tolist()
 
 

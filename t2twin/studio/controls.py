@@ -232,7 +232,8 @@ class Controls:
         self._group = gui.add_dropdown(
             "Kind", (*GROUPS, RANDOM), hint="Primitive families, tools, random shapes"
         )
-        self._shape = gui.add_dropdown("Shape", ("",), hint="Version or keypoint")
+        shapes: tuple[str, ...] = (self.state.shape,)
+        self._shape = gui.add_dropdown("Shape", shapes, hint="Version or keypoint")
         self._random = gui.add_number(
             "Number", 17, min=0, max=MAX_SHAPE_SEED, step=1, hint="Seed of the random shape"
         )

@@ -141,7 +141,7 @@ class Scene:
         with_arrows: draws the tangential traction."""
         surfaces = surfaces_of(touch, max_kpa, max_counts)
         self._label(tuple(each.sensor for each in touch.readings.values()))
-        contacts = dict(zip(ROLES, touch.contacts.values(), strict=True))
+        contacts: dict[str, Contact] = dict(zip(ROLES, touch.contacts.values(), strict=True))
         with self._client.atomic():  # short, because the client receives no messages meanwhile
             self._draw_shape(touch, shape_style, contacts)
             for role, surface in zip(ROLES, surfaces.values(), strict=True):

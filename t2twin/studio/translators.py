@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from threading import Event, Lock
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -155,7 +155,8 @@ class Translators:
         """The prediction of one run."""
         from t2twin.translate.uncertainty.ood import OODClass
 
-        run, contact, interval, force = self._load(name), None, None, None
+        run, interval, force = self._load(name), None, None
+        contact: Any = None  # one, of one image
         data, own = run.config.data.array, background if run.has_uncertainty else None
         if run.predicts_contact:
             estimate, contact = run.estimate_with_contact(image, own, tactile=True)
