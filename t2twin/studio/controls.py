@@ -15,13 +15,12 @@ from t2twin.primitives_cad.catalogue import NAMES
 from t2twin.primitives_cad.mesh_files import SUFFIXES
 from t2twin.primitives_cad.shape import RANDOM_PREFIX
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
-from t2twin.sim.optical.optics import Optics
 from t2twin.sim.sampling.plan import MAX_SHAPE_SEED
 from t2twin.sim.sampling.protocol import FORCE_N, SCALES
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.files import bundled_sensors, load_sensor
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.layout import layout_names, load_layout
+from t2twin.sim.taxels.layout import layout_names
 from t2twin.studio.session import (
     Motion,
     PressResult,
@@ -73,13 +72,13 @@ SLIDERS = {
 }  # fmt: skip
 """Sliders by their field of PressState: label, range, step and hint."""
 
-FILES: dict[str, tuple[Callable[[Path], Any], tuple[str, ...]]] = {
-    "shape": (load_shape, SUFFIXES),
-    "layout": (load_layout, (".json", ".csv")),
-    "optics": (Optics.load, (".npz",)),
-    "sensor": (load_sensor, (".toml",)),
+FILES = {
+    "shape": SUFFIXES,
+    "layout": (".json", ".csv"),
+    "optics": (".npz",),
+    "sensor": (".toml",),
 }
-"""What reads the files of each kind, and their suffixes."""
+"""Suffixes of files by their kind."""
 
 Guard = Callable[[Callable[[], object]], None]
 """Runs a task and shows its error to the client."""
@@ -198,18 +197,21 @@ class Controls:
         A sensor file replaces the sensor of its kind, the source unless only the target is.
         """
         suffix = path.suffix.lower()
-        kind = next((kind for kind, (_, known) in FILES.items() if suffix in known), None)
-        if kind is None:
-            known = ", ".join(each for _, suffixes in FILES.values() for each in suffixes)
+        field = next((kind for kind, known in FILES.items() if suffix in known), None)
+        if field is None:
+            known = ", ".join(each for suffixes in FILES.values() for each in suffixes)
             raise T2TwinError(f"{path.name} cannot be used; expected a file of {known}")
-        read = FILES[kind][0](path)
-        field = kind
-        if kind == "sensor":
+        if field == "sensor":
+            kind = load_sensor(path).spec.kind
             kinds = [load_sensor(getattr(self.state, role)).spec.kind for role in ROLES]
-            only_target = read.spec.kind == kinds[1] != kinds[0]
-            field = "target" if only_target else "source"
+            field = "target" if kinds[0] != kind == kinds[1] else "source"
+        changes: dict[str, Any] = {field: str(path)}
+        if field == "shape":
+            load_shape(path)  # raises the error of an unreadable file, as the sensors do
+            changes["scale"] = None
+        _ = self.state.with_changes(changes).sensors
         self._choices[field][path.name] = str(path)
-        self.apply({field: str(path)} | ({"scale": None} if field == "shape" else {}))
+        self.apply(changes)
 
     def _bind(self, **handles: Any) -> None:
         """Connects controls to their fields."""
