@@ -301,5 +301,5 @@ def test_a_folder_with_something_else_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(T2TwinError, match="not empty"):
         make_dataset(tmp_path, "smoke", shapes=SHAPES)
-    with pytest.raises(T2TwinError, match=r"notes\.txt is a file"):
+    with pytest.raises(T2TwinError, match=r"notes\.txt cannot be written"):
         make_dataset(tmp_path / "notes.txt", "smoke", shapes=SHAPES)

@@ -25,7 +25,7 @@ from msgspec.json import encode
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, counted
-from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked
+from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked, temporary_folder
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
@@ -335,9 +335,12 @@ def _results(
             yield batch, make_shard(context, batch)
         return
     # All workers read the context from the folder that they write to.
-    file = Path(context.folder) / f".context.{os.getpid()}.part"
-    file.write_bytes(pickle.dumps(context))
-    with _processes(workers) if scheduler is None else _dask(scheduler) as pool:
+    with (
+        temporary_folder(Path(context.folder), "context") as place,
+        _processes(workers) if scheduler is None else _dask(scheduler) as pool,
+    ):
+        file = place / "context.pickle"
+        file.write_bytes(pickle.dumps(context))
         futures = {pool.submit(make_shard_in_worker, str(file), batch): batch for batch in todo}
         for future in as_completed(futures):
             yield futures.pop(future), future.result()
