@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -151,7 +152,8 @@ def test_the_estimate_has_the_size_of_the_image_and_the_force_of_the_run(alone, 
 
 def test_each_image_passes_the_encoder_once(alone, images, monkeypatch) -> None:
     run, (frames, background) = load(alone, engine="torch"), images
-    encoder, passed = run.translator.predictor.encoder, []
+    encoder: Any = run.translator.predictor.encoder
+    passed: list[int] = []
     maps = encoder.maps
     monkeypatch.setattr(encoder, "maps", lambda inputs: passed.append(len(inputs)) or maps(inputs))
     for predict in (run.predict, run.estimate, run.contact, run.estimate_with_contact):
@@ -382,7 +384,7 @@ def test_below_its_limit_an_image_has_no_contact() -> None:
 def test_the_evaluation_has_the_errors_of_the_contact(alone, few, tmp_path) -> None:
     evaluate([alone], few, "val", tmp_path)
     evaluation = read_evaluation(tmp_path)
-    contact = evaluation.models["field"].contact
+    contact: Any = evaluation.models["field"].contact
     assert contact is not None and contact["pairs"] == 4
     assert 0.0 < contact["depth_rmse_mm"] < 3.0 and 0.0 <= contact["iou"] <= 1.0
     assert "RMSE of the depth, median, mm" in results_text({"val": evaluation})

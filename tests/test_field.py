@@ -5,7 +5,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -303,7 +303,7 @@ def test_certainty_of_what_is_right_by_half() -> None:
     force, nothing = np.full(500, 8.0), np.zeros((500, 1))
 
     def estimate(part: float) -> Estimate:
-        forces = {"force_n": np.full(500, 8.8), "force_std_n": np.full(500, 1.0)}
+        forces: Any = {"force_n": np.full(500, 8.8), "force_std_n": np.full(500, 1.0)}
         return Estimate(4e4, said, part * std, nothing, nothing, **forces)
 
     right, bold = (uncertainty_metrics(estimate(part), truth, force) for part in (1.0, 0.5))

@@ -300,7 +300,6 @@ def translate_contacts(
         for start in Progress(starts, desc="translating", unit="batch", disable=len(starts) < 2):
             part = slice(start, start + BATCH_SIZE)
             contacts = predictor.contact([np.asarray(open_image(p)) for p in images[part]], frame)
-            assert isinstance(contacts, list)
             for name, each in zip(names[part], contacts, strict=True):
                 written += [path.name for path in each.write(folder, name)] if files else []
             found += contacts

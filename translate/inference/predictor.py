@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 import torch
@@ -37,7 +37,7 @@ from t2twin.translate.data.images import (
 )
 from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures
 from t2twin.translate.data.sides import ArraySide, TactilePictures
-from t2twin.translate.inference.contact import ContactEstimate, contacts_of
+from t2twin.translate.inference.contact import contacts_of
 from t2twin.translate.models.base import TACTILE_IMAGES, Translator
 from t2twin.translate.models.field import FEATURES, FieldTranslator
 from t2twin.translate.models.touch2touch import GENERATED
@@ -253,9 +253,7 @@ class TrainedTranslator:
         estimate = self._estimate(*self._predicted(frames, background, tactile=tactile))
         return estimate.first() if is_one else estimate
 
-    def contact(
-        self, images: Images, background: np.ndarray | None = None
-    ) -> ContactEstimate | list[ContactEstimate]:
+    def contact(self, images: Images, background: np.ndarray | None = None) -> Any:
         """The contact itself: depth, pressure, force, center of pressure and shear force.
 
         Arguments and errors: as for `predict`. Returns a ContactEstimate on the camera's view, in
@@ -266,7 +264,7 @@ class TrainedTranslator:
 
     def estimate_with_contact(
         self, images: Images, background: np.ndarray | None = None, tactile: bool = False
-    ) -> tuple[Estimate, ContactEstimate | list[ContactEstimate]]:
+    ) -> tuple[Estimate, Any]:
         """What `estimate` and `contact` return, in one pass. Arguments and errors: as for both."""
         self.need_uncertainty("the contact")
         if not self.predicts_contact:
