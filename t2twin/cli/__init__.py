@@ -45,7 +45,11 @@ COMMANDS = {
     "doctor": doctor.doctor,
 }
 
-TYRO_OPTIONS = (tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone)
+TYRO_OPTIONS = (
+    tyro.conf.FlagCreatePairsOff,
+    tyro.conf.DisallowNone,
+    tyro.conf.PositionalMetavarFromFieldName,
+)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -37,13 +37,13 @@ class FitOptions:
             forces; default: a fifth.
     """
 
-    held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
-    scale_px_per_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
+    held_out: int | None = None
+    scale_px_per_mm: float | None = None
     ball_tolerance_mm: float = 0.1
-    scale_tolerance_px_per_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
+    scale_tolerance_px_per_mm: float | None = None
     depth_tolerance_mm: float = 0.03
     force_tolerance_n: float = 0.05
-    young_tolerance_mpa: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
+    young_tolerance_mpa: float | None = None
 
     @property
     def tolerance(self) -> "Tolerance":
@@ -66,12 +66,12 @@ class FitOptions:
 
 
 def calibrate(
-    background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
+    background: Path,
     fit: Annotated[FitOptions, tyro.conf.arg(name="")],
-    presses: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
-    ball_diameter_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/optics"),
-    sensor: Annotated[str, tyro.conf.arg(metavar="NAME")] = SOURCE,
+    presses: Path | None = None,
+    ball_diameter_mm: float | None = None,
+    out: Path = Path("runs/optics"),
+    sensor: str = SOURCE,
 ) -> None:
     """Fit a gel camera's light to your unit, from its background and presses of one ball.
 
@@ -191,16 +191,16 @@ def _cells(score: "Score") -> list[str]:
 
 
 def adapt(
-    background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
-    presses: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    background: Path,
+    presses: Path,
     ball_diameter_mm: float,
     fit: Annotated[FitOptions, tyro.conf.arg(name="")],
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/adapted"),
+    out: Path = Path("runs/adapted"),
     minutes: float = 20.0,
-    model: Annotated[str, tyro.conf.arg(metavar="MODEL")] = "field",
-    init_from: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
-    workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
-    sensor: Annotated[str, tyro.conf.arg(metavar="NAME")] = SOURCE,
+    model: str = "field",
+    init_from: Path | None = None,
+    workers: int | None = None,
+    sensor: str = SOURCE,
 ) -> None:
     """Adapt a translator to your own gel camera, from its background frame and presses of one ball.
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+from msgspec import structs
 
 if TYPE_CHECKING:
     from t2twin.sim.dataset.info import DatasetInfo
-    from t2twin.sim.sampling.recipe import Recipe
 
 
 @dataclass(frozen=True)
@@ -43,47 +43,52 @@ class SimdataOptions:
         verify: Check this dataset instead, list what is damaged, and exit with 1 if anything is.
     """
 
-    scale: Annotated[str | None, tyro.conf.arg(metavar="SCALE")] = None
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
-    recipe: Annotated[str | None, tyro.conf.arg(metavar="RECIPE")] = None
-    seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
-    source: Annotated[str | None, tyro.conf.arg(metavar="SENSOR")] = None
-    target: Annotated[str | None, tyro.conf.arg(metavar="SENSOR")] = None
-    layout: Annotated[str | None, tyro.conf.arg(metavar="LAYOUT")] = None
-    imperfections: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    optics: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
-    renderer: Annotated[Literal["baked", "pyrender"] | None, tyro.conf.arg(metavar="NAME")] = None
-    primitives: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    verify: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    scale: str | None = None
+    out: Path | None = None
+    workers: int | None = None
+    recipe: str | None = None
+    seed: int | None = None
+    source: str | None = None
+    target: str | None = None
+    layout: str | None = None
+    imperfections: str | None = None
+    optics: str | None = None
+    renderer: Literal["baked", "pyrender"] | None = None
+    primitives: Path | None = None
+    scheduler: str | None = None
+    verify: Path | None = None
 
 
 def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
     """Make a paired dataset or continue one; or check one with --verify."""
-    _check_options(options)
-    if options.verify is not None:
-        sys.exit(_verify(options.verify))
-    _make(options)
-
-
-def _make(options: SimdataOptions) -> None:
-    """Make a dataset, and print its size."""
     import t2twin
+    from t2twin.core.errors import T2TwinError
+    from t2twin.sim.sampling.recipe import load_recipe
     from t2twin.sim.sensors.defaults import SOURCE, TARGET
     from t2twin.sim.sensors.pair import SensorPair
 
-    recipe = sensors = None
-    if options.scale is not None:
-        sensors = SensorPair.of(
-            options.source or SOURCE,
-            options.target or TARGET,
-            optics=options.optics,
-            layout=options.layout,
-            renderer=options.renderer,
-        ).with_imperfections(options.imperfections)
-    elif options.recipe is not None:
-        recipe = _recipe(options.recipe, options.source, options.target)
+    if options.verify is not None:
+        if options != SimdataOptions(verify=options.verify):
+            raise T2TwinError("--verify makes nothing; expected no other option with it")
+        sys.exit(_verify(options.verify))
+    of_scale = {name: getattr(options, name) for name in ("layout", "optics", "renderer")}
+    if (options.scale is None) == (options.recipe is None):
+        raise T2TwinError("expected --scale (smoke, light, small or paper) or --recipe")
+    if options.recipe is not None and any((*of_scale.values(), options.imperfections)):
+        raise T2TwinError("a recipe contains --layout, --imperfections, --optics and --renderer")
+    if options.scheduler is not None and options.workers is not None:
+        raise T2TwinError("Dask has its own number of workers; expected no --workers with it")
+    recipe, sensors = options.recipe, None
+    if recipe is None:
+        sensors = SensorPair.of(options.source or SOURCE, options.target or TARGET, **of_scale)
+        sensors = sensors.with_imperfections(options.imperfections)
+    elif options.source or options.target:
+        loaded = load_recipe(recipe)
+        recipe = structs.replace(
+            loaded,
+            source=options.source or loaded.source,
+            target=options.target or loaded.target,
+        )
     folder = options.out or Path("data") / (options.scale or Path(options.recipe or "").stem)
     info = t2twin.make_dataset(
         folder,
@@ -96,43 +101,6 @@ def _make(options: SimdataOptions) -> None:
         recipe=recipe,
     )
     print(f"{_pairs(info)} pairs in {folder}, {_size(folder, info)}")
-
-
-def _recipe(name: str, source: str | None, target: str | None) -> "Recipe | str":
-    """A recipe, with other sensors if they are given."""
-    from msgspec import structs
-
-    from t2twin.sim.sampling.recipe import load_recipe
-
-    changes = {"source": source, "target": target}
-    given = {role: sensor for role, sensor in changes.items() if sensor is not None}
-    return structs.replace(load_recipe(name), **given) if given else name
-
-
-def _check_options(options: SimdataOptions) -> None:
-    """Raises T2TwinError unless one of --scale and --recipe is given, and for options that exclude
-    each other."""
-    from t2twin.core.errors import T2TwinError
-
-    if options.verify is not None:
-        for name, value in vars(options).items():
-            if name != "verify" and value is not None:
-                raise T2TwinError(f"--{name} cannot be used with --verify, which makes nothing")
-        return
-    if options.scale is None and options.recipe is None:
-        raise T2TwinError(
-            "--scale is missing: smoke, light, small or paper (or --recipe RECIPE, or --verify DIR)"
-        )
-    if options.recipe is not None:
-        for name in ("scale", "layout", "imperfections", "optics", "renderer"):
-            if getattr(options, name) is not None:
-                raise T2TwinError(
-                    f"--{name} cannot be used with --recipe, whose recipe contains it"
-                )
-    if options.scheduler is not None and options.workers is not None:
-        raise T2TwinError(
-            "--workers cannot be used with --scheduler; Dask has its own number of workers"
-        )
 
 
 def _verify(folder: Path) -> int:
@@ -155,10 +123,10 @@ def _verify(folder: Path) -> int:
 
 
 def import_pairs(
-    source: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="PAIRS")]],
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    source: tyro.conf.Positional[str],
+    out: Path,
     layout: str = "cyskin-20",
-    full_scale: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    full_scale: int | None = None,
     seed: int = 0,
 ) -> None:
     """Convert and check your own pairs.
@@ -178,17 +146,14 @@ def import_pairs(
     """
     import t2twin
 
-    pairs = t2twin.import_pairs(source, out, t2twin.load_layout(layout), full_scale, seed).pairs
-    print(
-        f"{pairs['train']} training, {pairs['val']} validation and {pairs['test']} test pairs "
-        f"in {out}"
-    )
+    info = t2twin.import_pairs(source, out, t2twin.load_layout(layout), full_scale, seed)
+    print(f"{_pairs(info)} pairs in {out}")
 
 
 def convert(
-    dataset: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="DATASET")]],
-    to: Annotated[Literal["lerobot"], tyro.conf.arg(metavar="FORMAT")],
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    dataset: tyro.conf.Positional[str],
+    to: Literal["lerobot"],
+    out: Path,
 ) -> None:
     """Convert a dataset to the format of another project.
 

@@ -3,9 +3,6 @@
 import shlex
 import time
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 PRETRAINED = "field"
 """The pretrained run that is evaluated together with the trained ones."""
@@ -25,8 +22,8 @@ TRAINING_MINUTES = 1.1
 
 
 def demo(
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path(),
-    minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
+    out: Path = Path(),
+    minutes: float | None = None,
 ) -> None:
     """Run all steps: shapes, a dataset, two trainings, their evaluation, and the report.
 

@@ -4,74 +4,42 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Callable
 from importlib.util import find_spec
 
 from t2twin.core.machine import NOT_INSTALLED, cores, installed_version
 
 PACKAGES = (
-    "cadquery",
-    "mujoco",
-    "msgspec",
-    "numba",
-    "numpy",
-    "scipy",
-    "trimesh",
-    "pyrender",
-    "torch",
-    "pyarrow",
-    "scikit-image",
-    "safetensors",
-)
+    "cadquery", "mujoco", "msgspec", "numba", "numpy", "scipy", "trimesh", "pyrender", "torch",
+    "pyarrow", "scikit-image", "safetensors",
+)  # fmt: skip
 EXTRAS = {"cluster": "distributed", "live": "cv2", "onnx": "onnxruntime", "studio": "viser"}
 """A module of each extra of the package."""
 
-LIBRARY = "libgl1"
-"""Debian's package of the library that the CAD kernel needs."""
-
-VOLUME_ERROR_MM3 = 1e-6
-"""Tolerated error of the volume of a box, mm^3."""
-
-MEMORY_GIB = 4
-"""Memory that every command fits into, GiB."""
-
-DISK_GIB = 4
-"""Free disk space for the dataset of scale paper and its runs, GiB."""
-
-STEPS = 200
-"""Steps after which a pin on its spring is at rest (assumed; a press takes a few)."""
-
-SPRING_ERROR_MM = 1e-2
-"""Tolerated error of that pin's depth, mm."""
+LIBRARY = "libgl1"  # Debian's package of the library that the CAD kernel needs
+VOLUME_ERROR_MM3 = 1e-6  # tolerated error of the volume of a box
+MEMORY_GIB = 4  # memory that every command fits into
+DISK_GIB = 4  # free disk space for the dataset of scale paper and its runs
+STEPS = 200  # after which a pin on its spring is at rest (assumed; a press takes a few)
+SPRING_ERROR_MM = 1e-2  # tolerated error of that pin's depth
 
 
 def doctor() -> None:
     """Check this machine: Python, packages, CAD kernel, MuJoCo, headless OpenGL, memory, disk."""
-    sys.exit(0 if run_checks() else 1)
-
-
-def run_checks() -> bool:
-    """Print one line for each check; returns whether all passed."""
-    checks: list[tuple[str, Callable[[], str]]] = [
-        ("python", lambda: f"{platform.python_version()} on {platform.system()}, {cores()} cores"),
-        ("packages", _packages),
-        ("extras", _extras),
-        ("network", _network),
-        ("solids", _solids),
-        ("contact", _contact),
-        ("rendering", _rendering),
-        ("memory", _memory),
-        ("disk", _disk),
-        ("cache", _cache),
-    ]
-    passed = True
-    for name, check in checks:
+    checks = (_python, _packages, _extras, _network, _solids, _contact, _rendering, _memory, _disk,
+              _cache)  # fmt: skip
+    failed = 0
+    for check in checks:
+        name = check.__name__.removeprefix("_")
         try:
             print(f"ok    {name:10} {check()}")
         except Exception as error:  # the other checks run in any case
-            passed = False
+            failed = 1
             print(f"FAIL  {name:10} {error}")
-    return passed
+    sys.exit(failed)
+
+
+def _python() -> str:
+    return f"{platform.python_version()} on {platform.system()}, {cores()} cores"
 
 
 def _packages() -> str:

@@ -10,14 +10,12 @@ Split = Literal["val", "test", "both"]
 
 def evaluate(
     runs: tyro.conf.Positional[
-        Annotated[
-            tuple[Path, ...], tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)")
-        ]
+        Annotated[tuple[Path, ...], tyro.conf.arg(help_behavior_hint="(one or more)")]
     ],
-    data: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    data: Path,
     split: Split = "val",
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
-    background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
+    out: Path | None = None,
+    background: Path | None = None,
 ) -> None:
     """Evaluate trained translators, with baselines and error floors; writes metrics.json.
 
@@ -47,10 +45,10 @@ def evaluate(
 
 
 def report(
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/report"),
-    data: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("data/small"),
-    runs: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="RUN")] = (),
-    evaluation: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    out: Path = Path("runs/report"),
+    data: Path = Path("data/small"),
+    runs: tuple[Path, ...] = (),
+    evaluation: Path | None = None,
 ) -> None:
     """Write a self-contained HTML page about a dataset, or about runs evaluated on it.
 

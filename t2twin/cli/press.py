@@ -1,17 +1,18 @@
 """t2twin shapes, t2twin primitives, t2twin press, t2twin slide"""
 
 import math
+import os
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from t2twin.sim.press import Press
-from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
+from t2twin.sim.sensors.defaults import SOURCE, TARGET
 
 if TYPE_CHECKING:
     from t2twin.primitives_cad.shape import Shape
@@ -21,46 +22,6 @@ if TYPE_CHECKING:
     from t2twin.sim.touch import Touch
 
 
-def shapes() -> None:
-    """List the names of the shapes that can be pressed."""
-    from t2twin.primitives_cad.catalogue import KEYPOINTS
-    from t2twin.primitives_cad.primitive_parameters import FAMILIES
-
-    print("primitives, versions 1 to 4 (3 is for validation):")
-    for family, versions in FAMILIES.items():
-        names = [f"{family}-{number + 1}" for number in range(len(versions))]
-        print("  " + "".join(f"{name:18}" for name in names).rstrip())
-    print("tools at their keypoints, for testing:")
-    for tool, keypoints in KEYPOINTS.items():
-        names = [f"{tool}/{keypoint}" for keypoint in keypoints]
-        print("  " + "".join(f"{name:22}" for name in names).rstrip())
-    print("also any STL, STEP, OBJ, PLY, 3MF or GLB file, pressing side up (+z; +y in GLB)")
-
-
-def primitives(
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("data/primitives"),
-) -> None:
-    """Write the 32 primitives, the 5 tools and a plate of all primitives as STEP and STL.
-
-    Also writes a contact sheet, an image of all shapes.
-
-    Args:
-        out: Folder to write into.
-    """
-    from t2twin.primitives_cad.catalogue import NAMES
-    from t2twin.primitives_cad.contact_sheet import draw_sheet
-    from t2twin.primitives_cad.export import export_shapes
-
-    export_shapes(out)
-    sheet = draw_sheet(out / "contact_sheet.png")
-    print("shapes to press:")
-    for start in range(0, len(NAMES), 4):
-        print("  " + "".join(f"{name:24}" for name in NAMES[start : start + 4]).rstrip())
-    print(f"wrote STEP, STL and manifest.json to {out}, and the contact sheet {sheet}")
-
-
-Float = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
-Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 Renderer = Literal["baked", "pyrender"]
 
 BOTH = "both"
@@ -76,11 +37,38 @@ OF_SENSORS = {
 }
 """Options that some sensors have, and their names in a sensor's OPTIONS."""
 
-LAYERS = ("gel", "cover")
-"""Names of a sensor's elastomer, as an option and as a table of its file."""
 
-DEFAULT_STEPS = 10
-"""Steps of a slide unless given."""
+def shapes() -> None:
+    """List the names of the shapes that can be pressed."""
+    from t2twin.primitives_cad.catalogue import OBJECTS
+    from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
+
+    print("primitives, versions 1 to 4 (3 is for validation):")
+    _print_columns(PRIMITIVES)
+    print("tools at their keypoints, for testing:")
+    _print_columns(OBJECTS)
+    print("also any STL, STEP, OBJ, PLY, 3MF or GLB file, pressing side up (+z; +y in GLB)")
+
+
+def _print_columns(names: Sequence[str]) -> None:
+    for start in range(0, len(names), 4):
+        print("  " + "".join(f"{name:22}" for name in names[start : start + 4]).rstrip())
+
+
+def primitives(out: Path = Path("data/primitives")) -> None:
+    """Write the 32 primitives, the 5 tools and a plate of all primitives as STEP and STL.
+
+    Also writes a contact sheet, an image of all shapes.
+
+    Args:
+        out: Folder to write into.
+    """
+    from t2twin.primitives_cad.contact_sheet import draw_sheet
+    from t2twin.primitives_cad.export import export_shapes
+
+    export_shapes(out)
+    sheet = draw_sheet(out / "contact_sheet.png")
+    print(f"wrote STEP, STL and manifest.json to {out}, and the contact sheet {sheet}")
 
 
 @dataclass(frozen=True)
@@ -110,22 +98,22 @@ class TouchOptions(Press):
         marker_pitch_mm: Distance of neighboring markers, mm. Implies markers.
     """
 
-    shape: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="SHAPE")]]
-    source: Name = SOURCE
-    target: Name = TARGET
-    sensor: Name = BOTH
-    scale: Float = None
+    shape: tyro.conf.Positional[str]
+    source: str = SOURCE
+    target: str = TARGET
+    sensor: str = BOTH
+    scale: float | None = None
     center: bool = False
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    thickness_mm: Float = None
-    young_mpa: Float = None
-    poisson: Float = None
+    out: Path | None = None
+    thickness_mm: float | None = None
+    young_mpa: float | None = None
+    poisson: float | None = None
     flat: bool = False
-    layout: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
-    optics: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    imperfections: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    layout: str | None = None
+    optics: Path | None = None
+    imperfections: str | None = None
     markers: bool = False
-    marker_pitch_mm: Float = None
+    marker_pitch_mm: float | None = None
 
     def load_shape(self) -> "Shape":
         from t2twin.primitives_cad import catalogue
@@ -146,7 +134,12 @@ class TouchOptions(Press):
         if self.flat:
             changes |= {"dome_width_radius_mm": math.inf, "dome_length_radius_mm": math.inf}
         if changes:
-            pair = SensorPair(*(_with_layer(each, changes) for each in (pair.source, pair.target)))
+            changed = []
+            for each in (pair.source, pair.target):
+                (layer,) = {"gel", "cover"} & {*each.OPTIONS}
+                elastomer = getattr(each.spec, layer).elastomer(each.name)
+                changed.append(each.with_options({layer: replace(elastomer, **changes)}))
+            pair = SensorPair(*changed)
         pitch = self.marker_pitch_mm
         return pair.with_options(
             optics=self.optics,
@@ -158,18 +151,7 @@ class TouchOptions(Press):
 
     def only(self, sensors: "SensorPair") -> str | None:
         """The name in a touch of the sensor to press, None for both."""
-        from t2twin.core.errors import T2TwinError
-
-        if self.sensor == BOTH:
-            return None
-        try:
-            return sensors.named(self.sensor)
-        except T2TwinError:
-            names = ", ".join((BOTH, *ROLES, *sensors.by_name))
-            raise T2TwinError(
-                f"--sensor is {self.sensor!r}; expected one of {names}, or other sensors by "
-                "--source and --target"
-            ) from None
+        return None if self.sensor == BOTH else sensors.named(self.sensor)
 
     def pressed(self, sensors: "SensorPair") -> "dict[str, Sensor]":
         """The sensors to press, by their names in a touch."""
@@ -180,25 +162,33 @@ class TouchOptions(Press):
         """Raises T2TwinError for an option without effect on the sensors to press."""
         from t2twin.core.errors import T2TwinError
 
-        plain, pressed = type(self)(self.shape), self.pressed(sensors)
+        pressed = self.pressed(sensors)
+        given = [
+            name for name in OF_SENSORS if getattr(self, name, None) not in (None, False, "baked")
+        ]
         unused = [
             name
-            for name, option in OF_SENSORS.items()
-            if all(option not in each.OPTIONS for each in pressed.values())
+            for name in given
+            if all(OF_SENSORS[name] not in each.OPTIONS for each in pressed.values())
         ]
-        if all(each.elastomer.is_flat for each in pressed.values()):
+        if self.flat and all(each.elastomer.is_flat for each in pressed.values()):
             unused.append("flat")
-        for name in unused:
-            if getattr(self, name, None) != getattr(plain, name, None):
-                raise T2TwinError(
-                    f"--{name.replace('_', '-')} has no effect on {' and '.join(pressed)}"
-                )
-        if self.seed is None and self.imperfections != plain.imperfections:
+        if unused:
+            name = unused[0].replace("_", "-")
+            raise T2TwinError(f"--{name} has no effect on {' and '.join(pressed)}")
+        if self.seed is None and self.imperfections is not None:
             raise T2TwinError("--imperfections has no effect without --seed; give both or none")
 
     def command_for(self, shape: "Shape", sensors: "SensorPair") -> "PressCommand":
         """The press; a depth is that in the first pressed sensor."""
         return self.command(shape, next(iter(self.pressed(sensors).values())))
+
+    def compile_ahead(self, sensors: "SensorPair") -> None:
+        """Compile loops of the optics, if there are any, in a second process."""
+        from t2twin.compile_ahead import compile_ahead
+
+        if any("optics" in each.OPTIONS for each in self.pressed(sensors).values()):
+            compile_ahead()
 
     def folder(self, command: str, shape: "Shape") -> Path:
         """The folder to write. The suffix is added where another file of a shape has this stem."""
@@ -234,7 +224,7 @@ class SlideOptions(TouchOptions):
         dx_mm: Motion of the shape to the right in the image, mm.
         dy_mm: Motion down in the image, mm.
         dyaw_deg: Rotation about the shape's middle, clockwise in the image, degrees.
-        steps: Number of equal steps of the motion; default 10.
+        steps: Number of equal steps of the motion.
         path: Instead of start, force and motion, a CSV file with the columns x_mm, y_mm, yaw_deg
             and force_n. The first row is a press; a force of 0 lifts the shape off.
         friction: Coefficient of friction of both sensors; default: that of each one's file.
@@ -244,10 +234,10 @@ class SlideOptions(TouchOptions):
     dx_mm: float = 0.0
     dy_mm: float = 0.0
     dyaw_deg: float = 0.0
-    steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
-    path: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    friction: Float = None
-    rerun: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None
+    steps: int = 10
+    path: Path | None = None
+    friction: float | None = None
+    rerun: Path | None = None
 
     def commands(self, shape: "Shape", sensors: "SensorPair") -> "list[PressCommand]":
         """The commands of the path. Raises T2TwinError where options conflict or are invalid."""
@@ -257,30 +247,23 @@ class SlideOptions(TouchOptions):
         motion = self.dx_mm, self.dy_mm, self.dyaw_deg
         if self.path is None:
             if not any(motion):
-                raise T2TwinError(
-                    "there is no motion; give --dx-mm, --dy-mm or --dyaw-deg, or a file --path"
-                )
+                raise T2TwinError("there is no motion; give --dx-mm, --dy-mm, --dyaw-deg or --path")
             start = self.command_for(shape, sensors)
-            steps = DEFAULT_STEPS if self.steps is None else self.steps
-            rows = straight_path(start, *motion, steps, start.force_n)
+            rows = straight_path(start, *motion, self.steps, start.force_n)
             return path_commands(shape.name, rows, tilt_rad=start.tilt_rad)
-        given = (self.x_mm, self.y_mm, self.yaw_deg, *motion)
-        if any(given) or (self.force_n, self.depth_mm, self.steps) != (None, None, None):
-            raise T2TwinError(
-                "--path contains poses and forces; expected none of --x-mm, --y-mm, --yaw-deg, "
-                "--force-n, --depth-mm, --dx-mm, --dy-mm, --dyaw-deg, --steps with it"
-            )
+        given = self.x_mm, self.y_mm, self.yaw_deg, *motion, self.force_n, self.depth_mm
+        if any(given) or self.steps != SlideOptions.steps:
+            raise T2TwinError("--path contains poses and forces; give it without other ones")
         rows = read_path(self.path)
         return path_commands(shape.name, rows, str(self.path), self.tilt_rad)
 
 
 def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     """Press one shape into one sensor or both, and write the image, counts and contacts."""
-    from t2twin.compile_ahead import compile_ahead
+    from t2twin.sim.scene import view
     from t2twin.sim.touch import scene_path
 
-    shape = options.load_shape()
-    rng = options.rng
+    shape, rng = options.load_shape(), options.rng
     sensors = options.sensors(options.renderer)
     if options.renderer == "pyrender":
         from t2twin.sim.optical.pyrender_renderer import FIRST_SECONDS
@@ -288,50 +271,47 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
         takes = f"about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
         print(f"t2twin: pyrender takes {takes}", file=sys.stderr)
     command = options.command_for(shape, sensors)
-    if _have_optics(options.pressed(sensors)):
-        compile_ahead()
+    options.compile_ahead(sensors)
     touch = sensors.press(shape, command, rng, only=options.only(sensors))
     folder = options.folder("press", shape)
     touch.save(folder)
     print_notes(shape)
-    for name, contact in touch.contacts.items():
-        print("; ".join([contact_summary(name, contact), *touch[name].notes]))
-    counts = {name: getattr(each, "counts", None) for name, each in touch.readings.items()}
-    of_arrays = {name: values for name, values in counts.items() if values is not None}
-    for name, values in of_arrays.items():
-        of_which = f"{name}: " if len(of_arrays) > 1 else ""
-        print(f"{of_which}counts: {' '.join(map(str, values))}")
+    for name, reading in touch.readings.items():
+        if reading.contact is not None:
+            print("; ".join([contact_summary(name, reading.contact), *reading.notes]))
+    for name, reading in touch.readings.items():
+        if (counts := getattr(reading, "counts", None)) is not None:
+            print(f"{name}: counts: {' '.join(map(str, counts))}")
     print(f"written to {folder}")
-    if options.view:
-        show(scene_path(folder, next(iter(touch.readings))))
+    scene = scene_path(folder, next(iter(touch.readings)))
+    is_headless = sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ}
+    if options.view and is_headless:
+        print(f"no display here; to view the scene: python -m mujoco.viewer --mjcf={scene}")
+    elif options.view:
+        view(scene)
 
 
 def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     """Press a shape and slide or turn it with friction; write images, counts and shear."""
-    from t2twin.compile_ahead import compile_ahead
     from t2twin.core.progress import Progress
     from t2twin.rerun_log import RerunLog, recorded
     from t2twin.sim.contact.friction import check_friction
     from t2twin.sim.slide import touches_along
     from t2twin.slide_files import FRAME_MS, write_slide
 
-    shape = options.load_shape()
-    rng, friction = options.rng, check_friction(options.friction)
-    sensors = options.sensors()
+    shape, rng = options.load_shape(), options.rng
+    friction, sensors = check_friction(options.friction), options.sensors()
     commands = options.commands(shape, sensors)
-    if _have_optics(options.pressed(sensors)):
-        compile_ahead()
+    options.compile_ahead(sensors)
     only = options.only(sensors)
     touches = touches_along(sensors, shape, commands, friction, rng, only)
     folder = options.folder("slide", shape)
     log = None if options.rerun is None else RerunLog(options.rerun)
     if log is not None:
         touches = recorded(log, touches, 1e-3 * FRAME_MS)
-    said: Counter[str] = Counter()
-    touches = _noted(touches, said)
-    rows = write_slide(
-        folder, Progress(touches, total=len(commands), desc="slide", unit="step"), len(commands)
-    )
+    notes: Counter[str] = Counter()
+    touches = Progress(_noted(touches, notes), total=len(commands), desc="slide", unit="step")
+    rows = write_slide(folder, touches, len(commands))
     if log is not None:
         log.close()
     print_notes(shape)
@@ -339,27 +319,16 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
         contacts = [row for row in rows if f"{name}_shear_x_n" in row]
         if contacts:
             print(slide_summary(name, contacts))
-    for note, steps in said.items():
+    for note, steps in notes.items():
         print(f"{note}; in {steps} of {len(commands)} touches")
     print(f"written to {folder}")
 
 
-def _noted(touches: "Iterable[Touch]", said: Counter[str]) -> "Iterator[Touch]":
+def _noted(touches: "Iterable[Touch]", notes: Counter[str]) -> "Iterator[Touch]":
     """The same touches; counts their notes."""
     for touch in touches:
-        said.update(touch.notes)
+        notes.update(touch.notes)
         yield touch
-
-
-def _have_optics(sensors: "dict[str, Sensor]") -> bool:
-    return any("optics" in each.OPTIONS for each in sensors.values())
-
-
-def _with_layer(sensor: "Sensor", changes: dict[str, Any]) -> "Sensor":
-    """A sensor whose own elastomer has other properties. Raises T2TwinError for invalid ones."""
-    (layer,) = (each for each in LAYERS if each in sensor.OPTIONS)
-    own = getattr(sensor.spec, layer).elastomer(sensor.name)
-    return sensor.with_options({layer: replace(own, **changes)})
 
 
 def print_notes(shape: "Shape") -> None:
@@ -370,15 +339,13 @@ def print_notes(shape: "Shape") -> None:
 
 def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
     """One line about the rows with contact of a slide."""
-    end = rows[-1]
+    end = {name.removeprefix(f"{sensor}_"): value for name, value in rows[-1].items()}
     # Adding 0 turns -0 into 0.
-    x_n, y_n, torque_nmm = (
-        round(end[f"{sensor}_{name}"], 2) + 0.0 for name in ("shear_x_n", "shear_y_n", "torque_nmm")
-    )
     return (
-        f"{sensor}: step {end['step']}: tangential force {x_n:.2f} N right, {y_n:.2f} N down, "
-        f"torque {torque_nmm:.2f} N mm, {100 * end[f'{sensor}_slip_share']:.0f} % of the contact "
-        "slips"
+        f"{sensor}: step {end['step']}: tangential force {round(end['shear_x_n'], 2) + 0.0:.2f} N "
+        f"right, {round(end['shear_y_n'], 2) + 0.0:.2f} N down, torque "
+        f"{round(end['torque_nmm'], 2) + 0.0:.2f} N mm, {100 * end['slip_share']:.0f} % of the "
+        "contact slips"
     )
 
 
@@ -391,17 +358,3 @@ def contact_summary(sensor: str, contact: "Contact") -> str:
         f"{contact.contact_area_mm2:.1f} mm2 in contact, {contact.milliseconds:.0f} ms"
     )
     return "; ".join([line, *contact_notes(contact)])
-
-
-def show(path: Path) -> None:
-    """Open a scene in MuJoCo's viewer; without a display, print the command that does."""
-    import os
-
-    from t2twin.sim.scene import view
-
-    if sys.platform == "linux" and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
-        print(f"no display here; to view the scene: python -m mujoco.viewer --mjcf={path}")
-        return
-    view(path)

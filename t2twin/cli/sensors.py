@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -22,11 +22,9 @@ DEEPEST = 0.5
 
 
 def sensors(
-    action: Annotated[
-        Literal["list", "show", "check"], tyro.conf.Positional, tyro.conf.arg(metavar="ACTION")
-    ] = "list",
-    sensor: Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="SENSOR")] = None,
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    action: tyro.conf.Positional[Literal["list", "show", "check"]] = "list",
+    sensor: tyro.conf.Positional[str | None] = None,
+    out: Path | None = None,
 ) -> None:
     """List the bundled sensors, print the file of one to start from, or check a file of your own.
 
@@ -37,39 +35,22 @@ def sensors(
         out: Picture that check writes: of a gel camera the background frame, the image and their
             difference; of a taxel array the tactile image; default runs/sensors/NAME.png.
     """
-    from t2twin.sim.sensors.files import bundled_sensors, load_sensor
+    from t2twin.sim.sensors.files import bundled_sensors, load_sensor, path_of
 
-    if action == "list" and sensor is not None:
-        raise T2TwinError(f"list takes no sensor; expected show {sensor} or check {sensor}")
-    if action != "check" and out is not None:
-        raise T2TwinError(f"--out has no effect with {action}; only check writes a picture")
-    if action == "list":
-        for name in bundled_sensors():
-            print(_line(load_sensor(name)))
+    if (action == "list") != (sensor is None) or (action != "check" and out is not None):
+        raise T2TwinError("expected list, show SENSOR, or check SENSOR with --out or without")
+    if sensor is None:
+        for each in map(load_sensor, bundled_sensors()):
+            print(f"{each.name:16}{each.spec.kind.replace('-', ' '):14}{each.size}")
         print("also any .toml file; t2twin sensors show NAME prints one to start from")
-    elif sensor is None:
-        raise T2TwinError(f"SENSOR is missing; expected t2twin sensors {action} SENSOR")
-    elif action == "show":
-        print(_file(sensor), end="")
-    else:
+    elif action == "check":
         _check(load_sensor(sensor), out)
-
-
-def _line(sensor: "Sensor") -> str:
-    """Name, kind, and size of the images or number of taxels."""
-    return f"{sensor.name:16}{sensor.spec.kind.replace('-', ' '):14}{sensor.size}"
-
-
-def _file(source: str) -> str:
-    """The file of a sensor; an optics file beside it is named with its folder."""
-    from t2twin.sim.sensors.files import load_sensor, path_of
-
-    path = path_of(source)
-    optics = getattr(load_sensor(source), "optics_path", None)
-    text = path.read_text(encoding="utf-8")
-    if optics is None:
-        return text
-    return text.replace(json.dumps(optics.name), json.dumps(str(optics.absolute())), 1)
+    else:
+        text = path_of(sensor).read_text(encoding="utf-8")
+        optics = getattr(load_sensor(sensor), "optics_path", None)
+        if optics is not None:  # beside the file, and named with its folder
+            text = text.replace(json.dumps(optics.name), json.dumps(str(optics.absolute())), 1)
+        print(text, end="")
 
 
 def _check(sensor: "Sensor", out: Path | None) -> None:

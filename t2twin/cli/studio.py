@@ -3,17 +3,14 @@
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 
 def studio(
-    run: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="RUN")] = (),
-    source: Annotated[str | None, tyro.conf.arg(metavar="SOURCE")] = None,
-    host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1",
-    port: Annotated[int, tyro.conf.arg(metavar="INT")] = 8080,
-    background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
+    run: tuple[Path, ...] = (),
+    source: str | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    background: Path | None = None,
 ) -> None:
     """Press shapes and translate images in a browser, until Ctrl-C.
 

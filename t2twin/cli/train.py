@@ -4,25 +4,25 @@ t2twin calibrate-uncertainty
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tyro
 
 
 def train(
-    model: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="MODEL")]],
-    data: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    model: tyro.conf.Positional[str],
+    data: Path,
     preset: str = "cpu",
-    out: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
+    out: Path | None = None,
     seed: int = 0,
-    epochs: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
-    minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
-    steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
-    init_from: Annotated[str | None, tyro.conf.arg(metavar="RUN")] = None,
+    epochs: int | None = None,
+    minutes: float | None = None,
+    steps: int | None = None,
+    init_from: str | None = None,
     direction: Literal[
         "source-to-target", "target-to-source", "image-to-counts", "counts-to-image"
     ] = "source-to-target",
-    iou_weight: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
+    iou_weight: float | None = None,
     contact_alone: bool = False,
 ) -> None:
     """Train a translator, or resume a stopped training.
@@ -58,10 +58,8 @@ def train(
 
 
 def calibrate_uncertainty(
-    run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]],
-    data: Annotated[
-        tuple[Path, ...], tyro.conf.arg(metavar="DIR", help_behavior_hint="(one or more)")
-    ],
+    run: tyro.conf.Positional[Path],
+    data: tuple[Path, ...],
 ) -> None:
     """Recalibrate the predicted uncertainty of a field run on validation presses of several
     datasets.

@@ -3,14 +3,11 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from t2twin.core.errors import counted
-
-if TYPE_CHECKING:
-    from t2twin.translate.uncertainty.estimate import Estimate
 
 MAX_PRINTED = 5
 """Images whose counts are printed; the output files contain all."""
@@ -27,8 +24,8 @@ class RunOptions:
             Default: the run's own.
     """
 
-    run: Annotated[str | None, tyro.conf.arg(metavar="RUN")] = None
-    layout: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
+    run: str | None = None
+    layout: str | None = None
 
     @property
     def name(self) -> str:
@@ -50,17 +47,15 @@ class PredictionOptions(RunOptions):
     """
 
     bf16: bool = False
-    background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None
+    background: Path | None = None
 
 
 def translate(
     images: tyro.conf.Positional[
-        Annotated[
-            tuple[Path, ...], tyro.conf.arg(metavar="IMAGE", help_behavior_hint="(one or more)")
-        ]
+        Annotated[tuple[Path, ...], tyro.conf.arg(help_behavior_hint="(one or more)")]
     ],
     options: Annotated[PredictionOptions, tyro.conf.arg(name="")],
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/translate"),
+    out: Path = Path("runs/translate"),
     png: Annotated[bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")] = True,
     target: Literal["counts", "contact"] = "counts",
 ) -> None:
@@ -78,6 +73,8 @@ def translate(
         target: What a field run predicts. contact writes contacts.csv, and for each image NAME.npz,
             NAME.json, NAME_depth.png (16 bits, micrometers) and NAME_relief.png.
     """
+    import numpy as np
+
     from t2twin.translate.inference.files import find_images, translate_files, translate_readings
     from t2twin.translate.inference.predictor import NO_BACKGROUND
     from t2twin.translate.models.distributed import use_all_cores
@@ -86,27 +83,35 @@ def translate(
     _check_no_run(images)
     use_all_cores()
     if target == "contact":
-        _translate_contacts(images, options, out, png)
-        return
-    if not _is_image_to_counts(options):
+        lines, warnings = _translate_contacts(images, options, out, png)
+    elif not _is_image_to_counts(options):
         readings = translate_readings(options.name, images, out, png)
         print(f"{counted(len(readings), 'reading')} translated, written to {out}")
         return
-    files = find_images(images)
-    result = translate_files(
-        options.name, files, out, options.layout, png, options.bf16, options.background
-    )
-    _print(result, files)
+    else:
+        files = find_images(images)
+        result = translate_files(
+            options.name, files, out, options.layout, png, options.bf16, options.background
+        )
+        rows = np.rint(result.counts).astype(int)
+        lines = [
+            f"{file}: {' '.join(map(str, row))}" for file, row in zip(files, rows, strict=True)
+        ]
+        is_without = result.counts_std is not None and options.background is None
+        warnings = [NO_BACKGROUND] * is_without
+        warnings += filter(None, [unlike(list(result.ood_class), options.name, files)])
+    print(*lines[:MAX_PRINTED], sep="\n")
+    if len(lines) > MAX_PRINTED:
+        print(f"and {len(lines) - MAX_PRINTED:,} more")
     print(f"written to {out}")
-    if result.counts_std is not None and options.background is None:
-        print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
-    if warning := unlike(list(result.ood_class), options.name, files):
-        print(f"t2twin: {warning}", file=sys.stderr)
+    for warning in warnings:
+        _report(warning)
 
 
 def _translate_contacts(
     images: tuple[Path, ...], options: PredictionOptions, out: Path, png: bool
-) -> None:
+) -> tuple[list[str], list[str]]:
+    """A line about each image, and warnings."""
     from t2twin.core.errors import T2TwinError
     from t2twin.translate.inference.files import find_images, translate_contacts
     from t2twin.translate.inference.predictor import NO_BACKGROUND
@@ -115,17 +120,12 @@ def _translate_contacts(
         raise T2TwinError("--layout and --bf16 are for counts; give them without --target contact")
     files = find_images(images)
     contacts = translate_contacts(options.name, files, out, options.background, png)
-    for path, contact in list(zip(files, contacts, strict=True))[:MAX_PRINTED]:
-        print(f"{path}: {contact.words}")
-    if len(files) > MAX_PRINTED:
-        print(f"and {len(files) - MAX_PRINTED:,} more")
-    print(f"written to {out}")
-    if options.background is None:
-        print(f"t2twin: {NO_BACKGROUND}", file=sys.stderr)
+    warnings = [NO_BACKGROUND] * (options.background is None)
     for note in dict.fromkeys(note for each in contacts for note in each.notes):
-        noted = [path for path, each in zip(files, contacts, strict=True) if note in each.notes]
+        noted = [file for file, each in zip(files, contacts, strict=True) if note in each.notes]
         part = f"{len(noted)} of {counted(len(files), 'image')}, such as {noted[0]}"
-        print(f"t2twin: {part}: {note}", file=sys.stderr)
+        warnings.append(f"{part}: {note}")
+    return [f"{file}: {each.words}" for file, each in zip(files, contacts, strict=True)], warnings
 
 
 def _is_image_to_counts(options: PredictionOptions) -> bool:
@@ -138,25 +138,12 @@ def _is_image_to_counts(options: PredictionOptions) -> bool:
     direction = load_config(resolve_run(options.name)).direction
     if direction == IMAGE_TO_COUNTS:
         return True
-    given = {"--layout": options.layout, "--background": options.background, "--bf16": options.bf16}
-    for name, value in given.items():
-        if value:
-            raise T2TwinError(
-                f"{name} is given, but {options.name} has the direction {direction}; {name} is for "
-                "runs from images to counts"
-            )
+    if options.layout is not None or options.background is not None or options.bf16:
+        raise T2TwinError(
+            f"--layout, --background and --bf16 are for runs from images to counts; {options.name} "
+            f"has the direction {direction}"
+        )
     return False
-
-
-def _print(result: "Estimate", files: list[Path]) -> None:
-    """Prints the counts of the first images."""
-    import numpy as np
-
-    rows = np.rint(result.counts[:MAX_PRINTED]).astype(int)
-    for image, row in zip(files[:MAX_PRINTED], rows, strict=True):
-        print(f"{image}: " + " ".join(str(count) for count in row))
-    if len(files) > MAX_PRINTED:
-        print(f"and {len(files) - MAX_PRINTED:,} more")
 
 
 def _check_no_run(images: tuple[Path, ...]) -> None:
@@ -170,12 +157,12 @@ def _check_no_run(images: tuple[Path, ...]) -> None:
 
 
 def live(
-    source: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="SOURCE")]],
+    source: tyro.conf.Positional[str],
     options: Annotated[PredictionOptions, tyro.conf.arg(name="")],
     turn_deg: Literal[0, 90, 180, 270] = 0,
-    frames: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
-    zmq: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
-    rerun: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None,
+    frames: int | None = None,
+    zmq: str | None = None,
+    rerun: Path | None = None,
 ) -> None:
     """Translate frames as they arrive; print a line of JSON with the counts for each.
 
@@ -194,15 +181,15 @@ def live(
 
     import numpy as np
 
-    from t2twin.core.errors import T2TwinError
+    from t2twin.core import arguments
     from t2twin.live.follow import follow, published, recorded
     from t2twin.live.sources import open_source
     from t2twin.translate.data.images import open_image
     from t2twin.translate.inference.load import load
     from t2twin.translate.models.distributed import use_all_cores
 
-    if frames is not None and frames < 1:
-        raise T2TwinError(f"--frames is {frames}; expected 1 or more")
+    if frames is not None:
+        arguments.whole_number(frames, "--frames", 1)
     use_all_cores()
     loaded = load(options.name, options.layout, options.bf16)
     with ExitStack() as stack:
@@ -228,7 +215,7 @@ def _report(message: str) -> None:
 
 def export(
     options: Annotated[RunOptions, tyro.conf.arg(name="")],
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    out: Path | None = None,
     force: bool = False,
 ) -> None:
     """Export a trained run as an ONNX file, from pixels to counts and tactile images.

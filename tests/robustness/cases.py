@@ -1,17 +1,15 @@
-"""Cases: a command or call, the files it finds, and the end that is expected; shared damages."""
+"""Cases: a command, the files that it finds, and whether it must succeed; images and damages."""
 
+import io
 import os
 import shlex
 import shutil
-import socket
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-REFUSED, BROKEN = 2, 1
-"""Exit status of refused input, and of a dataset that fails --verify."""
+from PIL import Image
 
 
 @dataclass(frozen=True)
@@ -25,29 +23,23 @@ class Base:
 
 
 Make = Callable[[Path, Base], object]
-"""Writes a case's files into its own folder, or calls the code under test from there."""
+"""Writes a case's files into its own folder."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One call of t2twin from within a folder of its own.
+    """One command of t2twin in a folder of its own.
 
     command: as in a shell; {data}, {touch2touch}, {resnet18} and {evaluation} are paths of the
-    Base. make: writes the files. says: part of the expected sentence, in any case. fine: odd but
-    valid input, so that the call must succeed. call: Python to call instead of a command.
+    Base. make: writes the files. says: part of the expected message. fine: odd but valid input, so
+    that the command must succeed.
     """
 
     name: str
-    command: str = ""
+    command: str
     make: Make = lambda box, base: None
     says: str = ""
     fine: bool = False
-    call: Make | None = None
-
-    @property
-    def statuses(self) -> tuple[int, ...]:
-        """Allowed exit statuses of a refusal."""
-        return (REFUSED, BROKEN) if "--verify" in self.command else (REFUSED,)
 
     def words(self, base: Base) -> list[str]:
         words = shlex.split(self.command)
@@ -58,15 +50,13 @@ class Case:
 
 @dataclass(frozen=True)
 class Copy:
-    """A copy of a folder of the Base, without caches. Its files are hard links: `put` replaces
-    them, and nothing may write into them."""
+    """A copy of a folder of the Base. Its files are hard links, which `put` replaces."""
 
     name: str
 
 
-Content = bytes | str | Copy | Callable[[Path], object] | None
-"""A file's content, a copy of a folder, a function that writes or changes the path, or None to
-delete it."""
+Content = bytes | str | Copy | Callable[[Path], object]
+"""A file's content, a copy of a folder, or a function that writes or changes the path."""
 
 Files = dict[str, Content]
 
@@ -82,8 +72,6 @@ def laid(files: Mapping[str, Content]) -> Make:
                 ignore = shutil.ignore_patterns("cache", "tensorboard")
                 source = getattr(base, content.name)
                 shutil.copytree(source, path, copy_function=os.link, ignore=ignore)
-            elif content is None:
-                path.unlink()
             elif callable(content):
                 content(path)
             else:
@@ -93,14 +81,17 @@ def laid(files: Mapping[str, Content]) -> Make:
 
 
 def damaged(
-    name: str, commands: Sequence[str], files: Files, target: str,
-    contents: Iterable[tuple[str, Content]], says: str = "", fine: bool = False,
-) -> Iterator[Case]:  # fmt: skip
-    """A case for each content of the file target, by name, with each of the commands in turn.
-    files: the others, and what a function as content changes."""
+    name: str,
+    commands: tuple[str, ...],
+    files: Files,
+    target: str,
+    contents: Iterable[tuple[str, Content]],
+    fine: bool = False,
+) -> Iterator[Case]:
+    """A case for each content of the file target, by name, with each of the commands in turn."""
     for number, (what, content) in enumerate(contents):
         make = laid({**files, f"./{target}": content})
-        yield Case(f"{name}: {what}", commands[number % len(commands)], make, says, fine)
+        yield Case(f"{name}: {what}", commands[number % len(commands)], make, fine=fine)
 
 
 def put(path: Path, content: bytes | str) -> None:
@@ -122,37 +113,34 @@ def link(target: str) -> Callable[[Path], object]:
     return instead(lambda path: path.symlink_to(target))
 
 
-def bind_socket(path: Path) -> None:
-    before = Path.cwd()
-    os.chdir(path.parent)  # the path of a socket has at most some hundred characters
-    try:
-        with socket.socket(socket.AF_UNIX) as end:
-            end.bind(path.name)
-    finally:
-        os.chdir(before)
-
-
 NOISE = np.random.default_rng(0).bytes(5000)
 
 DAMAGES: dict[str, Callable[[Path], object]] = {
     "empty": edit(lambda content: b""),
     "text": edit(lambda content: b"hello"),
-    "bytes that are not text": edit(lambda content: b"\xff\xfe\x00\x01,\x02"),
     "noise": edit(lambda content: NOISE),
-    "zeros": edit(lambda content: bytes(len(content))),
     "half": edit(lambda content: content[: len(content) // 2]),
     "a pipe": instead(os.mkfifo),
     "a folder": instead(Path.mkdir),
-    "a socket": instead(bind_socket),
     "a link to a device": link("/dev/zero"),
     "a link to nothing": link("gone"),
-    "a link to itself": instead(lambda path: path.symlink_to(path.name)),
 }
 """Damaged contents of a file, and what may be in its place, by name."""
 
 
-class Unpickled:
-    """Unpickling it creates a file, which is found afterwards."""
+def frame(seed: int = 0, size: tuple[int, int] = (240, 320)) -> Image.Image:
+    """An RGB image with a blurred spot and noise."""
+    x, y = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
+    ball = np.exp(-8 * ((x - 0.1 * (seed % 5)) ** 2 + (y + 0.1 * (seed % 7)) ** 2))
+    noise = np.random.default_rng(seed).normal(0, 3, (size[1], size[0], 3))
+    pixels = 90 + 60 * ball[..., None] * np.array([1.0, -0.5, 0.7]) + noise
+    return Image.fromarray(pixels.clip(0, 255).astype(np.uint8))
 
-    def __reduce__(self) -> tuple:
-        return Path.touch, (Path("pickled"),)
+
+def encoded(image: Image.Image, kind: str = "PNG", **options: object) -> bytes:
+    file = io.BytesIO()
+    image.save(file, kind, **options)
+    return file.getvalue()
+
+
+PNG, JPEG = encoded(frame()), encoded(frame(), "JPEG")

@@ -2,19 +2,30 @@
 
 import io
 import json
-import pickle
-from collections.abc import Callable, Iterator, Mapping
+import os
+from collections.abc import Callable, Iterator
 from functools import partial
-from hashlib import sha256
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from cases import DAMAGES, NOISE, Case, Copy, Files, Unpickled, damaged, edit, laid, put
-from pictures import JPEG, PNG, TRANSLATE, bomb, encoded, frame, grey16
+from cases import (
+    DAMAGES,
+    JPEG,
+    PNG,
+    Case,
+    Copy,
+    Files,
+    damaged,
+    edit,
+    encoded,
+    frame,
+    laid,
+    link,
+    put,
+)
 from PIL import Image
 from safetensors.numpy import load_file, save
 from solids import SOLIDS
@@ -77,6 +88,7 @@ ARRAY = 'extends = "cyskin-20"\nname = "mine"\n[layout]\nfile = "l.csv"\n'
 
 # Commands
 
+TRANSLATE = "translate --run {resnet18} --out out "
 CAMERAS = (
     "press circle-1 --source s.toml --out out", "simdata --scale smoke --target s.toml --out out",
     "slide circle-1 --dx-mm 1 --target s.toml --out out",
@@ -153,7 +165,7 @@ def wrong_tables(good: str) -> Iterator[tuple[str, str]]:
     """CSV tables with one thing wrong. Their last column has numbers."""
     head, first, *rest = good.strip().split("\n")
     column, start = head.rpartition(",")[2], first.rpartition(",")[0]
-    for value in ("many", "nan", "inf", "1e400", "true", "1 N", "NA", "1,2", "\0"):
+    for value in ("many", "nan", "inf", "true", "1 N", "\0"):
         yield f"{column} is {value!r}", "\n".join([head, f"{start},{value}", *rest])
     yield "no column", good.replace(column, "other")
     yield "another unit", good.replace(column, f"{column[:-1]}q")
@@ -188,55 +200,30 @@ def wrong_recipes() -> Iterator[tuple[str, str]]:
 
 
 COLUMNS: dict[str, tuple[Any, ...]] = {
-    "image": (None, 1, {"bytes": b"", "path": "x"}, {"bytes": bomb(), "path": "x"}),
-    "taxels": (None, [], [1] * 19, [-1] * 20, ["a"] * 20, [float("nan")] * 20, [True] * 20),
-    "force_n": ("x", -3.0, float("inf"), [1.0]), "x_mm": ("a", float("nan")), "shape": ([1],),
+    "image": (None, 1, {"bytes": b"", "path": "x"}),
+    "taxels": (None, [], [1] * 19, [-1] * 20, ["a"] * 20, [float("nan")] * 20),
+    "force_n": ("x", -3.0, float("inf")), "x_mm": ("a", float("nan")),
 }  # fmt: skip
-"""Wrong values of the columns of pairs, in a Parquet file or a shard."""
+"""Wrong values of the columns of pairs."""
 
 
-STORED = {"image": "source_image", "taxels": "target_counts"}
-"""Columns of a shard by those of a user's pairs."""
-
-
-def wrong_columns(
-    good: dict[str, list], names: Mapping[str, str] = MappingProxyType({})
-) -> Iterator[tuple[str, bytes]]:
-    """Parquet files with one column wrong, in all rows or in the first, or damaged. names: of
-    columns that differ from a user's."""
+def wrong_columns(good: dict[str, list]) -> Iterator[tuple[str, bytes]]:
+    """Parquet files with one column wrong, in all rows or in the first, or damaged."""
 
     def packed(columns: dict[str, list]) -> bytes:
         file = io.BytesIO()
         pq.write_table(pa.table(columns), file)
         return file.getvalue()
 
-    rows = len(good[names.get("image", "image")])
+    rows = len(good["image"])
     for name, values in COLUMNS.items():
         for value in values:
-            own = names.get(name, name)
-            yield f"{name} {str(value)[:30]}", packed(good | {own: [value] * rows})
-    for name in (names.get(each, each) for each in STORED):
+            yield f"{name} {str(value)[:30]}", packed(good | {name: [value] * rows})
+    for name in good:
         yield f"no {name}", packed({key: value for key, value in good.items() if key != name})
         yield f"first {name}", packed(good | {name: [None, *good[name][1:]]})
     yield "no rows", packed({name: values[:0] for name, values in good.items()})
-    whole = packed(good)
-    yield "cut by ten bytes", whole[:-10]
-    yield "noise within", whole[:3000] + NOISE[:2000] + whole[5000:]
-
-
-def _shard(number: int) -> Callable[[Path], object]:
-    """Makes a shard wrong, and its SHA-256 in info.json right."""
-
-    def write(path: Path) -> None:
-        columns = pq.read_table(path).to_pydict()
-        put(path, [*wrong_columns(columns, STORED)][number][1])
-        info = path.parents[1] / "info.json"
-        content = json.loads(info.read_text())
-        shard = content["shards"]["train/circle-1.parquet"]
-        shard["sha256"] = sha256(path.read_bytes()).hexdigest()
-        put(info, json.dumps(content))
-
-    return write
+    yield "cut by ten bytes", packed(good)[:-10]
 
 
 def wrong_weights() -> Iterator[tuple[str, Callable[[Path], object]]]:
@@ -259,7 +246,6 @@ def wrong_weights() -> Iterator[tuple[str, Callable[[Path], object]]]:
     }.items():  # fmt: skip
         yield name, partial(tensors, change)
     for name, damage in {
-        "a pickle": lambda content: pickle.dumps(Unpickled()),
         "longer": lambda content: content + b"x",
         "a long header": lambda content: (2**60).to_bytes(8, "little") + content[8:],
         "a wrong header": lambda content: content[:8] + b"x" * 20 + content[28:],
@@ -269,35 +255,61 @@ def wrong_weights() -> Iterator[tuple[str, Callable[[Path], object]]]:
 
 BAD_LAYOUTS = (
     "null", '{"taxels": 20}', '{"taxels": [1, 2, 3]}', "[" * 100_000,
-    *('{"taxels": [' + ", ".join(f'{{"x_mm": {x}, "y_mm": {n}}}' for n in range(3)) + "]}"
-      for x in ("null", '"three"', "[1]", "true", "NaN", "1e400", "1e300")),
+    *(f'{{"taxels": [{{"x_mm": {x}, "y_mm": 1}}]}}' for x in ("null", '"three"', "[1]", "NaN")),
 )  # fmt: skip
+
+ODD_IMAGES = {
+    **{f"mode {mode}": encoded(frame().convert(mode)) for mode in ("L", "LA", "RGBA", "P", "1")},
+    "1 x 500": encoded(frame(size=(1, 500))), "JPEG as PNG": JPEG, "junk": PNG + bytes(1000),
+    "CMYK": encoded(frame().convert("CMYK"), "JPEG"),
+    "animated": encoded(frame(), save_all=True, append_images=[frame(1)]),
+}  # fmt: skip
+BAD_IMAGES = {
+    "a flipped byte": PNG[: len(PNG) // 2] + b"\xa5\x5a" + PNG[len(PNG) // 2 + 2 :],
+    "4,001 x 3,000": encoded(Image.new("RGB", (4001, 3000))), "BMP": encoded(frame(), "BMP"),
+    "20,000 x 20,000": encoded(Image.new("1", (20_000, 20_000))),
+}  # fmt: skip
+FOLDERS: tuple[tuple[Files, str, str], ...] = (
+    ({"x.png/notes.txt": b""}, "x.png", "images"),
+    ({"d/a.png": PNG, "d/b.png": PNG[:300]}, "d", "b.png"),
+    ({"out/x.png": PNG}, "out/x.png", "would be replaced"),
+)
+"""Files, argument of `t2twin translate`, and part of the message."""
+
+NAMES = (b"na\nme.png", b"caf\xe9.png", "naïve 🖐.png".encode(), b"--out.png", b"%s{}.png", b"A.PNG")
 
 
 def cases() -> Iterator[Case]:
     for kind, (files, target, commands) in KINDS.items():
         contents = [(name, d) for name, d in DAMAGES.items() if (kind, name) not in VALID]
         yield from damaged(kind, commands, files, target, contents)
-    layout_csv, layout_json = ([each + name for each in LAYOUTS] for name in ("l.csv", "l.json"))
+    layout_csv, layout_json = (
+        tuple(each + name for each in LAYOUTS) for name in ("l.csv", "l.json")
+    )
     columns = {"image": [{"bytes": each, "path": None} for each in IMAGES],
                "taxels": [[100 * n + k for k in range(TAXELS)] for n in range(COUNT)]}  # fmt: skip
-    shards = [(name, _shard(n)) for n, (name, _) in enumerate(wrong_columns(columns))]
-    for name, commands, files, target, contents, says in (
-        ("forces", (CALIBRATE, ADAPT), FRAMES, "presses/forces.csv", wrong_tables(FORCES), ""),
-        ("layout", layout_csv, PAIRS, "l.csv", wrong_tables(LAYOUT), ""),
-        ("layout", layout_json[:2], {}, "l.json", ((t[:60], t) for t in BAD_LAYOUTS), ""),
-        ("pairs", (CSV,), IMAGE_FILES, "pairs.csv", wrong_tables(TABLE), ""),
-        ("parquet", (PARQUET,), {}, "pairs.parquet", wrong_columns(columns), ""),
-        ("recipe", (MADE,), {}, "w.toml", wrong_recipes(), ""),
-        ("shard", READERS, DATA, SHARD, shards, ""),
-        ("weights", USERS, RUN, WEIGHTS, wrong_weights(), ""),
-    ):  # fmt: skip
-        yield from damaged(name, commands, files, target, contents, says)
+    for name, commands, files, target, contents in (
+        ("forces", (CALIBRATE, ADAPT), FRAMES, "presses/forces.csv", wrong_tables(FORCES)),
+        ("layout", layout_csv, PAIRS, "l.csv", wrong_tables(LAYOUT)),
+        ("layout", layout_json[:2], {}, "l.json", ((t[:60], t) for t in BAD_LAYOUTS)),
+        ("pairs", (CSV,), IMAGE_FILES, "pairs.csv", wrong_tables(TABLE)),
+        ("parquet", (PARQUET,), {}, "pairs.parquet", wrong_columns(columns)),
+        ("recipe", (MADE,), {}, "w.toml", wrong_recipes()),
+        ("weights", USERS, RUN, WEIGHTS, wrong_weights()),
+        ("image", (f"{TRANSLATE} x.png",), {}, "x.png", BAD_IMAGES.items()),
+    ):
+        yield from damaged(name, commands, files, target, contents)
+    odd = ODD_IMAGES.items()
+    yield from damaged("image", (f"{TRANSLATE} x.png",), {}, "x.png", odd, fine=True)
+    for files, argument, says in FOLDERS:
+        yield Case(f"images {argument}", TRANSLATE + argument, laid(files), says)
+    for name in NAMES:
+        files = {f"d/{os.fsdecode(name)}": PNG}
+        yield Case(f"image called {name!r}", TRANSLATE + "d", laid(files), fine=True)
     yield from damaged("layout", layout_csv[:1], {}, "l.csv", odd_tables(LAYOUT), fine=True)
     yield from damaged("pairs", (CSV,), IMAGE_FILES, "pairs.csv", odd_tables(TABLE), fine=True)
     yield from _of_frames()
     yield from _of_runs()
-    yield from _of_caches()
 
 
 def _of_frames() -> Iterator[Case]:
@@ -309,9 +321,6 @@ def _of_frames() -> Iterator[Case]:
         ("notes only", {"background.png": UNTOUCHED, "presses/notes.txt": b"x"}, "presses"),
         ("one press", {"background.png": UNTOUCHED, "presses/1.png": PNG}, "press"),
         ("a press of another size", FRAMES | {other: encoded(frame(size=(240, 240)))}, "press_9"),
-        ("a bomb", FRAMES | {other: bomb()}, "press_9"),
-        ("16 bits", FRAMES | {other: grey16()}, "8 bits"),
-        ("without its end", FRAMES | {other: PNG[:-12]}, "press_9"),
         ("one press eight times", FRAMES | {f"presses/press_{n}.png": PNG for n in range(8)}, ""),
         ("presses are a file", {"background.png": UNTOUCHED, "presses": JPEG}, "presses"),
     )  # fmt: skip
@@ -345,7 +354,7 @@ def _of_runs() -> Iterator[Case]:
     translate, evaluate, *others = USERS
     for user in (*others, "live --run run {data}", "studio --run run"):
         yield Case(f"{user[:9]} with a reverse run", user, laid(files), "predicts images")
-    yield Case("translate an image to one", translate, laid(files), "files of counts of cyskin-20")
+    yield Case("translate an image to one", translate, laid(files), "of counts of cyskin-20")
     yield Case("evaluate a reverse run", evaluate, laid(files), fine=True)
     files = RUN | {"run/config.json": with_dense_counts(seed=1)}
     yield Case("another seed", AGAIN, laid(files), "another")
@@ -354,29 +363,39 @@ def _of_runs() -> Iterator[Case]:
         yield Case(f"valid: {user}", user, laid(RUN), fine=True)
 
 
-ARRAYS = (
-    b"", b"hello", b"\x93NUMPY\x01\x00v\x00", np.lib.format.magic(1, 0) + b"\x10\x00" + b"{" * 16,
-    b"\x93NUMPY\x01\x00\x36\x00{'descr': '|O', 'fortran_order': False, 'shape': (6,)}  ",
-)  # fmt: skip
-"""Wrong contents of a cache of decoded images."""
+INPUTS = FRAMES | PAIRS | {"x.png": PNG, "file": "mine"}
+WRITERS = {
+    "press": "press circle-1 --out", "primitives": "primitives --out",
+    "slide": "slide circle-1 --dx-mm 0.1 --steps 1 --out",
+    "simdata": "simdata --scale smoke --out", "export": "export --run {resnet18} --out",
+    "train": "train resnet18 --data {data} --preset smoke --out",
+    "evaluate": "evaluate {resnet18} --data {data} --out",
+    "translate": "translate --run {resnet18} x.png --out", "report": "report --data {data} --out",
+    "convert": "convert {data} --to lerobot --out",
+    "import-pairs": "import-pairs pairs.csv --out", "calibrate": CALIBRATE.removesuffix(" out"),
+}  # fmt: skip
+KEPT = ("convert", "import-pairs", "simdata", "train", "press", "slide")
+"""Commands that write to empty folders only."""
+
+TARGETS: Files = {"file.onnx": "mine", "folder": Path.mkdir, "pipe": os.mkfifo,
+                  "to-device": link("/dev/null"), "to-nothing": link("nothing")}  # fmt: skip
 
 
-def _of_caches() -> Iterator[Case]:
-    """Damaged caches and results are made again; tests/test_cached_files.py has more."""
-
-    def decoded(write: Callable[[Path], object], info: Path) -> None:
-        info.with_name("cache").mkdir()
-        digest = sha256(info.read_bytes()).hexdigest()
-        write(info.with_name("cache") / f"val-64-rgb-{digest[:12]}.npy")
-
-    evaluate = "evaluate {resnet18} --data data --split val --out out"
-    for number, content in enumerate(ARRAYS):
-        lay = partial(decoded, lambda path, content=content: path.write_bytes(content))
-        yield Case(f"decoded {number}", evaluate, laid(DATA | {"data/info.json": lay}), fine=True)
-    report = "report --data {data} --runs {resnet18} --evaluation evaluation --out out"
-    broken: Files = {"evaluation": Copy("evaluation"), "evaluation/val/metrics.json": "",
-                     "evaluation/test/predictions.npz": b"PK"}  # fmt: skip
-    yield Case("evaluation", report, laid(broken), fine=True)
-    for content in ("[]", '{"images": [{"tactile_image": "../mine.png"}]}', "[" * 100_000):
-        files: Files = RUN | {"out/counts.json": content, "mine.png": PNG}
-        yield Case(f"counts of an earlier call: {content[:30]}", USERS[0], laid(files), fine=True)
+def places() -> Iterator[Case]:
+    """Places to write to that cannot be written, or that hold something of the user's."""
+    for name, command in WRITERS.items():
+        for place in ("file/below", "/proc/1/nope", "x" * 300):
+            yield Case(f"{name} to {place[:20]}", f"{command} {place}", laid(INPUTS))
+    for name in KEPT:
+        notes = laid(INPUTS | {"taken/notes.txt": "mine"})
+        yield Case(f"{name} to notes", f"{WRITERS[name]} taken", notes, "not empty")
+    seeded = f"{WRITERS['simdata']} taken --seed 5"
+    yield Case("simdata to another", seeded, laid({"taken": Copy("data")}), "another seed")
+    for place in ("folder", "pipe", "to-device", "/dev/null"):
+        words = f"{WRITERS['export']} {place} --force"
+        yield Case(words, words, laid(TARGETS), "cannot be written")
+    for place in ("file.onnx", "to-nothing"):
+        words = f"{WRITERS['export']} {place}"
+        yield Case(words, words, laid(TARGETS), "already exists")
+    for words in ("new/folders/x.onnx", "ü🖐.onnx", "file.onnx --force"):
+        yield Case(words, f"{WRITERS['export']} {words}", laid(TARGETS), fine=True)

@@ -62,7 +62,7 @@ COMMANDS = {
 @cache
 def inputs() -> dict[str, Content]:
     """Pairs, frames, and a recipe of a few pairs."""
-    from pictures import PNG, encoded, frame
+    from cases import PNG, encoded, frame
     from readers import PAIRS, RECIPE
 
     recipe = RECIPE.replace("count = 1", "count = 6").replace("presses = 1", "presses = 4")
