@@ -74,7 +74,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def check(data: Path, converted: Path) -> str:
-    """Compares all frames, episodes and statistics; returns a summary.
+    """Compares all frames and episodes; returns a summary.
 
     Raises AssertionError for the first difference.
     """
@@ -86,14 +86,11 @@ def check(data: Path, converted: Path) -> str:
     splits = [split for split in SPLITS if info["pairs"][split]]
     paths = [data / path for split in splits for path in sorted(info["shards"])
              if path.startswith(f"{split}/")]  # fmt: skip
-    cameras = [role for role in ROLES if info[role]["value"] == "image"]
-    number, ends, means = 0, [], {role: [] for role in cameras}
+    number, ends = 0, []
     for path in paths:
         for row in ds.dataset(path).to_table().to_pylist():
             item = dataset[number]
             _check_frame(item, row, f"frame {number}")
-            for role in cameras:
-                means[role].append(_image(item, role).mean((1, 2), np.float64))
             is_first = int(item["frame_index"]) == 0
             if is_first:
                 ends.append(number)
@@ -104,10 +101,6 @@ def check(data: Path, converted: Path) -> str:
     assert dataset.num_episodes == len(ends)
     starts = [dataset.meta.episodes[n]["dataset_from_index"] for n in range(len(ends))]
     assert starts == ends
-    for role in cameras:
-        mean = dataset.meta.stats[f"observation.images.{role}"]["mean"]
-        assert np.allclose(np.ravel(mean), np.mean(means[role], axis=0), atol=1e-6), mean
-    _check_statistics(dataset)
     return (
         f"LeRobot {version} reads {len(ends)} episodes with {number} frames, equal to the dataset's"
     )
@@ -136,19 +129,6 @@ def _check_frame(item: dict[str, Any], row: dict[str, Any], place: str) -> None:
             expected = np.array([row[column] for column in columns], np.float32)
             assert np.array_equal(item[name].numpy()[: len(columns)], expected), (place, name)
     assert item["task"].split()[-1] == row["shape"], place
-
-
-def _check_statistics(dataset: Any) -> None:
-    """The statistics must be those that LeRobot computes of all frames, quantiles apart."""
-    compute = importlib.import_module("lerobot.datasets.compute_stats").get_feature_stats
-    for name, feature in dataset.meta.features.items():
-        if feature["dtype"] == "image":
-            continue
-        values = np.array(dataset.hf_dataset.with_format("numpy")[name], np.float64)
-        expected = compute(values.reshape(len(values), -1), axis=0, keepdims=False)
-        for key in ("min", "max", "mean", "std", "count"):
-            found = dataset.meta.stats[name][key]
-            assert np.allclose(found, expected[key], rtol=1e-4, atol=1e-3), (name, key)
 
 
 if __name__ == "__main__":

@@ -3,17 +3,15 @@
     python -m maintenance.check_wheel                    contents, doctor, and a press
     python -m maintenance.check_wheel COMMAND ...        only t2twin COMMAND ...
 
-The wheel is installed into an environment of its own, which takes all other packages from this one.
-The folder and the cache of the commands are empty.
+The wheel is installed into a folder, which precedes the other packages. The folder and the cache of
+the commands are empty.
 """
 
 import hashlib
 import os
 import subprocess
 import sys
-import sysconfig
 import tempfile
-import venv
 import zipfile
 from pathlib import Path
 
@@ -46,9 +44,10 @@ def main(arguments: list[str]) -> None:
     if not arguments:
         check_contents(wheel)
     with tempfile.TemporaryDirectory(prefix="t2twin-wheel-") as folder:
-        python = install(wheel, Path(folder) / "environment")
+        target = ("--target", str(Path(folder) / "installed"), str(wheel))
+        _python("-m", "pip", "install", "--no-deps", "--no-index", *target)
         for command in [arguments] if arguments else COMMANDS:
-            run(python, command, Path(folder))
+            run(Path(folder), command)
 
 
 def check_contents(wheel: Path) -> None:
@@ -56,7 +55,7 @@ def check_contents(wheel: Path) -> None:
     one that the repository builds without an sdist."""
     _only("*.tar.gz")
     with tempfile.TemporaryDirectory() as folder:
-        _python("-m", "build", "--wheel", "--no-isolation", "--outdir", folder, quiet=True)
+        _python("-m", "build", "--wheel", "--no-isolation", "--outdir", folder)
         direct = contents(next(Path(folder).glob("*.whl")))
     found = contents(wheel)
     if found != direct:
@@ -79,30 +78,19 @@ def contents(wheel: Path) -> dict[str, str]:
         return {name: hashlib.sha256(archive.read(name)).hexdigest() for name in archive.namelist()}
 
 
-def install(wheel: Path, folder: Path) -> Path:
-    """Installs the wheel into a new environment; returns its Python."""
-    venv.create(folder, symlinks=True)
-    python = folder / "bin" / "python"
-    options = ("--quiet", "--no-deps", "--no-index", "--disable-pip-version-check")
-    _python("-m", "pip", "--python", str(python), "install", *options, str(wheel))
-    # Only now, so that pip does not see the t2twin of this environment.
-    paths = sysconfig.get_paths(vars={"base": str(folder), "platbase": str(folder)})
-    packages = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
-    (Path(paths["purelib"]) / "others.pth").write_text("\n".join(packages) + "\n")
-    return python
-
-
-def run(python: Path, command: list[str] | tuple[str, ...], folder: Path) -> None:
-    """Runs t2twin's console script in an empty folder. Raises T2TwinError where it fails."""
+def run(folder: Path, command: list[str] | tuple[str, ...]) -> None:
+    """Runs t2twin of a folder in an empty one. Raises T2TwinError where it fails."""
     print(f"t2twin {' '.join(command)}", flush=True)
     work = folder / "empty" / command[0]
     work.mkdir(parents=True)
-    environment = _environment() | {"T2TWIN_CACHE": str(folder / "cache")}
-    where = [python, "-c", "import t2twin; print(t2twin.__file__)"]
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment |= {"T2TWIN_CACHE": str(folder / "cache"), "PYTHONPATH": str(folder / "installed")}
+    where = [sys.executable, "-c", "import t2twin; print(t2twin.__file__)"]
     found = subprocess.run(where, cwd=work, env=environment, text=True, capture_output=True)
-    if not found.stdout.startswith(str(python.parents[1])):
+    if not found.stdout.startswith(str(folder)):
         raise T2TwinError(f"t2twin is imported from {found.stdout.strip() or found.stderr}")
-    done = subprocess.run([python.with_name("t2twin"), *command], cwd=work, env=environment)
+    program = folder / "installed/bin/t2twin"
+    done = subprocess.run([sys.executable, program, *command], cwd=work, env=environment)
     if done.returncode:
         raise T2TwinError(f"t2twin {' '.join(command)} ended with status {done.returncode}")
 
@@ -114,16 +102,8 @@ def _only(pattern: str) -> Path:
     return files[0].absolute()
 
 
-def _python(*arguments: str, quiet: bool = False) -> None:
-    output = subprocess.DEVNULL if quiet else None
-    command = [sys.executable, *arguments]
-    subprocess.run(command, check=True, stdout=output, env=_environment())
-
-
-def _environment() -> dict[str, str]:
-    """The environment variables without those that lead to the repository or its caches."""
-    dropped = ("PYTHONPATH", "NUMBA_CACHE_DIR")
-    return {name: value for name, value in os.environ.items() if name not in dropped}
+def _python(*arguments: str) -> None:
+    subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
 
 
 if __name__ == "__main__":

@@ -21,10 +21,7 @@ TRAINING_MINUTES = 1.1
 """Longest duration of a training, minutes, and that of a demo without a given duration."""
 
 
-def demo(
-    out: Path = Path(),
-    minutes: float | None = None,
-) -> None:
+def demo(out: Path = Path(), minutes: float | None = None) -> None:
     """Run all steps: shapes, a dataset, two trainings, their evaluation, and the report.
 
     The same command continues a stopped demo.
@@ -34,56 +31,38 @@ def demo(
         minutes: Approximate duration on two cores, at least 1: a smaller dataset, and shorter
             trainings. Default: scale small, and 1.1 minutes for each training.
     """
-    from t2twin.cli.dataset import SimdataOptions, simdata
-    from t2twin.cli.evaluate import evaluate, report
-    from t2twin.cli.press import primitives
-    from t2twin.cli.train import train
+    from t2twin import cli
     from t2twin.core import arguments
-    from t2twin.core.machine import cores
-    from t2twin.translate.models.presets import PAPER_MODELS
-    from t2twin.translate.runs.config import resolve_run
 
-    arguments.path(out, "out")
     if minutes is not None:
         minutes = arguments.number(minutes, "minutes", low=MIN_MINUTES)
     started = time.monotonic()
-    scale, training_minutes = plan(minutes)
-    # Starting processes takes longer than the few pairs of scale smoke.
-    workers = 1 if scale == "smoke" else cores()
-    shapes, data, runs = out / "data/primitives", out / "data" / scale, out / "runs" / scale
-    trained = [runs / model for model in PAPER_MODELS]
-    evaluated = (resolve_run(PRETRAINED), *trained)
-
-    _announce(1, "primitives", "--out", shapes)
-    primitives(shapes)
-    _announce(2, "simdata", "--scale", scale, "--workers", workers, "--out", data)
-    simdata(SimdataOptions(scale=scale, out=data, workers=workers))
-    for number, run in enumerate(trained):
-        limit = ("--minutes", training_minutes)
-        _announce(3 + number, "train", run.name, "--data", data, "--out", run, *limit)
-        train(run.name, data, out=run, minutes=training_minutes)
-    folder = runs / "evaluate"
-    _announce(
-        5, "evaluate", PRETRAINED, *trained, "--data", data, "--split", "both", "--out", folder
-    )
-    evaluate(evaluated, (data,), "both", folder)
-    folder = runs / "report"
-    _announce(6, "report", "--data", data, "--runs", PRETRAINED, *trained, "--out", folder)
-    report(folder, data, evaluated)
+    steps = commands(out, minutes)
+    for number, words in enumerate(steps, start=1):
+        print(f"\nstep {number} of {len(steps)}: t2twin {shlex.join(words)}", flush=True)
+        cli.main(words)
     print(f"the demo took {(time.monotonic() - started) / 60.0:.1f} minutes")
 
 
-def plan(minutes: float | None) -> tuple[str, float]:
-    """Scale of the dataset and minutes of each training. minutes: of the demo, None if not given.
+def commands(out: Path, minutes: float | None) -> list[list[str]]:
+    """The commands. They depend on nothing else, so that the same demo continues a stopped one."""
+    from t2twin.core.machine import cores
+    from t2twin.translate.models.presets import PAPER_MODELS
 
-    They depend on nothing else, so that the same command continues a stopped demo.
-    """
-    if minutes is None:
-        return "small", TRAINING_MINUTES
-    scale = "small" if minutes >= SMALL_MINUTES else "smoke"
-    return scale, round(min(TRAINING_SHARE * minutes, TRAINING_MINUTES), 2)
-
-
-def _announce(step: int, *words: object) -> None:
-    """Prints the command of the next step."""
-    print(f"\nstep {step} of 6: t2twin {shlex.join(map(str, words))}", flush=True)
+    scale, training_minutes = "small", TRAINING_MINUTES
+    if minutes is not None:
+        scale = "small" if minutes >= SMALL_MINUTES else "smoke"
+        training_minutes = round(min(TRAINING_SHARE * minutes, TRAINING_MINUTES), 2)
+    # Starting processes takes longer than the few pairs of scale smoke.
+    workers = 1 if scale == "smoke" else cores()
+    data, runs = out / "data" / scale, out / "runs" / scale
+    trained = [runs / model for model in PAPER_MODELS]
+    of_data = ("--data", data, "--out")
+    steps = [
+        ("primitives", "--out", out / "data/primitives"),
+        ("simdata", "--scale", scale, "--workers", workers, "--out", data),
+        *(("train", run.name, *of_data, run, "--minutes", training_minutes) for run in trained),
+        ("evaluate", PRETRAINED, *trained, "--split", "both", *of_data, runs / "evaluate"),
+        ("report", *of_data, runs / "report", "--runs", PRETRAINED, *trained),
+    ]
+    return [[str(word) for word in step] for step in steps]
