@@ -1,15 +1,15 @@
-"""One press as a user gives it."""
+"""One press as a user gives it. Imports nothing slow, as all commands' options include it."""
 
 from dataclasses import dataclass, replace
 from functools import partial
+from math import radians
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from t2twin.primitives_cad.shape import Shape
     from t2twin.sim.contact.types import PressCommand
     from t2twin.sim.sensors.files import Sensor
@@ -50,19 +50,24 @@ class Press:
     @property
     def tilt_rad(self) -> tuple[float, float]:
         """The tilt about x and y, rad. Raises T2TwinError for more than MAX_TILT_DEG."""
+        from t2twin.core import arguments
         from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 
         about_x, about_y = (
-            float(np.deg2rad(arguments.number(value, name, -MAX_TILT_DEG, MAX_TILT_DEG)))
+            radians(arguments.number(value, name, -MAX_TILT_DEG, MAX_TILT_DEG))
             for name, value in (("tilt_x_deg", self.tilt_x_deg), ("tilt_y_deg", self.tilt_y_deg))
         )
         return about_x, about_y
 
     @property
-    def rng(self) -> np.random.Generator | None:
+    def rng(self) -> "np.random.Generator | None":
         """The random generator of the seed, or None. Raises T2TwinError for an invalid seed."""
         if self.seed is None:
             return None
+        import numpy as np
+
+        from t2twin.core import arguments
+
         arguments.check_seed(self.seed)
         return np.random.default_rng(self.seed)
 
@@ -72,6 +77,7 @@ class Press:
         shape: the loaded shape. Raises T2TwinError for a force, a depth or a tilt out of range, for
         a force and a depth, and for values not finite.
         """
+        from t2twin.core import arguments
         from t2twin.sim.contact.contact_solver import force_at_depth
         from t2twin.sim.contact.types import PressCommand, check_force
         from t2twin.sim.sampling.protocol import FORCE_N
@@ -82,8 +88,7 @@ class Press:
             raise T2TwinError("force_n and depth_mm are both given; expected one of them")
         force_n = FORCE_N if self.force_n is None else arguments.real(self.force_n, "force_n")
         check_force(force_n)
-        yaw_rad = float(np.deg2rad(yaw_deg))
-        command = PressCommand(shape.name, x_mm, y_mm, yaw_rad, force_n, *self.tilt_rad)
+        command = PressCommand(shape.name, x_mm, y_mm, radians(yaw_deg), force_n, *self.tilt_rad)
         if self.depth_mm is None:
             return command
         found = force_at_depth(partial(sensor.press, shape), command, self.depth_mm)
