@@ -1,7 +1,7 @@
 from .adaptation.pipeline import adapt as adapt
 from .attachment.mount import attach as attach
-from .attachment.read_all import read_all as read_all
 from .attachment.sensor import AttachedSensor as AttachedSensor
+from .attachment.sensor import read_all as read_all
 from .core.errors import T2TwinError as T2TwinError
 from .core.errors import T2TwinWarning as T2TwinWarning
 from .primitives_cad.export import export_shapes as export_shapes

@@ -3,8 +3,9 @@
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
+from collections import defaultdict
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import atan2
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 from t2twin.attachment.geometry import MM_PER_M, colliding
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import Shape
 
 # Names of a sensor's elements in the model, after the sensor's name and a slash.
 BODY, SURFACE, FRAME = "body", "surface", "frame"
@@ -57,17 +59,9 @@ class Pose(NamedTuple):
         return matrix
 
 
-class Elements(NamedTuple):
-    """Ids of a sensor's site and geom in a model."""
+def find_elements(model: "mujoco.MjModel", name: str, suffix: str = "") -> tuple[int, int]:
+    """Ids of a sensor's site and geom, whose names may have got a prefix and a suffix.
 
-    site: int
-    geom: int
-
-
-def find_elements(model: "mujoco.MjModel", name: str, suffix: str = "") -> Elements:
-    """The elements of a sensor, whose names may have got a prefix and a suffix.
-
-    suffix: that which is known.
     Raises T2TwinError if there is no such sensor, or if there are several.
     """
     own = f"{name}/{FRAME}{suffix}"
@@ -88,7 +82,7 @@ def find_elements(model: "mujoco.MjModel", name: str, suffix: str = "") -> Eleme
             )
         site, own = found[0], names[found[0]]
     surface = own.replace(f"{name}/{FRAME}", f"{name}/{SURFACE}")
-    return Elements(site, mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, surface))
+    return site, mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, surface)
 
 
 def kept_away(model: "mujoco.MjModel", sensor: int) -> list[str]:
@@ -133,175 +127,172 @@ def frame_of(data: "mujoco.MjData", site: int) -> Pose:
     return Pose(rotation, data.site_xpos[site].copy())
 
 
-@dataclass(frozen=True)
-class Wrench:
-    """Force and torque of one body on a sensor, in the sensor frame.
+def body_pose(data: "mujoco.MjData", body: int) -> Pose:
+    """The pose of a body."""
+    return Pose(data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy())
 
-    body: id of the body, the first of those that are welded together. force_n: (3,).
-    torque_nmm: (3,) about the sensor's origin. center_mm: (3,) mean of the places of contact,
-    weighted with their normal forces. friction: coefficient, the mean weighted in the same way.
+
+@dataclass
+class Body:
+    """What one body does to a sensor, in the sensor frame.
+
+    number: its id, or that of the first of bodies that are welded together. force_n, torque_nmm:
+    (3,) with which it presses, about the sensor's origin. center_mm, friction: means of the places
+    (3,) and the coefficients, weighted with the normal forces, whose sum is weight_n.
+    unread_n: (3,) forces that no reading contains, by reason. shape: its surface, None for none
+    over the sensor. motion: as of a Load.
     """
 
-    body: int
-    force_n: np.ndarray
-    torque_nmm: np.ndarray
-    center_mm: np.ndarray
-    friction: float
+    number: int
+    name: str
+    force_n: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    torque_nmm: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    center_mm: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    friction: float = 0.0
+    weight_n: float = 0.0
+    unread_n: dict[str, np.ndarray] = field(default_factory=dict)
+    shape: Shape | None = None
+    motion: tuple[float, float, float] | None = None
 
     @property
     def pressing_n(self) -> float:
         """The force into the sensor."""
         return -float(self.force_n[2])
 
+    def press(
+        self,
+        force_n: np.ndarray,
+        torque_nmm: np.ndarray,
+        center_mm: np.ndarray,
+        friction: float,
+        weight_n: float,
+    ) -> None:
+        """Add a force that presses."""
+        self.force_n = self.force_n + force_n
+        self.torque_nmm = self.torque_nmm + torque_nmm
+        self.weight_n += weight_n
+        share = weight_n / self.weight_n
+        self.center_mm = self.center_mm + share * (center_mm - self.center_mm)
+        self.friction += share * (friction - self.friction)
 
-class Push(NamedTuple):
-    """A force on a sensor that no reading contains.
+    def leave_unread(self, reason: str, force_n: np.ndarray) -> None:
+        """Add a force that no reading contains."""
+        self.unread_n[reason] = self.unread_n.get(reason, 0.0) + force_n
 
-    body: as of a Wrench. reason: a clause that names the cause. force_n: (3,) in the sensor frame.
-    """
 
-    body: int
-    reason: str
-    force_n: np.ndarray
+class Bodies(dict[int, Body]):
+    """Bodies by number, each made where it is first looked up."""
+
+    def __init__(self, model: "mujoco.MjModel") -> None:
+        self._model = model
+
+    def __missing__(self, number: int) -> Body:
+        name = self._model.body(number).name or f"body {number}"
+        self[number] = Body(number, name)
+        return self[number]
+
+    def in_order(self) -> list[Body]:
+        """By number."""
+        return [self[number] for number in sorted(self)]
 
 
 def contact_forces(
     model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose
-) -> tuple[list[Wrench], list[Push]]:
-    """What the contacts of a sensor's geom do to it: the wrenches of the bodies that press, by body
-    id, and the other forces.
+) -> list[Body]:
+    """The bodies whose contacts act on a sensor's geom, by number.
 
     Raises T2TwinError for a flex that touches the sensor.
     """
-    found: dict[int, list[tuple]] = {}
-    others: list[Push] = []
+    found = Bodies(model)
     contacts = data.contact
-    for index in np.flatnonzero((contacts.geom == geom).any(axis=1)):
-        contact = contacts[int(index)]
+    for index in np.flatnonzero((contacts.geom == geom).any(axis=1)).tolist():
+        contact = contacts[index]
         first, second = contact.geom
         sign, other = (1.0, first) if second == geom else (-1.0, second)
         if other < 0:
             raise T2TwinError(
                 f"a flex touches geom {model.geom(geom).name}; sensors read rigid bodies only"
             )
-        force, axes, force_n = _decoded(model, data, int(index), sign, frame)
+        force, axes, force_n = _decoded(model, data, index, sign, frame)
         if force[0] == 0:
             continue
-        body = int(model.body_weldid[model.geom_bodyid[other]])
+        body = found[int(model.body_weldid[model.geom_bodyid[other]])]
         # MuJoCo's normal points from the first geom to the second, which the force acts on
         facing = -sign * axes[0, 2]
-        if facing < MIN_FACING or force[0] < 0:
-            reason = SIDE if facing > -MIN_FACING else BACK
-            others.append(Push(body, ADHESION if force[0] < 0 else reason, force_n))
-            continue
-        at_mm = MM_PER_M * (contact.pos - frame.position_m) @ frame.rotation
-        torque_nmm = MM_PER_M * sign * force[3:] @ axes + np.cross(at_mm, force_n)
-        friction = float(contact.friction[0]) if contact.dim > 1 else 0.0
-        found.setdefault(body, []).append((force_n, torque_nmm, at_mm, force[0], friction))
-    others += _through(model, data, geom, frame, set(found))
-    return [_sum(body, found[body]) for body in sorted(found)], others
+        if force[0] < 0:
+            body.leave_unread(ADHESION, force_n)
+        elif facing < MIN_FACING:
+            body.leave_unread(SIDE if facing > -MIN_FACING else BACK, force_n)
+        else:
+            at_mm = MM_PER_M * (contact.pos - frame.position_m) @ frame.rotation
+            torque_nmm = MM_PER_M * sign * force[3:] @ axes + np.cross(at_mm, force_n)
+            friction = float(contact.friction[0]) if contact.dim > 1 else 0.0
+            body.press(force_n, torque_nmm, at_mm, friction, float(force[0]))
+    _add_through(model, data, geom, frame, found)
+    return found.in_order()
 
 
 def _decoded(
     model: "mujoco.MjModel", data: "mujoco.MjData", index: int, sign: float, frame: Pose
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A contact's force and torque along its own axes, (6,); these axes in the sensor frame, (3, 3)
-    rows; and its force on the sensor, (3,), N.
-
-    index: of the contact. sign: 1 where its second geom is the sensor's, else -1.
-    """
+    """A contact's force and torque, (6,), along its axes, (3, 3), and its force on the sensor."""
     force = np.zeros(6)
     mujoco.mj_contactForce(model, data, index, force)
     axes = data.contact[index].frame.reshape(3, 3) @ frame.rotation
     return force, axes, sign * force[:3] @ axes
 
 
-def _through(
-    model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose, bodies: set[int]
-) -> list[Push]:
+def _add_through(
+    model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose, bodies: Bodies
+) -> None:
     """Forces on geoms welded to a sensor's, inside it: a soft contact lets bodies through."""
-    if not bodies:
-        return []
+    pressing = [body.number for body in bodies.values() if body.weight_n]
+    if not pressing:
+        return
     welded = model.body_weldid[model.geom_bodyid]
-    is_own, is_theirs = welded == welded[geom], np.isin(welded, list(bodies))
+    is_own, is_theirs = welded == welded[geom], np.isin(welded, pressing)
     is_own[geom] = False
-    contacts, found = data.contact, []
+    contacts = data.contact
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     rotation = data.geom_xmat[geom].reshape(3, 3)
     first, second = contacts.geom.T
     is_through = (is_own[first] & is_theirs[second]) | (is_own[second] & is_theirs[first])
     for index in np.flatnonzero(is_through & (first >= 0) & (second >= 0)).tolist():
-        contact = contacts[index]
-        inside = (contact.pos - data.geom_xpos[geom]) @ rotation - middle
+        inside = (contacts[index].pos - data.geom_xpos[geom]) @ rotation - middle
         sign, other = (1.0, first) if is_own[second[index]] else (-1.0, second)
         force, _, force_n = _decoded(model, data, index, sign, frame)
-        if force[0] <= 0 or (np.abs(inside) > half).any():
-            continue
-        found.append(Push(int(welded[other[index]]), THROUGH, force_n))
-    return found
+        if force[0] > 0 and (np.abs(inside) <= half).all():
+            bodies[int(welded[other[index]])].leave_unread(THROUGH, force_n)
 
 
 def sleeping_forces(
     model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose, asleep: np.ndarray
-) -> tuple[list[Wrench], list[Push]]:
-    """As contact_forces, of bodies that sleep, of which MuJoCo computes no contacts.
+) -> list[Body]:
+    """As contact_forces, of bodies that sleep, (bodies,) bool, of which MuJoCo has no contacts.
 
     Means over WAKING_STEPS steps of a copy of the state in which all bodies are awake.
-    asleep: (bodies,) whether each sleeps.
     """
     woken = copy(data)
     woken.qvel[woken.qvel == 0] = -0.0  # any byte that is not 0 wakes a body
-    wrenches: dict[int, list[Wrench]] = {}
-    pushes: dict[tuple[int, str], np.ndarray] = {}
-    for _ in range(WAKING_STEPS):
+    found, steps_n = Bodies(model), defaultdict(lambda: np.zeros((WAKING_STEPS, 3)))
+    for step in range(WAKING_STEPS):
         mujoco.mj_step(model, woken)
-        pressing, others = contact_forces(model, woken, geom, frame)
-        for wrench in pressing:
-            if asleep[wrench.body]:
-                wrenches.setdefault(wrench.body, []).append(wrench)
-        for body, reason, force_n in others:
-            if asleep[body]:
-                mean_n = force_n / WAKING_STEPS
-                pushes[body, reason] = pushes.get((body, reason), np.zeros(3)) + mean_n
-    unread = [Push(*key, force_n) for key, force_n in pushes.items()]
-    return (
-        [_mean(wrenches[body]) for body in sorted(wrenches)],
-        unread
-        + [Push(body, UNSTEADY, np.zeros(3)) for body in wrenches if _is_unsteady(wrenches[body])],
-    )
-
-
-def _mean(steps: list[Wrench]) -> Wrench:
-    """The mean wrench of a body in WAKING_STEPS steps, of which some may lack its contact."""
-    share = np.array([each.pressing_n for each in steps])
-    share /= share.sum()
-    return Wrench(
-        steps[0].body,
-        np.sum([each.force_n for each in steps], axis=0) / WAKING_STEPS,
-        np.sum([each.torque_nmm for each in steps], axis=0) / WAKING_STEPS,
-        share @ [each.center_mm for each in steps],
-        float(share @ [each.friction for each in steps]),
-    )
-
-
-def _is_unsteady(steps: list[Wrench]) -> bool:
-    """Whether the force of a body differs between the steps by more than that of one at rest."""
-    forces = np.zeros((WAKING_STEPS, 3))
-    forces[: len(steps)] = [each.force_n for each in steps]
-    mean_n = forces.mean(axis=0)
-    differences_n = np.linalg.norm(forces - mean_n, axis=1)
-    return bool(differences_n.max() > max(READ_SHARE * np.linalg.norm(mean_n), READ_N))
-
-
-def _sum(body: int, parts: list) -> Wrench:
-    """The wrench of a body's contacts: force, torque, place, normal force and friction of each."""
-    forces, torques, places, normal, friction = (
-        np.array(part) for part in zip(*parts, strict=True)
-    )
-    share = normal / normal.sum()
-    return Wrench(
-        body, forces.sum(axis=0), torques.sum(axis=0), share @ places, float(share @ friction)
-    )
+        for now in contact_forces(model, woken, geom, frame):
+            if not asleep[now.number]:
+                continue
+            mean = found[now.number]
+            if now.weight_n:
+                steps_n[now.number][step] = now.force_n
+                force_n, torque_nmm = now.force_n / WAKING_STEPS, now.torque_nmm / WAKING_STEPS
+                mean.press(force_n, torque_nmm, now.center_mm, now.friction, now.pressing_n)
+            for reason, unread_n in now.unread_n.items():
+                mean.leave_unread(reason, unread_n / WAKING_STEPS)
+    for number, forces_n in steps_n.items():
+        mean_n = forces_n.mean(axis=0)
+        differences_n = np.linalg.norm(forces_n - mean_n, axis=1)
+        if differences_n.max() > max(READ_SHARE * np.linalg.norm(mean_n), READ_N):
+            found[number].leave_unread(UNSTEADY, np.zeros(3))
+    return found.in_order()
 
 
 def relative_motion(

@@ -61,15 +61,11 @@ LEVEL = 1.0e-12  # rounding of a place on the outline of a ball of radius 1
 
 @dataclass(frozen=True)
 class Region:
-    """The part of a sensor's surroundings in which a body can touch it.
-
-    half_x_mm, half_y_mm: half extents, centered on the sensor frame's origin. depth_mm: depth below
-    a body's highest point that the map includes. pitch_mm: of the map.
-    """
+    """The part of a sensor's surroundings in which a body can touch it, about its origin."""
 
     half_x_mm: float
     half_y_mm: float
-    depth_mm: float
+    depth_mm: float  # below a body's highest point
     pitch_mm: float = PITCH_MM
 
     @classmethod
@@ -81,14 +77,10 @@ class Region:
 
 
 class BodySurface(NamedTuple):
-    """The surface of a body that faces a sensor.
-
-    surface: in the shape frame at x = y = yaw = 0. z_mm: place of its highest point along the
-    sensor's z; negative where MuJoCo's contacts penetrate.
-    """
+    """The surface of a body that faces a sensor, in the shape frame at x = y = yaw = 0."""
 
     surface: HeightMap
-    z_mm: float
+    z_mm: float  # of its highest point along the sensor's z; negative where contacts penetrate
 
 
 def body_surface(
@@ -103,11 +95,9 @@ def body_surface(
 ) -> BodySurface | None:
     """The surface of a body, and of all bodies welded to it, over a sensor; None without any.
 
-    rotation: (3, 3), its columns the sensor's x, y and z in the world. position_m: (3,) of the
-    sensor's origin in the world, m. geometry: see `body_geoms`. excluded: ids of geoms that are
-    left out. Poses are those of the last forward kinematics of `data`, which is not changed.
-    A plane is a half space. A mesh that MuJoCo collides has the faces of its convex hull, and with
-    "visual" its own.
+    rotation, (3, 3), position_m, (3,): pose of the sensor in the world. geometry: see `body_geoms`.
+    excluded: ids of geoms that are left out. A plane is a half space. A mesh that MuJoCo collides
+    has the faces of its convex hull, and with "visual" its own.
     """
     geoms = body_geoms(model, body_id, geometry)
     to_shape = SHAPE_FROM_SENSOR * np.asarray(rotation, float).T
@@ -197,15 +187,15 @@ _known: "WeakKeyDictionary[mujoco.MjModel, dict[Asset, tuple[np.ndarray, Triangl
 
 
 def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Triangles:
-    """The triangles of a box, mesh, sdf or hfield. hull: of a mesh, those of its convex hull, which
-    MuJoCo collides, if the model has it.
+    """The triangles of a box, mesh or its hull, sdf or hfield, which are computed once.
 
-    Those of an asset are computed once, and again for a height field whose data has changed.
-    Raises T2TwinError for other geoms.
+    Those of a height field are computed again where its data has changed.
     """
     kind, asset = int(model.geom_type[geom]), int(model.geom_dataid[geom])
     if kind == BOX:
-        return _box(MM_PER_M * model.geom_size[geom])
+        cube, half_mm = _cube(), MM_PER_M * model.geom_size[geom]
+        triangles_mm = (cube.triangles_mm * half_mm).astype(np.float32)
+        return cube._replace(triangles_mm=triangles_mm, boxes_mm=cube.boxes_mm * half_mm)
     if asset < 0 or kind not in (HFIELD, MESH, SDF):
         raise T2TwinError(
             f"a geom of MuJoCo's type {kind} has no surface; expected a plane, sphere, capsule, "
@@ -218,12 +208,6 @@ def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Tria
         triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset, key[2])
         found[key] = data.copy(), in_blocks(MM_PER_M * triangles)
     return found[key][1]
-
-
-def _box(half_mm: np.ndarray) -> Triangles:
-    cube = _cube()
-    triangles_mm = (cube.triangles_mm * half_mm).astype(np.float32)
-    return cube._replace(triangles_mm=triangles_mm, boxes_mm=cube.boxes_mm * half_mm)
 
 
 @cache
@@ -252,10 +236,9 @@ def _of_mesh(model: "mujoco.MjModel", mesh: int, hull: bool) -> np.ndarray:
 
 def _of_hfield(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
     """Triangles of a height field, (n, 3, 3), m."""
-    half_x, half_y, scale, base = model.hfield_size[hfield]
+    *half, scale, base = model.hfield_size[hfield]
     shape = int(model.hfield_nrow[hfield]), int(model.hfield_ncol[hfield])
-    heights = scale * _hfield_data(model, hfield).reshape(shape)
-    return _of_field(heights, np.array([half_x, half_y]), base)
+    return _of_field(scale * _hfield_data(model, hfield).reshape(shape), np.array(half), base)
 
 
 def _of_field(heights: np.ndarray, half: np.ndarray, base: float) -> np.ndarray:
@@ -339,8 +322,7 @@ def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights
 
 @compiled("void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8, f8[::1])", **FAST)
 def _solid(x, start, along, up, per_mm, half, found):
-    """Raise heights to an ellipsoid, or to a cylinder if per_mm is 0 along z, between z = -half and
-    half: upper ends of intervals. start, along, up: of the row, in the geom's frame."""
+    """Raise heights to an ellipsoid, or to a cylinder if per_mm is 0 along z, within half."""
     o0, o1, o2 = start[0] * per_mm[0], start[1] * per_mm[1], start[2] * per_mm[2]
     a0, a1, a2 = along[0] * per_mm[0], along[1] * per_mm[1], along[2] * per_mm[2]
     u0, u1, u2 = up[0] * per_mm[0], up[1] * per_mm[1], up[2] * per_mm[2]

@@ -1,13 +1,12 @@
 """The contact that carries MuJoCo's forces, and what it lacks of them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
-from t2twin.attachment.contacts import READ_N, READ_SHARE, UNSTEADY, Push, Wrench
+from t2twin.attachment.contacts import READ_N, READ_SHARE, UNSTEADY, Body
 from t2twin.attachment.geometry import covers_square
 from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
@@ -49,16 +48,6 @@ LIGHT = f"it presses with less than {FORCE_RANGE_N[0]:g} N along the sensor's ax
 SHARED = "the bodies overlap, and share their pressure otherwise"
 
 
-class Body(NamedTuple):
-    """A body that presses: its name, its wrench, its surface (None for none over the sensor), and
-    its motion as of a Load."""
-
-    name: str
-    wrench: Wrench
-    shape: Shape | None
-    motion: tuple[float, float, float] | None
-
-
 def loaded_contact(
     elastomer: Elastomer, pitch_mm: float, bodies: Sequence[Body], before: Contact | None
 ) -> tuple[Contact | None, list[Notice]]:
@@ -68,15 +57,15 @@ def loaded_contact(
     loads that leave a body without surface are reduced, and a body without a cell of the grid is
     made wider.
     """
-    limit = MAX_FORCE_N / max(sum(body.wrench.pressing_n for body in bodies), MAX_FORCE_N)
-    reasons = {body.name: LIMIT for body in bodies if limit < 1.0}
-    choices = {
-        body.name: _choices(_load(body, body.shape, limit))
-        for body in bodies
-        if body.shape is not None
-    }
-    reasons |= {body.name: NO_SURFACE for body in bodies if body.shape is None}
-    chosen = {name: next(each) for name, each in choices.items()}
+    limit = MAX_FORCE_N / max(sum(body.pressing_n for body in bodies), MAX_FORCE_N)
+    reasons = {body.name: [LIMIT] if limit < 1.0 else [] for body in bodies}
+    choices, chosen = {}, {}
+    for body in bodies:
+        if body.shape is None:
+            reasons[body.name] = [NO_SURFACE]
+        else:
+            choices[body.name] = _choices(_load(body, body.shape, limit))
+            chosen[body.name] = next(choices[body.name])
     contact = None
     while chosen and contact is None:
         is_new = any(share == 0.0 for _, share, _ in chosen.values())
@@ -87,30 +76,23 @@ def loaded_contact(
             following = next(choices[error.shape], None)
             if following is None:
                 del chosen[error.shape]
-                reasons[error.shape] = NO_SURFACE
+                reasons[error.shape] = [NO_SURFACE]
             else:
                 chosen[error.shape] = following
-    for name, (load, share, is_wider) in chosen.items():
-        lacking = np.array(load.shear_n) - _read_n(contact, name)[:2]
-        is_much = _is_much(lacking, np.array(load.shear_n))
-        is_eased = share < 1.0 or (is_much and (name in reasons or is_wider))
-        known = reasons.get(name), TANGENTIAL if is_eased else None, THIN if is_wider else None
-        if any(known):
-            reasons[name] = "; ".join(filter(None, known))
-    return contact, _notices(contact, bodies, reasons)
+    notices = [_notice(contact, body, reasons[body.name], chosen.get(body.name)) for body in bodies]
+    return contact, [each for each in notices if each is not None]
 
 
 def _load(body: Body, shape: Shape, limit: float) -> Load:
     """The load of a body, whose forces are multiplied by a limit."""
-    wrench = body.wrench
-    along_x, along_y, _ = (limit * wrench.force_n).tolist()
+    along_x, along_y, _ = (limit * body.force_n).tolist()
     return Load(
         shape=shape,
-        force_n=max(limit * wrench.pressing_n, FORCE_RANGE_N[0]),
+        force_n=max(limit * body.pressing_n, FORCE_RANGE_N[0]),
         shear_n=(along_x, along_y),
-        torque_nmm=limit * float(wrench.torque_nmm[2]),
+        torque_nmm=limit * float(body.torque_nmm[2]),
         motion=body.motion,
-        friction=Friction(min(wrench.friction, MAX_FRICTION)),
+        friction=Friction(min(body.friction, MAX_FRICTION)),
     )
 
 
@@ -143,30 +125,34 @@ def _wider(shape: Shape) -> Shape:
     return replace(shape, surface=HeightMap(wide, x_mm, y_mm))
 
 
-def _notices(
-    contact: Contact | None, bodies: Sequence[Body], reasons: dict[str, str]
-) -> list[Notice]:
-    """What a contact lacks of the forces of bodies. reasons: those that are known, by name."""
-    found = []
-    for body in bodies:
-        known, force_n = reasons.get(body.name, ""), body.wrench.force_n
-        lacking = force_n - _read_n(contact, body.name)
-        normal, tangential = (_is_much(lacking[part], force_n[part]) for part in np.s_[2:, :2])
-        unsettled = ""
-        if contact is not None and not contact.settled:
-            unsettled = SMALL if contact.smaller_than_grid else UNSETTLED
-        if not known and ((normal and not unsettled) or tangential):
-            known = SHARED if normal else TANGENTIAL
-        if normal or tangential:
-            reason = "; ".join(filter(None, [known, unsettled]))
-            found.append(Notice(body.name, reason, tuple(lacking.tolist())))
-        elif THIN in known or unsettled:
-            found.append(Notice(body.name, THIN if THIN in known else unsettled))
-        elif body.shape is not None and not covers_square(
-            body.shape.surface.heights_mm, NARROW_CELLS
-        ):
-            found.append(Notice(body.name, NARROW))
-    return found
+def _notice(
+    contact: Contact | None,
+    body: Body,
+    known: list[str],
+    chosen: tuple[Load, float, bool] | None,
+) -> Notice | None:
+    """What a contact lacks of a body's force. known: reasons so far. chosen: see `_choices`."""
+    read_n = _read_n(contact, body.name)
+    lacking = body.force_n - read_n
+    if chosen is not None:
+        load, share, is_wider = chosen
+        is_less = _is_much(load.shear_n - read_n[:2], np.array(load.shear_n))
+        if share < 1.0 or (is_less and (known or is_wider)):
+            known = [*known, TANGENTIAL]
+        known = [*known, THIN] if is_wider else known
+    unsettled = []
+    if contact is not None and not contact.settled:
+        unsettled = [SMALL if contact.smaller_than_grid else UNSETTLED]
+    normal, tangential = (_is_much(lacking[part], body.force_n[part]) for part in np.s_[2:, :2])
+    if normal or tangential:
+        if not known and (tangential or not unsettled):
+            known = [SHARED if normal else TANGENTIAL]
+        return Notice(body.name, "; ".join(known + unsettled), tuple(lacking.tolist()))
+    if THIN in known or unsettled:
+        return Notice(body.name, THIN if THIN in known else unsettled[0])
+    if body.shape is not None and not covers_square(body.shape.surface.heights_mm, NARROW_CELLS):
+        return Notice(body.name, NARROW)
+    return None
 
 
 def _is_much(lacking_n: np.ndarray, of_n: np.ndarray) -> bool:
@@ -187,19 +173,15 @@ def _read_n(contact: Contact | None, name: str) -> np.ndarray:
     return np.array([*along, -normal])
 
 
-def push_notices(pushes: Sequence[Push], names: Mapping[int, str]) -> list[Notice]:
-    """Notices of forces that are not read, one for each body and reason.
+def unread_notices(bodies: Sequence[Body]) -> list[Notice]:
+    """Notices of forces that no reading contains.
 
-    names: of the bodies. Light bodies are left out where all together have less than READ_N.
+    Light bodies are left out where all together have less than READ_N.
     """
-    sums: dict[tuple[int, str], np.ndarray] = {}
-    for each in pushes:
-        key = each.body, each.reason
-        sums[key] = sums.get(key, np.zeros(3)) + each.force_n
-    light_n = np.sum([force for (_, reason), force in sums.items() if reason == LIGHT], axis=0)
-    is_much = {LIGHT: bool(np.linalg.norm(light_n) > READ_N), UNSTEADY: True}
+    light_n = np.linalg.norm(sum(body.unread_n.get(LIGHT, 0.0) for body in bodies))
     return [
-        Notice(names[body], reason, tuple(force.tolist()))
-        for (body, reason), force in sums.items()
-        if is_much.get(reason, np.linalg.norm(force) > READ_N)
+        Notice(body.name, reason, tuple(force_n.tolist()))
+        for body in bodies
+        for reason, force_n in body.unread_n.items()
+        if reason == UNSTEADY or (light_n if reason == LIGHT else np.linalg.norm(force_n)) > READ_N
     ]

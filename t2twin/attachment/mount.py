@@ -7,7 +7,7 @@ together. The sensor's collision geom reaches behind its base, as far as its mou
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from pathlib import Path
 
@@ -90,11 +90,13 @@ def attach(
             f"spec is {arguments.describe(spec)}; expected a mujoco.MjSpec, for example of "
             "mujoco.MjSpec.from_file"
         )
-    device = _device(sensor, optics=optics, layout=layout, imperfections=imperfections,
-                     markers=markers)  # fmt: skip
-    own_name = _free_name(spec, name, sensor)
-    mounted = AttachedSensor(own_name, device, geometry, rate_hz, seed)
-    pose = arguments.vector(pos, "pos", 3), _unit(quat)
+    options = {"optics": optics, "layout": layout, "imperfections": imperfections}
+    device = _device(sensor, options | {"markers": markers})
+    mounted = AttachedSensor(_free_name(spec, name, sensor), device, geometry, rate_hz, seed)
+    turn = arguments.vector(quat, "quat", 4)
+    if not turn.any():
+        raise T2TwinError("quat is 0 0 0 0; expected a quaternion that is not zero")
+    pose = arguments.vector(pos, "pos", 3), turn / np.linalg.norm(turn)
     place, prefix = _place(spec, site, body), f"{mounted.name}/"
     depth_m = _backing_m(spec, place.name, site is not None, *pose, device)
     own = _own_spec(device.mount, mounted.elastomer, friction, depth_m, *pose)
@@ -109,19 +111,22 @@ def attach(
 def _place(
     spec: "mujoco.MjSpec", site: str | None, body: str | None
 ) -> "mujoco.MjsSite | mujoco.MjsBody":
-    """The site or the body to mount on. Raises T2TwinError for both, none, and unknown names."""
+    """The site or the body to mount on."""
     if (site is None) == (body is None):
         given = "both given" if site is not None else "both missing"
         raise T2TwinError(f"site and body are {given}; expected one of them")
-    if site is None:
-        return _named(spec.body, body, "body", spec.bodies)
-    place = _named(spec.site, site, "site", spec.sites)
-    if np.isfinite(place.fromto[0]):
+    kind, name = ("site", site) if body is None else ("body", body)
+    found = getattr(spec, kind)(arguments.text(name, kind))
+    if found is None:
+        there = spec.sites if body is None else spec.bodies
+        names = ", ".join(each.name for each in there if each.name) or "none"
+        raise T2TwinError(f"the model has no {kind} {name!r}; expected one of {names}")
+    if body is None and np.isfinite(found.fromto[0]):
         raise T2TwinError(f"site {site} has fromto; expected a site with a position")
-    return place
+    return found
 
 
-def _device(source: str | Path, **options: object) -> Sensor:
+def _device(source: str | Path, options: Mapping[str, object]) -> Sensor:
     """The simulated sensor. Raises T2TwinError for an option that it does not have."""
     device = load_sensor(source)
     for option, value in options.items():
@@ -175,18 +180,8 @@ def _dome_vertices_m(elastomer: Elastomer, depth_m: float) -> np.ndarray:
     return 1e-3 * np.concatenate([top, base])
 
 
-def _named(find, name: object, kind: str, existing: Iterable) -> "mujoco.MjsBody | mujoco.MjsSite":
-    """The site or body of a name. Raises T2TwinError for an unknown one."""
-    found = find(arguments.text(name, kind))
-    if found is None:
-        names = [each.name for each in existing if each.name]
-        there = f"expected one of {', '.join(names)}" if names else f"no {kind} of it has a name"
-        raise T2TwinError(f"the model has no {kind} {name!r}; {there}")
-    return found
-
-
 def _free_name(spec: "mujoco.MjSpec", name: str | None, sensor: str | Path) -> str:
-    """The given name, or the first free one. Raises T2TwinError for one that is in use."""
+    """The given name, or the first free one."""
 
     def is_used(name: str) -> bool:
         places = ((spec.body, BODY), (spec.geom, SURFACE), (spec.mesh, SURFACE), (spec.site, FRAME))
@@ -204,25 +199,12 @@ def _free_name(spec: "mujoco.MjSpec", name: str | None, sensor: str | Path) -> s
     return name
 
 
-def _unit(quat: object) -> np.ndarray:
-    found = arguments.vector(quat, "quat", 4)
-    length = np.linalg.norm(found)
-    if length == 0:
-        raise T2TwinError("quat is 0 0 0 0; expected a quaternion that is not zero")
-    return found / length
-
-
 def _backing_m(
     spec: "mujoco.MjSpec", parent: str, is_site: bool, pos: np.ndarray, quat: np.ndarray,
     device: Sensor,
 ) -> float:  # fmt: skip
-    """Depth behind a sensor's base, m: the least thickness of the geoms that it is welded to, 0 for
-    a mount that is narrower than half the pad.
-
-    parent: name of the site or body of the mount. pos, quat: pose of the base on it.
-    The mount's depth where there is nothing behind the base, and at most UNKNOWN_M for a spec that
-    is not complete. Raises T2TwinError where another sensor is mounted.
-    """
+    """Depth of the geom behind a sensor's base, m: the least thickness of the geoms there."""
+    # 0 for a mount that is narrower than half the pad; the sensor's own depth without any geom.
     elastomer, deepest_m = device.elastomer, 1e-3 * device.mount.depth_mm
     try:
         model = spec.copy().compile()
@@ -240,19 +222,18 @@ def _backing_m(
     frame = Pose(outer @ turn.reshape(3, 3), place.xpos + outer @ pos)
     _check_free(model, data, frame.position_m)
     geoms = np.flatnonzero(model.body_weldid[model.geom_bodyid] == model.body_weldid[body])
-    half_x, half_y = 0.5e-3 * elastomer.width_mm, 0.5e-3 * elastomer.length_mm
-    starts = [(2 * x * half_x, 2 * y * half_y, 0.0) for x in RAYS for y in RAYS]
-    depths = [
-        _thickness_m(
-            model, data, geoms, frame.position_m + frame.rotation @ start, frame, deepest_m
-        )
-        for start in starts
+    width_m, length_m = 1e-3 * elastomer.width_mm, 1e-3 * elastomer.length_mm
+    starts = [
+        frame.position_m + frame.rotation @ (x * width_m, y * length_m, 0.0)
+        for x in RAYS
+        for y in RAYS
     ]
+    depths = [_thickness_m(model, data, geoms, each, frame, deepest_m) for each in starts]
     return min(depths) if any(depths) else deepest_m
 
 
 def _check_free(model: "mujoco.MjModel", data: "mujoco.MjData", position_m: np.ndarray) -> None:
-    """Raises T2TwinError for a place where another sensor is mounted."""
+    """Refuses a place where another sensor is mounted."""
     for body in range(model.nbody):
         name, _, part = model.body(body).name.rpartition("/")
         frame = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{name}/{FRAME}")

@@ -8,7 +8,8 @@ the image, y is down, z is out of the sensor.
 # pyright: reportAttributeAccessIssue=false
 
 import warnings
-from copy import copy
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from math import floor, inf
 from threading import Lock
@@ -20,10 +21,9 @@ import numpy as np
 from trimesh import Trimesh
 
 from t2twin.attachment.contacts import (
-    Elements,
+    Body,
     Pose,
-    Push,
-    Wrench,
+    body_pose,
     check_state,
     contact_forces,
     find_elements,
@@ -33,10 +33,11 @@ from t2twin.attachment.contacts import (
     sleeping_forces,
 )
 from t2twin.attachment.geometry import Geometry, Region, body_surface
-from t2twin.attachment.loads import LIGHT, Body, loaded_contact, push_notices
+from t2twin.attachment.loads import LIGHT, loaded_contact, unread_notices
 from t2twin.attachment.stiffness import fit_stiffness
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, T2TwinWarning
+from t2twin.core.machine import cores
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
@@ -54,9 +55,8 @@ NOTHING = Shape(
 # A touch without contact and without readings.
 NO_TOUCH = Touch(NOTHING, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0))
 MAX_RATE_HZ = 1e6  # largest rate of readings, Hz (assumed: beyond any simulation's steps)
+MAX_WORKERS = 1024  # largest number of threads of read_all (assumed: beyond any machine's cores)
 LISTED = 5  # geoms that a warning names (assumed)
-# Attributes that a copy of a sensor does not have: readings and warnings.
-OWN = ("_states", "_elements", "_lock", "_warned")
 # Distance between the places of contact in two readings up to which the second one continues the
 # tractions of the first, mm (assumed: less than most contacts are wide).
 MAX_JUMP_MM = 2.0
@@ -70,51 +70,47 @@ class State:
     """The last reading of a sensor from one MjData.
 
     time_s, period: of the last reading. reads: their number. seen: the state, as bytes.
-    touch, touch_s: the last touch and its time. poses, centers_mm: of the touching bodies and of
-    their places of contact, in the sensor frame, by the body's id. asleep: the poses of bodies that
-    sleep, as bytes. sleeping: their forces. lock: of one reading at a time.
+    touch, touch_s: the last touch and its time. places: of the bodies that press, by number, the
+    pose and the place of contact, (3,) mm, in the sensor frame. asleep: the poses of bodies that
+    sleep, as bytes. sleeping: these bodies. lock: of one reading at a time.
     """
 
     time_s: float = -inf
     period: int = -1
     reads: int = 0
     seen: bytes = b""
-    poses: dict[int, Pose] = field(default_factory=dict)
-    centers_mm: dict[int, np.ndarray] = field(default_factory=dict)
+    places: dict[int, tuple[Pose, np.ndarray]] = field(default_factory=dict)
     touch: Touch | None = None
     touch_s: float = 0.0
     asleep: bytes = b""
-    sleeping: tuple[list[Wrench], list[Push]] = field(default_factory=lambda: ([], []))
+    sleeping: list[Body] = field(default_factory=list)
     lock: Lock = field(default_factory=Lock)
 
     def restart(self) -> None:
         """Forget the readings, but not their number."""
         vars(self).update(vars(State(reads=self.reads, lock=self.lock)))
 
-    def forces(
+    def bodies(
         self, model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose
-    ) -> tuple[list[Wrench], list[Push]]:
-        """The forces on a sensor's geom, see contact_forces.
-
-        Those of bodies that sleep are found once (contacts.sleeping_forces).
-        """
-        touching, others = contact_forces(model, data, geom, frame)
+    ) -> list[Body]:
+        """The bodies that act on a sensor's geom; what those that sleep do is found once."""
+        touching = contact_forces(model, data, geom, frame)
         still = data.body_awake != AWAKE
         if data.nbody_awake == model.nbody or not still[model.geom_bodyid[geom]]:
-            return touching, others
+            return touching
         asleep = b"".join(each.tobytes() for each in (still, data.xpos[still], *frame))
         if asleep != self.asleep:
             self.sleeping = sleeping_forces(model, data, geom, frame, still)
             self.asleep = asleep
-        together = sorted(touching + self.sleeping[0], key=lambda each: each.body)
-        return together, others + self.sleeping[1]
+        sleeping = [replace(each, unread_n=dict(each.unread_n)) for each in self.sleeping]
+        return sorted(touching + sleeping, key=lambda each: each.number)
 
 
 class AttachedSensor:
     """A gel camera or a taxel array in a MuJoCo model, made by `t2twin.attach`.
 
     name: prefix of its elements in the model. sensor: its name in a touch. device: the simulated
-    sensor. geometry, rate_hz, seed: as for `attach`.
+    sensor. geometry, rate_hz, seed: as for `attach`. suffix: of the elements' names.
     Several threads may use one sensor at the same time.
     Under MUJOCO_GL=egl, import t2twin before mujoco, whose import fails with pyrender's PyOpenGL.
     Raises T2TwinError for invalid arguments.
@@ -127,6 +123,7 @@ class AttachedSensor:
         geometry: Geometry = "collision",
         rate_hz: float | None = None,
         seed: int | None = None,
+        suffix: str = "",
     ) -> None:
         arguments.choice(geometry, "geometry", get_args(Geometry))
         if rate_hz is not None:
@@ -136,8 +133,11 @@ class AttachedSensor:
         self.name, self.device = name, device
         self.geometry: Geometry = geometry
         self.rate_hz, self.seed = rate_hz, seed
-        self._suffix = ""
-        self._begin()
+        self.suffix = arguments.text(suffix, "suffix")
+        self._states: WeakKeyDictionary[object, State] = WeakKeyDictionary()
+        self._elements: WeakKeyDictionary[object, tuple[int, int]] = WeakKeyDictionary()
+        self._warned: dict[str, object] = {}
+        self._lock = Lock()
 
     @property
     def sensor(self) -> str:
@@ -149,30 +149,21 @@ class AttachedSensor:
         """The gel or the cover."""
         return self.device.elastomer
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What a copy has: all but the readings."""
-        return {name: value for name, value in vars(self).items() if name not in OWN}
+    @property
+    def _made_of(self) -> tuple[Any, ...]:
+        return self.device, self.geometry, self.rate_hz, self.seed
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._begin()
-
-    def _begin(self) -> None:
-        """Start without readings."""
-        self._states: WeakKeyDictionary[object, State] = WeakKeyDictionary()
-        self._elements: WeakKeyDictionary[object, Elements] = WeakKeyDictionary()
-        self._warned: dict[str, object] = {}
-        self._lock = Lock()
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy has no readings."""
+        return AttachedSensor, (self.name, *self._made_of, self.suffix)
 
     def with_prefix(self, prefix: str, suffix: str = "") -> "AttachedSensor":
         """The sensor of a model to which its spec was attached with this prefix and suffix.
 
         Needed only where the spec was attached several times. The new sensor has no readings.
         """
-        found = copy(self)
-        found.name = f"{arguments.text(prefix, 'prefix')}{self.name}"
-        found._suffix = arguments.text(suffix, "suffix")
-        return found
+        name = f"{arguments.text(prefix, 'prefix')}{self.name}"
+        return AttachedSensor(name, *self._made_of, suffix=suffix)
 
     def reset(self) -> None:
         """Forget all contacts and readings; the next reading is the first one."""
@@ -181,7 +172,7 @@ class AttachedSensor:
 
     def pose(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> np.ndarray:
         """(4, 4) transform from the sensor frame to the world, m. Raises T2TwinError as `read`."""
-        return frame_of(data, self._found(model, data).site).matrix
+        return frame_of(data, self._found(model, data)[0]).matrix
 
     def read(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Touch:
         """The touch in the current state of a simulation, which does not change.
@@ -199,33 +190,32 @@ class AttachedSensor:
         Raises T2TwinError for another model or data, for values that are not finite, and for a flex
         that touches the sensor.
         """
-        elements = self._found(model, data)
-        frame = frame_of(data, elements.site)
+        site, geom = self._found(model, data)
+        frame = frame_of(data, site)
         with self._lock:
             state = self._states.setdefault(data, State())
         with state.lock:
-            return self._read(model, data, elements.geom, frame, state)
+            return self._read(model, data, geom, frame, state)
 
     def set_stiffness(self, model: "mujoco.MjModel", data: "mujoco.MjData", body: str) -> float:
         """Let a body sink into the sensor as deep in MuJoCo as into the soft layer.
 
-        Sets `geom_solref` and `geom_solimp` of the sensor's geom in the model, for a
-        body that touches it at one point in its present pose over the sensor. data: as for `read`.
+        Sets `geom_solref` and `geom_solimp` of the sensor's geom in the model, for a body that
+        touches it at one point in its present pose over the sensor. data: as for `read`.
         Friction cones must be elliptic. Several contact points share a force and sink in less; a
         warning says so for a body that already touches so.
         Returns the largest error of the depth at rest from 0.5 to 12 N, mm.
         Raises T2TwinError for an unknown body, one that is not over the sensor, and as `read`.
         """
-        elements = self._found(model, data)
+        site, geom = self._found(model, data)
         touching = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, arguments.text(body, "body"))
         if touching < 0:
             raise T2TwinError(f"the model has no body {body!r}; expected the name of a body")
-        shape = self._shape(model, data, frame_of(data, elements.site), touching)
+        shape = self._shape(model, data, frame_of(data, site), touching, body)
         if shape is None:
             raise T2TwinError(f"body {body} is not over {self.name}; move it there first")
         if model.opt.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
             raise T2TwinError("the model has pyramidal friction cones; expected elliptic ones")
-        geom = elements.geom
         of_body = model.geom_bodyid[data.contact.geom] == touching
         points = int((of_body.any(axis=1) & (data.contact.geom == geom).any(axis=1)).sum())
         if points > 1:
@@ -240,20 +230,20 @@ class AttachedSensor:
         model.geom_solref[geom], model.geom_solimp[geom] = found.solref, found.solimp
         return found.error_mm
 
-    def _found(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Elements:
-        """The sensor's elements in a model, whose state can be read."""
+    def _found(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> tuple[int, int]:
+        """The sensor's site and geom in a model, whose state can be read."""
         check_state(model, data)
         with self._lock:
             if model not in self._elements:
-                found = find_elements(model, self.name, self._suffix)
-                self._elements[model] = found
-                if kept := kept_away(model, found.geom):
+                site, geom = find_elements(model, self.name, self.suffix)
+                self._elements[model] = site, geom
+                if kept := kept_away(model, geom):
                     more = f" and {len(kept) - LISTED} more" if len(kept) > LISTED else ""
                     self._warn(
                         "masks",
                         f"collision masks keep {', '.join(kept[:LISTED])}{more} from the sensor, "
                         "which reads only what MuJoCo collides; change contype or conaffinity, or "
-                        f"add a pair with geom {model.geom(found.geom).name}",
+                        f"add a pair with geom {model.geom(geom).name}",
                     )
             return self._elements[model]
 
@@ -270,25 +260,27 @@ class AttachedSensor:
             state.restart()
         state.time_s = data.time
         period = 0 if self.rate_hz is None else floor(data.time * self.rate_hz + ROUNDING)
-        is_due, state.period = period != state.period, period
-        if state.touch is not None and self.rate_hz is not None and not is_due:
+        is_due, state.period = self.rate_hz is None or period != state.period, period
+        values = data.time, *frame, data.xpos, data.xmat, data.efc_force, data.contact.friction
+        seen = b"".join(np.asarray(each).tobytes() for each in values)
+        if state.touch is not None and (not is_due or seen == state.seen):
             return state.touch
-        seen = _as_bytes(data, frame)
-        if state.touch is not None and seen == state.seen:
-            return state.touch
-        touching, others = state.forces(model, data, geom, frame)
-        pressing = [each for each in touching if each.pressing_n >= FORCE_RANGE_N[0]]
-        light = [each for each in touching if each.pressing_n < FORCE_RANGE_N[0]]
-        others += [Push(each.body, LIGHT, each.force_n) for each in light]
-        poses = {each.body: _body_pose(data, each.body).in_frame(frame) for each in pressing}
-        contact, notices = self._contact(model, data, frame, pressing, poses, state)
-        notices += push_notices(
-            others, {each.body: _body_name(model, each.body) for each in others}
-        )
+        bodies = state.bodies(model, data, geom, frame)
+        pressing = []
+        for body in bodies:
+            if body.pressing_n >= FORCE_RANGE_N[0]:
+                pressing.append(body)
+            elif body.weight_n:
+                body.leave_unread(LIGHT, body.force_n)
+        places = {
+            each.number: (body_pose(data, each.number).in_frame(frame), each.center_mm)
+            for each in pressing
+        }
+        contact, notices = self._contact(model, data, frame, pressing, places, state)
+        notices += unread_notices(bodies)
         touch = self._touch(contact, frame, state, data.time)
         state.touch = replace(touch, notices=tuple(notices))
-        state.touch_s, state.poses, state.seen = data.time, poses, seen
-        state.centers_mm = {each.body: each.center_mm for each in pressing}
+        state.touch_s, state.places, state.seen = data.time, places, seen
         state.reads += 1
         for each in notices:
             self._warn(each.reason, str(each))
@@ -303,31 +295,29 @@ class AttachedSensor:
         model: "mujoco.MjModel",
         data: "mujoco.MjData",
         frame: Pose,
-        pressing: list[Wrench],
-        poses: dict[int, Pose],
+        pressing: list[Body],
+        places: dict[int, tuple[Pose, np.ndarray]],
         state: State,
     ) -> tuple[Contact | None, list[Notice]]:
         """The contact of the pressing bodies, which continues the state's last one."""
-        near = {each.body for each in pressing if _is_near(each, state.centers_mm)}
-        bodies = []
-        for each in pressing:
-            motion = None
-            if each.body in near or len(pressing) == 1:
-                before = state.poses.get(each.body)
-                motion = relative_motion(before, poses[each.body], each.center_mm)
-            shape = self._shape(model, data, frame, each.body)
-            bodies.append(Body(_body_name(model, each.body), each, shape, motion))
-        before = state.touch.contacts.get(self.sensor) if state.touch and near else None
-        return loaded_contact(self.elastomer, self.device.pitch_mm, bodies, before)
+        is_any_near = False
+        for body in pressing:
+            pose, center_mm = places[body.number]
+            before, at_mm = state.places.get(body.number, (None, None))
+            is_near = at_mm is not None and np.hypot(*(center_mm - at_mm)[:2]) <= MAX_JUMP_MM
+            is_any_near |= bool(is_near)
+            if is_near or len(pressing) == 1:
+                body.motion = relative_motion(before, pose, center_mm)
+            body.shape = self._shape(model, data, frame, body.number, body.name)
+        last = state.touch.contacts.get(self.sensor) if state.touch and is_any_near else None
+        return loaded_contact(self.elastomer, self.device.pitch_mm, pressing, last)
 
     def _shape(
-        self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose, body: int
+        self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose, body: int, name: str
     ) -> Shape | None:
         """The surface of a body over the sensor; None without any."""
         found = body_surface(model, data, body, *frame, Region.of(self.elastomer), self.geometry)
-        if found is None:
-            return None
-        return replace(NOTHING, name=_body_name(model, body), surface=found.surface)
+        return None if found is None else replace(NOTHING, name=name, surface=found.surface)
 
     def _touch(self, contact: Contact | None, frame: Pose, state: State, time_s: float) -> Touch:
         """The touch of a contact at a time; its noise depends on the number of earlier readings."""
@@ -340,21 +330,37 @@ class AttachedSensor:
         return replace(found, shape=contact.shape, command=contact.command)
 
 
-def _body_name(model: "mujoco.MjModel", body: int) -> str:
-    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body {body}"
+def read_all(
+    sensors: AttachedSensor | Sequence[AttachedSensor],
+    states: "Sequence[mujoco.MjData]",
+    workers: int | None = None,
+) -> list[list[Touch]]:
+    """The touches of sensors in many states of simulations, which do not change.
 
-
-def _is_near(wrench: Wrench, centers_mm: dict[int, np.ndarray]) -> bool:
-    """Whether a body touched the sensor before, within MAX_JUMP_MM of where it does now."""
-    before = centers_mm.get(wrench.body)
-    return before is not None and bool(np.hypot(*(wrench.center_mm - before)[:2]) <= MAX_JUMP_MM)
-
-
-def _body_pose(data: "mujoco.MjData", body: int) -> Pose:
-    return Pose(data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy())
-
-
-def _as_bytes(data: "mujoco.MjData", frame: Pose) -> bytes:
-    """All that a reading depends on: time, poses, and contacts with their forces."""
-    values = data.time, *frame, data.xpos, data.xmat, data.efc_force, data.contact.friction
-    return b"".join(np.asarray(each).tobytes() for each in values)
+    sensors: one or several, each in the models of all states. A sensor is found by its name, so
+    that one serves all environments that are built in the same way. states: each the MjData of an
+    environment, as for `AttachedSensor.read`. workers: threads; None for one per core.
+    Returns for each state the touches of the sensors. They are those of `AttachedSensor.read`,
+    whatever the number of workers.
+    Raises T2TwinError for invalid arguments, and as `AttachedSensor.read`.
+    """
+    chosen = [sensors] if isinstance(sensors, AttachedSensor) else list(sensors)
+    if isinstance(states, mujoco.MjData):
+        raise T2TwinError("states is one mujoco.MjData; expected a list of them, such as [data]")
+    for each in chosen:
+        if not isinstance(each, AttachedSensor):
+            raise T2TwinError(
+                f"sensors has {arguments.describe(each)}; expected sensors of t2twin.attach"
+            )
+    for each in states:
+        if not isinstance(each, mujoco.MjData):
+            raise T2TwinError(f"states has {arguments.describe(each)}; expected mujoco.MjData")
+    if len({id(each) for each in states}) < len(states):
+        raise T2TwinError("states has the same MjData twice; expected one of each environment")
+    if workers is not None:
+        workers = arguments.whole_number(workers, "workers", 1, MAX_WORKERS)
+    with ThreadPoolExecutor(workers or cores()) as pool:
+        touches = [
+            [pool.submit(sensor.read, state.model, state) for sensor in chosen] for state in states
+        ]
+    return [[each.result() for each in of_state] for of_state in touches]

@@ -5,17 +5,15 @@ impedance d(r), d_w = d(width), and the inverse mass A of both bodies. It follow
 a + d (b v + k r) = (1 - d) a0 in MuJoCo's documentation, Modeling, Solver parameters, with a = 0.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import PressCommand
-
-if TYPE_CHECKING:
-    from t2twin.primitives_cad.shape import Shape
-    from t2twin.sim.contact.elastomer import Elastomer
 
 # Forces at which the depths are fitted, N: those of most grasps (assumed).
 FIT_FORCES_N = (0.5, 1.0, 2.0, 4.0, 8.0, 12.0)
@@ -36,7 +34,7 @@ class Stiffness(NamedTuple):
 
 
 def fit_stiffness(
-    shape: "Shape", elastomer: "Elastomer", pitch_mm: float, inverse_mass: float
+    shape: Shape, elastomer: Elastomer, pitch_mm: float, inverse_mass: float
 ) -> Stiffness:
     """Parameters for one contact point of a shape on an elastomer, with elliptic friction cones.
 
@@ -76,7 +74,7 @@ def fit_stiffness(
 def _force_n(
     penetration_m: np.ndarray, unknowns: np.ndarray, width_m: float, inverse_mass: float
 ) -> np.ndarray:
-    """MuJoCo's force at rest; unknowns: log of stiffness, impedance, its rise, its power."""
+    """MuJoCo's force at rest, with log of stiffness, impedance, its rise and its power."""
     log_stiffness, low, _, power = unknowns
     high = _high(unknowns)
     share = np.minimum(penetration_m / width_m, 1.0)
