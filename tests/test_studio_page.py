@@ -15,7 +15,6 @@ from PIL import Image
 from waiting import wait_until
 
 import t2twin
-from benchmarks.timing.studio_events import act
 from t2twin.cli import main
 from t2twin.studio.server import studio
 from t2twin.studio.session import PressState
@@ -221,12 +220,20 @@ def test_an_own_frame_is_translated(desk, untrained_runs, tmp_path):
 
 
 @pytest.mark.exhaustive
-def test_two_busy_clients_end_with_the_right_state(desk, opened, tmp_path):
-    """A tenth of what benchmarks/timing/studio.py does; its figure for memory needs all of it."""
+def test_two_clients_at_once_end_with_their_own_presses(desk, opened):
     _, page = desk
     other_tab, other = opened()
-    done = act([page, other], 100, tmp_path)
-    assert (done["exceptions"], done["states_wrong"]) == (0, 0)
+    both = (page, 0.0), (other, 0.5)
+    for force_n in np.linspace(3.0, 6.0, 20):
+        for each, more in both:
+            each.controls.apply({"shape": SHAPE, "force_n": force_n + more})
+    for each, more in both:
+        wait_until(lambda each=each: each.is_idle)
+        touch = each.result.touch
+        assert touch.command.force_n == each.state.force_n == 6.0 + more
+        pose = {name: getattr(each.state, name) for name in ("x_mm", "y_mm", "yaw_deg", "seed")}
+        expected = t2twin.Twin().press(SHAPE, force_n=6.0 + more, **pose)
+        assert np.array_equal(touch.counts, expected.counts)
     other_tab.close()
 
 

@@ -26,8 +26,8 @@ import mujoco
 import numpy as np
 from tqdm import tqdm
 
+import t2twin
 from benchmarks.evidence import Argument, Benchmark, Figure, main
-from benchmarks.motion.attach_scenes import FREE, Body, compile_scene, contact_of, geom
 from t2twin.core.errors import T2TwinWarning
 
 SENSORS = ("digit", "cyskin")
@@ -73,6 +73,19 @@ WARM_UP = 5
 """First reads of a scene, which do not count."""
 
 
+GAP_M = 5e-5
+"""Height of a body's bounding box over the sensor's apex at the start, m."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A geom that moves freely: its kind, size and place on the pad, mm."""
+
+    kind: str
+    size_mm: tuple[float, ...]
+    place_mm: tuple[float, float] = (0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class Scene:
     """Bodies over a sensor. beside_mm: standard deviation of the place where a force presses, from
@@ -82,26 +95,17 @@ class Scene:
     beside_mm: float = 0.0
 
 
-def _free(kind: str, *size_mm: float, place_mm: tuple[float, float] = (0.0, 0.0)) -> Body:
-    body = Body([geom(kind, *size_mm)], place_mm, force_n=(0.0, 0.0, 0.0), joints=FREE)
-    body.mass_kg = MASS_KG
-    return body
-
-
 SCENES = {
-    "pushed": Scene((_free("box", 5.0, 4.0, 4.0),)),
-    "tilted": Scene((_free("box", 5.0, 4.0, 4.0),), beside_mm=4.0),
-    "rolling": Scene((_free("cylinder", 4.0, 5.0),), beside_mm=1.0),
+    "pushed": Scene((Body("box", (5.0, 4.0, 4.0)),)),
+    "tilted": Scene((Body("box", (5.0, 4.0, 4.0)),), beside_mm=4.0),
+    "rolling": Scene((Body("cylinder", (4.0, 5.0)),), beside_mm=1.0),
     "several": Scene(
-        (
-            _free("box", 3.0, 2.5, 2.5, place_mm=(-3.5, -2.0)),
-            _free("sphere", 3.0, place_mm=(3.5, 3.0)),
-        ),
+        (Body("box", (3.0, 2.5, 2.5), (-3.5, -2.0)), Body("sphere", (3.0,), (3.5, 3.0))),
         beside_mm=1.0,
     ),
 }
 """Boxes that lie flat, boxes that stand on an edge or a corner too, a cylinder that stands and
-falls over, and a box and a ball. Sizes in mm."""
+falls over, and a box and a ball."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -130,7 +134,7 @@ def read_scene(sensor: str, name: str, seconds: float) -> tuple[dict[str, Any], 
             if number < WARM_UP:
                 gc.freeze()  # as the documents advise for a loop
                 continue
-            contact = contact_of(touch)
+            contact = next(iter(touch.contacts.values()), None)
             (away if contact is None else times).append(spent_ms)
             tally["unsettled"] += contact is not None and not contact.settled
             reasons.update(each.reason for each in touch.notices)
@@ -148,11 +152,7 @@ def read_scene(sensor: str, name: str, seconds: float) -> tuple[dict[str, Any], 
 def states(sensor: str, name: str, seconds: float) -> Iterator[tuple[Any, Any, Any]]:
     """The attached sensor, the model and the data of a scene in each frame."""
     scene = SCENES[name]
-
-    def change(spec: "mujoco.MjSpec") -> None:
-        spec.option.gravity = [0.0, 0.0, -GRAVITY]
-
-    attached, model, data = compile_scene(sensor, list(scene.bodies), change=change)
+    attached, model, data = compile_scene(sensor, scene.bodies)
     rng = np.random.default_rng((list(SCENES).index(name), 57))
     frames = round(seconds * FRAME_HZ)
     start, steps = data.qpos.copy(), round(1 / FRAME_HZ / model.opt.timestep)
@@ -171,6 +171,36 @@ def states(sensor: str, name: str, seconds: float) -> Iterator[tuple[Any, Any, A
             data.qpos[:], data.qvel[:] = start, 0.0
         mujoco.mj_forward(model, data)
         yield attached, model, data
+
+
+def compile_scene(sensor: str, bodies: tuple[Body, ...]) -> tuple[Any, Any, Any]:
+    """A sensor on a pedestal, and body-0 and so on, face down and GAP_M above its apex."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0.0, 0.0, -GRAVITY]
+    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 10
+    spec.worldbody.add_body(name="pedestal").add_site(name="pad")
+    for number, body in enumerate(bodies):
+        x, y = body.place_mm
+        added = spec.worldbody.add_body(
+            name=f"body-{number}", pos=[1e-3 * x, 1e-3 * y, 0.1], quat=[0.0, 1.0, 0.0, 0.0]
+        )
+        kind = getattr(mujoco.mjtGeom, f"mjGEOM_{body.kind.upper()}")
+        size = [1e-3 * each for each in (*body.size_mm, 0.0, 0.0)][:3]
+        added.add_geom(name=f"body-{number}-0", type=kind, size=size, mass=MASS_KG)
+        added.add_freejoint()
+    attached = t2twin.attach(spec, site="pad", sensor=sensor)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    level = attached.pose(model, data)[2, 3] + GAP_M
+    for joint, body in enumerate(model.jnt_bodyid):
+        geom = int(np.flatnonzero(model.geom_bodyid == body)[0])
+        turn = data.geom_xmat[geom].reshape(3, 3)
+        center, half = np.split(model.geom_aabb[geom], 2)
+        lowest = data.geom_xpos[geom, 2] + turn[2] @ center - np.abs(turn[2]) @ half
+        data.qpos[model.jnt_qposadr[joint] + 2] += level - lowest
+    mujoco.mj_forward(model, data)
+    return attached, model, data
 
 
 def _push(

@@ -1,51 +1,39 @@
-"""Sliding contact against closed forms, tamaas and finite elements, and random slides.
+"""Sliding contact against closed forms, tamaas and finite elements.
 
-    python -m benchmarks.motion.slides [--slides N]
+    python -m benchmarks.motion.slides
 
 - Closed forms of a half-space (`slides_closed_forms`): a ball that is pushed, twisted,
   and pushed back and forth, and stuck punches. The half-space's spectra are compared with tamaas.
 - A ball and a square punch that slide on flat layers, against CalculiX (`slides_fem`).
   A press of t2twin has the force of CalculiX; each state after it has the same motion and force.
-- Slides of random shapes on both sensors: exceptions, warnings and steps that did not converge.
 
 Needs tamaas (`pip install '.[oracle]'`) and CalculiX (`apt-get install calculix-ccx`).
 """
 
 import tempfile
-import warnings
 from argparse import Namespace
-from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
-from tqdm import tqdm
 
 from benchmarks.contact.solids import block
-from benchmarks.evidence import Argument, Benchmark, Figure, main
+from benchmarks.evidence import Benchmark, Figure, main
 from benchmarks.motion import slides_closed_forms as closed_forms
 from benchmarks.motion import slides_fem as fem
-from t2twin.core.errors import T2TwinError
-from t2twin.core.machine import cores
-from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.sampling.plan import random_name
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.slide import slide_to
 
 BENCHMARK = Benchmark(
     module="benchmarks.motion.slides",
-    measures="Accuracy of sliding against closed forms and finite elements, and failures.",
-    minutes=15,
+    measures="Accuracy of sliding against closed forms and finite elements.",
+    minutes=14,
     sources=("sim/contact", "primitives_cad"),
     figures=(
         Figure("pushed_ball.*.traction_error", most=0.015),
@@ -65,15 +53,7 @@ BENCHMARK = Benchmark(
         Figure("calculix.*.force_error", most=0.03),
         Figure("calculix.*.marker_error", most=0.08),
         Figure("calculix.*.depth_error"),
-        Figure("random.slides"),
-        Figure("random.exceptions", most=0),
-        Figure("random.warnings", most=0),
-        Figure("random.unsettled", most=0),
-        Figure("random.unsettled_percent", "%"),
-        Figure("random.refused"),
-        Figure("random.force_error", most=0.002),
     ),
-    arguments=(Argument("--slides", "random slides; 5,000 take three hours", int, 250),),
 )
 
 SHARES = (0.3, 0.6, 0.9)
@@ -112,18 +92,6 @@ LAYERS = {
 
 FEM_PITCH_MM = {"ball": 0.25, "punch": 0.08}
 
-SEED = 4_322
-"""A recipe's seed that no shipped recipe has."""
-
-CHUNK, STEPS = 20, 4
-"""Slides that a process does at once, and touches of a slide after its press."""
-
-FORCES_N, FRICTIONS, MAX_MM, MAX_DEG = (0.5, 12.0), (0.3, 1.5), 3.0, 45.0
-"""Ranges of random slides."""
-
-PLACES_MM = (2.0, 3.0)
-"""Standard deviations of the place of a random slide along x and y."""
-
 
 def measure(options: Namespace) -> dict[str, Any]:
     fem.require_calculix()
@@ -141,7 +109,6 @@ def measure(options: Namespace) -> dict[str, Any]:
         "stuck_punches": worst([closed_forms.stuck_punches(PUNCH_PITCH_MM)]),
         "tamaas": {"largest_error": max(half_space.values()), **half_space},
         "calculix": against_calculix(),
-        "random": random_slides(options.slides),
     }
 
 
@@ -156,9 +123,7 @@ def against_calculix() -> dict[str, dict[str, Any]]:
     return found
 
 
-def slide_of(
-    kind: str, layer: Layer, depth_mm: float, finer: float = 1.0, stiffness: float = 1.0
-) -> fem.Slide:
+def slide_of(kind: str, layer: Layer, depth_mm: float) -> fem.Slide:
     """The slide of a "ball" or a "punch", with markers 1 mm apart.
 
     No marker is on the edge of the punch, where the displacement has a kink.
@@ -175,10 +140,9 @@ def slide_of(
         young_mpa=layer.young_mpa,
         poisson=SLIDE_POISSON,
         side_mm=layer.block_mm,
-        pitch_mm=FEM_PITCH_MM[kind] / finer,
+        pitch_mm=FEM_PITCH_MM[kind],
         markers_mm=markers.reshape(-1, 2),
         has_edge=not is_ball,
-        stiffness=stiffness,
     )
 
 
@@ -214,79 +178,6 @@ def _at_markers(contact: Contact, markers_mm: np.ndarray) -> np.ndarray:
     axes = contact.y_mm, contact.x_mm
     fields = RegularGridInterpolator(axes, np.moveaxis(contact.displacement_mm[:2], 0, -1))
     return fields(markers_mm[:, ::-1])
-
-
-def random_slides(slides: int) -> dict[str, Any]:
-    """Counts over slides of random shapes on both sensors; see `slide_some`."""
-    total, failed, force_error = Counter[str](), [], 0.0
-    with ProcessPoolExecutor(cores(), mp_context=get_context("spawn")) as pool:
-        starts = range(0, slides, CHUNK)
-        chunks = pool.map(partial(slide_some, last=slides), starts)
-        for counts, lines, error in tqdm(chunks, total=len(starts), unit=f"{CHUNK} slides"):
-            total.update(counts)
-            failed += lines
-            force_error = max(force_error, error)
-    return {
-        "slides": slides,
-        **{
-            key: total[key]
-            for key in ("steps", "exceptions", "refused", "warnings", "unsettled", "unresolved")
-        },
-        "unsettled_percent": 100.0 * total["unsettled"] / max(total["steps"], 1),
-        "force_error": force_error,
-        "failed": failed,
-    }
-
-
-def slide_some(first: int, last: int) -> tuple[Counter[str], list[str], float]:
-    """The slides of a chunk: counts, a line for each failure, and the largest error of a force.
-
-    A refusal is a T2TwinError, such as that of a shape that leaves a pad. A step is unresolved if
-    its press was smaller than the grid, as under a needle.
-    """
-    sensors, counts, failed, force_error = SensorPair(), Counter[str](), [], 0.0
-    for number in range(first, min(first + CHUNK, last)):
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            try:
-                for step, (contact, is_resolved) in enumerate(random_slide(sensors, number)):
-                    counts["steps"] += 1
-                    off = abs(contact.force_n / contact.command.force_n - 1)
-                    force_error = max(force_error, off)
-                    counts["unresolved"] += not is_resolved
-                    if is_resolved and not contact.settled:
-                        counts["unsettled"] += 1
-                        failed.append(
-                            f"{number}, {contact.elastomer.name} {step // 2 + 1}: unsettled"
-                        )
-            except T2TwinError:
-                counts["refused"] += 1
-            except Exception as error:
-                counts["exceptions"] += 1
-                failed.append(f"{number}: {error!r}")
-        counts["warnings"] += len(caught)
-        failed += [f"{number}: {warning.message}" for warning in caught]
-    return counts, failed, force_error
-
-
-def random_slide(sensors: SensorPair, number: int) -> list[tuple[Contact, bool]]:
-    """The contacts after each step of one random slide, and whether the grid resolves the contact
-    of its press. Raises T2TwinError as a slide does."""
-    rng = np.random.default_rng((SEED, number))
-    shape = catalogue.load(random_name(SEED, number))
-    force_n, friction = np.exp(rng.uniform(*np.log(FORCES_N))), rng.uniform(*FRICTIONS)
-    x_mm, y_mm = rng.normal(0.0, PLACES_MM)
-    yaw, turn = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(-MAX_DEG, MAX_DEG))
-    length_mm, direction = rng.uniform(0, MAX_MM), rng.uniform(0, 2 * np.pi)
-    end = length_mm * np.array([np.cos(direction), np.sin(direction)])
-    path = np.linspace((x_mm, y_mm, yaw), (x_mm + end[0], y_mm + end[1], yaw + turn), STEPS + 1)
-    first, *later = (PressCommand(shape.name, x, y, yaw, float(force_n)) for x, y, yaw in path)
-    touch, contacts = sensors.press(shape, first), []
-    resolved = {name: not each.smaller_than_grid for name, each in touch.contacts.items()}
-    for command in later:
-        touch = slide_to(sensors, touch, command, float(friction))
-        contacts += [(contact, resolved[name]) for name, contact in touch.contacts.items()]
-    return contacts
 
 
 if __name__ == "__main__":

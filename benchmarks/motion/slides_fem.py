@@ -56,7 +56,7 @@ class Slide:
     reach_mm: half the width of the square in which the shape may touch. depth_mm: of the press.
     slide_mm: length of the slide. side_mm: half the block's width. pitch_mm: of the elements at the
     contact. markers_mm: (n, 2) places on the surface, y >= 0. has_edge: whether the shape has an
-    edge all around at reach_mm. stiffness: factor of PENALTY and STICK.
+    edge all around at reach_mm.
     """
 
     heights_mm: Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -71,7 +71,6 @@ class Slide:
     pitch_mm: float
     markers_mm: np.ndarray
     has_edge: bool = False
-    stiffness: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -163,8 +162,7 @@ def _deck(slide: Slide, axes: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iter
     near = near & ((y[1:] + y[:-1]) / 2 < slide.reach_mm)[:, None]
     yield from _set("*ELSET, ELSET=UPPER", top[near])
     yield from ("*SURFACE, NAME=BLOCK", "UPPER, S2", "*SURFACE, NAME=SHAPE", "RIGID, S1")
-    penalty = slide.stiffness * PENALTY * slide.young_mpa
-    stick = slide.stiffness * STICK * slide.young_mpa
+    penalty, stick = PENALTY * slide.young_mpa, STICK * slide.young_mpa
     yield f"""*MATERIAL, NAME=SOFT
 *ELASTIC
 {slide.young_mpa}, {slide.poisson}

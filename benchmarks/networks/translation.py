@@ -3,8 +3,8 @@
     python -m benchmarks.networks.translation data/paper RUN... --report runs/paper/report
                                      [--layouts EVALUATION...]
 
-The results have the errors of every row, overall with intervals and by shape. They have the overall
-errors on the taxel layouts of other folders of `t2twin evaluate`, and the ratios to the baselines.
+The results have the errors of every row, overall with intervals and by shape, and the overall
+errors on the taxel layouts of other folders of `t2twin evaluate`.
 Writes docs/pictures/samples.png: samples of the report at fixed quantiles of the error.
 """
 
@@ -32,12 +32,6 @@ BENCHMARK = Benchmark(
     minutes=4,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
-        # A quarter of the mean array's, and the nearest neighbor's, on validation; three quarters
-        # of the better of the two on the objects.
-        Figure("ratios.val.*.of_mean_array", most=0.25),
-        Figure("ratios.val.*.of_nearest_neighbor", most=1.0),
-        Figure("ratios.test.*.of_best_trivial", most=0.75),
-        Figure("ratios.test.*.of_lookalikes"),
         Figure("val.*.overall.rmse_percent", "%"),
         Figure("test.*.overall.rmse_percent", "%"),
         Figure("runs.*.minutes", "minutes"),
@@ -62,12 +56,8 @@ def measure(options: Namespace) -> dict[str, Any]:
     report = read_report_data(options.report, options.data, options.runs)
     if not options.keep_nothing:
         draw(report)
-    content = figures(report)
-    return {
-        **content,
-        "ratios": ratios(content),
-        "layouts": [on_layout(evaluation) for evaluation in options.layouts],
-    }
+    layouts = [on_layout(evaluation) for evaluation in options.layouts]
+    return figures(report) | {"layouts": layouts}
 
 
 def figures(report: ReportData) -> dict[str, Any]:
@@ -94,32 +84,9 @@ def figures(report: ReportData) -> dict[str, Any]:
             for split, evaluation in evaluations.items()
         },
         "lookalikes": {
-            split: msgspec.to_builtins(estimate_irreducible_error(report.data, split))
-            for split in evaluations
+            split: estimate_irreducible_error(report.data, split) for split in evaluations
         },
     }
-
-
-def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Ratios of each run's RMSE to that of the mean array, of the nearest neighbor, of the better
-    of the two, and to the irreducible-error estimate; by split and run."""
-    from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
-
-    parts: dict[str, dict[str, dict[str, float | None]]] = {}
-    for split in SHOWN:
-        errors = {name: row["overall"]["rmse_counts"] for name, row in content[split].items()}
-        alike = content["lookalikes"][split]["split"]["extrapolated_rmse_counts"]
-        bounds = {
-            "of_mean_array": errors[MEAN_ARRAY],
-            "of_nearest_neighbor": errors[NEAREST_NEIGHBOR],
-            "of_best_trivial": min(errors[MEAN_ARRAY], errors[NEAREST_NEIGHBOR]),
-            "of_lookalikes": alike,
-        }
-        parts[split] = {
-            run: {name: errors[run] / bound if bound else None for name, bound in bounds.items()}
-            for run in content["runs"]
-        }
-    return parts
 
 
 def on_layout(folder: Path) -> dict[str, Any]:
