@@ -62,16 +62,30 @@ def _axis(places: bytes, lines: bytes) -> tuple[_Banded, _Banded]:
 
     places, lines: float64. The grids repeat from press to press, so the last matrices are cached.
     """
-    from scipy.interpolate import BSpline  # slow to import
-
-    def b_splines(x: np.ndarray) -> np.ndarray:
-        return BSpline.design_matrix(x, knots, DEGREE).toarray()
-
     at = np.frombuffer(places)
     between = np.clip(np.frombuffer(lines), at[0], at[-1])
     # not-a-knot: the second and the last but one place are no knots
     knots = np.concatenate([np.repeat(at[0], DEGREE + 1), at[2:-2], np.repeat(at[-1], DEGREE + 1)])
-    return _banded(np.linalg.inv(b_splines(at))), _banded(b_splines(between))
+    return _banded(np.linalg.inv(_b_splines(at, knots))), _banded(_b_splines(between, knots))
+
+
+def _b_splines(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    """(x.size, B-splines) values at x, by de Boor's recurrence; scipy.interpolate loads slowly."""
+    number = knots.size - DEGREE - 1
+    interval = np.clip(np.searchsorted(knots, x, "right") - 1, DEGREE, number - 1)
+    values = np.zeros((DEGREE + 1, x.size))
+    values[0] = 1.0
+    for degree in range(1, DEGREE + 1):
+        lower = values.copy()
+        values[0] = 0.0
+        for n in range(1, degree + 1):
+            left, right = knots[interval + n - degree], knots[interval + n]
+            share = lower[n - 1] / (right - left)
+            values[n - 1] += share * (right - x)
+            values[n] = share * (x - left)
+    matrix = np.zeros((x.size, number))
+    np.put_along_axis(matrix, interval[:, None] + np.arange(-DEGREE, 1), values.T, axis=1)
+    return matrix
 
 
 def _banded(matrix: np.ndarray) -> _Banded:

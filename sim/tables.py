@@ -14,19 +14,15 @@ from t2twin.core.records import check_names, convert
 
 Record = TypeVar("Record")
 
-DELIMITERS = ",;\t"
-"""Delimiters of CSV columns; spreadsheets of many countries write the second."""
-
-DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(\d+)$")
-"""A number with a decimal comma, where commas do not delimit columns."""
+DELIMITERS = ",;\t"  # of columns; spreadsheets of many countries write the second
+DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(\d+)$")  # where commas do not delimit columns
 
 
 def read_csv(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
     """The names of the columns; of each row its place, such as "line 2", and its nonempty cells.
 
-    The delimiter is the most frequent one in the first line. Skips a byte order mark, empty rows,
-    and spaces around cells. A decimal comma becomes a point where commas do not delimit columns.
-    Raises T2TwinError for a file that is not such a table.
+    The delimiter is the most frequent one in the first line. Skips empty rows and spaces around
+    cells; decimal commas become points. Raises T2TwinError for a file that is not such a table.
     """
     try:
         text = read_file(path).decode("utf-8-sig")
@@ -57,9 +53,8 @@ def read_csv(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
 def read_rows(path: Path, kind: type[Record]) -> tuple[Record, ...]:
     """The rows of a CSV file, in its order.
 
-    kind: a dataclass whose fields are the columns; fields without a default are required, other
-    columns are rejected. An empty cell takes the field's default. Raises T2TwinError with the file
-    and, if known, the line and the column.
+    kind: a dataclass whose fields are the columns; an empty cell takes the field's default. Raises
+    T2TwinError, with the line, for other columns, missing ones, and values that do not fit.
     """
     names, rows = read_csv(path)
     known = fields(kind)  # pyright: ignore[reportArgumentType]

@@ -26,8 +26,8 @@ def load(folder: Path, text: str) -> t2twin.Recipe:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[light.draw]\nled_size_mm = [1.0, 2.0]\n", "draw of light .* kind is not"),
-        ('[light]\neach = "press"\n', "each of light .* kind is not"),
+        ("[light.draw]\nled_size_mm = [1.0, 2.0]\n", "draw of light .* kind is fixed"),
+        ('[light]\neach = "press"\n', "each of light .* kind is fixed"),
         ('scale = "small"\n', "scale of the part of random shapes .* place is not the grid"),
         ('split = "val"\nval_share = 0.5\n', "val_share of the part of random shapes"),
         (f"{DRAWN}[light.draw]\naround_part = [0.0, 0.1]\n", "around_part .* has no optics"),

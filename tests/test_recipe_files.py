@@ -62,7 +62,7 @@ def test_files_off_the_middle_are_pressed_with_center(solids, tmp_path, shape_ca
 
 @pytest.mark.parametrize("more", [{"scale": 25.4}, {"center": True}])
 def test_scale_and_center_are_for_files(more):
-    with pytest.raises(T2TwinError, match="are for files only"):
+    with pytest.raises(T2TwinError, match="for files only"):
         Part(shapes="tools", split="test", presses=2, place=NEAR, **more)
 
 

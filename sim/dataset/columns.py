@@ -1,10 +1,7 @@
-"""The columns of a dataset: one entry for each in TABLE.
-
-Columns of a sensor start with its role, "source_" or "target_".
-"""
+"""The columns of a dataset: TABLE. Those of a sensor start with its role and an underscore."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +9,6 @@ import numpy as np
 import pyarrow as pa
 
 from t2twin.core.images import encode_png
-from t2twin.sim.contact.types import TILT
 from t2twin.sim.sampling.plan import file_stem
 from t2twin.sim.sampling.recipe import Recipe
 from t2twin.sim.sensors.defaults import ROLES
@@ -22,17 +18,12 @@ if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset 
     from t2twin.sim.touch import Touch
 
 IMAGE, COUNTS = "image", "counts"
-"""Columns of a gel camera's image and of a taxel array's counts, after the role. They also name the
-kind of a sensor."""
+"""Columns of a camera's image and an array's counts after the role; also the kinds of sensors."""
 
 IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 COUNTS_TYPE = pa.list_(pa.uint16())
 
-POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
-"""Columns of the press: fields of PressCommand."""
-
-TILTED_POSE = (*POSE, *TILT)
-"""Those of recipes that sample a tilt."""
+POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")  # of the press: fields of PressCommand
 
 CONTACT = {"depth_mm": 0.0, "force_n": 0.0, "settled": True, "bottomed": False}
 """Columns of a sensor's contact, with their values in a press of 0 N, which has no contacts."""
@@ -43,12 +34,8 @@ CONTACT_MAPS = ("depth_map_um", "pressure_map_hpa")
 TRACTIONS = ("pressure_kpa", "shear_x_kpa", "shear_y_kpa")
 MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
 PATH = "path"
-
-RANDOM_FAMILY = "random"
-"""Family of random shapes."""
-
-Values = Mapping[str, str]
-"""The value of each role: IMAGE or COUNTS."""
+RANDOM_FAMILY = "random"  # of random shapes
+Values = Mapping[str, str]  # of each role, IMAGE or COUNTS
 
 
 @dataclass(frozen=True)
@@ -249,20 +236,6 @@ def schema_of(values: Values, recipe: Recipe | None) -> pa.Schema:
     """The schema of a recipe's shards, without a recipe that of every dataset."""
     fields = [(each.name, each.column.type) for each in columns_of(values, recipe)]
     return with_features(pa.schema(fields))
-
-
-def pose_of(recipe: Recipe | None) -> tuple[str, ...]:
-    """The columns of the press in a recipe's shards, without a recipe those of every dataset."""
-    return TILTED_POSE if recipe is not None and recipe.has_tilt else POSE
-
-
-def row_values(
-    columns: list[Stored], sample: Sample, timed: Callable[[str], Any]
-) -> Iterator[tuple[str, Any]]:
-    """The name and the value of each column of a row. timed: a context manager for each stage."""
-    for each in columns:
-        with timed(each.column.stage):
-            yield each.name, each.column.value(sample, each.role)
 
 
 def _whole(values: np.ndarray, kind: type) -> np.ndarray:

@@ -51,14 +51,9 @@ from t2twin.sim.sampling.recipe import NAMED, PAPER, RANDOM, Recipe, checked, lo
 from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.sensors.pair import SensorPair
 
-STATE = ("shards", "complete")
-"""Fields of info.json that change while a dataset is made; the others are its parameters."""
-
-MAX_WORKERS = 1000
-"""Largest number of processes (assumed: more than any machine has cores)."""
-
-CONNECT_SECONDS = 20
-"""Timeout of the connection to a Dask scheduler, s."""
+STATE = ("shards", "complete")  # fields of info.json that are no parameters of the dataset
+MAX_WORKERS = 1000  # processes (assumed: more than any machine has cores)
+CONNECT_SECONDS = 20  # timeout of the connection to a Dask scheduler
 
 
 @dataclass(frozen=True)
@@ -138,8 +133,7 @@ def build_info(
     batches: list[Batch],
     only: tuple[str, ...] | None = None,
 ) -> DatasetInfo:
-    """The info of a dataset without shards. only: the primitives and tools of the batches, None for
-    all."""
+    """The info of a dataset without shards. only: the primitives and tools, None for all."""
     recipe, sensors = context.recipe, context.sensors
     of_files = [batch for batch in batches if recipe.parts[batch.part].shapes not in NAMED]
     solids = sorted({path for batch in of_files for path in batch.shapes})
@@ -228,11 +222,8 @@ def _make_dataset(
     present = wanted if is_new else read_info(folder)
     _check_same_parameters(folder, present, wanted)
     try:
-        made = {
-            batch.path: shard
-            for batch in batches
-            if (shard := _made(folder, batch, present)) is not None
-        }
+        present_shards = {batch.path: _made(folder, batch, present) for batch in batches}
+        made = {path: shard for path, shard in present_shards.items() if shard is not None}
         todo = [batch for batch in batches if batch.path not in made]
         if todo:
             write_info(folder, replace(present, complete=False))
@@ -284,9 +275,9 @@ def _make_shards(
     context: ShardContext, todo: list[Batch], workers: int, scheduler: str | None
 ) -> dict[str, Shard]:
     """Make shards, and log the time; returns them by path."""
-    start, made = time.monotonic(), {}
+    start, made, peaks = time.monotonic(), {}, {}
     seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
-    peaks, rejected, notes = {}, Counter(), Counter()
+    rejected, notes = Counter(), Counter()
     # The largest first, so that no long one is left alone at the end.
     todo = sorted(todo, key=lambda batch: -batch.pairs)
     pairs = sum(batch.pairs for batch in todo)
@@ -295,12 +286,12 @@ def _make_shards(
         Progress(total=pairs, unit="pair", desc="simdata") as bar,
         closing(results),  # an interrupt ends the workers here, not later
     ):
-        where = counted(min(workers, len(todo)), "worker") if scheduler is None else scheduler
+        where = scheduler or counted(min(workers, len(todo)), "worker")
         bar.write(f"{counted(pairs, 'pair')} to make with {where}")
         if context.recipe.light.renderer == "pyrender":
             bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
         for batch, result in results:
-            made[batch.path] = Shard(result.sha256, batch.pairs)
+            made[batch.path] = result.shard
             for stage, value in result.seconds.items():
                 seconds[stage] += value
             rejected.update(result.rejected)
@@ -348,10 +339,7 @@ def _results(
 
 @contextmanager
 def _processes(number: int) -> Iterator[Executor]:
-    """Processes on this machine; after an error in the block they are killed.
-
-    Raises T2TwinError where one of them is killed or cannot start.
-    """
+    """Processes on this machine, killed after an error; T2TwinError where one of them ends."""
     others = {*multiprocessing.active_children()}
     spawn = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(number, mp_context=spawn, initializer=_start_worker)
@@ -387,17 +375,12 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _dask(address: str) -> Iterator[Executor]:
-    """The workers of a Dask cluster, which repeats the shards of a lost worker.
-
-    Raises T2TwinError without Dask, without a scheduler at the address, and where the workers die.
-    """
+    """The workers of a Dask cluster, which repeats the shards of a lost worker."""
     distributed = _distributed()
     try:
         client = distributed.Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        raise T2TwinError(
-            f"no Dask scheduler answers at {address}; expected an address like tcp://10.0.0.1:8786"
-        ) from error
+        raise T2TwinError(f"no Dask scheduler answers at {address} ({error})") from error
     with client:
         pool = client.get_executor(pure=False)
         try:

@@ -1,18 +1,7 @@
-"""Imports and checks a user's pairs.
+"""Imports and checks a user's pairs: a CSV file next to its images, or Parquet.
 
-The input is a table: a CSV file next to its images, or Parquet. A row has an image, one count per
-taxel, and optional columns:
-
-    image           CSV: the image's file, relative to the CSV; Parquet: the same, or the image's
-                    bytes, alone or as {bytes, path}
-    taxel_0, ...    CSV: the counts, in the layout's order
-    taxels          Parquet: a list of counts, in the layout's order
-    split           train, val or test; without it, pairs are split randomly
-    shape, family   names; default "own"
-    x_mm, y_mm, yaw_rad, force_n    the press
-
-Other columns are ignored. An unknown name that is similar to one of these is an error. Numbers are
-numbers, not text or booleans; only CSV has no other way to write them.
+`t2twin import-pairs --help` lists the columns. Others are ignored, unless their name is similar to
+one of these.
 """
 
 import hashlib
@@ -51,19 +40,11 @@ from t2twin.sim.tables import read_csv
 from t2twin.sim.taxels.layout import Layout
 
 ORIGIN = "imported"
-SHARES = (0.8, 0.1, 0.1)
-"""Shares of train, val and test in a random split."""
-
-FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
-"""Formats of images."""
-
+SHARES = (0.8, 0.1, 0.1)  # of train, val and test in a random split
+FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")  # of images
 VALUES = {"source": IMAGE, "target": COUNTS}
-"""Values of the two sensors."""
-
 SUFFIXES = (".csv", ".parquet")
-
-OWN = "own"
-"""Shape and family of pairs without a name."""
+OWN = "own"  # shape and family of pairs without a name
 
 # Names become file names; places may be those of a robot; larger angles are in degrees (assumed).
 Name = Annotated[str, Meta(max_length=220, pattern=r"^[^\0]*$")]
@@ -74,7 +55,10 @@ Count = Annotated[float, Meta(ge=0.0, le=MAX_COUNTS)]
 
 
 class Pair(Struct):
-    """A row of the table. place: its file and line or row, for messages; image: not yet read."""
+    """A row of the table. place: its file and line or row, for messages.
+
+    image: a file next to the table; in Parquet also its bytes, or both as {bytes, path}.
+    """
 
     taxels: list[Count]
     place: str = ""
@@ -108,12 +92,9 @@ def import_pairs(
     table_path = _find_table(arguments.path(source, "source"))
     folder = arguments.path(folder, "folder").absolute()
     arguments.instance(layout, "layout", Layout)
-    sensors = (
-        SensorPair() if sensors is None else arguments.instance(sensors, "sensors", SensorPair)
-    )
+    sensors = arguments.instance(sensors or SensorPair(), "sensors", SensorPair)
     full_scale = sensors.array.full_scale if full_scale is None else full_scale
-    if not 0 < arguments.whole_number(full_scale, "full_scale") <= MAX_COUNTS:
-        raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MAX_COUNTS}")
+    arguments.whole_number(full_scale, "full_scale", 1, MAX_COUNTS)
     check_seed(seed)
     with new_folder(folder) as temporary:
         pairs = _with_splits(read_pairs(table_path, layout, full_scale), seed)
@@ -135,11 +116,7 @@ def _find_table(source: Path) -> Path:
 
 
 def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
-    """The rows of a table, checked, without their images.
-
-    Raises T2TwinError for a file that cannot be read, has no rows, lacks a column, or has a wrong
-    value; the message names the line of CSV or the row of Parquet.
-    """
+    """The rows of a table, checked, without their images; T2TwinError names the line or row."""
     is_csv = path.suffix.lower() == ".csv"
     names, rows = read_csv(path) if is_csv else _read_parquet(path)
     taxels = [name for name in names if re.fullmatch(r"taxel_\d+", name)]
@@ -180,7 +157,7 @@ def _read_parquet(path: Path) -> tuple[list[str], Iterator[tuple[str, dict[str, 
     try:
         table = pq.read_table(path)
     except (pa.ArrowException, OSError) as error:
-        raise T2TwinError(f"{path} cannot be read as a table of pairs") from error
+        raise T2TwinError(f"{path}: {error}") from error
     rows = enumerate(table.to_pylist(), start=1)
     given = ((f"row {n}", {k: v for k, v in row.items() if v is not None}) for n, row in rows)
     return table.column_names, given
@@ -209,21 +186,20 @@ def _write(
     full_scale: int,
     sensors: SensorPair,
 ) -> DatasetInfo:
-    by_shard: dict[tuple[str, str], list[Pair]] = {}
-    for pair in pairs:
-        by_shard.setdefault((str(pair.split), str(pair.shape)), []).append(pair)
-    paths = {shard_path(*key) for key in by_shard}
-    if len(paths) < len(by_shard):
-        raise T2TwinError(
-            "two names of shapes differ only in / and -; their files would be the same"
-        )
-    reader, schema = _ImageReader(images), schema_of(VALUES, None)
-    shards = {}
-    for split, shape in sorted(by_shard):
-        own = by_shard[split, shape]
-        path = shard_path(split, shape)
-        shards[path] = Shard(write_shard(folder / path, _rows(own, reader), schema), len(own))
-    assert reader.shape is not None  # there are pairs
+    by_shard: dict[str, list[Pair]] = {}
+    for pair in sorted(pairs, key=lambda pair: (str(pair.split), str(pair.shape))):
+        own = by_shard.setdefault(shard_path(str(pair.split), str(pair.shape)), [])
+        if own and own[0].shape != pair.shape:
+            raise T2TwinError(
+                "two names of shapes differ only in / and -; their files would be the same"
+            )
+        own.append(pair)
+    schema, shards = schema_of(VALUES, None), {}
+    known: dict[bytes, str] = {}
+    size: list[tuple[int, int, int]] = []
+    for path, own in by_shard.items():
+        rows = (_row(pair, n, _image(pair, images, known, size)) for n, pair in enumerate(own))
+        shards[path] = Shard(write_shard(folder / path, rows, schema), len(own))
     info = DatasetInfo(
         format=FORMAT,
         complete=True,
@@ -231,7 +207,7 @@ def _write(
         source=SensorInfo(
             name=sensors.camera.name,
             value=IMAGE,
-            image_shape=reader.shape,
+            image_shape=size[0],
             view_mm=sensors.camera.camera.seen_half_extent_mm(),
         ),
         target=SensorInfo(
@@ -253,54 +229,48 @@ def _write(
     return info
 
 
-def _rows(pairs: list[Pair], reader: "_ImageReader") -> Iterator[dict[str, Any]]:
-    empty = dict.fromkeys(schema_of(VALUES, None).names)
-    for index, pair in enumerate(pairs):
-        yield empty | {
-            "shape": pair.shape,
-            "family": pair.family,
-            "split": pair.split,
-            "index": index,
-            **{name: getattr(pair, name) for name in POSE},
-            column("source", IMAGE): {
-                "bytes": encode_png(reader.read(pair)),
-                "path": f"{file_stem(str(pair.shape))}-{index}.png",
-            },
-            column("target", COUNTS): np.rint(pair.taxels).astype(np.uint16),
-        }
+def _row(pair: Pair, index: int, pixels: np.ndarray) -> dict[str, Any]:
+    """A row of a shard; columns that it lacks are empty."""
+    return {
+        "shape": pair.shape,
+        "family": pair.family,
+        "split": pair.split,
+        "index": index,
+        **{name: getattr(pair, name) for name in POSE},
+        column("source", IMAGE): {
+            "bytes": encode_png(pixels),
+            "path": f"{file_stem(str(pair.shape))}-{index}.png",
+        },
+        column("target", COUNTS): np.rint(pair.taxels).astype(np.uint16),
+    }
 
 
-class _ImageReader:
-    """Reads images; all must be of one size, and no two equal."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._places: dict[bytes, str] = {}
-        self.shape: tuple[int, int, int] | None = None
-
-    def read(self, pair: Pair) -> np.ndarray:
-        try:
-            content = pair.image
-            if isinstance(content, dict):
-                content = content.get("bytes") or content.get("path")
-            if not isinstance(content, str | bytes) or not content:
-                raise T2TwinError("there is none; image is a file's name or PNG")
-            if isinstance(content, str):
-                content = read_file(self._folder / content, MAX_FILE_BYTES)
-            image = decode_image(content, FORMATS)
-            if image.mode[0] in "IF":
-                raise T2TwinError("it has more than 8 bits a channel; save it with 8")
-        except T2TwinError as error:
-            raise T2TwinError(f"{pair.place}: its image cannot be read: {error}") from error
-        pixels = np.array(image.convert("RGB"))
-        rows, columns, channels = pixels.shape
-        self.shape = self.shape or (rows, columns, channels)
-        if pixels.shape != self.shape:
-            raise T2TwinError(
-                f"{pair.place}: its image is {columns} x {rows} pixels and "
-                f"those before {self.shape[1]} x {self.shape[0]}; all must be of one size"
-            )
-        first = self._places.setdefault(hashlib.sha256(pixels.tobytes()).digest(), pair.place)
-        if first != pair.place:
-            raise T2TwinError(f"{first} and {pair.place} have the same image; remove one")
-        return pixels
+def _image(
+    pair: Pair, folder: Path, known: dict[bytes, str], size: list[tuple[int, int, int]]
+) -> np.ndarray:
+    """The pixels of a pair. known: places of the earlier images by hash; size: theirs, if any."""
+    content = pair.image
+    if isinstance(content, dict):
+        content = content.get("bytes") or content.get("path")
+    try:
+        if not isinstance(content, str | bytes) or not content:
+            raise T2TwinError("there is none; image is a file's name or PNG")
+        if isinstance(content, str):
+            content = read_file(folder / content, MAX_FILE_BYTES)
+        image = decode_image(content, FORMATS)
+        if image.mode[0] in "IF":
+            raise T2TwinError("it has more than 8 bits a channel; save it with 8")
+    except T2TwinError as error:
+        raise T2TwinError(f"{pair.place}: its image cannot be read: {error}") from error
+    pixels = np.array(image.convert("RGB"))
+    rows, columns, channels = pixels.shape
+    size[:] = size or [(rows, columns, channels)]
+    if pixels.shape != size[0]:
+        raise T2TwinError(
+            f"{pair.place}: its image is {columns} x {rows} pixels and those before {size[0][1]} x "
+            f"{size[0][0]}; all must be of one size"
+        )
+    first = known.setdefault(hashlib.sha256(pixels.tobytes()).digest(), pair.place)
+    if first != pair.place:
+        raise T2TwinError(f"{first} and {pair.place} have the same image; remove one")
+    return pixels

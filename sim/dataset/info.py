@@ -1,6 +1,5 @@
 """The record of a dataset's info.json."""
 
-import re
 import zlib
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -15,13 +14,9 @@ from t2twin.sim.sampling.recipe import PAPER, Recipe
 from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.spec import MAX_BITS, CountsTable, Imperfections
 
-FORMAT = 2
-"""Version of the dataset's folders, columns and info.json."""
-
+FORMAT = 2  # of the dataset's folders, columns and info.json
 SPLITS = ("train", "val", "test")
-
-MAX_COUNTS = 65_535
-"""Largest count of a column of uint16."""
+MAX_COUNTS = 65_535  # of a column of uint16
 
 PACKAGES = ("t2twin", "mujoco", "numpy", "scipy", "numba", "cadquery", "pillow", "pyarrow")
 """Packages whose versions may change a shard's bytes."""
@@ -121,11 +116,10 @@ class DatasetInfo:
     target: the sensors. versions: of everything that may change a shard's bytes. shards: the
     existing ones, by path below the dataset's folder.
 
-    The others are optional. seed, recipe, shapes, shape_code: of a simulated dataset. recipe is its
-    recipe; shapes has the indices of each shape's presses on the grid. only: the primitives and
-    tools to which it is restricted. shape_code is a digest of the code and libraries of the shapes'
-    surfaces. scale: of a dataset of the protocol. origin: of
-    an imported one. files: sha256 of the users' solids, by path.
+    The others are optional. seed, recipe, shapes, shape_code: of a simulated dataset. shapes:
+    the indices of each shape's presses on the grid. only: the primitives and tools to which it is
+    restricted. shape_code: a digest of the code and libraries of the shapes' surfaces. scale: of a
+    dataset of the protocol. origin: of an imported one. files: sha256 of users' solids, by path.
     """
 
     format: Literal[2]
@@ -183,22 +177,13 @@ class DatasetInfo:
 
     @property
     def is_protocol(self) -> bool:
-        """Whether it follows the protocol of Grella et al. 2023, at any scale.
-
-        Training and validation then contain versions of the paper's primitives, the test hand
-        tools, all pressed with one force. Only such results are compared with the paper's.
-        """
+        """Whether it follows the protocol of Grella et al. 2023: its results are comparable."""
         return self.recipe is not None and self.recipe.name == PAPER
 
     @property
     def recipe_name(self) -> str | None:
         """The protocol's scale, or the recipe's name; None for an imported dataset."""
         return self.scale or (None if self.recipe is None else self.recipe.name)
-
-
-def is_sha256(digits: str) -> bool:
-    """Whether this is a sha256 in lower-case hexadecimal digits."""
-    return re.fullmatch("[0-9a-f]{64}", digits) is not None
 
 
 def versions() -> dict[str, str]:

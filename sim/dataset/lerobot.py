@@ -29,7 +29,7 @@ The features, without those of columns that lack a value in some row; ROLE is so
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import chain, groupby
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -56,14 +56,7 @@ from t2twin.sim.dataset.columns import (
     with_features,
 )
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
-from t2twin.sim.dataset.store import (
-    BATCH_ROWS,
-    INFO,
-    iter_shards,
-    read_info,
-    row_writer,
-    write_whole,
-)
+from t2twin.sim.dataset.store import INFO, iter_shards, lists, read_info, table_writer, write_whole
 from t2twin.sim.sensors.defaults import ROLES
 
 VERSION = "v3.0"  # LeRobot's version of the format
@@ -83,11 +76,6 @@ EPISODE_NUMBERS = (
 
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 """Quantiles of LeRobot's statistics, by name."""
-
-Statistics = dict[str, Any]
-"""min, max, mean, std and QUANTILES as nested lists; count as a list of one number."""
-
-Row = dict[str, Any]
 
 
 def convert_to_lerobot(folder: str | Path, out: str | Path) -> dict[str, Any]:
@@ -110,31 +98,37 @@ def convert_to_lerobot(folder: str | Path, out: str | Path) -> dict[str, Any]:
 def _convert(folder: Path, out: Path, info: DatasetInfo) -> dict[str, Any]:
     """Write all files; returns the content of meta/info.json."""
     features = [*features_of(info, _present(folder, info)), *INDICES]
-    totals = {feature.name: FeatureStatistics(feature) for feature in features}
-    kinds = [("tasks", pa.list_(pa.string())), *((name, pa.int64()) for name in EPISODE_NUMBERS)]
-    for name, each in totals.items():
-        kinds += [(f"stats/{name}/{key}", kind) for key, kind in each.types().items()]
     tasks: dict[str, int] = {}
     splits: dict[str, str] = {}
-    episodes = 0
-    with row_writer(
-        out / EPISODES.format(chunk_index=0, file_index=0), pa.schema(kinds), []
-    ) as write_episode:
-        for split, row in _episodes(folder, out, info, features, totals, tasks):
-            write_episode(row)
-            episodes += 1
-            first = splits.get(split, f"{episodes - 1}:").split(":")[0]
+    totals: dict[str, list[np.ndarray]] = {feature.name: [] for feature in features}
+    episodes = frames = 0
+    path = out / EPISODES.format(chunk_index=0, file_index=0)
+    kinds = _episode_types(features)
+    with (
+        Progress(total=sum(info.pairs.values()), unit="pair", desc="convert") as bar,
+        table_writer(path, kinds, []) as write_episodes,
+    ):
+        for file, (split, table) in enumerate(_tables(folder, info)):
+            rows = _write_frames(out, file, table, features, (episodes, frames), tasks, totals)
+            write_episodes(pa.Table.from_pylist(rows, schema=kinds))
+            first = splits.get(split, f"{episodes}:").split(":")[0]
+            episodes, frames = episodes + len(rows), frames + len(table)
             splits[split] = f"{first}:{episodes}"
+            bar.update(len(table))
     path = out / "meta" / "tasks.parquet"  # LeRobot reads the tasks as the index of a table
-    table = pd.DataFrame({"task_index": [*tasks.values()]}, pd.Index([*tasks], name="task"))
-    write_whole(path, table.to_parquet(None))
-    write_json(out / "meta" / "stats.json", {name: each.total() for name, each in totals.items()})
+    numbers = pd.DataFrame({"task_index": [*tasks.values()]}, pd.Index([*tasks], name="task"))
+    write_whole(path, numbers.to_parquet(None))
+    statistics = {
+        each.name: statistics_of(each, np.concatenate(totals[each.name]), frames)
+        for each in features
+    }
+    write_json(out / "meta" / "stats.json", statistics)
     write_whole(out / "meta" / "t2twin.json", (folder / INFO).read_bytes())
     content = {
         "codebase_version": VERSION,
         "robot_type": "t2twin",
         "total_episodes": episodes,
-        "total_frames": sum(info.pairs.values()),
+        "total_frames": frames,
         "total_tasks": len(tasks),
         "chunks_size": FILES_PER_CHUNK,
         "data_files_size_in_mb": 100,
@@ -171,58 +165,53 @@ def _tables(
                 yield split, table
 
 
-def _episodes(
-    folder: Path,
+def _write_frames(
     out: Path,
-    info: DatasetInfo,
+    file: int,
+    table: pa.Table,
     features: list["Feature"],
-    totals: dict[str, "FeatureStatistics"],
+    before: tuple[int, int],
     tasks: dict[str, int],
-) -> Iterator[tuple[str, Row]]:
-    """Write the frames; yields the split and the row of each episode.
+    totals: dict[str, list[np.ndarray]],
+) -> list[dict[str, Any]]:
+    """Write the frames of a shard; returns the rows of its episodes.
 
-    totals, tasks: the statistics and the numbers of the tasks, to which the episodes are added.
+    before: numbers of the episodes and of the frames in earlier shards. tasks, totals: the numbers
+    of the tasks and the samples of the features, to which those of the shard are added.
     """
+    place = dict(zip(("chunk_index", "file_index"), divmod(file, FILES_PER_CHUNK), strict=True))
+    path_of = table[PATH if PATH in table.column_names else "index"]
+    keys = [*zip(table["shape"].to_pylist(), path_of.to_pylist(), strict=True)]
+    episodes, indices = [], []
+    for (shape, _), rows in groupby(range(len(keys)), keys.__getitem__):
+        own = [*rows]
+        task = f"{'press' if len(own) == 1 else 'press and move'} {shape}"
+        number, episode = tasks.setdefault(task, len(tasks)), before[0] + len(episodes)
+        indices += [
+            (n / FRAMES_PER_SECOND, n, episode, before[1] + row, number)
+            for n, row in enumerate(own)
+        ]
+        ends = before[1] + own[0], before[1] + own[-1] + 1
+        numbers = episode, len(own), *place.values(), *ends, 0, 0
+        episodes.append({"tasks": [task], **dict(zip(EPISODE_NUMBERS, numbers, strict=True))})
+    columns = {each.name: each.values(table) for each in features if each.columns}
+    for each, values in zip(INDICES, zip(*indices, strict=True), strict=True):
+        columns[each.name] = np.array(values, each.dtype)[:, None]
+    for each in features:
+        for episode in episodes:
+            ends = (episode[f"dataset_{end}_index"] - before[1] for end in ("from", "to"))
+            samples = samples_of(each, columns[each.name][slice(*ends)])
+            totals[each.name].append(samples)
+            if each.dtype == IMAGE:
+                totals[each.name] = [sum(totals[each.name])]
+            found = statistics_of(each, samples, episode["length"])
+            episode |= {f"stats/{each.name}/{key}": value for key, value in found.items()}
     schema = with_features(pa.schema([(each.name, each.arrow_type) for each in features]))
     repeated = [f"{name}.bytes" for name in schema.names if name.endswith(BACKGROUND)]
-    frames = episodes = 0
-    with Progress(total=sum(info.pairs.values()), unit="pair", desc="convert") as bar:
-        for file, (split, table) in enumerate(_tables(folder, info)):
-            chunk_index, file_index = divmod(file, FILES_PER_CHUNK)
-            path = out / DATA.format(chunk_index=chunk_index, file_index=file_index)
-            with row_writer(path, schema, repeated) as write:
-                batches = (batch.to_pylist() for batch in table.to_batches(BATCH_ROWS))
-                for (shape, _), rows in groupby(chain.from_iterable(batches), _path_of):
-                    own = list(rows)
-                    task = f"{'press' if len(own) == 1 else 'press and move'} {shape}"
-                    number = tasks.setdefault(task, len(tasks))
-                    indices = (
-                        (n / FRAMES_PER_SECOND, n, episodes, frames + n, number)
-                        for n in range(len(own))
-                    )
-                    names = [each.name for each in INDICES]
-                    content = [
-                        {each.name: each.value(row) for each in features if each.columns}
-                        | dict(zip(names, values, strict=True))
-                        for row, values in zip(own, indices, strict=True)
-                    ]
-                    for frame in content:
-                        write(frame)
-                    ends = (
-                        episodes, len(own), chunk_index, file_index, frames, frames + len(own), 0, 0
-                    )  # fmt: skip
-                    episode: Row = dict(zip(EPISODE_NUMBERS, ends, strict=True))
-                    for name, each in totals.items():
-                        found = each.add([frame[name] for frame in content])
-                        episode |= {f"stats/{name}/{key}": value for key, value in found.items()}
-                    yield split, {"tasks": [task], **episode}
-                    episodes, frames = episodes + 1, frames + len(own)
-                    bar.update(len(own))
-
-
-def _path_of(row: Row) -> tuple[str, int]:
-    """What the rows of an episode have in common."""
-    return row["shape"], row[PATH] if PATH in row else row["index"]
+    with table_writer(out / DATA.format(**place), schema, repeated) as write:
+        stored = [each.stored(columns[each.name]) for each in features]
+        write(pa.Table.from_arrays(stored, schema=schema))
+    return episodes
 
 
 @dataclass(frozen=True)
@@ -248,13 +237,21 @@ class Feature:
         kind = pa.type_for_alias(self.dtype)
         return kind if self.shape == (1,) else pa.list_(kind, *self.shape)
 
-    def value(self, row: dict[str, Any]) -> Any:
-        """Its value in a dataset's row: {bytes, path}, (components,) float32, or a scalar."""
-        first = row[self.columns[0]]
+    def values(self, table: pa.Table) -> Any:
+        """Its values in a dataset's table: a column of images, or (rows, components)."""
+        first = table[self.columns[0]]
         if self.dtype == IMAGE:
             return first
-        values = first if isinstance(first, list) else [row[name] for name in self.columns]
-        return values[0] if self.shape == (1,) else np.array(values, self.dtype)
+        if pa.types.is_list(first.type):
+            return lists(table, self.columns[0]).astype(self.dtype)
+        return np.stack([table[name] for name in self.columns], axis=1).astype(self.dtype)
+
+    def stored(self, values: Any) -> Any:
+        """Values as the column that is written."""
+        if self.dtype == IMAGE:
+            return values
+        flat = pa.array(values.ravel())
+        return flat if self.shape == (1,) else pa.FixedSizeListArray.from_arrays(flat, *self.shape)
 
     def description(self) -> dict[str, Any]:
         """Its entry in meta/info.json."""
@@ -309,82 +306,55 @@ def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
     return [each for each in features if each.columns]
 
 
-def vector_statistics(values: np.ndarray) -> Statistics:
-    """Statistics over the frames. values: (frames, components)."""
-    values = values.astype(np.float64)
-    found = {
-        "min": values.min(0),
-        "max": values.max(0),
-        "mean": values.mean(0),
-        "std": values.std(0),
-        **dict(zip(QUANTILES, np.quantile(values, list(QUANTILES.values()), axis=0), strict=True)),
-    }
-    return {name: value.tolist() for name, value in found.items()} | {"count": [len(values)]}
+def _episode_types(features: list[Feature]) -> pa.Schema:
+    """The types of the file of episodes."""
+    kinds = [("tasks", pa.list_(pa.string())), *((name, pa.int64()) for name in EPISODE_NUMBERS)]
+    numbers = pa.list_(pa.float32())
+    for each in features:
+        kind = pa.list_(pa.list_(numbers)) if each.dtype == IMAGE else numbers
+        names = ("min", "max", "mean", "std", *QUANTILES)
+        kinds += [(f"stats/{each.name}/{name}", kind) for name in names]
+        kinds.append((f"stats/{each.name}/count", pa.list_(pa.int64())))
+    return pa.schema(kinds)
 
 
-def image_statistics(histogram: np.ndarray, frames: int) -> Statistics:
-    """Statistics of all pixels of some images, for gray levels from 0 to 1.
-
-    histogram: (3, LEVELS) pixels of each channel and level. A quantile is the lowest level that so
-    large a share of the pixels does not exceed.
-    """
-    levels = np.arange(LEVELS) / (LEVELS - 1)
-    shares = histogram / histogram.sum(1, keepdims=True)
-    mean = shares @ levels
-    present = histogram > 0
-    found = {
-        "min": levels[present.argmax(1)],
-        "max": levels[LEVELS - 1 - present[:, ::-1].argmax(1)],
-        "mean": mean,
-        "std": np.sqrt((shares * (levels - mean[:, None]) ** 2).sum(1)),
-    }
-    below = np.cumsum(histogram, axis=1)
-    for name, share in QUANTILES.items():
-        found[name] = levels[(below >= share * below[:, -1:]).argmax(1)]
-    return {name: value.reshape(3, 1, 1).tolist() for name, value in found.items()} | {
-        "count": [frames]
-    }
+def samples_of(feature: Feature, values: Any) -> np.ndarray:
+    """What the statistics of some frames are computed from: (frames, components) float32, or of
+    images the number of pixels of each gray level and channel, (LEVELS, 3)."""
+    if feature.dtype != IMAGE:
+        return values.astype(np.float32)
+    return sum((histogram_of(each["bytes"].as_py()) for each in values), start=np.zeros((1, 1)))
 
 
 @lru_cache(maxsize=2)  # the rows of an episode repeat their background frame
 def histogram_of(png: bytes) -> np.ndarray:
-    """(3, LEVELS) int64: pixels of a PNG image by channel and level.
-
-    Raises T2TwinError as decode_png does.
-    """
+    """(LEVELS, 3): pixels of a PNG image by level and channel. Raises as decode_png does."""
     pixels = decode_png(png).reshape(-1, 3)
-    return np.stack([np.bincount(channel, minlength=LEVELS) for channel in pixels.T])
+    return np.stack([np.bincount(channel, minlength=LEVELS) for channel in pixels.T], axis=1)
 
 
-class FeatureStatistics:
-    """Collects the statistics of a feature, episode by episode."""
+def statistics_of(feature: Feature, samples: np.ndarray, frames: int) -> dict[str, Any]:
+    """LeRobot's statistics as nested lists; of images over all pixels, whose levels are 0 to 1.
 
-    def __init__(self, feature: Feature) -> None:
-        self._is_image = feature.dtype == IMAGE
-        self._values: list[np.ndarray] = []  # of the episodes, (frames, components) float32
-        self._histogram = np.zeros((3, LEVELS), np.int64)
-        self._frames = 0
-
-    def add(self, values: list[Any]) -> Statistics:
-        """Add an episode; returns its own statistics. values: one of each frame."""
-        if self._is_image:
-            histogram = sum(histogram_of(value["bytes"]) for value in values)
-            self._histogram += histogram
-            self._frames += len(values)
-            return image_statistics(np.asarray(histogram), len(values))
-        self._values.append(np.array(values, np.float32).reshape(len(values), -1))
-        return vector_statistics(self._values[-1])
-
-    def total(self) -> Statistics:
-        """The statistics of all frames."""
-        if self._is_image:
-            return image_statistics(self._histogram, self._frames)
-        return vector_statistics(np.concatenate(self._values))
-
-    def types(self) -> dict[str, pa.DataType]:
-        """Column types of an episode's statistics."""
-        numbers = pa.list_(pa.float32())
-        kind = pa.list_(pa.list_(numbers)) if self._is_image else numbers
-        return dict.fromkeys(("min", "max", "mean", "std", *QUANTILES), kind) | {
-            "count": pa.list_(pa.int64())
-        }
+    samples: from samples_of. A quantile of images is the lowest level that so large a share of the
+    pixels does not exceed.
+    """
+    shares = list(QUANTILES.values())
+    if feature.dtype == IMAGE:
+        values = np.repeat(np.arange(LEVELS)[:, None] / (LEVELS - 1), 3, axis=1)
+        weights, shape = samples, (3, 1, 1)
+        quantiles = np.quantile(values, shares, 0, weights=weights, method="inverted_cdf")
+    else:
+        values, weights, shape = samples.astype(np.float64), np.ones_like(samples), (-1,)
+        quantiles = np.quantile(values, shares, 0)
+    mean = np.average(values, 0, weights)
+    found = {
+        "min": values.min(0, initial=np.inf, where=weights > 0),
+        "max": values.max(0, initial=-np.inf, where=weights > 0),
+        "mean": mean,
+        "std": np.sqrt(np.average((values - mean) ** 2, 0, weights)),
+        **dict(zip(QUANTILES, quantiles, strict=True)),
+    }
+    return {name: each.reshape(shape).tolist() for name, each in found.items()} | {
+        "count": [frames]
+    }

@@ -1,7 +1,4 @@
-"""Makes a shard of a dataset.
-
-A sampled press is repeated until it touches the shape and settles.
-"""
+"""Makes a shard. A sampled press is repeated until it touches the shape and settles."""
 
 import os
 import pickle
@@ -12,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -32,10 +29,9 @@ from t2twin.sim.dataset.columns import (
     UNIT,
     Sample,
     columns_of,
-    row_values,
     schema_of,
 )
-from t2twin.sim.dataset.info import versions
+from t2twin.sim.dataset.info import Shard, versions
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.units import log_uniform
@@ -70,38 +66,26 @@ STAGES = (
     "writing",
     "shape",
 )
-"""Stages of a shard. "shape" is done once for all presses of a shape; "dense counts", "contact
-maps", "light" and "motion" only where the recipe has them or samples the light."""
+"""Stages of a shard. "shape" is done once for all presses of a shape."""
 
-STATUS = Path("/proc/self/status")
-"""File with the memory of this process on Linux."""
+STATUS = Path("/proc/self/status")  # with the memory of this process, on Linux
 
-MARKER_STREAM = 18
-"""Random stream of a seed: markers of the units."""
+# Random streams of a seed, of the units: markers, artifacts, and which are the fixed one.
+MARKER_STREAM, ARTIFACT_STREAM, FIXED_STREAM = 18, 21, 22
 
-ARTIFACT_STREAM = 21
-"""Random stream of a seed: artifacts of the units."""
-
-FIXED_STREAM = 22
-"""Random stream of a seed: which units are the fixed one."""
-
-MARKER_PITCHES_MM = (1.0, 2.5)
-"""Range of the markers' pitches, mm (assumed)."""
-
-MARKER_SHARES, MAX_JITTER_SHARE = (0.25, 0.45), 0.3
-"""Range of the markers' diameters over their pitch, and largest jitter over the free distance
-(assumed)."""
-
+MARKER_PITCHES_MM = (1.0, 2.5)  # range of the markers' pitches (assumed)
+MARKER_SHARES = (0.25, 0.45)  # range of the markers' diameters over their pitch (assumed)
+MAX_JITTER_SHARE = 0.3  # largest jitter over the free distance (assumed)
 
 Press = Callable[[Shape, PressSample], list[Touch]]
 """Makes a press and the touches of its path; the last one is rejected, or none."""
 
 
-@dataclass
 class Stopwatch:
     """Processor time by stage, s, summed over many pairs."""
 
-    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(STAGES, 0.0)
 
     @contextmanager
     def running(self, stage: str) -> Iterator[None]:
@@ -112,16 +96,9 @@ class Stopwatch:
         finally:
             self.seconds[stage] += time.process_time() - start
 
-    @property
-    def total(self) -> float:
-        return sum(self.seconds.values())
-
 
 def peak_memory() -> int:
-    """Peak memory of this process, bytes.
-
-    On Linux from the process's status: getrusage includes the memory of the parent before exec.
-    """
+    """Peak memory of this process, bytes; getrusage on Linux includes the parent's before exec."""
     if STATUS.is_file():
         for line in STATUS.read_text().splitlines():
             if line.startswith("VmHWM:"):
@@ -148,14 +125,9 @@ class ShardContext:
 
 @dataclass(frozen=True)
 class ShardResult:
-    """A shard that was made.
+    """A shard that was made; the fields are those of RunTiming, of this shard and process."""
 
-    seconds: processor time by stage. process: name of the process. peak_memory: of the process so
-    far, bytes. rejected: attempts at presses that were rejected, by reason. notes: pairs with each
-    note of their touch.
-    """
-
-    sha256: str
+    shard: Shard
     seconds: dict[str, float]
     process: str
     peak_memory: int
@@ -165,7 +137,7 @@ class ShardResult:
 
 @lru_cache(maxsize=1)
 def _read_context(file: str) -> ShardContext:
-    """The context of a worker's run. Raises T2TwinError on a worker that must not take part."""
+    """The context of a run. Raises T2TwinError without it, and where versions differ."""
     try:
         context = pickle.loads(Path(file).read_bytes())
     except OSError as error:
@@ -201,15 +173,20 @@ def make_shard(context: ShardContext, batch: Batch) -> ShardResult:
         for sample in _samples(batch, context, watch, rejected):
             with watch.running("encoding"):
                 notes.update(sample.touch.notes)
-            yield dict(row_values(columns, sample, watch.running))
+            row = {}
+            for each in columns:
+                with watch.running(each.column.stage):
+                    row[each.name] = each.column.value(sample, each.role)
+            yield row
 
     path = Path(context.folder) / batch.path
     digest = write_shard(path, rows(), schema_of(values, context.recipe))
     trim_memory()
     # The rows are made while the shard is written; the rest of the time is the writing.
-    watch.seconds["writing"] += time.process_time() - start - watch.total
+    watch.seconds["writing"] += time.process_time() - start - sum(watch.seconds.values())
+    shard = Shard(digest, batch.pairs)
     return ShardResult(
-        digest, watch.seconds, process_name(), peak_memory(), dict(rejected), dict(notes)
+        shard, watch.seconds, process_name(), peak_memory(), dict(rejected), dict(notes)
     )
 
 
@@ -245,9 +222,8 @@ def press_until_accepted(
 ) -> tuple[list[Touch], int]:
     """The touches of the first accepted attempt at a path, and its number.
 
-    attempts: from presses.path_attempts. shape: the planned one. rejected: counts the rejected
-    attempts by reason. A press on the grid is not sampled: it may bottom out, and must settle.
-    Raises T2TwinError where no attempt is accepted.
+    attempts: from path_attempts. shape: the planned one. rejected: counts the reasons. A press on
+    the grid may bottom out, and must settle. Raises T2TwinError where no attempt is accepted.
     """
     planned = shape.name
     for sample in attempts:
@@ -293,10 +269,7 @@ def _touches(
     shape: Shape,
     sample: PressSample,
 ) -> list[Touch]:
-    """The touches of a path, up to the first that is rejected.
-
-    friction: by sensor. Raises OffPadError if the path leaves a pad.
-    """
+    """The touches of a path, up to the first rejected one. Raises OffPadError off a pad."""
     touch = sensors.press(shape, sample.command, sample.rng, timed=watch.running)
     touches = [touch]
     for command in sample.further:
@@ -336,8 +309,7 @@ def _markers(rng: np.random.Generator, share: float) -> Markers | None:
 def _unit(
     part: int, number: int, recipe: Recipe, sensors: SensorPair, watch: Stopwatch
 ) -> tuple[SensorPair, dict[str, dict[str, Any]]]:
-    """The sensors of a part's unit, gel cameras with sampled light and markers, and the columns of
-    the rows of its presses by role."""
+    """The sensors of a part's unit, with sampled light and markers, and its columns by role."""
     own: dict[str, Any] = {}
     columns: dict[str, dict[str, Any]] = {}
     for place, role in enumerate(ROLES):

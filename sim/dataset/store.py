@@ -1,11 +1,4 @@
-"""Reads, writes and verifies a paired dataset.
-
-    DIR/info.json         recipe, parameters, a sha256 per shard
-    DIR/README.md         the dataset card, with the header of the Hugging Face hub
-    DIR/croissant.json    the same for programs: columns, splits, a sha256 per shard
-    DIR/log.jsonl         time and memory of each run of `t2twin simdata`
-    DIR/cache/            decoded images of trainings; not part of the dataset
-    DIR/{train,val,test}/SHAPE.parquet, or part-PART-NUMBER.parquet of sampled presses
+"""Reads, writes and verifies a paired dataset; docs/reference/file-formats.md lists its files.
 
 A shard is written to a temporary name and renamed, so it is complete or absent. Its sha256 is
 compared when a process first reads it: 2 s per GB on one core, so 3 s for the scale paper.
@@ -19,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BufferedRandom
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -50,30 +44,31 @@ _intact: set[tuple[Path, int, int, str]] = set()
 
 
 def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema) -> str:
-    """Write rows as one shard, as they come; returns its sha256.
+    """Write rows as one shard, as they come; returns its sha256. schema: from schema_of.
 
-    schema: from schema_of. Raises T2TwinError where the shard cannot be written or has a value that
-    is not finite; then there is none.
+    Raises T2TwinError where the shard cannot be written or has a value that is not finite; then
+    there is none.
     """
     # All rows of a unit have one background frame: a dictionary stores it once per row group.
     frames = [name for name in schema.names if name.endswith(f"_{BACKGROUND}")]
     repeated = ["shape", "family", "split", *(f"{name}.bytes" for name in frames)]
-    with row_writer(path, schema, repeated) as write:
-        for each in rows:
-            write(each)
+    left = iter(rows)
+    with table_writer(path, schema, repeated) as write:
+        while group := list(islice(left, BATCH_ROWS)):
+            write(pa.Table.from_pylist(group, schema=schema))
     return sha256_of(path)
 
 
 @contextmanager
-def row_writer(
+def table_writer(
     path: Path, schema: pa.Schema, repeated: list[str]
-) -> Iterator[Callable[[dict[str, Any]], None]]:
-    """A function that writes one row to a new Parquet file, which is complete after the block.
+) -> Iterator[Callable[[pa.Table], None]]:
+    """A function that adds a table to a new Parquet file, which is complete after the block.
 
     repeated: paths of the columns of repeated values. Raises T2TwinError where the file cannot be
     written. After an error there is no new file.
     """
-    group: list[dict[str, Any]] = []
+    has_frames = any(name.endswith(".bytes") for name in repeated)
     with _durable(path) as file:
         # Images are compressed already; dictionaries are useful for repeated values only.
         writer = pq.ParquetWriter(
@@ -81,26 +76,15 @@ def row_writer(
             schema,
             compression="zstd",
             use_dictionary=repeated,  # pyright: ignore[reportArgumentType]
-            dictionary_pagesize_limit=(
-                MAX_DICTIONARY_BYTES if any(name.endswith(".bytes") for name in repeated) else None
-            ),
+            dictionary_pagesize_limit=MAX_DICTIONARY_BYTES if has_frames else None,
         )
 
-        def flush() -> None:
-            table = pa.Table.from_pylist(group, schema=schema)
+        def write(table: pa.Table) -> None:
             _check_finite(table, path)
-            writer.write_table(table)
-            group.clear()
-
-        def write(row: dict[str, Any]) -> None:
-            group.append(row)
-            if len(group) == BATCH_ROWS:
-                flush()
+            writer.write_table(table, BATCH_ROWS)
 
         try:
             yield write
-            if group:
-                flush()
             writer.close()
         except BaseException:
             writer.is_open = False  # its destructor would write to the closed file

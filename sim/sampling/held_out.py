@@ -1,9 +1,7 @@
 """Checks that no training solid is a test object, by comparing solids, not names.
 
-A solid, or one of its bodies, is recognized independent of rotation, reflection and scale. Compared
-are invariants: the surface area and the three principal second moments, relative to the volume.
-They depend little on the mesh: one ten times as coarse changes the tools' invariants by less than
-1 %.
+Compared are invariants of each body to rotation, reflection and scale: surface area and principal
+second moments, relative to the volume. A mesh ten times as coarse changes them by less than 1 %.
 """
 
 import sys
@@ -26,11 +24,9 @@ of a coarse mesh. Of 200 random shapes and the 32 primitives the nearest differs
 
 def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
     """Prepares a user's solids, prints their notes, and raises T2TwinError if one of them in
-    training or validation is a test object.
+    training or validation is a whole tool.
 
-    That is a whole tool, as the solid or one of its bodies, also rotated, mirrored or scaled.
-    cache_dir: as for catalogue.load. Random shapes do not depend on the tools;
-    the benchmark `random_presses` compares them.
+    cache_dir: as for catalogue.load. The benchmark `random_presses` compares the random shapes.
     """
     for part in recipe.parts:
         if part.shapes in NAMED:

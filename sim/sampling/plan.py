@@ -37,12 +37,8 @@ from t2twin.sim.sampling.recipe import (
 PRESS_STREAM, FORCE_STREAM, UNIT_STREAM, FRAME_STREAM = 11, 12, 13, 14
 PATH_STREAM, MOTION_STREAM, FRICTION_STREAM = 15, 16, 17
 
-SEEDS_PER_RECIPE = 1_000_000_000
-"""Numbers of the random shapes of a recipe: they start at its seed times this."""
-
-MAX_SHAPE_SEED = 9_000_000_000
-"""Largest seed of a recipe of random shapes: their numbers stay below the largest of all shapes."""
-
+SEEDS_PER_RECIPE = 1_000_000_000  # numbers of a recipe's random shapes start at its seed times this
+MAX_SHAPE_SEED = 9_000_000_000  # their numbers stay below the largest of all shapes
 PRESSES_PER_SHARD = 500  # approximately: some 40 MB, made in half a minute
 MAX_ATTEMPTS = 20  # samples of a press until it touches the shape's features and settles
 
@@ -50,14 +46,12 @@ STAND_INS = 8
 """Random shapes that replace one that cannot be touched. About one random shape in ten thousand is
 a sliver that a force of some newtons pushes in to its base plate wherever it stands."""
 
-FIRST_STAND_IN, STAND_IN_STEP = 500_000_000, 50_000_000
-"""Offset of the number of a shape's first stand-in, and the step to each further one."""
+FIRST_STAND_IN, STAND_IN_STEP = 500_000_000, 50_000_000  # offset of its number, step to the next
 
 
 @dataclass(frozen=True)
 class MotionPath:
-    """A path of a shape. index: of its press among the shape's touches; the next `steps`
-    touches belong to it as well, 0 for a still press."""
+    """A path of a shape: the touch `index` of the shape and the next `steps`, 0 if it is still."""
 
     index: int
     kind: Literal["still", "slide", "twist"] = "still"
@@ -183,9 +177,8 @@ def _part_batches(
     if part.place == "grid":
         for place, name in enumerate(shapes):
             indices, split = grid_indices(part, name), _split(part, name, place, len(shapes))
-            yield Batch(
-                shard_path(split, name), split, number, (name,), (place,), indices, len(indices)
-            )
+            path = shard_path(split, name)
+            yield Batch(path, split, number, (name,), (place,), indices, len(indices))
         return
     assert part.presses is not None
     shapes_per_shard = max(1, round(PRESSES_PER_SHARD / part.presses))
@@ -200,15 +193,8 @@ def _part_batches(
     for split, places in by_split.items():
         for nth, start in enumerate(range(0, len(places), shapes_per_shard)):
             mine = tuple(places[start : start + shapes_per_shard])
-            yield Batch(
-                path=f"{split}/part-{number}-{nth:05d}.parquet",
-                split=split,
-                part=number,
-                shapes=tuple(shapes[place] for place in mine),
-                numbers=mine,
-                indices=None,
-                presses=part.presses,
-            )
+            path, own = f"{split}/part-{number}-{nth:05d}.parquet", (shapes[n] for n in mine)
+            yield Batch(path, split, number, tuple(own), mine, None, part.presses)
 
 
 def _shapes(recipe: Recipe, number: int, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -217,10 +203,7 @@ def _shapes(recipe: Recipe, number: int, names: tuple[str, ...]) -> tuple[str, .
     if part.shapes == RANDOM:
         assert part.count is not None
         if recipe.seed > MAX_SHAPE_SEED:
-            raise T2TwinError(
-                f"the seed of a recipe of random shapes is {recipe.seed}; it must be at most "
-                f"{MAX_SHAPE_SEED}"
-            )
+            raise T2TwinError(f"seed is {recipe.seed}; it must be at most {MAX_SHAPE_SEED}")
         # No two parts share a shape, since their splits may differ.
         before = sum(earlier.count or 0 for earlier in recipe.parts[:number])
         return tuple(random_name(recipe.seed, before + place) for place in range(part.count))
@@ -267,10 +250,9 @@ def grid_indices(part: Part, name: str) -> tuple[int, ...]:
 def press_attempts(
     part: Part, name: str, number: int, index: int, seed: tuple[int, int], first: int = 0
 ) -> Iterator[PressSample]:
-    """The attempts at one press, in their order; one on the grid, else max_attempts(part).
+    """The attempts at one press of a shape; one on the grid, else max_attempts(part).
 
-    name, number: the planned shape and its number in the part. index: of the press among the
-    shape's. seed: the recipe's seed and the part's number. first: attempt to start with.
+    number: of the shape in the part. seed: the recipe's seed and the part's number.
     """
     if part.place == "grid":
         yield _grid_press(part, name, index, seed[0])
@@ -282,10 +264,7 @@ def press_attempts(
 def path_attempts(
     recipe: Recipe, part: int, name: str, number: int, path: MotionPath, first: int = 0
 ) -> Iterator[PressSample]:
-    """The attempts at a path, in their order. A path with motion has contact.
-
-    part: its number in the recipe. name, number, first: as for press_attempts.
-    """
+    """The attempts at a path, as press_attempts. A path with motion has contact."""
     seed, own = (recipe.seed, part), recipe.parts[part]
     if not path.steps:
         yield from press_attempts(own, name, number, path.index, seed, first)
@@ -301,10 +280,7 @@ def path_attempts(
 def sample_press(
     part: Part, name: str, number: int, index: int, seed: tuple[int, int], attempt: int
 ) -> PressSample:
-    """One attempt at a press that is not on the grid; see press_attempts.
-
-    From attempt MAX_ATTEMPTS on a random shape is replaced by a stand-in (name_at).
-    """
+    """One attempt at a press that is not on the grid; see press_attempts."""
     rng = np.random.default_rng((*seed, PRESS_STREAM, number, index, attempt))
     assert isinstance(part.place, Place)
     if part.place.normal_mm is not None:
@@ -361,11 +337,7 @@ def sample_force(rng: np.random.Generator, forces: float | tuple[float, ...] | F
 def sample_paths(
     motion: Motion, touches: int, seed: tuple[int, int], number: int
 ) -> tuple[MotionPath, ...]:
-    """The paths of a shape; the last one ends with its last touch.
-
-    touches: number of the shape's touches. seed: the recipe's seed and the part's number. number:
-    of the shape in the part.
-    """
+    """The paths of a shape of so many touches; seed, number: as for press_attempts."""
     rng = np.random.default_rng((*seed, PATH_STREAM, number))
     paths, index = [], 0
     while index < touches:
@@ -373,11 +345,9 @@ def sample_paths(
         kind = "slide" if at < motion.still + motion.slide else "twist"
         steps = int(rng.integers(motion.steps[0], motion.steps[1], endpoint=True))
         steps = min(steps, touches - index - 1)
-        path = (
-            MotionPath(index) if at < motion.still or not steps else MotionPath(index, kind, steps)
-        )
-        paths.append(path)
-        index += 1 + path.steps
+        is_still = at < motion.still or not steps
+        paths.append(MotionPath(index) if is_still else MotionPath(index, kind, steps))
+        index += 1 + paths[-1].steps
     return tuple(paths)
 
 
@@ -389,10 +359,7 @@ def sample_commands(
     number: int,
     attempt: int,
 ) -> tuple[PressCommand, ...]:
-    """The touches of a path after its press; the pose and the force change by equal steps.
-
-    start: the press. attempt: its number. The force stays within FORCE_RANGE_N.
-    """
+    """The touches of a path after its press: equal steps of the pose and the force."""
     rng = np.random.default_rng((*seed, MOTION_STREAM, number, path.index, attempt))
     dx_mm = dy_mm = turn_rad = 0.0
     if path.kind == "slide":
@@ -401,29 +368,21 @@ def sample_commands(
     elif path.kind == "twist":
         turn_rad = float(np.deg2rad(log_uniform(rng, motion.twist_deg)) * rng.choice((-1, 1)))
     end_n = np.clip(start.force_n * log_uniform(rng, motion.force_change), *FORCE_RANGE_N)
-    commands = []
-    for step in range(1, path.steps + 1):
-        share = step / path.steps
-        commands.append(
-            replace(
-                start,
-                x_mm=start.x_mm + share * dx_mm,
-                y_mm=start.y_mm + share * dy_mm,
-                yaw_rad=start.yaw_rad + share * turn_rad,
-                force_n=float(start.force_n + share * (end_n - start.force_n)),
-            )
+    return tuple(
+        replace(
+            start,
+            x_mm=start.x_mm + share * dx_mm,
+            y_mm=start.y_mm + share * dy_mm,
+            yaw_rad=start.yaw_rad + share * turn_rad,
+            force_n=float(start.force_n + share * (end_n - start.force_n)),
         )
-    return tuple(commands)
+        for share in (step / path.steps for step in range(1, path.steps + 1))
+    )
 
 
 def sample_friction(
     motion: Motion, ranges: Mapping[str, str], seed: tuple[int, int], number: int
 ) -> dict[str, float]:
-    """Coefficients of friction of a shape, by sensor.
-
-    ranges: name of the motion's range of each sensor. seed, number: as for sample_paths.
-    """
+    """Coefficients of friction of a shape by sensor. ranges: names of the motion's ranges."""
     rng = np.random.default_rng((*seed, FRICTION_STREAM, number))
-    return {
-        sensor: float(log_uniform(rng, getattr(motion, name))) for sensor, name in ranges.items()
-    }
+    return {each: float(log_uniform(rng, getattr(motion, name))) for each, name in ranges.items()}

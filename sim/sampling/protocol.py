@@ -14,11 +14,8 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import PressCommand
 
-FORCE_N = 8.0
-"""Commanded force along the press axis, N (Grella et al. 2023)."""
-
-LAST_YAW_RAD = 7 / 4 * np.pi
-"""Orientations are equally spaced from 0 to this (Grella et al. 2023)."""
+FORCE_N = 8.0  # commanded along the press axis (Grella et al. 2023)
+LAST_YAW_RAD = 7 / 4 * np.pi  # orientations are equally spaced from 0 to this (ibid.)
 
 GRID_OFFSET_MM = (0.3, 0.17)
 """Offset of the grid's middle from the shape's, x and y in the shape's frame, mm (assumed: accuracy
@@ -65,8 +62,7 @@ SCALES = {
 }
 
 
-STRIDE = 5
-"""Shift of the orientations from point to point: coprime to 12 and 7, large between neighbors."""
+STRIDE = 5  # shift of the orientations from point to point: coprime to 12 and 7
 
 
 def grid_of(name: str) -> Grid:
@@ -107,10 +103,8 @@ def press_of(
 ) -> PressCommand:
     """The press with an index, of a named shape with a spacing of its grid along x and y.
 
-    grid: default the catalogue shape's.
-
-    The sensor moves to a grid point of the shape and rotates about the press axis there. In the
-    sensor's frame the grid rotates with the shape: (x, y) = Rz(yaw) (grid point).
+    grid: default the catalogue shape's. In the sensor's frame it rotates with the shape about the
+    press axis: (x, y) = Rz(yaw) (grid point).
     """
     grid = grid or grid_of(name)
     point, orientation = divmod(index, grid.orientations)
@@ -120,10 +114,5 @@ def press_of(
     grid_y = (row - middle) * spacing_mm[1] + GRID_OFFSET_MM[1]
     yaw = LAST_YAW_RAD * orientation / (grid.orientations - 1)
     cos, sin = float(np.cos(yaw)), float(np.sin(yaw))
-    return PressCommand(
-        shape=name,
-        x_mm=cos * grid_x - sin * grid_y,
-        y_mm=sin * grid_x + cos * grid_y,
-        yaw_rad=float(yaw),
-        force_n=FORCE_N,
-    )
+    x_mm, y_mm = cos * grid_x - sin * grid_y, sin * grid_x + cos * grid_y
+    return PressCommand(name, x_mm, y_mm, float(yaw), FORCE_N)

@@ -1,13 +1,10 @@
-"""A recipe: the distributions of shapes, positions, rotations, forces and light.
-
-It is a TOML file, or the name of a bundled one. Relative paths start from the working directory.
-"""
+"""A recipe: the distributions of shapes, positions, forces and light; a bundled or a TOML file."""
 
 from collections.abc import Iterator
 from dataclasses import fields
 from math import log
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType, to_builtins
 
@@ -22,13 +19,9 @@ from t2twin.sim.optical.units import UnitRanges
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 
 RECIPES = Path(__file__).parent / "recipes"
-PAPER = "paper"
-"""The protocol of Grella et al. 2023."""
-
+PAPER = "paper"  # the protocol of Grella et al. 2023
 RANDOM = "random"
-NAMED = (RANDOM, "primitives", "tools")
-"""Values of a part's shapes other than a folder."""
-
+NAMED = (RANDOM, "primitives", "tools")  # values of a part's shapes other than a folder
 FORMAT = 1
 
 # Limits that have no source are assumed: beyond them a dataset takes weeks, or presses miss.
@@ -50,6 +43,7 @@ Turn = Annotated[float, Meta(ge=0.1, le=180.0)]
 Steps = Annotated[int, Meta(ge=1, le=100)]
 Ratio = Annotated[float, Meta(ge=0.1, le=10.0)]
 Friction = Annotated[float, Meta(ge=0.01, le=5.0)]
+Forces = Annotated[tuple[Force, ...], Meta(min_length=1, max_length=MAX_FORCES)]
 
 
 class Place(Struct, frozen=True, forbid_unknown_fields=True):
@@ -127,7 +121,7 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     place: Literal["grid"] | Place = "grid"
     scale: Literal["smoke", "light", "small", "paper"] | Annotated[float, Meta(gt=0)] = "paper"
     center: bool | UnsetType = UNSET
-    force_n: Force | Annotated[tuple[Force, ...], Meta(max_length=MAX_FORCES)] | ForceRange = 8.0
+    force_n: Force | Forces | ForceRange = 8.0
     background_share: Share = 0.0
     val_share: Share = 0.0
 
@@ -135,27 +129,18 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
         on_grid, on_catalogue = self.place == "grid", self.shapes in ("primitives", "tools")
         is_random, by_version = self.shapes == RANDOM, self.split == "by-version"
         of_files = bool(self.center) or self.solid_scale is not None
+        has_shares, is_tools = self.background_share or self.val_share, self.shapes == "tools"
         for is_wrong, reason in (
             (is_random and self.count is None, "count is missing, the number of random shapes"),
             (not is_random and self.count is not None, "count is for random shapes only"),
             (not on_grid and self.presses is None, "presses is missing, the number for each shape"),
-            (
-                on_grid and self.presses is not None,
-                "presses is for a distribution of place, not for the grid",
-            ),
+            (on_grid and self.presses is not None, "presses is for a distribution of place only"),
             (on_grid and not on_catalogue, "only primitives and tools have the protocol's grid"),
-            (
-                on_grid and (self.background_share or self.val_share),
-                "the grid must not have background_share or val_share",
-            ),
+            (on_grid and has_shares, "the grid must not have background_share or val_share"),
             (by_version and self.shapes != "primitives", "only primitives can be split by-version"),
             (by_version and self.val_share, "split by-version must not have val_share"),
-            (self.force_n == (), "force_n is an empty list"),
-            (
-                self.shapes in NAMED and of_files,
-                "center and a scale in mm per unit are for files only",
-            ),
-            (self.shapes == "tools" and self.split != "test", "the split of tools must be test"),
+            (self.shapes in NAMED and of_files, "center and mm per unit are for files only"),
+            (is_tools and self.split != "test", "the split of tools must be test"),
         ):
             if is_wrong:
                 raise T2TwinError(f"the part of {self.shapes} shapes: {reason}")
@@ -246,8 +231,6 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     contact_maps: bool | UnsetType = UNSET
 
     def __post_init__(self) -> None:
-        for number, part in enumerate(arguments.instance(self.parts, "parts", tuple)):
-            arguments.instance(part, f"parts[{number}]", Part)
         own = [part.shapes for part in self.parts if part.place == "grid"]
         if len(own) != len(set(own)):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")
@@ -271,23 +254,16 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     def force_range_n(self) -> tuple[float, float]:
         """Smallest and largest force of its presses, N, before a path changes it."""
         ends: list[float] = []
-        for part in self.parts:
-            force = part.force_n
-            if isinstance(force, ForceRange):
-                ends += force.low, force.high
-            else:
-                ends += force if isinstance(force, tuple) else (force,)
+        for force in (part.force_n for part in self.parts):
+            listed = (force.low, force.high) if isinstance(force, ForceRange) else force
+            ends += listed if isinstance(listed, tuple) else (listed,)
         return min(ends), max(ends)
 
     @property
     def has_more(self) -> bool:
         """Whether its pairs have more columns than the protocol's."""
-        return (
-            self.dense_counts
-            or self.background_frames
-            or bool(self.motion)
-            or bool(self.contact_maps)
-        )
+        own = self.dense_counts, self.background_frames, self.motion, self.contact_maps
+        return any(map(bool, own))
 
 
 def bundled_recipes() -> tuple[str, ...]:
@@ -301,14 +277,14 @@ def load_recipe(source: str | Path) -> Recipe:
     Raises T2TwinError for an unknown name, an unreadable file, and a missing, unknown or invalid
     field.
     """
-    path = RECIPES / f"{arguments.path(source, 'recipe')}.toml"
-    if str(source) not in bundled_recipes():
-        path = Path(source)
-        if path.suffix != ".toml":
-            raise T2TwinError(
-                f"there is no recipe {str(source)!r}; allowed are {', '.join(bundled_recipes())} "
-                "and .toml files"
-            )
+    path = arguments.path(source, "recipe")
+    if str(source) in bundled_recipes():
+        path = RECIPES / f"{source}.toml"
+    elif path.suffix != ".toml":
+        raise T2TwinError(
+            f"there is no recipe {str(source)!r}; allowed are {', '.join(bundled_recipes())} "
+            "and .toml files"
+        )
     content = read_toml(path)
     recipe = convert(content, Recipe, path)
     # the decoder ignores unknown fields of a dataclass
@@ -319,10 +295,7 @@ def load_recipe(source: str | Path) -> Recipe:
 
 
 def checked(recipe: Recipe) -> Recipe:
-    """Validates a recipe that was constructed in Python.
-
-    Raises T2TwinError as `load_recipe` does.
-    """
+    """Validates a recipe that was constructed in Python. Raises as `load_recipe` does."""
     try:
         content = to_builtins(recipe)
     except TypeError:  # a value that JSON cannot represent
@@ -336,6 +309,8 @@ NEAR = tuple(field.name for field in fields(UnitRanges) if field.name.startswith
 """Ranges of units that are sampled near an optics file; the others are of all other units."""
 
 SWITCHES = (
+    (Part, "split", "val", ("val_share",)),
+    (Light, "kind", "fixed", ("draw", "each")),
     (UnitRanges, "leak_amount", (0.0, 0.0), ("leak_part",)),
     (UnitRanges, "linear_amount", 0.0, ("linear_gamma",)),
     (UnitRanges, "linear_amount", 1.0, ("gamma",)),
@@ -355,8 +330,7 @@ SWITCHES = (
 
 
 def _check_effects(recipe: Recipe, source: object) -> None:
-    """Raises T2TwinError for a field without effect, because other fields switch it off; a field
-    that has its default is accepted. source: for the message."""
+    """Raises T2TwinError for a field other than its default that has no effect."""
     for name, of, reason in _without_effect(recipe):
         raise T2TwinError(
             f"{source}: {name} of {of} has no effect, as {reason}; leave it out or change that"
@@ -366,27 +340,26 @@ def _check_effects(recipe: Recipe, source: object) -> None:
 def _without_effect(recipe: Recipe) -> Iterator[tuple[str, str, str]]:
     """Fields without effect: name, record and reason."""
     light, motion = recipe.light, recipe.motion
-    for part in recipe.parts:
-        of = f"the part of {part.shapes} shapes"
-        if part.place != "grid" and isinstance(part.scale, str) and part.scale != "paper":
-            yield "scale", of, "its place is not the grid"
-        if part.split == "val" and part.val_share:
-            yield "val_share", of, 'its split is "val"'
-    records = [("light.draw", light.draw), ("light.artifacts", light.artifacts), ("motion", motion)]
-    if light.kind == "fixed":
-        for name in ("draw", "each"):
-            if getattr(light, name) != getattr(Light(), name):
-                yield name, "light", 'its kind is not "drawn"'
-    own = {field.name for field in fields(UnitRanges)} - {*NEAR}
-    unused, state = (NEAR, "has no") if light.optics is None else (sorted(own), "has an")
-    for name in unused:
-        if getattr(light.draw, name) != getattr(UnitRanges, name):
-            yield name, "light.draw", f"light {state} optics file around which units are sampled"
-    for of, record in records:
+    parts = [(f"the part of {part.shapes} shapes", part) for part in recipe.parts]
+    others = {"light": light, "light.draw": light.draw, "light.artifacts": light.artifacts}
+    for of, record in [*parts, *others.items(), ("motion", motion)]:
         for kind, switch, value, names in SWITCHES:
             if isinstance(record, kind) and getattr(record, switch) == value:
                 for name in names:
-                    if getattr(record, name) != getattr(kind(), name):
+                    if getattr(record, name) != _default(kind, name):
                         yield name, of, f"its {switch} is {value}"
+    for of, part in parts:
+        if part.place != "grid" and part.scale in ("smoke", "light", "small"):
+            yield "scale", of, "its place is not the grid"
+    own = {field.name for field in fields(UnitRanges)} - {*NEAR}
+    unused, state = (NEAR, "has no") if light.optics is None else (sorted(own), "has an")
+    for name in unused:
+        if getattr(light.draw, name) != _default(UnitRanges, name):
+            yield name, "light.draw", f"light {state} optics file around which units are sampled"
     if motion and motion.still < 1.0 and max(part.presses or 1 for part in recipe.parts) == 1:
         yield "motion", "the recipe", "each shape has one press, and a path needs two touches"
+
+
+def _default(kind: type, name: str) -> Any:
+    """The default of a field."""
+    return getattr(Part("primitives") if kind is Part else kind(), name)

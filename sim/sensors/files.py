@@ -1,7 +1,7 @@
-"""Reads sensor files: bundled ones by name, a user's own by path.
+"""Reads sensor files, TOML: bundled ones by name, a user's own by path.
 
-A file is TOML. `extends` names another sensor, whose values hold where the file has none. Its
-ranges of units move with the camera's values.
+`extends` names another sensor, whose values hold where the file has none. Its ranges of units move
+with the camera's values.
 """
 
 from functools import cache
@@ -36,10 +36,7 @@ def bundled_sensors() -> tuple[str, ...]:
 
 
 def path_of(source: str | Path) -> Path:
-    """The file of a sensor: a bundled name, or a path to a .toml file.
-
-    Raises T2TwinError for anything else.
-    """
+    """The file of a sensor: a bundled name, or a path to a .toml file. Raises T2TwinError."""
     name = ALIASES.get(str(source), str(source))
     if name in bundled_sensors():
         return SPECS / f"{name}.toml"
@@ -63,17 +60,15 @@ def load_sensor(source: str | Path | Sensor) -> Sensor:
     if isinstance(source, Sensor):
         return source
     path = path_of(source)
-    return _loaded(path) if path.parent == SPECS else _read(path)
-
-
-@cache
-def _loaded(path: Path) -> Sensor:
-    return _read(path)
+    return _bundled(path) if path.parent == SPECS else _read(path)
 
 
 def _read(path: Path) -> Sensor:
     content, folder = _content(path, ())
     return sensor_of(spec_of(content, path), str(folder), path)
+
+
+_bundled = cache(_read)
 
 
 def sensor_of(spec: Spec, folder: str, source: object) -> Sensor:
@@ -92,7 +87,9 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
         return content, path.parent
     if path.resolve() in extended:
         raise T2TwinError(f"{path} extends itself; remove one `extends`")
-    base, folder = _content(path_of(_beside(path, extends)), (*extended, path.resolve()))
+    name = arguments.text(extends, f"{path}: extends")
+    other = path_of(path.parent / name if name.endswith(".toml") else name)
+    base, folder = _content(other, (*extended, path.resolve()))
     own_files = any(
         isinstance(content.get(table), dict) and key in content[table]
         for table, key in (("light", "optics"), ("layout", "file"))
@@ -107,8 +104,7 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
 
 
 def _moved_ranges(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any] | None:
-    """The ranges of units of an extended file, as wide as before relative to the values of the
-    camera, where the own file has others; None without valid ones, which the record refuses."""
+    """The ranges of units of an extended file, moved with the camera's values; None without any."""
     try:
         ranges, before, now = base["units"], base["camera"], own["camera"]
         names = ranges.keys() & now.keys()
@@ -117,12 +113,6 @@ def _moved_ranges(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any] |
         }
     except (KeyError, TypeError, AttributeError, ZeroDivisionError):
         return None
-
-
-def _beside(path: Path, extends: object) -> str | Path:
-    """The sensor that a file extends: a name, or a path that starts from the file's folder."""
-    name = arguments.text(extends, f"{path}: extends")
-    return name if not name.endswith(".toml") else path.parent / name
 
 
 REPLACED = ("layout", "transducer", "markers")
@@ -138,10 +128,7 @@ def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
 
 
 def spec_of(content: dict[str, Any], source: object) -> Spec:
-    """The record of a file's content. source: for messages.
-
-    Raises T2TwinError for a value that is missing, unknown or not allowed.
-    """
+    """The record of a file's content; T2TwinError with the source where a value does not fit."""
     kind = content.get("kind")
     if kind not in KINDS:
         given = "missing" if kind is None else repr(kind)

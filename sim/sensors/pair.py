@@ -52,24 +52,21 @@ class SensorPair:
     def with_options(self, **options: Any) -> "SensorPair":
         """The same pair with options; see `of`."""
         given = {name: value for name, value in options.items() if value is not None}
+        allowed = dict.fromkeys((*self.source.OPTIONS, *self.target.OPTIONS))
+        for name in given:
+            if name not in allowed:
+                raise T2TwinError(
+                    f"{name} is given, but neither {self.source.name} nor {self.target.name} has "
+                    f"it; they have {' and '.join(allowed)}"
+                )
         both = []
         for sensor in (self.source, self.target):
             own = {name: value for name, value in given.items() if name in sensor.OPTIONS}
             both.append(sensor.with_options(own) if own else sensor)
-        allowed = [name for sensor in both for name in sensor.OPTIONS]
-        for name in given:
-            if all(name not in sensor.OPTIONS for sensor in both):
-                raise T2TwinError(
-                    f"{name} is given, but neither {self.source.name} nor {self.target.name} has "
-                    f"it; they have {' and '.join(dict.fromkeys(allowed))}"
-                )
         return SensorPair(*both)
 
     def with_optics(self, optics: str | Path) -> "SensorPair":
-        """The same pair with an optics file of its first gel camera.
-
-        Raises T2TwinError for a pair without one.
-        """
+        """The same pair with an optics file of its first gel camera. Raises as `camera`."""
         role = "source" if self.camera is self.source else "target"
         return replace(self, **{role: self.camera.with_options({"optics": optics})})
 
@@ -113,10 +110,7 @@ class SensorPair:
         raise T2TwinError(f"the sensors are {names}; neither is a {kind.replace('-', ' ')}")
 
     def named(self, sensor: str) -> str:
-        """The name in a touch of a sensor: of a name, an alias, or a role.
-
-        Raises T2TwinError for another one.
-        """
+        """The name in a touch of a sensor by name, alias or role. Raises T2TwinError."""
         name = ALIASES.get(sensor, sensor)
         if name in self.by_name:
             return name
@@ -172,19 +166,14 @@ class SensorPair:
         names; None is each one's own. Raises T2TwinError as solve_contact does.
         """
         before = touch.command
-        motion = (
-            command.x_mm - before.x_mm,
-            command.y_mm - before.y_mm,
-            command.yaw_rad - before.yaw_rad,
-            command.force_n,
-        )
-        readings = {}
+        dx_mm, dy_mm = command.x_mm - before.x_mm, command.y_mm - before.y_mm
+        turn_rad, readings = command.yaw_rad - before.yaw_rad, {}
         for name, reading in touch.readings.items():
             own = friction.get(name) if isinstance(friction, dict) else friction
             own = self.by_name[name].friction if own is None else own
-            contact = None
-            if reading.contact is not None:
-                contact = advance(reading.contact, *motion, own)
+            contact = reading.contact
+            if contact is not None:
+                contact = advance(contact, dx_mm, dy_mm, turn_rad, command.force_n, own)
             readings[name] = replace(reading.without_value(), contact=contact)
         return replace(touch, command=command, readings=readings)
 

@@ -66,6 +66,8 @@ def _stop(number: int, _: object) -> None:
         for child in sys.modules["multiprocessing"].active_children():
             child.kill()
             child.join()
+        # Otherwise Python reports the semaphores of the pools.
+        sys.modules["multiprocessing.util"]._run_finalizers(0)
     for path in tuple(_pending):
         if path.name == LOCK:  # the children's files
             remove_leftovers(path.parent, f"**/{TEMPORARY_NAMES}")

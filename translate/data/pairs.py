@@ -41,7 +41,7 @@ from t2twin.sim.dataset.columns import (
     POSE,
     column,
 )
-from t2twin.sim.dataset.info import DatasetInfo, is_sha256
+from t2twin.sim.dataset.info import DatasetInfo, Sha256
 from t2twin.sim.dataset.store import (
     INFO,
     iter_images,
@@ -189,7 +189,7 @@ class DataInfo(Struct, frozen=True):
     The part "data" of a run's config.json, in which some fields have other names.
     """
 
-    sha256: str = renamed(name="info_sha256")
+    sha256: Sha256 = renamed(name="info_sha256")
     source: Side
     target: Side
     recipe: str | None = None
@@ -199,11 +199,9 @@ class DataInfo(Struct, frozen=True):
     has_contact: bool | UnsetType = UNSET
 
     def check(self) -> None:
-        """Raises ValueError for an invalid side or SHA-256."""
+        """Raises ValueError for an invalid side."""
         self.source.check()
         self.target.check()
-        if not is_sha256(self.sha256):
-            raise ValueError("info_sha256 must be 64 hexadecimal digits")
 
     @property
     def direction(self) -> str:

@@ -24,7 +24,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
 from t2twin.core.machine import installed_version
 from t2twin.core.records import read_json
-from t2twin.sim.dataset.info import is_sha256
+from t2twin.sim.dataset.info import Sha256
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.data.sides import CameraSide
 from t2twin.translate.models.presets import (
@@ -75,8 +75,8 @@ class RunConfig(Struct, frozen=True):
     ood_detector: OODDetector | None = None
     steps: Steps | None = None
     epoch_steps: Steps | None = None
-    init_from: str | None = msgspec.field(name="init_from_sha256", default=None)
-    contact_data: str | None = msgspec.field(name="contact_info_sha256", default=None)
+    init_from: Sha256 | None = msgspec.field(name="init_from_sha256", default=None)
+    contact_data: Sha256 | None = msgspec.field(name="contact_info_sha256", default=None)
     format: int = FORMAT
 
     def __repr__(self) -> str:
@@ -125,12 +125,8 @@ class RunConfig(Struct, frozen=True):
 
     def check(self) -> None:
         """Raises ValueError for fields that do not fit together."""
-        if self.init_from is not None and not is_sha256(self.init_from):
-            raise ValueError("init_from_sha256 must be 64 hexadecimal digits")
-        if self.contact_data is not None and not (
-            is_sha256(self.contact_data) and self.data.has_contact
-        ):
-            raise ValueError("contact_info_sha256 must be 64 digits, of a run with has_contact")
+        if self.contact_data is not None and not self.data.has_contact:
+            raise ValueError("contact_info_sha256 must be of a run with has_contact")
         if self.model not in MODELS:
             raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
         check_direction(self.direction, find_model(self.model))
