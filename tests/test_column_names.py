@@ -15,14 +15,10 @@ KNOWN = ("file", "force_n", "depth_mm", "ball_diameter_mm")
     [
         ("froce_n", "force_n"),
         ("force", "force_n"),
-        ("force_kg", "force_n"),
-        ("Force (N)", "force_n"),
-        (" force_n", "force_n"),
-        ("Depth MM", "depth_mm"),
+        (" Force (N)", "force_n"),
         ("depth_um", "depth_mm"),
         ("ball_diamter_mm", "ball_diameter_mm"),
         ("note", None),
-        ("", None),
     ],
 )
 def test_a_misspelt_name_is_near_the_right_one(name, meant):

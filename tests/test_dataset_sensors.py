@@ -116,16 +116,6 @@ def test_columns_have_the_roles_of_the_sensors(made) -> None:
             assert len(sensor.x_mm) == own.layout.size
 
 
-def test_sensors_of_one_kind_have_readings_of_their_own(made) -> None:
-    """Noise and imperfections of the two are sampled one after the other."""
-    folder, names = made
-    if len(set(PAIRS[names])) == 2:
-        return
-    rows = read_split(folder, "train").to_pylist()
-    value = PAIRS[names][0]
-    assert all(row[f"source_{value}"] != row[f"target_{value}"] for row in rows)
-
-
 def test_they_are_verified_and_not_continued_with_another_sensor(made, capsys) -> None:
     folder, names = made
     assert verify_dataset(folder) == []

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.sampling import protocol
 
@@ -38,14 +37,6 @@ def test_light_has_1000_pairs_of_all_orientations():
     assert counted == {"train": 600, "val": 200, "test": 200} and turns == set(range(12))
 
 
-def test_small_uses_all_orientations_evenly():
-    counted = np.zeros(12)
-    for shape in catalogue.PRIMITIVES:
-        for index in protocol.indices(shape, protocol.SCALES["small"]):
-            counted[index % 12] += 1
-    assert counted.min() > 0.9 * counted.mean() and counted.max() < 1.1 * counted.mean()
-
-
 def test_the_grid_turns_with_the_shape(shapes):
     shape = shapes("square-2")
     off_x, off_y = protocol.GRID_OFFSET_MM
@@ -67,8 +58,3 @@ def test_a_round_shape_is_hardly_ever_pressed_twice_in_one_place(name, shapes):
     apart = KDTree(places).query(places, k=2)[0][:, 1]
     assert (apart < 0.02).sum() == 0
     assert (apart < 0.03).sum() < 20
-
-
-def test_an_unknown_scale_names_the_known_ones():
-    with pytest.raises(T2TwinError, match="smoke, light, small, paper"):
-        protocol.scale_of("large")

