@@ -21,8 +21,8 @@ from t2twin.primitives_cad.height_map import rasterize_triangles
 from t2twin.primitives_cad.random_shapes import solid_under
 from t2twin.primitives_cad.shape import HeightMap, Shape, ball
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG, rotation_of, tilted
-from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.dataset.columns import TILTED_POSE, schema_of
+from t2twin.sim.contact.types import TILT, PressCommand
+from t2twin.sim.dataset.columns import POSE, schema_of
 from t2twin.sim.dataset.store import lists, read_split
 from t2twin.sim.sampling.plan import sample_tilt
 from t2twin.sim.sampling.recipe import Place
@@ -269,11 +269,11 @@ def test_a_dataset_of_tilted_presses_has_their_tilt(tmp_path):
     info = t2twin.make_dataset(folder, recipe=tmp_path / "tilts.toml", workers=1)
     assert t2twin.verify_dataset(folder) == []
     table = read_split(folder, "train")
-    pose = np.array([table[name].to_numpy() for name in TILTED_POSE]).T
+    pose = np.array([table[name].to_numpy() for name in (*POSE, *TILT)]).T
     angles = np.degrees(np.arccos(np.cos(pose[:, 4]) * np.cos(pose[:, 5])))
     assert len(pose) == 4 and angles.max() <= 12.0 and len(set(angles)) == 4
     assert "tilt_x_rad" in (folder / "README.md").read_text()
-    row = {name: table[name][0].as_py() for name in ("shape", *TILTED_POSE)}
+    row = {name: table[name][0].as_py() for name in ("shape", *POSE, *TILT)}
     touch = twin().sensors.press(t2twin.load_shape(row["shape"]), PressCommand(**row))
     assert table["target_depth_mm"][0].as_py() == touch.cyskin.depth_mm
     np.testing.assert_array_equal(lists(table, "target_dense_counts")[0], touch.dense_counts)
@@ -281,7 +281,7 @@ def test_a_dataset_of_tilted_presses_has_their_tilt(tmp_path):
     straight = t2twin.load_recipe("open")
     place = msgspec.json.decode(msgspec.json.encode(straight.parts[0].place))
     assert not straight.has_tilt and set(place) == {"normal_mm", "uniform_mm"}
-    assert not {*TILTED_POSE[4:]} & {*schema_of(info.values, straight).names}
+    assert not {*TILT} & {*schema_of(info.values, straight).names}
 
 
 def test_the_studio_repeats_a_tilted_press():
