@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None) -> None:
 def _run(options: argparse.Namespace) -> str:
     """Runs the command. Returns a sentence about failures, empty without any."""
     if options.docs:
-        from benchmarks.documents.markers import write_documents  # imports translators, and torch
+        from benchmarks.documents.figures import write_documents  # imports translators, and torch
 
         for path in write_documents():
             print(path)

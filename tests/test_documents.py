@@ -17,7 +17,7 @@ from kinds import gel_camera
 from PIL import Image
 
 import t2twin
-from benchmarks.documents import figures, markers, reference
+from benchmarks.documents import figures, reference
 from benchmarks.evidence import find_benchmarks
 from t2twin import cli
 from t2twin.core.errors import T2TwinError
@@ -58,12 +58,12 @@ VARIABLES = re.compile(r"\$\((?:if |or )?\$?\(?([A-Z_]+)")
 
 
 def test_tables_equal_the_results_and_the_code():
-    different = [path.name for path, text in markers.rewritten() if text != path.read_text("utf-8")]
+    different = [path.name for path, text in figures.rewritten() if text != path.read_text("utf-8")]
     assert not different, f"python -m benchmarks --docs would change {different}"
 
 
 def test_every_table_is_in_a_document():
-    text = "".join(path.read_text("utf-8") for path in markers.documents())
+    text = "".join(path.read_text("utf-8") for path in figures.documents())
     optionless = {"options-shapes", "options-doctor"}
     assert not [
         name
@@ -107,7 +107,7 @@ def page(tmp_path):
 
     def rewrite(text):
         (tmp_path / "README.md").write_text(text)
-        return next(iter(markers.rewritten(tmp_path)))[1]
+        return next(iter(figures.rewritten(tmp_path)))[1]
 
     return rewrite
 

@@ -12,7 +12,7 @@ error. Where this bound exceeds MAX_BOUND, the depth is extrapolated from finer 
 are cached by the gaps, the force and the oracle's code, so that a repetition is faster.
 
 The contact solver presses a height map of FINE_MAP_MM, whose effect is negligible: the errors in
-`sensors` and `families` are those of the contact solver. `usual_map` contains the errors with a
+`sensors` are those of the contact solver. `usual_map` contains the errors with a
 height map of the pitch that shapes from files have. Its outlines are known to half a point only.
 """
 
@@ -50,10 +50,7 @@ BENCHMARK = Benchmark(
     figures=(
         Figure("sensors.*.within_percent", "%", least=95.0),
         Figure("sensors.*.beyond", most=0),
-        Figure("families.*.*.within_percent", "%"),
-        Figure("sensors.*.within_each_percent.*", "%"),
         Figure("sensors.*.worst.*"),
-        Figure("sensors.*.reference_worst.*"),
         Figure("usual_map.*.within_percent", "%"),
         Figure("usual_map.*.beyond"),
     ),
@@ -119,26 +116,17 @@ class Fields:
 def measure(options: Namespace) -> dict[str, Any]:
     rows = [measure_case(number) for number in tqdm(range(options.cases), unit="case")]
     by_sensor = {sensor: [row for row in rows if row["sensor"] == sensor] for sensor in SENSORS}
-    families = {
-        sensor: {
-            family: summary([row for row in of if row["family"] == family], "errors")
-            for family in FAMILIES
-            if any(row["family"] == family for row in of)
-        }
-        for sensor, of in by_sensor.items()
-    }
     return {
         "sensors": {name: summary(of, "errors") for name, of in by_sensor.items() if of},
         "usual_map": {
             name: summary(of, "usual_map_errors") for name, of in by_sensor.items() if of
         },
-        "families": families,
         "cases": rows,
     }
 
 
 def summary(rows: Sequence[dict[str, Any]], key: str) -> dict[str, Any]:
-    """Shares within INNER, all errors together and each, the number beyond OUTER, and the worst.
+    """Share within INNER, the number beyond OUTER, the medians and the worst.
 
     key: of the errors in a row.
     """
@@ -149,13 +137,9 @@ def summary(rows: Sequence[dict[str, Any]], key: str) -> dict[str, Any]:
     return {
         "presses": len(rows),
         "within_percent": 100.0 * float(inner.all(axis=1).mean()),
-        "within_each_percent": dict(zip(kinds, (100.0 * inner.mean(axis=0)).tolist(), strict=True)),
         "beyond": int((~outer.all(axis=1)).sum()),
         "median": dict(zip(kinds, np.median(errors, axis=0).tolist(), strict=True)),
         "worst": dict(zip(kinds, errors.max(axis=0).tolist(), strict=True)),
-        "reference_worst": {
-            kind: max(row["reference_errors"][kind] for row in rows) for kind in kinds
-        },
     }
 
 

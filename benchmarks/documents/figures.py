@@ -1,4 +1,11 @@
-"""Tables of figures of benchmarks/results, which tables.toml defines.
+"""Tables in Markdown files, between two comments that no reader sees.
+
+    <!--table results-->
+    | ... |
+    <!--/table-->
+
+`python -m benchmarks --docs` writes all of them; tables.toml and reference.py define them. The keys
+of tables.toml, whose tables have figures of benchmarks/results:
 
 columns: the heading of each column, and the template of its cells. `{val.rmse:.1f}` is a figure:
     its path and format. `{a.b / 60 * c:.0f}` multiplies and divides figures. A cell is empty if its
@@ -12,7 +19,7 @@ end: the cells of further rows.
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +28,7 @@ import msgspec
 from benchmarks import ROOT
 from benchmarks.evidence import Results, read_results
 from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
 
 RESULTS = ROOT / "benchmarks" / "results"
 
@@ -144,3 +152,55 @@ def markdown(lines: Sequence[Sequence[str]]) -> str:
         "|" + "".join(f" {cell} |" if cell else " |" for cell in cells) for cells in lines
     )
     return "\n".join([head, "|" + "---|" * len(lines[0]), *body])
+
+
+# Documents
+
+TABLE = re.compile(r"(?m)^<!--table (?P<name>\S+?)-->\n(?P<text>.*?)^<!--/table-->$", re.DOTALL)
+MARKER = re.compile(r"<!--\s*(/?table\b|=|/-->)")
+"""Starts of all markers; each whole table has two. `<!--=` began a figure in a sentence."""
+
+
+def documents(root: Path = ROOT) -> list[Path]:
+    """Every file that may contain tables."""
+    files = (root / "README.md", root / "CHANGELOG.md", *sorted((root / "docs").rglob("*.md")))
+    return [file for file in files if file.is_file()]
+
+
+def write_documents(root: Path = ROOT) -> list[Path]:
+    """Writes the tables into the documents; returns the files that changed."""
+    changed = []
+    for path, text in rewritten(root):
+        if text != path.read_text("utf-8"):
+            changed.append(path)
+            with atomic_write(path) as temporary:
+                temporary.write_text(text, "utf-8")
+    return changed
+
+
+def rewritten(root: Path = ROOT) -> Iterator[tuple[Path, str]]:
+    """Every document and its text with the present tables.
+
+    Raises T2TwinError for an incomplete marker, or one that names no table.
+    """
+    from benchmarks.documents.reference import tables  # which uses this module
+
+    known = tables()
+
+    def table(match: re.Match[str]) -> str:
+        name = match["name"]
+        if name not in known:
+            raise T2TwinError(f"there is no table {name!r}; expected one of {', '.join(known)}")
+        return f"<!--table {name}-->\n{known[name]()}\n<!--/table-->"
+
+    for path in documents(root):
+        text = path.read_text("utf-8")
+        if len(MARKER.findall(text)) != 2 * len(TABLE.findall(text)):
+            raise T2TwinError(
+                f"{path.name}: incomplete marker; expected whole lines <!--table NAME--> and "
+                "<!--/table-->"
+            )
+        try:
+            yield path, TABLE.sub(table, text)
+        except T2TwinError as error:
+            raise T2TwinError(f"{path.name}: {error}") from None

@@ -17,7 +17,6 @@ The reference is the depth of the gel and the mask of the contact, in the cells 
 from __future__ import annotations
 
 import tempfile
-import time
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
 
     from t2twin.sim.optical.gel_camera import GelCamera
     from t2twin.translate.inference.contact import ContactEstimate
-    from t2twin.translate.inference.predictor import TrainedTranslator
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.contact_frames",
@@ -57,23 +55,13 @@ BENCHMARK = Benchmark(
     sources=("primitives_cad", "sim", "translate"),
     figures=(
         Figure("runs.*.real.depth_rmse_mm", "mm"),
-        Figure("runs.*.real.depth_mean_rmse_mm", "mm"),
         Figure("runs.*.real.deepest_error_percent", "%"),
         Figure("runs.*.real.deepest_worst_percent", "%"),
-        Figure("runs.*.real.iou"),
-        Figure("runs.*.real.force_error_percent", "%"),
-        Figure("runs.*.real.center_error_mm", "mm"),
         Figure("runs.*.shapes.depth_rmse_mm", "mm"),
-        Figure("runs.*.shapes.depth_mean_rmse_mm", "mm"),
         Figure("runs.*.shapes.iou"),
-        Figure("runs.*.shapes.force_error_percent", "%"),
-        Figure("runs.*.background_area_mm2", "mm2"),
-        Figure("runs.*.milliseconds", "ms"),
         Figure("gradients.real.depth_rmse_mm", "mm"),
-        Figure("gradients.real.depth_mean_rmse_mm", "mm"),
         Figure("gradients.real.deepest_worst_percent", "%"),
         Figure("gradients.shapes.depth_rmse_mm", "mm"),
-        Figure("gradients.shapes.depth_mean_rmse_mm", "mm"),
     ),
     arguments=(
         Argument("frames", "folder of background.png and press_*.png", Path),
@@ -82,9 +70,6 @@ BENCHMARK = Benchmark(
 )
 
 BACKGROUND = "background.png"
-
-TIMED = 20
-"""Predictions that the time is the median of."""
 
 SHAPES = (*(f"random-{seed}" for seed in range(9_000, 9_020)), *OBJECTS)
 """Shapes of the simulated presses; no recipe samples these random shapes."""
@@ -114,8 +99,6 @@ def measure(options: Namespace) -> dict[str, Any]:
         runs[name] = {
             "real": _errors(run.contact(list(frames), background), balls),
             "shapes": _errors(run.contact(images, still), shapes),
-            "background_area_mm2": run.contact(background, background).area_mm2,
-            "milliseconds": _milliseconds(run, frames[0], background),
         }
     return {
         "frames": names,
@@ -193,32 +176,20 @@ def ball_references(
     return names, frames, background, references
 
 
-def _errors(
-    contacts: list[ContactEstimate], references: list[Any]
-) -> dict[str, float | list[float]]:
+def _errors(contacts: list[ContactEstimate], references: list[Any]) -> dict[str, float]:
     """Errors of the contacts of all presses, in the cells of the contact maps."""
     from t2twin.translate.models.contact import CONTACT_KPA
 
-    iou, force, center = [], [], []
+    iou = []
     for contact, reference in zip(contacts, references, strict=True):
-        pressure = reference.pressure_map_kpa
-        inside = pressure > CONTACT_KPA
-        mask = _in_cells(contact.mask, pressure.shape) > 0.5
+        inside = reference.pressure_map_kpa > CONTACT_KPA
+        mask = _in_cells(contact.mask, inside.shape) > 0.5
         iou.append((inside & mask).sum() / (inside | mask).sum())
-        assert reference.contact is not None and contact.force_n is not None
-        force.append(abs(float(contact.force_n) / reference.contact.force_n - 1.0))
-        center.append(float(np.hypot(*(contact.center_mm - _center_mm(pressure, contact)))))
-    return _depth_errors([each.depth_mm for each in contacts], references) | {
-        "iou": float(np.mean(iou)),
-        "force_error_percent": 100.0 * float(np.median(force)),
-        "center_error_mm": float(np.nanmedian(center)),
-        "missed": int(np.isnan(center).sum()),
-    }
+    found = _depth_errors([each.depth_mm for each in contacts], references)
+    return found | {"iou": float(np.mean(iou))}
 
 
-def _depth_errors(
-    depths_mm: Iterable[np.ndarray], references: list[Any]
-) -> dict[str, float | list[float]]:
+def _depth_errors(depths_mm: Iterable[np.ndarray], references: list[Any]) -> dict[str, float]:
     """Errors of depths in the contacts of all presses, in the cells of the contact maps."""
     from t2twin.translate.models.contact import CONTACT_KPA
 
@@ -230,10 +201,8 @@ def _depth_errors(
         deepest.append(abs(in_cells[inside].max() / depth[inside].max() - 1.0))
     return {
         "depth_rmse_mm": float(np.median(rmse)),
-        "depth_mean_rmse_mm": float(np.mean(rmse)),
         "deepest_error_percent": 100.0 * float(np.median(deepest)),
         "deepest_worst_percent": 100.0 * float(np.max(deepest)),
-        "each_depth_rmse_mm": rmse,
     }
 
 
@@ -244,26 +213,6 @@ def _in_cells(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
     whole = torch.from_numpy(np.asarray(values, float))[None]
     return functional.adaptive_avg_pool2d(whole, (shape[0], shape[1]))[0].numpy()
-
-
-def _center_mm(pressure: np.ndarray, contact: ContactEstimate) -> np.ndarray:
-    """The center of a true pressure in the view, as ContactEstimate.center_mm."""
-    share = pressure / pressure.sum()
-    axes = (share.sum(axis=0), share.sum(axis=1))
-    return np.array([
-        2.0 * half * (weights @ (np.arange(weights.size) + 0.5) / weights.size - 0.5)
-        for half, weights in zip(contact.view_mm, axes, strict=True)
-    ])  # fmt: skip
-
-
-def _milliseconds(run: TrainedTranslator, frame: np.ndarray, background: np.ndarray) -> float:
-    """Median time of a prediction of one frame."""
-    seconds = []
-    for _ in range(TIMED + 1):
-        start = time.perf_counter()
-        run.contact(frame, background)
-        seconds.append(time.perf_counter() - start)
-    return 1e3 * float(np.median(seconds[1:]))
 
 
 if __name__ == "__main__":

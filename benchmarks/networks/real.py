@@ -30,7 +30,7 @@ from t2twin.sim.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
-    from t2twin.adaptation.real_frame_evaluation import PressComparison, SimulatedReference
+    from t2twin.adaptation.real_frame_evaluation import SimulatedReference
     from t2twin.translate.inference.predictor import TrainedTranslator
 
 BENCHMARK = Benchmark(
@@ -51,8 +51,6 @@ BENCHMARK = Benchmark(
         Figure("runs.*.real.centroid_mm", "mm"),
         Figure("runs.*.real.force_error"),
         Figure("runs.*.background_counts", "counts"),
-        Figure("zero_rmse_percent", "%"),
-        Figure("mean_array_rmse_percent", "%"),
     ),
     arguments=(
         Argument("frames", "folder of background.png and press_*.png", Path),
@@ -62,7 +60,6 @@ BENCHMARK = Benchmark(
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.adaptation.real_frame_evaluation import baseline_rmse_percent
     from t2twin.translate.inference.load import load_run
 
     runs = {}
@@ -73,13 +70,10 @@ def measure(options: Namespace) -> dict[str, Any]:
             raise T2TwinError(f"two runs are a {name}; name one of them")
         runs[name] = run
     references, background_frame = real_references(options.frames)
-    zero, mean_array = baseline_rmse_percent(references, next(iter(runs.values())))
     return {
         "presses": [
             {"name": one.name, "pose": one.pose, "force_n": one.force_n} for one in references
         ],
-        "zero_rmse_percent": zero,
-        "mean_array_rmse_percent": mean_array,
         "runs": {name: _scores(run, references, background_frame) for name, run in runs.items()},
     }
 
@@ -116,20 +110,7 @@ def _scores(
         "real_without_background": asdict(AdaptationScores.of([one.real for one in alone])),
         "simulated": asdict(AdaptationScores.of([one.simulated for one in comparisons])),
         "background_counts": float(np.max(predict_counts(run, background, background))),
-        "moved": _moved(run, comparisons),
     }
-
-
-def _moved(run: TrainedTranslator, comparisons: Sequence[PressComparison]) -> float:
-    """How far the predicted centroids move when the simulated ones move by 1, by least squares."""
-    from t2twin.adaptation.real_frame_evaluation import centroid_mm
-
-    pairs = [(one.real.counts, one.reference.counts) for one in comparisons]
-    predicted, true = (
-        np.array([centroid_mm(run, each) for each in counts]) for counts in zip(*pairs, strict=True)
-    )
-    predicted, true = predicted - predicted.mean(axis=0), true - true.mean(axis=0)
-    return float((predicted * true).sum() / np.square(true).sum())
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ Shape letters: P examples, n inputs, d numbers or classes, K models, B resamples
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
@@ -138,15 +139,6 @@ def _standard(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True)
-class Score:
-    """A score with its interval over shapes, and the error: percent of wrong classes, or RMSE."""
-
-    score: float
-    interval: tuple[float, float] | None
-    error: float
-
-
-@dataclass(frozen=True)
 class Errors:
     """Errors of models on P examples, and of the answer without input.
 
@@ -170,14 +162,15 @@ class Errors:
         ratio = (resamples @ own) / (resamples @ trivial)
         return 1.0 - (np.sqrt(ratio) if self.is_squared else ratio)
 
-    def score(self, shapes: np.ndarray) -> Score:
-        """The score. shapes: as for `scores`."""
+    def score(self, shapes: np.ndarray) -> dict[str, Any]:
+        """The score with its interval over shapes, and the error: percent of wrong classes, or
+        RMSE. shapes: as for `scores`."""
         values, error = self.scores(shapes), float(np.average(self.own, weights=self.weights))
-        return Score(
-            float(values[0]),
-            interval(values[1:]),
-            float(np.sqrt(error)) if self.is_squared else 100.0 * error,
-        )
+        return {
+            "score": float(values[0]),
+            "interval": interval(values[1:]),
+            "error": float(np.sqrt(error)) if self.is_squared else 100.0 * error,
+        }
 
 
 def errors_of(answers: np.ndarray, labels: Labels, train_labels: Labels) -> Errors:
@@ -203,18 +196,11 @@ def errors_of(answers: np.ndarray, labels: Labels, train_labels: Labels) -> Erro
     return Errors(own, trivial, 1.0 / numbers[true], is_squared=False)
 
 
-@dataclass(frozen=True)
-class Share:
-    """A share kept, percent, with its interval over shapes. None for a model without use."""
-
-    percent: float | None
-    interval: tuple[float, float] | None
-
-
-def share_kept(kept: Errors, full: Errors, shapes: np.ndarray) -> Share:
-    """The score of some errors over that of others. shapes: (P,) names."""
+def share_kept(kept: Errors, full: Errors, shapes: np.ndarray) -> dict[str, Any]:
+    """The score of some errors over that of others, percent, with its interval over shapes; None
+    for a model without use. shapes: (P,) names."""
     of, whole = kept.scores(shapes), full.scores(shapes)
     if whole[0] < MIN_SCORE:
-        return Share(None, None)
+        return {"percent": None, "interval": None}
     ratio = 100.0 * of / whole
-    return Share(float(ratio[0]), interval(ratio[1:]))
+    return {"percent": float(ratio[0]), "interval": interval(ratio[1:])}

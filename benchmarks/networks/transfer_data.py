@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from msgspec import structs
@@ -129,11 +130,6 @@ def make_readings(pair: Pair, folder: Path) -> None:
                 np.savez(file, made_of=np.array(made_of), predicted=counts, images=maps)
 
 
-def has_readings(pair: Pair, folder: Path) -> bool:
-    """Whether a folder has all readings of a pair."""
-    return all(pair.readings(folder, *each).is_file() for each in product(SETS, SPLITS))
-
-
 def _make_data(pair: Pair, presses: Path, touches: Path) -> None:
     """Makes both datasets of a pair in their folders, if they are not finished."""
     if not _is_finished(presses):
@@ -165,7 +161,7 @@ def _predicted(
     """(P, N) counts and (P, F) float16 maps. cache: of decoded images."""
     inputs = prepare([run], data, [split])
     (loaded,) = inputs.applied.values()
-    network = loaded.need_uncertainty("the benchmark").translator.predictor
+    network: Any = loaded.need_uncertainty("the benchmark").translator.predictor
     maps = []
     hook = network.pool.register_forward_hook(
         lambda _layer, _inputs, output: maps.append(output.flatten(1).half().numpy())

@@ -1,12 +1,11 @@
 """Wrong frames that a field run names, and right frames that it takes for wrong.
 
-    python -m benchmarks.networks.wrong_frames --data data/sampled-units --frames FRAMES
+    python -m benchmarks.networks.wrong_frames --data data/sampled-units
 
 The dataset of 200 sampled units is made first if it is missing. Each of its frames is given as it
 is, and changed in each of the ways in the table. It has the unit's background frame, the same
 changed in the same way, or none. The frame check of the run was not trained on two of these ways: a
-page of text, and dead leaves (Lee, Mumford and Huang 2001, a model of photographs). FRAMES is a
-folder of real frames, see benchmark `real`; without it they are left out.
+page of text, and dead leaves (Lee, Mumford and Huang 2001, a model of photographs).
 """
 
 from __future__ import annotations
@@ -42,13 +41,10 @@ BENCHMARK = Benchmark(
         Figure("wrong.*.with_percent", "%"),
         Figure("wrong.*.without_percent", "%"),
         Figure("wrong.*.both_percent", "%"),
-        Figure("real.*.with_percent", "%"),
-        Figure("real.*.without_percent", "%"),
     ),
     arguments=(
         Argument("--run", "field run, by default the pretrained one", default="field"),
         Argument("--data", "dataset of sampled units", Path, required=True, metavar="DIR"),
-        Argument("--frames", "folder of background.png and press_*.png", Path, metavar="DIR"),
     ),
 )
 
@@ -91,11 +87,6 @@ def measure(options: Namespace) -> dict[str, Any]:
     swapped = ([each[index] for index in touched] for each in (backgrounds, frames))
     found["touched_background"] = {"with_percent": _share(run, *swapped)}
     found["right"] = _named(run, _as_it_is, frames, backgrounds)
-    if options.frames is not None:
-        real = [np.asarray(Image.open(path)) for path in sorted(options.frames.glob("press_*.png"))]
-        own = [np.asarray(Image.open(options.frames / "background.png"))] * len(real)
-        ways = {"right": _as_it_is} | kinds()
-        found["real"] = {name: _named(run, alter, real, own) for name, alter in ways.items()}
     return found
 
 

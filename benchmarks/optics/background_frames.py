@@ -10,11 +10,10 @@ project. Every light renders the presses at the places and depths that the fitte
 - The mean of the best units, and the mean of all (as in `t2twin calibrate --background`).
 - The light fitted to the first presses.
 
-All are scored on the last presses, and on the first ones as plain balls.
+All are scored on the last presses.
 """
 
 from argparse import Namespace
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -36,7 +35,6 @@ from t2twin.sim.calibrate.frames import contact_patch, read_frames
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.response import linear
-from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.optical.units import SampledLight, light_at_rest
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -51,9 +49,6 @@ BENCHMARK = Benchmark(
     figures=(
         Figure("held_out_presses.*.psnr_db", "dB"),
         Figure("held_out_presses.*.ssim"),
-        Figure("first_presses.*.psnr_db", "dB"),
-        Figure("nearest_singly_psnr_db", "dB"),
-        Figure("drawn_singly_psnr_db", "dB"),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
 )
@@ -87,31 +82,17 @@ class Explained:
         return replace(self.light, response=self.light.response * self.gains[None, :, None, None])
 
 
-@dataclass(frozen=True)
-class Shown:
-    """Presses: frames and deflections, mm, (n, ...) each, and where they are touched, (n, 2)."""
-
-    frames: np.ndarray
-    surfaces_mm: np.ndarray
-    patches: np.ndarray
-
-    def score(self, light: Optics) -> Score:
-        renderer = ImageRenderer(light, GEL, SENSOR.spec.camera.noise_grey)
-        shown = np.array([renderer.render(surface_mm) for surface_mm in self.surfaces_mm])
-        return mean_score(crop_scores(self.frames, shown, self.patches))
-
-
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
-    background, frames, names = read_frames(background, options.frames, SENSOR.camera)
-    last = _shown(background, report.real, report.surfaces_mm)
-    balls = [
-        ball_surface(GEL, x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
-        for x_mm, y_mm, depth_mm in report.training_poses
-    ]
-    trained = frames[[names.index(name) for name in report.trained]]
-    first = _shown(background, trained, np.array(balls))
+    background, _, _ = read_frames(background, options.frames, SENSOR.camera)
+    patches = np.array([contact_patch(frame, background) for frame in report.real])
+
+    def score(light: Optics) -> Score:
+        renderer = ImageRenderer(light, GEL, SENSOR.spec.camera.noise_grey)
+        shown = np.array([renderer.render(surface_mm) for surface_mm in report.surfaces_mm])
+        return mean_score(crop_scores(report.real, shown, patches))
+
     explained = sorted(_explained(background), key=lambda one: one.off_grey)
     shipped, best = SENSOR.optics, [one.light for one in explained[:NEAREST]]
     lights = {
@@ -127,24 +108,8 @@ def measure(options: Namespace) -> dict[str, Any]:
         "held_out": report.held_out,
         "drawn": DRAWN,
         "averaged": NEAREST,
-        "do_nothing": asdict(report.scores.do_nothing),
-        "held_out_presses": {name: asdict(last.score(light)) for name, light in lights.items()},
-        "first_presses": {
-            name: asdict(first.score(light)) for name, light in lights.items() if name != "fitted"
-        },
-        "nearest_singly_psnr_db": _mean_psnr_db(last, best),
-        "drawn_singly_psnr_db": _mean_psnr_db(last, [one.light for one in explained[::10]]),
+        "held_out_presses": {name: asdict(score(light)) for name, light in lights.items()},
     }
-
-
-def _shown(background: np.ndarray, frames: np.ndarray, surfaces_mm: np.ndarray) -> Shown:
-    patches = [contact_patch(frame, background) for frame in frames]
-    return Shown(frames, surfaces_mm, np.array(patches))
-
-
-def _mean_psnr_db(shown: Shown, lights: Iterable[Optics]) -> float:
-    """Of each light alone."""
-    return float(np.mean([shown.score(light).psnr_db for light in lights]))
 
 
 def _explained(background: np.ndarray) -> list[Explained]:

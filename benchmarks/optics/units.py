@@ -3,9 +3,8 @@
     python -m benchmarks.optics.units FRAMES
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
-project. An optics file is fitted to the frames. It and the default optics are compared with
-sampled units. A percentile is the share of the sampled units below a
-value. Writes docs/pictures/units.png.
+project. An optics file is fitted to the frames and compared with sampled units. A percentile is the
+share of the sampled units below a value. Writes docs/pictures/units.png.
 """
 
 from argparse import Namespace
@@ -53,8 +52,7 @@ GEL, NOISE_GREY = SENSOR.own_gel, SENSOR.spec.camera.noise_grey
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
-    real = report.optics
-    known = {"real": Unit(real, NOISE_GREY), "shipped": Unit(SENSOR.optics, NOISE_GREY)}
+    real = Unit(report.optics, NOISE_GREY)
     units = [drawn(number) for number in range(DRAWN)]
     if not options.keep_nothing:
         with atomic_write(PICTURE) as temporary:
@@ -62,7 +60,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     return {
         "drawn": DRAWN,
         "parameters": {
-            name: _placed(parameter, units, known) for name, parameter in PARAMETERS.items()
+            name: _placed(parameter, units, real) for name, parameter in PARAMETERS.items()
         },
     }
 
@@ -112,8 +110,6 @@ PARAMETERS: dict[str, Callable[[Unit], float]] = {
         255.0 * np.mean(np.maximum(_own(unit), 0.0)) ** (1.0 / unit.optics.gamma)
     ),
     "leak_mean_size": lambda unit: float(np.abs(_leaks(unit)).mean()),
-    "leak_least": lambda unit: float(_leaks(unit).min()),
-    "leak_most": lambda unit: float(_leaks(unit).max()),
     "irregularity": _irregularity,
     "background_mean_grey": lambda unit: float(_grey(unit).mean()),
     "background_deviation_grey": lambda unit: float(_grey(unit).std(axis=(0, 1)).mean()),
@@ -122,22 +118,15 @@ PARAMETERS: dict[str, Callable[[Unit], float]] = {
 
 
 def _placed(
-    parameter: Callable[[Unit], float], units: list[Unit], known: dict[str, Unit]
-) -> dict[str, Any]:
-    """A parameter's spread over the units, and where the known ones lie in it."""
-    values = np.array([parameter(unit) for unit in units])
-    low, middle, high = np.percentile(values, (5, 50, 95))
+    parameter: Callable[[Unit], float], units: list[Unit], real: Unit
+) -> dict[str, dict[str, float]]:
+    """A parameter's spread over the units, and where the real one lies in it."""
+    values, value = np.array([parameter(unit) for unit in units]), parameter(real)
+    low, high = np.percentile(values, (5, 95))
     return {
-        "drawn": {"p5": float(low), "median": float(middle), "p95": float(high)},
-        **{
-            name: {"value": parameter(unit), "percentile": _percentile(values, parameter(unit))}
-            for name, unit in known.items()
-        },
+        "drawn": {"p5": float(low), "p95": float(high)},
+        "real": {"value": value, "percentile": 100.0 * float(np.mean(values < value))},
     }
-
-
-def _percentile(values: np.ndarray, value: float) -> float:
-    return 100.0 * float(np.mean(values < value))
 
 
 def sheet() -> Image.Image:

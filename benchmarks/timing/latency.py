@@ -44,11 +44,8 @@ BENCHMARK = Benchmark(
         Figure("presets.field-cpu.median_ms", "ms", most=12.0),
         Figure("contact.field.median_ms", "ms", most=12.0),
         Figure("contact.mini.median_ms", "ms", most=12.0),
-        Figure("contact.*.torch_ratio"),
         Figure("presets.touch2touch-paper.median_ms", "ms"),
         Figure("presets.resnet18-paper.median_ms", "ms"),
-        Figure("presets.*.p95_ms", "ms"),
-        Figure("presets.*.torch_ratio"),
     ),
 )
 
@@ -121,23 +118,14 @@ def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, floa
 def _compared(
     ways: Mapping[str, Callable[[np.ndarray], object]], frames: Iterable[np.ndarray]
 ) -> dict[str, float]:
-    """Median times of the ways, taken in turn, and their ratios to the first, named "".
-
-    The first two frames are not counted.
-    """
+    """Median times of the ways, taken in turn. The first two frames are not counted."""
     times: dict[str, list[float]] = {way: [] for way in ways}
     for frame in frames:
         for way, predict in ways.items():
             started = time.perf_counter()
             predict(frame)
             times[way].append(1e3 * (time.perf_counter() - started))
-    counted = {way: sorted(each[2:]) for way, each in times.items()}
-    medians = {way: statistics.median(each) for way, each in counted.items()}
-    return {
-        **{f"{way}median_ms": median for way, median in medians.items()},
-        "p95_ms": counted[""][int(0.95 * len(counted[""]))],
-        **{f"{way}ratio": median / medians[""] for way, median in medians.items() if way},
-    }
+    return {f"{way}median_ms": statistics.median(each[2:]) for way, each in times.items()}
 
 
 def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> None:

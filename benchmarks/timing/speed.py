@@ -17,7 +17,6 @@ import subprocess
 import sys
 import tempfile
 from argparse import Namespace
-from concurrent.futures import ThreadPoolExecutor
 from io import BytesIO
 from pathlib import Path
 from tarfile import TarFile
@@ -34,11 +33,10 @@ from t2twin.core.files import new_folder
 BENCHMARK = Benchmark(
     module="benchmarks.timing.speed",
     measures="Speed of a press, a slide, an image and a dataset, against another commit.",
-    minutes=20,
+    minutes=15,
     sources=("primitives_cad", "sim"),
     figures=(
         Figure("times_as_fast.*", "times", least=0.9),
-        Figure("two_workers_over_two_runs", "times", least=0.95),
         Figure("ms.*", "ms"),
     ),
     arguments=(
@@ -55,14 +53,8 @@ CHECKOUTS = ROOT / "build" / "speed"
 
 TURN = ROOT / "benchmarks" / "timing" / "speed_turn.py"
 SCALE = "small"
-LONG_SCALE = "paper"
-"""Takes minutes, so that the seconds in which workers start hardly count."""
-
-RATE = re.compile(r"([\d.]+) pairs/s")
-"""What `t2twin simdata` says at its end."""
-
 PAIRS = re.compile(r"^(\d+) pairs in ", re.MULTILINE)
-"""The number of pairs there."""
+"""The number of pairs in what `t2twin simdata` says at its end."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -75,8 +67,6 @@ def measure(options: Namespace) -> dict[str, Any]:
             {"now": _turn(ROOT, Path(folder)), "before": _turn(other, Path(folder))}
             for _ in tqdm(range(options.turns), unit="turn")
         ]
-        two_workers = _rate(ROOT, Path(folder), 2, LONG_SCALE)
-        two_runs = _rate_of_two_runs(Path(folder))
     stages = [stage for stage in turns[0]["now"] if stage in turns[0]["before"]]
     medians = {stage: _median(turn["now"][stage] for turn in turns) for stage in turns[0]["now"]}
     return {
@@ -85,8 +75,6 @@ def measure(options: Namespace) -> dict[str, Any]:
             stage: _median(turn["before"][stage] / turn["now"][stage] for turn in turns)
             for stage in stages
         },
-        "two_workers_over_two_runs": two_workers / two_runs,
-        "two_workers_a_second": two_workers,
         "ms": medians,
         "turns": turns,
     }
@@ -125,34 +113,17 @@ def _stages(checkout: Path) -> dict[str, float]:
     return json.loads(_run(checkout, [str(TURN)]).splitlines()[-1])
 
 
-def _rate(folder: Path, out: Path, workers: int, scale: str) -> float:
-    """Pairs a second of a whole dataset."""
-    (rate,) = RATE.findall(_simdata(folder, out, workers, scale))
-    return float(rate)
-
-
 def _pair_ms(folder: Path, out: Path) -> float:
     """Processor milliseconds of a pair of a whole dataset, made by one worker."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    (pairs,) = PAIRS.findall(_simdata(folder, out, 1, SCALE))
+    command = "import sys; from t2twin.cli import main; main(sys.argv[1:])"
+    with tempfile.TemporaryDirectory(dir=out) as place:
+        options = ["--scale", SCALE, "--workers", "1", "--out", f"{place}/data"]
+        said = _run(folder, ["-c", command, "simdata", *options])
+    (pairs,) = PAIRS.findall(said)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = used.ru_utime - before.ru_utime + used.ru_stime - before.ru_stime
     return 1e3 * seconds / int(pairs)
-
-
-def _simdata(folder: Path, out: Path, workers: int, scale: str) -> str:
-    """What `t2twin simdata` prints."""
-    command = "import sys; from t2twin.cli import main; main(sys.argv[1:])"
-    with tempfile.TemporaryDirectory(dir=out) as place:
-        data = str(Path(place) / "data")
-        options = ["--scale", scale, "--workers", str(workers), "--out", data]
-        return _run(folder, ["-c", command, "simdata", *options])
-
-
-def _rate_of_two_runs(folder: Path) -> float:
-    """Pairs a second of two simultaneous runs of this checkout, with one worker each, together."""
-    with ThreadPoolExecutor(2) as pool:
-        return sum(pool.map(lambda _: _rate(ROOT, folder, 1, LONG_SCALE), range(2)))
 
 
 def _run(checkout: Path, arguments: list[str]) -> str:
