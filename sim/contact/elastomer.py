@@ -1,12 +1,13 @@
-"""The sensors' soft layers: their geometry, their elasticity, and the neo-Hookean law.
+"""The sensors' soft layers and their tables in a sensor's file; the neo-Hookean law.
 
 Values marked "assumed" have no published source.
 """
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from dataclasses import asdict, dataclass, fields
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -17,19 +18,23 @@ Law = Literal["linear", "stiffening"]
 
 # Least thickness of a domed gel at its corners, mm (assumed; the CAD's corners are rounded).
 THINNEST_MM = 0.5
-# Smallest and largest allowed value of each property (assumed: beyond any sensor's).
-RANGES = {
-    "thickness_mm": (0.1, 200.0),
-    "young_mpa": (0.001, 100.0),
-    "poisson": (0.0, 0.499),
-    "width_mm": (1.0, 500.0),
-    "length_mm": (1.0, 500.0),
-    "dome_width_radius_mm": (1.0, np.inf),
-    "dome_length_radius_mm": (1.0, np.inf),
-    "dome_flat_mm": (0.0, 500.0),
-}
-MAY_BE_FLAT = ("dome_width_radius_mm", "dome_length_radius_mm")  # inf for a flat surface
 
+# Properties of a layer with their limits (assumed: beyond any sensor's).
+Side = Annotated[float, Meta(ge=1.0, le=500.0)]
+Thickness = Annotated[float, Meta(ge=0.1, le=200.0, description="thickness at the thickest place")]
+Young = Annotated[float, Meta(ge=0.001, le=100.0, description="Young's modulus at small strain")]
+Poisson = Annotated[float, Meta(ge=0.0, le=0.499, description="Poisson's ratio")]
+Radius = Annotated[float, Meta(ge=1.0)]
+SensorName = Annotated[
+    str, Meta(min_length=1, max_length=40, pattern="^[a-z0-9][a-z0-9_-]*$", description="name")
+]
+ColorValue = Annotated[float, Meta(ge=0.0, le=1.0)]
+FlatPart = Annotated[
+    float, Meta(ge=0.0, le=500.0, description="the surface is flat so far either side along y")
+]
+MAX_FRICTION = 5.0  # largest allowed coefficient (assumed: above any rubber's on a dry solid)
+MAX_CELLS = 500  # cells of the contact's grid along a side (assumed: presses stay below a second)
+DEEPEST_MM = 200.0  # largest depth of a sensor's housing, mm (assumed)
 NEWTON_STEPS = 2  # that bring the stretch from its initial guess to within 1e-9
 # Coefficient of the rational initial guess of a stretch. The guess has the exact value and slope
 # for small strain and the right limit for large; this value also makes it exact at l^3 + l^2 = 1.
@@ -40,33 +45,31 @@ GUESS = 0.36
 class Elastomer:
     """A soft layer bonded to a rigid base.
 
-    thickness_mm: at the thickest place.
-    young_mpa, poisson: small-strain modulus (MPa) and Poisson's ratio.
     width_mm, length_mm: extent along x and y, centered on the origin.
-    dome_width_radius_mm, dome_length_radius_mm: radii of the outer surface along x and y;
-        inf means flat. The surface is flat for dome_flat_mm either side of the middle in y.
+    dome_width_radius_mm, dome_length_radius_mm: radii of the outer surface along x and y; inf means
+    flat.
     law: "linear", or "stiffening" for a neo-Hookean solid, whose deflection stays below its
-        thickness (see `neo_hookean_mm`).
-    Raises T2TwinError for values of another type or outside RANGES.
+    thickness (see `neo_hookean_mm`).
+    Raises T2TwinError for values of another type or out of range.
     """
 
     name: str
-    thickness_mm: float
-    young_mpa: float
-    poisson: float
-    width_mm: float
-    length_mm: float
-    dome_width_radius_mm: float = np.inf
-    dome_length_radius_mm: float = np.inf
-    dome_flat_mm: float = 0.0
+    thickness_mm: Thickness
+    young_mpa: Young
+    poisson: Poisson
+    width_mm: Side
+    length_mm: Side
+    dome_width_radius_mm: Radius = np.inf
+    dome_length_radius_mm: Radius = np.inf
+    dome_flat_mm: FlatPart = 0.0
     law: Law = "stiffening"
 
     def __post_init__(self) -> None:
         arguments.text(self.name, "name")
-        for name, (low, high) in RANGES.items():
-            value = getattr(self, name)
-            if not (name in MAY_BE_FLAT and isinstance(value, float) and value == np.inf):
-                arguments.number(value, name, low, high)
+        for each in fields(self)[1:-1]:
+            value, (limits,) = getattr(self, each.name), get_args(each.type)[1:]
+            if limits.le is not None or not isinstance(value, float) or value != np.inf:
+                arguments.number(value, each.name, limits.ge, limits.le or np.inf)
         if not self.is_flat and self.thickness_mm < THINNEST_MM:
             raise T2TwinError(
                 f"thickness_mm is {self.thickness_mm:g}; a domed elastomer is at least "
@@ -92,6 +95,58 @@ class Elastomer:
         return self.thickness_mm + self.rest_surface_mm(x_mm, y_mm)
 
 
+class LayerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The soft layer, a gel or a cover, bonded to a rigid base around the sensor's axis."""
+
+    width_mm: Annotated[Side, Meta(description="extent along x")]
+    length_mm: Annotated[Side, Meta(description="extent along y")]
+    thickness_mm: Thickness
+    young_mpa: Young
+    poisson: Poisson
+    friction: Annotated[
+        float, Meta(ge=0.01, le=MAX_FRICTION, description="coefficient of friction of the surface")
+    ]
+    grid_mm: Annotated[float, Meta(ge=0.05, le=5.0, description="pitch of the contact's grid")]
+    dome_width_radius_mm: Annotated[
+        Radius, Meta(description="radius of the surface along x; inf is flat")
+    ] = np.inf
+    dome_length_radius_mm: Annotated[
+        Radius, Meta(description="radius of the surface along y; inf is flat")
+    ] = np.inf
+    dome_flat_mm: FlatPart = 0.0
+    law: Annotated[
+        Law, Meta(description="elastic law: stiffening is neo-Hookean, linear is Hooke's")
+    ] = "stiffening"
+
+    def __post_init__(self) -> None:
+        self.elastomer("layer")
+        cells = max(self.width_mm, self.length_mm) / self.grid_mm
+        if cells > MAX_CELLS:
+            raise T2TwinError(
+                f"grid_mm is {self.grid_mm:g}, which gives {cells:.0f} cells along a side; "
+                f"expected at most {MAX_CELLS}"
+            )
+
+    def elastomer(self, name: str) -> Elastomer:
+        """The layer as it is pressed."""
+        own = [each.name for each in fields(Elastomer)[1:]]
+        return Elastomer(name=name, **{key: getattr(self, key) for key in own})
+
+
+class MountTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The sensor as a body of a MuJoCo model."""
+
+    mass_kg: Annotated[float, Meta(gt=0.0, le=100.0, description="mass of the whole sensor")]
+    depth_mm: Annotated[
+        float,
+        Meta(ge=0.0, le=DEEPEST_MM, description="depth of the collision geom behind the base"),
+    ]
+    color: Annotated[
+        tuple[ColorValue, ColorValue, ColorValue, ColorValue],
+        Meta(description="red, green, blue and opacity"),
+    ] = (0.6, 0.6, 0.6, 1.0)
+
+
 def _sag(distance_mm: np.ndarray, radius_mm: float) -> np.ndarray:
     if not np.isfinite(radius_mm):
         return np.zeros_like(distance_mm)
@@ -107,7 +162,7 @@ def elastomer_json(elastomer: Elastomer) -> dict[str, Any]:
 def elastomer_of(content: dict[str, Any], source: object) -> Elastomer:
     """The elastomer of what elastomer_json returns. source: its origin, for messages.
 
-    Raises T2TwinError for a missing property, one of another type or outside RANGES.
+    Raises T2TwinError for a missing property, one of another type or out of range.
     """
     given = {key: value for key, value in content.items() if value is not None}
     return convert(given, Elastomer, source)

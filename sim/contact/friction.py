@@ -27,9 +27,9 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.jit import INNER, compiled
+from t2twin.sim.contact.elastomer import MAX_FRICTION
 from t2twin.sim.contact.layer import KERNELS, SHEAR_WORK, ShearLayer, respond, shear_work
 
-MAX_FRICTION = 5.0  # largest allowed coefficient (assumed: above any rubber's on a dry solid)
 # Share by which a traction may be below the limit of friction where the shape slips: three times
 # the tolerance of the traction.
 AT_LIMIT = 1e-3

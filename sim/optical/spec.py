@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.spec import LayerTable, MountTable, SensorName
+from t2twin.sim.contact.elastomer import LayerTable, MountTable, SensorName
 from t2twin.sim.optical.camera import LENGTHS, MAX_MISALIGNMENT, Camera
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.optics import GAMMAS, MAX_LEDS

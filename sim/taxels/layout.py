@@ -45,7 +45,7 @@ class _File:
     taxels: tuple[_Taxel, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Layout:
     """Positions and pad diameters of taxels in the sensor frame.
 

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.spec import LayerTable, MountTable, SensorName
+from t2twin.sim.contact.elastomer import LayerTable, MountTable, SensorName
 from t2twin.sim.taxels.layout import (
     LARGEST_PAD_MM,
     MAX_TAXELS,

@@ -14,8 +14,7 @@ from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.spec import MountTable
+from t2twin.sim.contact.elastomer import Elastomer, MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.taxels import reading
 from t2twin.sim.taxels.layout import Layout, load_layout

@@ -10,8 +10,8 @@ from t2twin.attachment.contacts import READ_N, READ_SHARE, UNSTEADY, Body
 from t2twin.attachment.geometry import covers_square
 from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.friction import MAX_FRICTION, Friction
+from t2twin.sim.contact.elastomer import MAX_FRICTION, Elastomer
+from t2twin.sim.contact.friction import Friction
 from t2twin.sim.contact.pin_layout import SURVEY_MM, OffPadError
 from t2twin.sim.contact.prescribed import Load, carry, owner_of
 from t2twin.sim.contact.types import FORCE_RANGE_N, SMALL, UNSETTLED, Contact

@@ -19,10 +19,8 @@ from t2twin.attachment.geometry import Geometry
 from t2twin.attachment.sensor import AttachedSensor
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.friction import MAX_FRICTION
+from t2twin.sim.contact.elastomer import MAX_FRICTION, Elastomer, MountTable
 from t2twin.sim.contact.mujoco_contact import prepare_models
-from t2twin.sim.contact.spec import MountTable
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.sensors.files import Sensor, load_sensor
 
