@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,18 +16,16 @@ from t2twin.adaptation.real_frame_evaluation import (
     INITIAL,
     TRAINED,
     AdaptationScores,
-    Candidate,
+    References,
     RunScores,
-    SimulatedReference,
     choose,
-    evaluate_frame,
+    evaluate_frames,
     publish,
-    simulate_reference,
+    simulate_references,
 )
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import read_json
-from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.calibrate.calibrate import DEFAULT_TOLERANCE, FORMAT, RECORD, OpticsRecord
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.optical.gel_camera import GelCamera
@@ -37,77 +35,67 @@ from t2twin.sim.taxels.layout import load_layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.runs.config import HOME
 from t2twin.translate.training.train import train
+from t2twin.translate.uncertainty.estimate import Estimate
 from t2twin.translate.uncertainty.ood import OODClass
 
 FULL_SCALE = 40_000.0
-BLACK = np.zeros((320, 240, 3), np.uint8)
+LAYOUT = load_layout("cyskin-20")
 
 
-def fake_run(counts, kind=OODClass.IN_DISTRIBUTION) -> Any:
-    layout = load_layout("cyskin-20")
+def run_of(counts, kinds=None) -> Any:
+    """A run that predicts these counts for any frames."""
+    phi = Phi(LAYOUT.x_mm, LAYOUT.y_mm)
     array = SimpleNamespace(
-        x_mm=layout.x_mm, y_mm=layout.y_mm, full_scale_counts=FULL_SCALE,
-        phi=Phi(layout.x_mm, layout.y_mm),
+        x_mm=LAYOUT.x_mm, y_mm=LAYOUT.y_mm, full_scale_counts=FULL_SCALE, phi=phi
+    )
+    kinds = kinds or [OODClass.IN_DISTRIBUTION] * len(counts)
+    estimate = Estimate(FULL_SCALE, np.array(counts), ood_class=np.array(kinds, dtype=object))
+    return SimpleNamespace(
+        config=SimpleNamespace(data=SimpleNamespace(array=array)),
+        has_uncertainty=False, predicts_contact=False, estimate=lambda images, background: estimate,
     )  # fmt: skip
-    return cast(
-        Any,
-        SimpleNamespace(
-            config=SimpleNamespace(data=SimpleNamespace(array=array)),
-            has_uncertainty=False,
-            predict=lambda image, background: counts,
-            classify_frames=lambda image, background: [kind],
-        ),
-    )
-
-
-def reference_of(counts) -> SimulatedReference:
-    return SimulatedReference(
-        "ball", (0.0, 0.0, 1.0), 4.0, BLACK, BLACK, counts, np.zeros((2, 2)), np.zeros((2, 2), bool)
-    )
 
 
 def bump(x_mm, y_mm, most=9000.0):
-    layout = load_layout("cyskin-20")
-    return most * np.exp(-((layout.x_mm - x_mm) ** 2 + (layout.y_mm - y_mm) ** 2) / (2 * 5.0**2))
+    return most * np.exp(-((LAYOUT.x_mm - x_mm) ** 2 + (LAYOUT.y_mm - y_mm) ** 2) / (2 * 5.0**2))
 
 
 def test_each_score_reacts_to_its_own_error():
     truth = bump(0.0, 0.0)
-    harder = evaluate_frame(fake_run(1.2 * truth), BLACK, reference_of(truth), BLACK)
+    counts = [1.2 * truth, bump(3.0, 0.0), bump(0.0, -16.0) + bump(0.0, 16.0), truth]
+    kinds = [OODClass.IN_DISTRIBUTION] * 3 + [OODClass.OTHER]
+    nothing = np.zeros((4, 2, 2))
+    references = References(
+        list("abcd"), nothing, np.full(4, 4.0), nothing, nothing, np.tile(truth, (4, 1)), nothing,
+        nothing,
+    )  # fmt: skip
+    found = evaluate_frames(run_of(counts, kinds), references.frames, references, None)
+    harder, beside, apart, other = (row for _, row in found.errors.iterrows())
     assert harder.force_error == pytest.approx(0.2) and harder.regions == 1
     assert harder.rmse_percent == pytest.approx(20.0 * np.sqrt(np.mean(truth**2)) / FULL_SCALE)
-    beside = evaluate_frame(fake_run(bump(3.0, 0.0)), BLACK, reference_of(truth), BLACK)
     assert 1.5 < beside.centroid_mm < 4.0
-    apart = evaluate_frame(
-        fake_run(bump(0.0, -16.0) + bump(0.0, 16.0)), BLACK, reference_of(truth), BLACK
-    )
-    assert apart.regions == 2
-    other = evaluate_frame(fake_run(truth, OODClass.OTHER), BLACK, reference_of(truth), BLACK)
-    assert AdaptationScores.of([harder, other]).refused == 1
-    scores = AdaptationScores.of([harder, apart])
-    assert (scores.single_region, scores.refused) == (1, 0)
-    assert scores.rmse_percent == pytest.approx(
-        np.sqrt((harder.rmse_percent**2 + apart.rmse_percent**2) / 2)
-    )
+    assert apart.regions == 2 and other.rmse_percent == 0.0
+    scores = found.scores
+    assert (scores.single_region, scores.refused) == (3, 1)
+    assert (scores.interval_coverage_percent, scores.depth_rmse_mm) == (None, None)
+    squares = [row.rmse_percent**2 for row in (harder, beside, apart, other)]
+    assert scores.rmse_percent == pytest.approx(np.sqrt(np.mean(squares)))
 
 
-def test_the_reference_has_the_pose_found_in_the_frame(tmp_path):
-    ball = write_ball(tmp_path / "ball.step", BALL_MM)
+def test_the_reference_has_the_pose_found_in_the_frame():
     frames = np.zeros((2, 320, 240, 3), np.uint8)
     poses = np.array([[1.0, -0.5, 0.9], [-2.0, 1.0, 1.2]])
-    shallow, deep = simulate_reference(["a", "b"], poses, frames, [ball, ball], SensorPair())
-    assert 0.5 < shallow.force_n < deep.force_n < 12.0
-    layout = load_layout("cyskin-20")
-    for one, pose in zip((shallow, deep), poses, strict=True):
-        middle = [np.average(axis, weights=one.counts) for axis in (layout.x_mm, layout.y_mm)]
+    found = simulate_references(["a", "b"], poses, frames, [BALL_MM, BALL_MM], SensorPair())
+    assert 0.5 < found.force_n[0] < found.force_n[1] < 12.0
+    assert found.simulated.shape == frames.shape and found.in_contact.any(axis=(1, 2)).all()
+    for counts, pose in zip(found.counts, poses, strict=True):
+        middle = [np.average(axis, weights=counts) for axis in (LAYOUT.x_mm, LAYOUT.y_mm)]
         np.testing.assert_allclose(middle, pose[:2], atol=2.0)
 
 
-def candidate(run_dir, real, simulated, refused=0):
-    scores = [
-        AdaptationScores(rmse, 0.1, 7, 0.05, 90.0, refused=refused) for rmse in (real, simulated)
-    ]
-    return Candidate(run_dir, cast(Any, None), [], RunScores(*scores, background_counts=0.0))
+def scores_of(real, simulated, refused=0):
+    each = [AdaptationScores(rmse, 0.1, 7, 0.05, 90.0, None, refused) for rmse in (real, simulated)]
+    return RunScores(*each, background_counts=0.0)
 
 
 @pytest.mark.parametrize(
@@ -126,12 +114,12 @@ def test_the_more_accurate_run_is_published(tmp_path, real, simulated, refused, 
         folder.mkdir()
         (folder / "best.safetensors").write_text(name)
         (folder / "README.md").write_text(f"# {name}\n\n## Limits\n")
-    runs = {TRAINED: candidate(folders[TRAINED], real, simulated, refused)}
-    assert choose(runs) == TRAINED
-    runs[INITIAL] = candidate(folders[INITIAL], 0.8, 0.5, 1)
-    assert choose(runs) == kept
+    scores = {TRAINED: scores_of(real, simulated, refused)}
+    assert choose(scores) == TRAINED
+    scores[INITIAL] = scores_of(0.8, 0.5, 1)
+    assert choose(scores) == kept
     for _ in range(2):  # an interrupted adaptation publishes again
-        publish(runs, kept, tmp_path / "field")
+        publish(folders[kept], kept, scores, tmp_path / "field")
     assert (tmp_path / "field" / "best.safetensors").read_text() == kept
     card = (tmp_path / "field" / "README.md").read_text()
     assert card.count(f"This is the {kept} run") == 1 and card.startswith(f"# {kept}")

@@ -12,6 +12,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sensors.pair import SensorPair
+from t2twin.sim.slide import path_commands, touches_along
 from t2twin.sim.taxels import reading
 from t2twin.sim.taxels.reading import read_after
 from t2twin.sim.taxels.spec import Imperfections
@@ -161,6 +162,19 @@ def test_dead_taxels_read_0():
     flaws = structs.replace(RECORDED, dead=tuple(range(0, 20, 2)))
     found = frames([LEVEL, 0.0, LEVEL, 0.0], flaws)
     assert not found[:, ::2].any() and (found[::2, 1::2] > 0).all()
+
+
+def test_the_memory_goes_along_a_path(twin, shape):
+    commands = path_commands(shape.name, [[0, 0, 0, 8], *2 * [[0, 0, 0, 0]]])
+    rng = np.random.default_rng(1)
+    touches = list(touches_along(twin.sensors, shape, commands, None, rng, ARRAY.name))
+    level = np.rint(ARRAY.noiseless(touches[0].cyskin, LAYOUT))
+    for touch, time_s in zip(touches, (0.0, SAMPLE_S, 2 * SAMPLE_S), strict=True):
+        decay = np.exp(-time_s / np.array(RECORDED.memory_s))
+        assert touch.memory == pytest.approx(decay[:, None] * level, abs=0.51)
+    alone = twin.sensors.press(shape, commands[1], np.random.default_rng(1), only=ARRAY.name)
+    most = level.argmax()
+    assert touches[1].counts[most] > alone.counts[most]
 
 
 def test_a_slide_continues_the_memory_of_its_touch(twin, shape):

@@ -24,7 +24,7 @@ from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT, ROTATION
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
-    from t2twin.adaptation.real_frame_evaluation import SimulatedReference
+    from t2twin.adaptation.real_frame_evaluation import References
     from t2twin.translate.inference.predictor import TrainedTranslator
 
 BENCHMARK = Benchmark(
@@ -101,21 +101,21 @@ def _arrange(frames: Path, folder: Path, rotation: int) -> tuple[Path, Path]:
 
 
 def _scores(
-    run: TrainedTranslator, references: list[SimulatedReference], background: np.ndarray
+    run: TrainedTranslator, references: References, background: np.ndarray
 ) -> dict[str, Any]:
     """Scores of a run on the real frames of a third."""
-    from t2twin.adaptation.real_frame_evaluation import AdaptationScores, evaluate_frames
+    from t2twin.adaptation.real_frame_evaluation import evaluate_frames
 
     found, alone = (
-        AdaptationScores.of([one.real for one in evaluate_frames(run, references, still)])
+        evaluate_frames(run, references.frames, references, still).scores
         for still in (background, None)
     )
     return {
-        "presses": len(references),
+        "presses": len(references.names),
         "rmse_percent": found.rmse_percent,
         "rmse_percent_without_background": alone.rmse_percent,
         "interval_coverage_percent": found.interval_coverage_percent,
-        "refused_percent": 100.0 * found.refused / len(references),
+        "refused_percent": 100.0 * found.refused / len(references.names),
     }
 
 

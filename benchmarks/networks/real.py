@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import tempfile
 from argparse import Namespace
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,13 +23,12 @@ import numpy as np
 from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
-    from t2twin.adaptation.real_frame_evaluation import SimulatedReference
+    from t2twin.adaptation.real_frame_evaluation import References
     from t2twin.translate.inference.predictor import TrainedTranslator
 
 BENCHMARK = Benchmark(
@@ -72,15 +70,21 @@ def measure(options: Namespace) -> dict[str, Any]:
     references, background_frame = real_references(options.frames)
     return {
         "presses": [
-            {"name": one.name, "pose": one.pose, "force_n": one.force_n} for one in references
+            {"name": name, "pose": pose, "force_n": force_n}
+            for name, pose, force_n in zip(
+                references.names,
+                references.poses.tolist(),
+                references.force_n.tolist(),
+                strict=True,
+            )
         ],
         "runs": {name: _scores(run, references, background_frame) for name, run in runs.items()},
     }
 
 
-def real_references(folder: Path) -> tuple[list[SimulatedReference], np.ndarray]:
+def real_references(folder: Path) -> tuple[References, np.ndarray]:
     """Simulated presses of the held-out frames in a folder, and the background frame."""
-    from t2twin.adaptation.real_frame_evaluation import simulate_reference
+    from t2twin.adaptation.real_frame_evaluation import simulate_references
 
     background = folder / "background.png"
     report = calibrate(background, folder, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
@@ -88,28 +92,31 @@ def real_references(folder: Path) -> tuple[list[SimulatedReference], np.ndarray]
         optics = Path(temporary) / "optics.npz"
         report.scored_by.save(optics)
         sensors = SensorPair.of(optics=optics, frames=1)
-        ball = write_ball(Path(temporary) / "ball.step", BALL_DIAMETER_MM)
-        balls = [ball] * len(report.held_out)
-        references = simulate_reference(report.held_out, report.poses, report.real, balls, sensors)
+        diameters_mm = [BALL_DIAMETER_MM] * len(report.held_out)
+        references = simulate_references(
+            report.held_out, report.poses, report.real, diameters_mm, sensors
+        )
     return references, upright_frame(read_frame(background), sensors.camera.camera)
 
 
 def _scores(
-    run: TrainedTranslator, references: Sequence[SimulatedReference], background: np.ndarray
+    run: TrainedTranslator, references: References, background: np.ndarray
 ) -> dict[str, Any]:
-    from t2twin.adaptation.real_frame_evaluation import (
-        AdaptationScores,
-        evaluate_frames,
-        predict_counts,
-    )
+    from t2twin.adaptation.real_frame_evaluation import background_counts, evaluate_frames
 
-    comparisons = evaluate_frames(run, references, background)
-    alone = evaluate_frames(run, references, None)
+    real, alone, simulated = (
+        evaluate_frames(run, images, references, still)
+        for images, still in (
+            (references.frames, background),
+            (references.frames, None),
+            (references.simulated, background),
+        )
+    )
     return {
-        "real": asdict(AdaptationScores.of([one.real for one in comparisons])),
-        "real_without_background": asdict(AdaptationScores.of([one.real for one in alone])),
-        "simulated": asdict(AdaptationScores.of([one.simulated for one in comparisons])),
-        "background_counts": float(np.max(predict_counts(run, background, background))),
+        "real": asdict(real.scores),
+        "real_without_background": asdict(alone.scores),
+        "simulated": asdict(simulated.scores),
+        "background_counts": background_counts(run, background),
     }
 
 

@@ -12,6 +12,7 @@ There are four steps, which are also separate commands. A finished step is not r
 """
 
 import hashlib
+import json
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -25,21 +26,21 @@ from t2twin.adaptation.real_frame_evaluation import (
     INITIAL,
     TRAINED,
     AdaptationResult,
-    Candidate,
-    SimulatedReference,
+    References,
+    RunScores,
+    background_counts,
     baseline_rmse_percent,
     choose,
+    evaluate_frames,
     publish,
-    simulate_reference,
+    simulate_references,
     write_adapt_page,
 )
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, is_empty, locked, write_json
 from t2twin.core.records import read_json
-from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.export import write_ball
-from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.calibrate.calibrate import (
     DEFAULT_TOLERANCE,
     FORMAT,
@@ -59,8 +60,8 @@ from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import SOURCE, TARGET
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.translate.inference.load import contact_warnings
-from t2twin.translate.models.presets import Preset, find_preset
+from t2twin.translate.inference.load import contact_warnings, load_run
+from t2twin.translate.models.presets import find_preset
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import HOME, load_config, pretrained_runs
 from t2twin.translate.training.train import recalibrate, run_of_model, train
@@ -126,7 +127,8 @@ frames = 1
 
 @dataclass(frozen=True)
 class AdaptConfig:
-    """Options of an adaptation; see `adapt`."""
+    """Arguments of an adaptation, see `adapt`; init_from is None without an initial run, source is
+    the sensor as given."""
 
     background: Path
     presses: Path
@@ -142,48 +144,26 @@ class AdaptConfig:
     source: str
     sensor: GelCamera
 
-    def __post_init__(self) -> None:
-        find_preset(self.model, "cpu")
-        for name, value in (("held_out", self.held_out), ("workers", self.workers)):
-            if value is not None:
-                arguments.whole_number(value, name, low=1)
-        if not MIN_MINUTES <= self.minutes <= MAX_MINUTES:
-            raise T2TwinError(
-                f"minutes is {self.minutes:g}; it must be from {MIN_MINUTES:g} to {MAX_MINUTES:g}"
-            )
-        check_workers(self.workers)
-
     @property
-    def preset(self) -> Preset:
-        """Settings of the training; a field run changes little from its initial run."""
-        preset = find_preset(self.model, "cpu")
-        if self.model != "field" or self.init_from is None:
-            return preset
-        return replace(preset, name="adapt", learning_rate=LEARNING_RATE, drift=DRIFT)
-
-    @property
-    def predicts_contact(self) -> bool:
-        """Whether the initial run predicts the contact, so that the trained one does too."""
-        return self.init_from is not None and bool(load_config(self.init_from).data.has_contact)
+    def averages(self) -> bool:
+        """Whether the weights are averaged with the initial ones: those of a field run, which
+        changes little from its initial run."""
+        return self.model == "field" and self.init_from is not None
 
     @property
     def trained_dir(self) -> Path:
-        """Folder of the trained run, of a field run with an initial run that of their mean."""
-        is_mean = self.model == "field" and self.init_from is not None
-        return self.out / (AVERAGED if is_mean else TRAINING) / self.model
+        """Folder of the trained run, or of its mean with the initial one."""
+        return self.out / (AVERAGED if self.averages else TRAINING) / self.model
 
     def digest(self, presses: Presses) -> str:
         """SHA-256 of the frames and numbers of the optics."""
-        digest = hashlib.sha256(presses.background.tobytes() + presses.frames.tobytes())
-        numbers = (
-            presses.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
-            self.sensor.spec,
-        )  # fmt: skip
-        digest.update(repr(numbers).encode())
         measured = presses.measurements
-        for values in (measured.diameters_mm, measured.depths_mm, measured.forces_n):
-            digest.update(values.tobytes())
-        return digest.hexdigest()
+        inputs = (
+            presses.background.tobytes(), presses.frames.tobytes(), presses.names, self.held_out,
+            self.ball_diameter_mm, self.camera, self.tolerance, self.sensor.spec,
+            *(values.tolist() for values in vars(measured).values()),
+        )  # fmt: skip
+        return hashlib.sha256(repr(inputs).encode()).hexdigest()
 
 
 def adapt(
@@ -216,26 +196,31 @@ def adapt(
     anything is written, for invalid arguments and for a folder with other content.
     """
     gel_camera, camera = sensor_and_camera(sensor, camera)
+    find_preset(model, "cpu")
+    check_workers(workers)
+    if held_out is not None:
+        arguments.whole_number(held_out, "held_out", low=1)
+    arguments.function(report, "report")
     config = AdaptConfig(
         arguments.path(background, "background"),
         arguments.path(presses, "presses"),
         ball_diameter_mm,
-        arguments.path(out, "out"), held_out, arguments.real(minutes, "minutes"),
+        arguments.path(out, "out"), held_out,
+        arguments.number(minutes, "minutes", MIN_MINUTES, MAX_MINUTES),
         camera, model, _initial_run(init_from, model, gel_camera), workers,
         arguments.instance(tolerance, "tolerance", Tolerance), str(sensor), gel_camera,
     )  # fmt: skip
-    arguments.function(report, "report")
     given, *_ = read_presses(
         config.background, config.presses, ball_diameter_mm, held_out, gel_camera, camera, tolerance
     )
     out, digest = config.out, config.digest(given)
-    fitted = _existing_fit(config, digest)
+    fitted = _existing_fit(out, digest)
     for warning in contact_warnings(given.background, str(config.background), config.source):
         report(f"warning: {warning}")
     spent: dict[str, float] = {}  # minutes
     with locked(out):
         with _step("light", spent, report):
-            fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
+            fitted = fitted or _fit(config, digest, report)
             if not (out / RECIPE).is_file():
                 _write_recipe(config)
         with _step("data", spent, report):
@@ -252,65 +237,76 @@ def _check(
     config: AdaptConfig, presses: Presses, fitted: OpticsRecord, minutes: dict[str, float]
 ) -> AdaptationResult:
     """Writes the more accurate run and the page. minutes: by step, of the steps so far."""
-    references = _references(config, presses, fitted)
+    assert fitted.uncertainty is not None
+    references, still = _references(config, presses, fitted), presses.background
     folders = {TRAINED: config.trained_dir}
     if config.init_from is not None:
         folders[INITIAL] = config.init_from
-    candidates = {
-        name: Candidate.of(folder, references, presses.background)
-        for name, folder in folders.items()
+    runs = {name: load_run(folder) for name, folder in folders.items()}
+    errors = {
+        name: [
+            evaluate_frames(run, images, references, still)
+            for images in (references.frames, references.simulated)
+        ]
+        for name, run in runs.items()
     }
-    kept = choose(candidates)
-    publish(candidates, kept, config.out / config.model)
-    one, scores = candidates[kept], fitted.scores.calibrated
-    zero, mean_array = baseline_rmse_percent(references, one.run)
-    assert fitted.uncertainty is not None
+    scores = {
+        name: RunScores(*(one.scores for one in errors[name]), background_counts(run, still))
+        for name, run in runs.items()
+    }
+    kept = choose(scores)
+    publish(folders[kept], kept, scores, config.out / config.model)
+    zero, mean_array = baseline_rmse_percent(references, runs[kept])
     result = AdaptationResult(
         model=config.model,
         kept=kept,
-        runs={name: candidate.scores for name, candidate in candidates.items()},
-        presses=len(references),
-        optics_psnr_db=scores.psnr_db,
-        optics_ssim=scores.ssim,
+        runs=scores,
+        presses=len(references.names),
+        optics_psnr_db=fitted.scores.calibrated.psnr_db,
+        optics_ssim=fitted.scores.calibrated.ssim,
         zero_rmse_percent=zero,
         mean_array_rmse_percent=mean_array,
         minutes=minutes,
         uncertainty=fitted.uncertainty,
     )
-    write_adapt_page(config.out, one.run, one.comparisons, result)
+    write_adapt_page(config.out, runs[kept], *errors[kept], references, result)
     return result
 
 
 def _train(config: AdaptConfig) -> None:
     """Writes the trained run, and of a field run the mean with the initial one."""
-    trained, minutes = config.out / TRAINING / config.model, TRAINING_SHARE * config.minutes
-    is_kept = config.trained_dir == trained
+    preset = find_preset(config.model, "cpu")
+    if config.averages:
+        preset = replace(preset, name="adapt", learning_rate=LEARNING_RATE, drift=DRIFT)
+    trained = config.out / TRAINING / config.model
     train(
-        config.model, config.out / DATA, config.preset, trained, minutes=minutes,
-        init_from=config.init_from, frame_check=is_kept,
+        config.model, config.out / DATA, preset, trained, minutes=TRAINING_SHARE * config.minutes,
+        init_from=config.init_from, frame_check=not config.averages,
     )  # fmt: skip
-    if config.init_from is None or is_kept:
-        return
-    shutil.rmtree(config.trained_dir, ignore_errors=True)  # of an interrupted adaptation
-    average_runs(config.init_from, trained, TRAINED_SHARE, config.trained_dir)
-    recalibrate(config.trained_dir, [config.out / DATA])
+    if config.averages:
+        assert config.init_from is not None
+        shutil.rmtree(config.trained_dir, ignore_errors=True)  # of an interrupted adaptation
+        average_runs(config.init_from, trained, TRAINED_SHARE, config.trained_dir)
+        recalibrate(config.trained_dir, [config.out / DATA])
 
 
 def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) -> Path | None:
     """Folder of the run that initializes the training; refuses one of another model."""
-    if init_from is None:
-        size = (sensor.camera.rows, sensor.camera.columns)
-        for name in pretrained_runs():
-            config = load_config(HOME / name)
-            if config.model == model and config.data.camera.image_shape[:2] == size:
-                return HOME / name
-        return None
-    return run_of_model(init_from, model)[0]
+    if init_from is not None:
+        return run_of_model(init_from, model)[0]
+    size = (sensor.camera.rows, sensor.camera.columns)
+    for name in pretrained_runs():
+        config = load_config(HOME / name)
+        if config.model == model and config.data.camera.image_shape[:2] == size:
+            return HOME / name
+    return None
 
 
 def _write_recipe(config: AdaptConfig) -> None:
-    """Writes the recipe of a dataset in the light around the optics."""
-    source, minutes = config.source, config.minutes
+    """Writes the recipe of a dataset in the light around the optics, with the contact if the
+    initial run predicts it."""
+    source, minutes, initial = config.source, config.minutes, config.init_from
+    has_contact = initial is not None and bool(load_config(initial).data.has_contact)
     text = RECIPE_TEXT.format(
         model=config.model,
         shapes=max(round(SHAPES_PER_MINUTE * minutes), 25),
@@ -318,31 +314,29 @@ def _write_recipe(config: AdaptConfig) -> None:
         optics=_quoted((config.out / OPTICS).absolute()),
         source=_quoted(Path(source).absolute() if source.endswith(".toml") else source),
         target=_quoted(TARGET),
-        contact_maps=str(config.predicts_contact).lower(),
+        contact_maps=str(has_contact).lower(),
     )
     with atomic_write(config.out / RECIPE) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def _quoted(text: str | Path) -> str:
-    """A text in TOML's notation."""
-    escaped = str(text).replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
+    """A text in TOML's notation, which is that of JSON."""
+    return json.dumps(str(text), ensure_ascii=False)
 
 
-def _existing_fit(config: AdaptConfig, digest: str) -> OpticsRecord | None:
+def _existing_fit(out: Path, digest: str) -> OpticsRecord | None:
     """The optics of an interrupted adaptation; refuses other inputs and other content."""
-    if not config.out.is_dir() or is_empty(config.out):
+    if not out.is_dir() or is_empty(out):
         return None
-    is_fitted = all((config.out / name).is_file() for name in (OPTICS, RECORD))
-    fitted = read_json(config.out / RECORD, OpticsRecord, FORMAT) if is_fitted else None
-    if fitted is None and not (config.out / BALL).is_file():
+    if not (out / RECORD).is_file():
+        if (out / BALL).is_file():  # stopped before the optics were written
+            return None
+        raise T2TwinError(f"{out} is not empty and contains no adaptation; choose another folder")
+    fitted = read_json(out / RECORD, OpticsRecord, FORMAT)
+    if fitted.inputs_sha256 != digest:
         raise T2TwinError(
-            f"{config.out} is not empty and contains no adaptation; choose another folder"
-        )
-    if fitted is not None and fitted.inputs_sha256 != digest:
-        raise T2TwinError(
-            f"{config.out} contains an adaptation to other frames or numbers; choose another folder"
+            f"{out} contains an adaptation to other frames or numbers; choose another folder"
         )
     return fitted
 
@@ -358,25 +352,15 @@ def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> O
     return write_fit(config.out, optics, config.sensor.own_gel, digest)
 
 
-def _references(
-    config: AdaptConfig, presses: Presses, fitted: OpticsRecord
-) -> list[SimulatedReference]:
+def _references(config: AdaptConfig, presses: Presses, fitted: OpticsRecord) -> References:
     """Simulated presses of the held-out frames."""
     assert fitted.uncertainty is not None
     diameters_mm = {press.name: press.ball_diameter_mm for press in fitted.uncertainty.presses}
     names = [press.name for press in fitted.held_out]
-    balls = [_ball(config, diameters_mm[name]) for name in names]
     poses = np.array([(press.x_mm, press.y_mm, press.depth_mm) for press in fitted.held_out])
-    sensors = SensorPair.of(config.sensor, optics=config.out / OPTICS, frames=1)
     frames = presses.frames[[presses.names.index(name) for name in names]]
-    return simulate_reference(names, poses, frames, balls, sensors)
-
-
-def _ball(config: AdaptConfig, diameter_mm: float) -> Shape:
-    """Ball of a diameter; diameters other than the configured one have their own file."""
-    is_configured = diameter_mm == config.ball_diameter_mm
-    path = config.out / (BALL if is_configured else f"ball-{diameter_mm:g}.step")
-    return catalogue.load(path) if path.is_file() else write_ball(path, diameter_mm)
+    sensors = SensorPair.of(config.sensor, optics=config.out / OPTICS, frames=1)
+    return simulate_references(names, poses, frames, [diameters_mm[n] for n in names], sensors)
 
 
 @contextmanager

@@ -231,23 +231,15 @@ def adapt(
 
 
 def _print(result: "AdaptationResult") -> None:
+    from t2twin.adaptation.real_frame_evaluation import scores_table
     from t2twin.core.tables import text
     from t2twin.sim.calibrate.measurements import uncertainty_table
 
     print(text(uncertainty_table(result.uncertainty)), end="\n\n")
     minutes = ", ".join(f"{name} {spent:.1f}" for name, spent in result.minutes.items())
-    print(f"minutes: {minutes}")
+    print(f"minutes: {minutes}\n{result.presses} held-out presses:")
+    print(text(scores_table(result)))
+    print(f"RMSE of zero counts: {result.zero_rmse_percent:.2f} %")
     for name, scores in result.runs.items():
-        real, percent = scores.real, scores.real.interval_coverage_percent
-        coverage = "" if percent is None else f", coverage of 90 % intervals {percent:.0f} %"
-        depth_mm = real.depth_rmse_mm
-        depth = "" if depth_mm is None else f", RMSE of the depth in the contact {depth_mm:.3f} mm"
-        print(
-            f"{name} run, {result.presses} held-out presses: RMSE {real.rmse_percent:.2f} % of "
-            f"full scale (simulated frames {scores.simulated.rmse_percent:.2f}, zero counts "
-            f"{result.zero_rmse_percent:.2f}), centroid error {real.centroid_mm:.1f} mm, force "
-            f"error {100 * real.force_error:.0f} %, {real.single_region} with a single contact "
-            f"region{coverage}{depth}, {real.refused} refused; largest count on the background "
-            f"frame {scores.background_counts:.0f}"
-        )
+        print(f"largest count on the background frame, {name} run: {scores.background_counts:.0f}")
     print(f"kept: the {result.kept} run")
