@@ -144,6 +144,13 @@ class AdaptConfig:
     source: str
     sensor: GelCamera
 
+    def __post_init__(self) -> None:
+        find_preset(self.model, "cpu")
+        check_workers(self.workers)
+        arguments.number(self.minutes, "minutes", MIN_MINUTES, MAX_MINUTES)
+        if self.held_out is not None:
+            arguments.whole_number(self.held_out, "held_out", low=1)
+
     @property
     def averages(self) -> bool:
         """Whether the weights are averaged with the initial ones: those of a field run, which
@@ -196,18 +203,11 @@ def adapt(
     anything is written, for invalid arguments and for a folder with other content.
     """
     gel_camera, camera = sensor_and_camera(sensor, camera)
-    find_preset(model, "cpu")
-    check_workers(workers)
-    if held_out is not None:
-        arguments.whole_number(held_out, "held_out", low=1)
     arguments.function(report, "report")
     config = AdaptConfig(
-        arguments.path(background, "background"),
-        arguments.path(presses, "presses"),
-        ball_diameter_mm,
-        arguments.path(out, "out"), held_out,
-        arguments.number(minutes, "minutes", MIN_MINUTES, MAX_MINUTES),
-        camera, model, _initial_run(init_from, model, gel_camera), workers,
+        arguments.path(background, "background"), arguments.path(presses, "presses"),
+        ball_diameter_mm, arguments.path(out, "out"), held_out, minutes, camera, model,
+        _initial_run(init_from, model, gel_camera), workers,
         arguments.instance(tolerance, "tolerance", Tolerance), str(sensor), gel_camera,
     )  # fmt: skip
     given, *_ = read_presses(
