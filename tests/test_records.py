@@ -80,7 +80,7 @@ def test_info_comes_back_as_it_was_written(tmp_path, info):
     content = json.loads(text)
     assert text == json.dumps(content, indent=1, sort_keys=True) + "\n"
     assert content["target"]["elastomer"]["dome_width_radius_mm"] is None  # flat: no infinity
-    assert "origin" not in content and "optics_sha256" not in content["target"]
+    assert "only" not in content and "optics_sha256" not in content["target"]
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,12 @@ import pyarrow as pa
 
 from t2twin.core.templates import render
 from t2twin.sim.dataset.columns import IMAGE, IMAGE_TYPE, Stored, columns_of, type_name
-from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import write_whole
 
 CARD, CROISSANT = "README.md", "croissant.json"
 
-SPLITS = {
+SPLIT_NAMES = {
     "train": ("train", "cr:TrainingSplit"),
     "val": ("validation", "cr:ValidationSplit"),
     "test": ("test", "cr:TestSplit"),
@@ -48,7 +48,7 @@ def write_card(folder: Path, info: DatasetInfo) -> None:
     sizes = {path: (folder / path).stat().st_size for path in sorted(info.shards)}
     values = {
         "info": info,
-        "splits": {split: names for split, names in SPLITS.items() if info.pairs[split]},
+        "splits": {split: SPLIT_NAMES[split] for split in SPLITS if info.pairs[split]},
         "columns": [_described(each, info) for each in columns_of(info.values, info.recipe)],
         "size": next((n for end, n in SIZES if sum(info.pairs.values()) < end), LARGEST_SIZE),
         "sizes": sizes,

@@ -39,7 +39,6 @@ from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.tables import read_csv
 from t2twin.sim.taxels.layout import Layout
 
-ORIGIN = "imported"
 SHARES = (0.8, 0.1, 0.1)  # of train, val and test in a random split
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")  # of images
 VALUES = {"source": IMAGE, "target": COUNTS}
@@ -222,7 +221,6 @@ def _write(
         ),
         versions=versions(),
         shards=shards,
-        origin=ORIGIN,
     )
     write_card(folder, info)
     write_info(folder, info)

@@ -119,7 +119,7 @@ class DatasetInfo:
     The others are optional. seed, recipe, shapes, shape_code: of a simulated dataset. shapes:
     the indices of each shape's presses on the grid. only: the primitives and tools to which it is
     restricted. shape_code: a digest of the code and libraries of the shapes' surfaces. scale: of a
-    dataset of the protocol. origin: of an imported one. files: sha256 of users' solids, by path.
+    dataset of the protocol. files: sha256 of users' solids, by path.
     """
 
     format: Literal[2]
@@ -131,7 +131,6 @@ class DatasetInfo:
     shards: dict[ShardPath, Shard]
     scale: str | None = None
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] | None = None
-    origin: str | None = None
     recipe: Recipe | None = None
     shapes: dict[str, tuple[Count, ...]] | None = None
     only: tuple[str, ...] | None = None

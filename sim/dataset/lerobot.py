@@ -195,7 +195,7 @@ def _write_frames(
             samples = samples_of(each, columns[each.name][slice(*ends)])
             totals[each.name].append(samples)
             if each.dtype == IMAGE:
-                totals[each.name] = [sum(totals[each.name])]
+                totals[each.name] = [np.sum(totals[each.name], axis=0)]
             found = statistics_of(each, samples, episode["length"])
             episode |= {f"stats/{each.name}/{key}": value for key, value in found.items()}
     schema = with_features(pa.schema([(each.name, each.arrow_type) for each in features]))

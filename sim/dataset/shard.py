@@ -85,7 +85,7 @@ class Stopwatch:
     """Processor time by stage, s, summed over many pairs."""
 
     def __init__(self) -> None:
-        self.seconds = dict.fromkeys(STAGES, 0.0)
+        self.seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
 
     @contextmanager
     def running(self, stage: str) -> Iterator[None]:

@@ -43,8 +43,8 @@ PRESSES_PER_SHARD = 500  # approximately: some 40 MB, made in half a minute
 MAX_ATTEMPTS = 20  # samples of a press until it touches the shape's features and settles
 
 STAND_INS = 8
-"""Random shapes that replace one that cannot be touched. About one random shape in ten thousand is
-a sliver that a force of some newtons pushes in to its base plate wherever it stands."""
+"""Random shapes that replace one that cannot be touched: one in ten thousand is a sliver that some
+newtons push in to its base plate."""
 
 FIRST_STAND_IN, STAND_IN_STEP = 500_000_000, 50_000_000  # offset of its number, step to the next
 
@@ -62,9 +62,8 @@ class MotionPath:
 class PressSample:
     """One press of a part, or one attempt at it.
 
-    index: its number among the shape's presses. command: of 0 N without contact. rng: generator of
-    the sensors' noise. attempt: None for a press on the grid, which is not sampled. further: the
-    touches of its path after it.
+    index: its number among the shape's. command: of 0 N without contact. rng: of the sensors'
+    noise. attempt: None for a press on the grid. further: the touches of its path after it.
     """
 
     index: int
@@ -78,9 +77,8 @@ class PressSample:
 class Batch:
     """The presses of one shard.
 
-    path: below the dataset's folder. part: its number in the recipe. shapes, numbers: names or
-    files of the shapes, and their numbers in the part. indices: of the presses on the grid, of one
-    shape; None where the part's place is not the grid. presses: of each shape.
+    path: below the dataset's folder. shapes, numbers: names or files of the shapes, and their
+    numbers in the part. indices: of the presses on the grid, None elsewhere. presses: of a shape.
     """
 
     path: str
@@ -123,8 +121,7 @@ def name_of(source: str) -> str:
 def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch]:
     """All shards of a recipe. names: restricts the primitives and tools, and orders the grids.
 
-    Raises T2TwinError for a folder without files of solids, for different files of one name, and
-    for a val_share of too few shapes.
+    Raises T2TwinError for a folder without solids, files of one name, and too small a val_share.
     """
     batches = [
         batch
@@ -133,12 +130,10 @@ def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch
     ]
     known: dict[str, str] = {}
     for source in (source for batch in batches for source in batch.shapes):
-        other = known.setdefault(name_of(source), source)
+        name = name_of(source)
+        other = known.setdefault(name, source)
         if Path(other) != Path(source):
-            raise T2TwinError(
-                f"{other} and {source} would both be the shape {name_of(source)!r} of the dataset; "
-                "rename one of them"
-            )
+            raise T2TwinError(f"{other} and {source} would both be the shape {name!r}; rename one")
     # those on the grid first, in the order of the names
     last = len(names)
     return sorted(batches, key=lambda b: last if b.indices is None else names.index(b.shapes[0]))
@@ -148,10 +143,8 @@ def solids_in(folder: str) -> tuple[str, ...]:
     """The files of solids in a recipe's folder, sorted. Raises T2TwinError without any."""
     found = sorted(str(path) for path in Path(folder).glob("*") if _is_solid(path.suffix))
     if not found:
-        raise T2TwinError(
-            f"{folder} contains no solids; shapes must be random, primitives, tools, or a folder "
-            f"with files of {', '.join(mesh_files.SUFFIXES)}"
-        )
+        allowed = f"{', '.join(NAMED)}, or a folder with {', '.join(mesh_files.SUFFIXES)} files"
+        raise T2TwinError(f"{folder} contains no solids; shapes must be {allowed}")
     return tuple(found)
 
 
@@ -187,8 +180,8 @@ def _part_batches(
         by_split.setdefault(_split(part, name, place, len(shapes)), []).append(place)
     if part.val_share and "val" not in by_split:
         raise T2TwinError(
-            f"val_share of the part of {part.shapes} shapes is {part.val_share:g}, which is "
-            "less than half a shape; expected a larger share, or more shapes"
+            f"val_share of the part of {part.shapes} shapes is {part.val_share:g}, which is less "
+            "than half a shape; expected a larger share, or more shapes"
         )
     for split, places in by_split.items():
         for nth, start in enumerate(range(0, len(places), shapes_per_shard)):

@@ -98,15 +98,12 @@ def press_at(shape: Shape, index: int) -> PressCommand:
     return press_of(shape.name, shape.spacing_mm, index)
 
 
-def press_of(
-    name: str, spacing_mm: tuple[float, float], index: int, grid: Grid | None = None
-) -> PressCommand:
-    """The press with an index, of a named shape with a spacing of its grid along x and y.
+def press_of(name: str, spacing_mm: tuple[float, float], index: int) -> PressCommand:
+    """The press with an index, of a catalogue shape with a spacing of its grid along x and y.
 
-    grid: default the catalogue shape's. In the sensor's frame it rotates with the shape about the
-    press axis: (x, y) = Rz(yaw) (grid point).
+    The grid rotates with the shape about the press axis: (x, y) = Rz(yaw) (grid point).
     """
-    grid = grid or grid_of(name)
+    grid = grid_of(name)
     point, orientation = divmod(index, grid.orientations)
     row, column = divmod(point, grid.points)
     middle = (grid.points - 1) / 2

@@ -47,11 +47,10 @@ Forces = Annotated[tuple[Force, ...], Meta(min_length=1, max_length=MAX_FORCES)]
 
 
 class Place(Struct, frozen=True, forbid_unknown_fields=True):
-    """Distribution of presses around a shape's middle: the standard deviation of a normal
-    distribution along x and y, or half the side of a square, mm.
+    """Distribution of presses around a shape's middle.
 
-    tilt_deg: angle between the shape's axis and the press axis, uniform up to a maximum or in a
-    range, in a uniform direction; without it info.json does not contain it.
+    normal_mm: standard deviation along x and y; or uniform_mm: half the side of a square. tilt_deg:
+    angle between the shape's and the press axis, up to a maximum or in a range, in any direction.
     """
 
     normal_mm: Reach | None = None
@@ -109,9 +108,8 @@ class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
 class Part(Struct, frozen=True, forbid_unknown_fields=True):
     """Shapes and their presses; docs/reference/file-formats.md lists the keys.
 
-    A grid with a list of forces has each press with each force; other presses sample one. scale:
-    of the grid (see protocol.SCALES), or of files, mm per unit; center: of files, see
-    catalogue.load.
+    A grid has each press with each force of a list; other presses sample one. scale: of the grid
+    (protocol.SCALES), or of files, mm per unit.
     """
 
     shapes: str
@@ -155,9 +153,8 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     """The light of gel cameras: one unit for all, or a sampled unit for each shape or press.
 
     optics: a file of `t2twin calibrate`, the fixed unit or the center of the sampled ones, of the
-    first gel camera. frames: averaged for an image, which reduces the noise; 1 for translation of
-    single frames. fixed_share: of the units that are the fixed one, without artifacts. artifacts:
-    of the sampled units; without them info.json does not contain them.
+    first gel camera. frames: averaged for an image. fixed_share: of the units that are the fixed
+    one, without artifacts. artifacts: of the sampled units.
     """
 
     kind: Literal["fixed", "drawn"] = "fixed"
@@ -179,10 +176,9 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
 class Motion(Struct, frozen=True, forbid_unknown_fields=True):
     """Distribution of the paths of sampled presses; presses on the grid stay still.
 
-    still, slide, twist: shares of the paths. The ranges are sampled uniformly in the logarithm,
-    steps uniformly. steps: touches of a path after its press. force_change: force at the end over
-    the force at the start. gel_friction, cover_friction: sampled for each shape. markers: share of
-    the units of a gel camera with markers. All defaults are assumed.
+    still, slide, twist: shares of the paths. Ranges are log-uniform, steps uniform. steps: touches
+    of a path after its press. force_change: force at the end over that at the start. gel_friction,
+    cover_friction: of a shape. markers: share of the units with markers. Defaults are assumed.
     """
 
     still: MotionShare = 0.4
@@ -211,9 +207,8 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     """What is sampled into a dataset; docs/reference/file-formats.md lists the keys.
 
-    source, target: names of bundled sensors, or sensor files. layout, imperfections: of taxel
-    arrays; None for those of the sensor's file, "recorded" if it has them. motion, contact_maps:
-    left out of info.json if they are not given.
+    source, target: names or files of sensors. layout, imperfections: of taxel arrays; None for
+    those of the sensor's file. Fields that are UNSET are left out of info.json.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=60)]
