@@ -16,7 +16,6 @@ import t2twin
 from t2twin import T2TwinError
 from t2twin.attachment.contacts import Pose, relative_motion
 from t2twin.core.errors import T2TwinWarning
-from t2twin.sim.contact import mujoco_contact
 
 RADIUS_M = 0.006
 FORCE_N = 8.0
@@ -473,15 +472,3 @@ def test_a_sensor_file_gives_mass_color_and_depth_and_the_names(tmp_path):
     touch = attached.read(model, data)
     assert touch.image.shape == (320, 240, 3)
     assert touch.contacts["soft-thumb"].force_n == pytest.approx(FORCE_N, rel=1e-3)
-
-
-def test_readings_do_not_wait_for_models(monkeypatch):
-    t2twin.attach(scene(), site="pad", sensor="digit")
-
-    def compiled(pins):
-        raise AssertionError(f"a model of {pins} pins is compiled")
-
-    monkeypatch.setattr(mujoco_contact, "MujocoPins", compiled)
-    for pins in range(1, mujoco_contact.PREPARED_PINS, 99):
-        with mujoco_contact.borrowed_pins(pins) as model:
-            assert model.pins >= pins

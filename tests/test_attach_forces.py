@@ -324,18 +324,6 @@ def test_copies_of_a_sensor_read_the_same():
     assert np.array_equal(attached.read(copy.copy(model), copy.copy(data)).image, image)
 
 
-def test_a_load_along_the_dome_without_friction_is_named():
-    """MuJoCo's normal is tilted on the dome, and the layer cannot carry a tangential force."""
-    spec, attached = scene("<geom type='sphere' size='.006' mass='.5' condim='1' priority='1'/>")
-    spec.body("load").pos = [0.004, 0, 0.0141]
-    model, data = at_rest(spec)
-    with pytest.warns(T2TwinWarning, match="tangential load is more than"):
-        touch = attached.read(model, data)
-    assert touch.digit.force_n == pytest.approx(0.5 * GRAVITY, rel=0.01)
-    tilt = np.hypot(*data.contact[0].frame[:2])
-    assert touch.unread_n == pytest.approx(force_n(model, data) * tilt, rel=0.02)
-
-
 def test_a_body_behind_a_finger_touches_the_finger():
     finger = "<body name='finger'><geom name='plate' type='box' size='.02 .02 .003'/>"
     spec = mujoco.MjSpec.from_string(
@@ -346,16 +334,3 @@ def test_a_body_behind_a_finger_touches_the_finger():
     model, data = at_rest(spec)
     assert data.ncon and (data.contact.geom == model.geom("plate").id).any(axis=1).all()
     assert attached.read(model, data).notices == ()
-
-
-def test_a_mount_that_is_narrower_than_the_pad_has_no_block_around_it():
-    rod = "<geom type='cylinder' size='.003 .02' pos='0 0 -.02'/>"
-    spec, _ = scene(box(), mount=rod)
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    geom = model.geom("digit/surface").id
-    center, half = np.split(model.geom_aabb[geom], 2)
-    turn = data.geom_xmat[geom].reshape(3, 3)
-    lowest = (data.geom_xpos[geom] + turn @ center - np.abs(turn) @ half)[2]
-    assert lowest == pytest.approx(0.0, abs=1e-5)

@@ -9,7 +9,7 @@ import trimesh
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from t2twin.attachment.geometry import Region, body_surface, covers_square
+from t2twin.attachment.geometry import Region, body_surface
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.sim.sensors.files import load_sensor
@@ -149,16 +149,6 @@ def test_a_ball_has_its_closed_form():
     assert found.z_mm == pytest.approx(9.0 - 8.0, abs=1e-6)
 
 
-def test_a_box_on_its_edge():
-    model, data = scene("<geom type='box' size='.005 .006 .005' euler='0 45 0'/>")
-    found = body_surface(model, data, BODY, FACING, np.zeros(3), REGION)
-    assert found is not None
-    x, y = np.meshgrid(found.surface.x_mm, found.surface.y_mm)
-    expected = np.where((np.abs(x) < 6.01) & (np.abs(y) < 6.01), -np.abs(x), NOTHING_MM)
-    np.testing.assert_allclose(found.surface.heights_mm, expected, atol=1e-5)
-    assert found.z_mm == pytest.approx(-5.0 * np.sqrt(2.0), abs=1e-5)
-
-
 def test_an_upright_box_and_cylinder_are_symmetric_and_include_their_outline():
     for kind, size in (("box", ".003 .004 .002"), ("cylinder", ".003 .002")):
         model, data = scene(f"<geom type='{kind}' size='{size}'/>")
@@ -276,11 +266,3 @@ def test_a_signed_distance_field_has_its_mesh():
     )
     found = body_surface(model, data, BODY, FACING, data.geom_xpos[0], REGION)
     assert found is not None and found.z_mm == pytest.approx(-6.0, abs=0.05)
-
-
-def test_squares_that_a_map_covers():
-    heights = np.full((12, 15), NOTHING_MM, np.float32)
-    assert not covers_square(heights, 1)
-    heights[2:5, 3:10] = 0.0
-    assert covers_square(heights, 3) and not covers_square(heights, 4)
-    assert not covers_square(heights, 20)

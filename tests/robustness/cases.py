@@ -104,26 +104,11 @@ def edit(change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
     return lambda path: put(path, change(path.read_bytes()))
 
 
-def instead(make: Callable[[Path], object]) -> Callable[[Path], object]:
-    """Puts something else in the place of a file."""
-    return lambda path: (path.unlink(missing_ok=True), make(path))
-
-
-def link(target: str) -> Callable[[Path], object]:
-    return instead(lambda path: path.symlink_to(target))
-
-
-NOISE = np.random.default_rng(0).bytes(5000)
-
 DAMAGES: dict[str, Callable[[Path], object]] = {
     "empty": edit(lambda content: b""),
     "text": edit(lambda content: b"hello"),
-    "noise": edit(lambda content: NOISE),
     "half": edit(lambda content: content[: len(content) // 2]),
-    "a pipe": instead(os.mkfifo),
-    "a folder": instead(Path.mkdir),
-    "a link to a device": link("/dev/zero"),
-    "a link to nothing": link("gone"),
+    "a folder": lambda path: (path.unlink(missing_ok=True), path.mkdir()),
 }
 """Damaged contents of a file, and what may be in its place, by name."""
 

@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -23,7 +22,6 @@ from cases import (
     encoded,
     frame,
     laid,
-    link,
     put,
 )
 from PIL import Image
@@ -179,11 +177,7 @@ def odd_tables(good: str) -> Iterator[tuple[str, str]]:
     """The same CSV table as other programs write it."""
     yield from {
         "mark": "\ufeff" + good, "semicolons": good.replace(",", ";"),
-        "tabs": good.replace(",", "\t"), "CRLF": good.replace("\n", "\r\n"),
-        "empty lines": good.replace("\n", "\n\n"),
-        "no end": good.rstrip(), "spaces": good.replace(",", " , "),
-        "quotes": '"' + good.replace(",", '" , "').replace("\n", '"\n"')[:-1],
-        "turned": "\n".join(",".join(line.split(",")[::-1]) for line in good.splitlines()),
+        "CRLF": good.replace("\n", "\r\n"), "spaces": good.replace(",", " , "),
     }.items()  # fmt: skip
 
 
@@ -227,7 +221,7 @@ def wrong_columns(good: dict[str, list]) -> Iterator[tuple[str, bytes]]:
 
 
 def wrong_weights() -> Iterator[tuple[str, Callable[[Path], object]]]:
-    """Changes of a file of weights: of its tensors, then of its bytes."""
+    """Changes of the tensors of a file of weights."""
 
     def tensors(change: Callable[[dict[str, np.ndarray]], object], path: Path) -> None:
         content = load_file(path)
@@ -245,12 +239,6 @@ def wrong_weights() -> Iterator[tuple[str, Callable[[Path], object]]]:
         "one more": lambda content: content.update(more=np.zeros(3, np.float32)),
     }.items():  # fmt: skip
         yield name, partial(tensors, change)
-    for name, damage in {
-        "longer": lambda content: content + b"x",
-        "a long header": lambda content: (2**60).to_bytes(8, "little") + content[8:],
-        "a wrong header": lambda content: content[:8] + b"x" * 20 + content[28:],
-    }.items():  # fmt: skip
-        yield name, edit(damage)
 
 
 BAD_LAYOUTS = (
@@ -259,15 +247,12 @@ BAD_LAYOUTS = (
 )  # fmt: skip
 
 ODD_IMAGES = {
-    **{f"mode {mode}": encoded(frame().convert(mode)) for mode in ("L", "LA", "RGBA", "P", "1")},
-    "1 x 500": encoded(frame(size=(1, 500))), "JPEG as PNG": JPEG, "junk": PNG + bytes(1000),
-    "CMYK": encoded(frame().convert("CMYK"), "JPEG"),
-    "animated": encoded(frame(), save_all=True, append_images=[frame(1)]),
-}  # fmt: skip
+    **{f"mode {mode}": encoded(frame().convert(mode)) for mode in ("L", "RGBA", "P", "1")},
+    "JPEG as PNG": JPEG,
+}
 BAD_IMAGES = {
     "a flipped byte": PNG[: len(PNG) // 2] + b"\xa5\x5a" + PNG[len(PNG) // 2 + 2 :],
     "4,001 x 3,000": encoded(Image.new("RGB", (4001, 3000))), "BMP": encoded(frame(), "BMP"),
-    "20,000 x 20,000": encoded(Image.new("1", (20_000, 20_000))),
 }  # fmt: skip
 FOLDERS: tuple[tuple[Files, str, str], ...] = (
     ({"x.png/notes.txt": b""}, "x.png", "images"),
@@ -276,7 +261,7 @@ FOLDERS: tuple[tuple[Files, str, str], ...] = (
 )
 """Files, argument of `t2twin translate`, and part of the message."""
 
-NAMES = (b"na\nme.png", b"caf\xe9.png", "naïve 🖐.png".encode(), b"--out.png", b"%s{}.png", b"A.PNG")
+NAMES = ("naïve 🖐.png", "--out.png", "A.PNG")
 
 
 def cases() -> Iterator[Case]:
@@ -304,7 +289,7 @@ def cases() -> Iterator[Case]:
     for files, argument, says in FOLDERS:
         yield Case(f"images {argument}", TRANSLATE + argument, laid(files), says)
     for name in NAMES:
-        files = {f"d/{os.fsdecode(name)}": PNG}
+        files = {f"d/{name}": PNG}
         yield Case(f"image called {name!r}", TRANSLATE + "d", laid(files), fine=True)
     yield from damaged("layout", layout_csv[:1], {}, "l.csv", odd_tables(LAYOUT), fine=True)
     yield from damaged("pairs", (CSV,), IMAGE_FILES, "pairs.csv", odd_tables(TABLE), fine=True)
@@ -377,25 +362,19 @@ WRITERS = {
 KEPT = ("convert", "import-pairs", "simdata", "train", "press", "slide")
 """Commands that write to empty folders only."""
 
-TARGETS: Files = {"file.onnx": "mine", "folder": Path.mkdir, "pipe": os.mkfifo,
-                  "to-device": link("/dev/null"), "to-nothing": link("nothing")}  # fmt: skip
-
 
 def places() -> Iterator[Case]:
     """Places to write to that cannot be written, or that hold something of the user's."""
     for name, command in WRITERS.items():
-        for place in ("file/below", "/proc/1/nope", "x" * 300):
+        for place in ("file/below", "/proc/1/nope"):
             yield Case(f"{name} to {place[:20]}", f"{command} {place}", laid(INPUTS))
     for name in KEPT:
         notes = laid(INPUTS | {"taken/notes.txt": "mine"})
         yield Case(f"{name} to notes", f"{WRITERS[name]} taken", notes, "not empty")
     seeded = f"{WRITERS['simdata']} taken --seed 5"
     yield Case("simdata to another", seeded, laid({"taken": Copy("data")}), "another seed")
-    for place in ("folder", "pipe", "to-device", "/dev/null"):
-        words = f"{WRITERS['export']} {place} --force"
-        yield Case(words, words, laid(TARGETS), "cannot be written")
-    for place in ("file.onnx", "to-nothing"):
-        words = f"{WRITERS['export']} {place}"
-        yield Case(words, words, laid(TARGETS), "already exists")
-    for words in ("new/folders/x.onnx", "ü🖐.onnx", "file.onnx --force"):
-        yield Case(words, f"{WRITERS['export']} {words}", laid(TARGETS), fine=True)
+    export = WRITERS["export"]
+    yield Case("export to a folder", f"{export} taken", laid({"taken/x": "mine"}), "already exists")
+    yield Case("export to a file", f"{export} file", laid(INPUTS), "already exists")
+    for words in ("new/folders/x.onnx", "ü🖐.onnx", "file --force"):
+        yield Case(words, f"{export} {words}", laid(INPUTS), fine=True)

@@ -18,7 +18,7 @@ from waiting import no_hang
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinWarning
 
-KINDS = {"command_lines.cases": 8, "readers.cases": 12, "readers.places": 3, "solids.cases": 2}
+KINDS = {"command_lines.cases": 8, "readers.cases": 12, "readers.places": 3}
 """Modules and functions that give cases, imported by their tests, and the number of these tests."""
 
 connections: list[str] = []
