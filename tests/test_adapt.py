@@ -28,8 +28,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.records import read_json
 from t2twin.sim.calibrate.calibrate import DEFAULT_TOLERANCE, FORMAT, RECORD, OpticsRecord
 from t2twin.sim.dataset.store import read_info
-from t2twin.sim.optical.gel_camera import GelCamera
-from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.sim.taxels.phi import Phi
@@ -125,16 +123,6 @@ def test_the_more_accurate_run_is_published(tmp_path, real, simulated, refused, 
     assert card.count(f"This is the {kept} run") == 1 and card.startswith(f"# {kept}")
     assert f"| trained | {real:.2f} | {simulated:.2f} |" in card and "| initial | 0.80 |" in card
     assert card.index("## Adaptation") < card.index("## Limits")
-
-
-@pytest.mark.parametrize(
-    "sensor, run", [("digit", HOME / "field"), ("gelsight-mini", HOME / "mini")]
-)
-def test_a_pretrained_run_for_the_size_of_the_images_is_the_initial_one(sensor, run):
-    camera = load_sensor(sensor)
-    assert isinstance(camera, GelCamera)
-    assert pipeline._initial_run(None, "field", camera) == run
-    assert pipeline._initial_run(None, "resnet18", camera) is None
 
 
 def briefly(model, data_dir, preset, out_dir, minutes, init_from, frame_check):

@@ -78,20 +78,6 @@ def test_command_writes_into_the_runs_folder(
     assert f"written to {path}" in capsys.readouterr().out
 
 
-def test_an_existing_file_is_replaced_with_force_only(
-    run_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "run.onnx"
-    path.write_text("mine")
-    arguments = ["export", "--run", str(run_dir), "--out", str(path)]
-    with pytest.raises(SystemExit) as stop:
-        main(arguments)
-    assert stop.value.code == 2 and "already exists" in capsys.readouterr().err
-    assert path.read_text() == "mine"
-    main([*arguments, "--force"])
-    onnx.checker.check_model(path, full_check=True)
-
-
 def test_missing_package_and_run_get_a_sentence(
     run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

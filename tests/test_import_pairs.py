@@ -13,7 +13,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.card import CARD
-from t2twin.sim.dataset.import_pairs import import_pairs, read_pairs
+from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.sim.dataset.store import lists, read_info, read_split, verify_dataset
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import load_pairs
@@ -142,21 +142,6 @@ def test_a_spreadsheet_s_csv_is_read_as_any_other(tmp_path, layout, delimiter):
         import_pairs(folder, tmp_path / "again", layout)
 
 
-def test_spaces_and_quotation_marks_around_cells_change_nothing(tmp_path, layout):
-    shapes = {row: f"mug {row % 2}" for row in range(20)}
-    folder, _ = write_csv(tmp_path / "mine", shape=shapes, split=dict.fromkeys(range(20), "train"))
-    path = folder / "pairs.csv"
-    plain, text = read_pairs(path, layout, 1000), path.read_text()
-    quoted = (", ".join(f'"{cell}"' for cell in line.split(",")) for line in text.splitlines())
-    for changed in (
-        text.replace(",", ", "),
-        text.replace(",", " , "),
-        "\ufeff" + "\r\n".join(quoted),
-    ):
-        path.write_text(changed, newline="")
-        assert read_pairs(path, layout, 1000) == plain
-
-
 def test_names_that_look_like_numbers_are_names(tmp_path, layout):
     """Shape 0 is a shape, and 007 keeps its zeros."""
     folder, _ = write_csv(
@@ -165,58 +150,6 @@ def test_names_that_look_like_numbers_are_names(tmp_path, layout):
     )  # fmt: skip
     import_pairs(folder, tmp_path / "data", layout)
     assert set(read_split(tmp_path / "data", "train")["shape"].to_pylist()) == {"0", "007"}
-
-
-@pytest.mark.parametrize(
-    "name, values",
-    [
-        ("taxels", [["1", "2", "3", "4"]] * 20),
-        ("taxels", [[1, 2, 3]] * 20),
-        ("force_n", ["3.0"] * 20),
-        ("shape", [0.5] * 20),
-    ],
-)
-def test_parquet_of_other_types_is_refused(tmp_path, layout, name, values):
-    columns = {"image": [f"{n}.png" for n in range(20)], "taxels": [[1, 2, 3, 4]] * 20}
-    pq.write_table(pa.table(columns | {name: values}), tmp_path / "mine.parquet")
-    with pytest.raises(T2TwinError, match=rf"mine\.parquet, row 1: .*{name}"):
-        import_pairs(tmp_path / "mine.parquet", tmp_path / "data", layout)
-
-
-def test_a_folder_without_a_table_is_refused(tmp_path, layout):
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "empty" / "._pairs.csv").touch()  # macOS leaves these
-    with pytest.raises(T2TwinError, match="empty is not a table of pairs; expected"):
-        import_pairs(tmp_path / "empty", tmp_path / "data", layout)
-
-
-@pytest.mark.parametrize(
-    "content, message",
-    [
-        (b"image,taxel_0,taxel_1,taxel_2,taxel_3\n", "contains no pairs"),
-        (b"", "is empty"),
-        (b"image\n\xff\xfe.png\n", "cannot be read as a CSV table"),
-        (b"image,shape\na.png\n", "line 2: 1 cells in 2 columns"),
-        (b"image,taxel_0,taxel_1,taxle_2\na.png,1,2,3\n", "taxle_2|expected image"),
-    ],
-)
-def test_a_table_that_is_none_is_refused(tmp_path, layout, content, message):
-    (tmp_path / "pairs.csv").write_bytes(content)
-    with pytest.raises(T2TwinError, match=message):
-        read_pairs(tmp_path / "pairs.csv", layout, 1000)
-
-
-def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout):
-    folder, _ = write_csv(tmp_path / "mine")
-    with pytest.raises(T2TwinError, match="not empty"):
-        import_pairs(folder, folder, layout)
-    for source in (tmp_path, tmp_path / "mine" / "0.png", tmp_path / "none.csv"):
-        (tmp_path / "second.csv").touch()  # two in the folder: which is meant?
-        with pytest.raises(T2TwinError, match=r"expected a \.csv"):
-            import_pairs(source, tmp_path / "data", layout)
-    with pytest.raises(T2TwinError, match="seed is -1"):
-        import_pairs(tmp_path / "mine", tmp_path / "data", layout, seed=-1)
-    assert not (tmp_path / "data").exists()
 
 
 def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):

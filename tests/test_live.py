@@ -166,12 +166,6 @@ def test_a_file_that_stays_broken_is_skipped_and_reported(tmp_path, monkeypatch)
     assert len(reports) == 1 and "a.png cannot be read as an image" in reports[0]
 
 
-def test_a_folder_that_is_closed_ends(tmp_path):
-    newest = LatestFrame(open_source(str(tmp_path)))
-    newest.close()
-    assert newest.take() is None
-
-
 def test_without_opencv_it_says_what_brings_it(video, monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(T2TwinError, match=r"t2twin\[live\]"):
@@ -198,14 +192,6 @@ def test_a_slow_taker_gets_the_newest_frame():
     last = newest.take(29)
     taken = [each and each.number for each in (first, last, newest.take(49))]
     assert taken == [29, 49, None] and newest.read == 50
-
-
-def test_several_take_from_one_source():
-    newest = LatestFrame(listed(3))
-    while not newest.ended:
-        time.sleep(0.001)
-    both = [newest.take(1), newest.take(1)]
-    assert [each and each.number for each in both] == [2, 2] and newest.take(2) is None
 
 
 def test_a_source_s_error_comes_through():

@@ -107,22 +107,6 @@ def test_a_slide_is_recorded() -> None:
     assert Path("runs/slide/hemisphere-4/slide.csv").exists()
 
 
-@pytest.mark.parametrize(
-    ("file", "sentence"),
-    [
-        ("a.txt", "ends in .rrd"),
-        ("folder.rrd", "cannot be written"),
-        ("file/a.rrd", "cannot be written"),
-    ],
-)
-@pytest.mark.usefixtures("rerun")
-def test_an_unusable_recording_is_one_sentence(file: str, sentence: str) -> None:
-    Path("folder.rrd").mkdir()
-    Path("file").touch()
-    with pytest.raises(T2TwinError, match=sentence):
-        RerunLog(Path(file))
-
-
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2twin.rerun_log.find_spec", lambda name: None)
     monkeypatch.setattr("t2twin.live.follow.find_spec", lambda name: None)

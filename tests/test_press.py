@@ -22,7 +22,6 @@ from t2twin.sim.contact.heights import footprint
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.mujoco_contact import MujocoPins
 from t2twin.sim.contact.sliding import advance
-from t2twin.sim.contact.solver_loops import spring_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.surface import surface_on
 from t2twin.sim.sampling import protocol
@@ -204,15 +203,6 @@ def test_a_thin_layer_is_as_thin_as_it_says():
     assert contact.depth_mm == pytest.approx(confined, rel=0.05)
 
 
-def test_a_warning_of_mujoco_leaves_no_file_and_says_nothing(tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
-    model = MujocoPins(1)
-    model.step(np.zeros(1), np.nan, 1.0, np.zeros(1), np.ones(1))
-    assert sum(warning.number for warning in model.data.warning) == 1
-    assert "".join(capfd.readouterr()) == ""
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_tip_that_is_pressed_almost_through_settles():
     """Where the cover is stiffened hundredfold, the pins' springs have to stiffen with it."""
     disc = Feature("disc", "flat", 1.1177252166700975, -0.1939833513668679, 0.0, 0.5259123882416146)
@@ -248,14 +238,6 @@ def test_a_splinter_that_carries_all_is_pressed():
     assert contact.smaller_than_grid and not contact.settled
     assert contact.force_n == pytest.approx(force, rel=0.005)
     assert contact.contact_area_mm2 < 0.1
-
-
-def test_springs_carry_the_force_by_those_they_meet():
-    """Three springs, of which the third is met only at 3 mm."""
-    tops, stiffness = np.array([0.0, 1.0, 3.0]), np.array([1.0, 2.0, 5.0])
-    assert spring_depth(0.5, tops, stiffness) == pytest.approx(0.5)
-    assert spring_depth(4.0, tops, stiffness) == pytest.approx(2.0)
-    assert spring_depth(15.0, tops, stiffness) == pytest.approx(4.0)
 
 
 def test_a_contact_can_be_copied_and_pickled():

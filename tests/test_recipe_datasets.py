@@ -258,13 +258,6 @@ def test_a_wrong_part_is_one_sentence(changed, message, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_misspelt_draw_is_refused(tmp_path):
-    path = tmp_path / "wrong.toml"
-    path.write_text(MINE + "[light.draw]\nled_sice_mm = [1.0, 2.0]\n")
-    with pytest.raises(T2TwinError, match=r"draw has a range .led_sice_mm., .* mean led_size_mm"):
-        load_recipe(path)
-
-
 def test_a_folder_of_solids_is_a_recipe_but_not_of_tools(tmp_path, shape_cache, shapes):
     solids = tmp_path / "solids"
     solids.mkdir()

@@ -1,6 +1,5 @@
 """The shear force that field runs predict, and the evaluation of moving touches."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,12 +22,11 @@ from t2twin.translate.networks.field_net import (
     SHEAR,
     FieldNet,
     ShearHead,
-    averaged,
     box_means,
     displacements,
 )
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
-from t2twin.translate.runs.config import BEST, CONFIG, RunConfig
+from t2twin.translate.runs.config import BEST, RunConfig
 from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import Batches
 from t2twin.translate.uncertainty.calibration import (
@@ -87,19 +85,6 @@ def test_pairs_contain_the_shear_force(moving_dataset: Path, tmp_path: Path) -> 
     np.testing.assert_array_equal(part.shear_n, pairs.shear_n[[3, 5]])
 
 
-def test_the_shear_force_leaves_the_other_weights(moving_dataset: Path) -> None:
-    plain, shear = (network(moving_dataset, shear=each).state_dict() for each in (False, True))
-    assert all(torch.equal(shear[name], each) for name, each in plain.items())
-    assert all(name.startswith(SHEAR) for name in shear.keys() - plain.keys())
-
-
-def test_a_run_of_other_data_does_not_mention_it(small_dataset: Path, still_run: Path) -> None:
-    assert load_info(small_dataset).has_shear is not True
-    config = RunConfig("resnet18", SMOKE, 0, load_info(small_dataset), None, None, 1, False, 1)
-    config.save(still_run.parent)
-    assert "has_shear" not in json.loads((still_run.parent / CONFIG).read_text())["data"]
-
-
 def translator_of(data_dir: Path, pairs: Pairs, *, shear: bool) -> FieldTranslator:
     torch.manual_seed(0)
     translator = build(config_for(data_dir, shear=shear))
@@ -146,14 +131,6 @@ def test_mirrored_batches_have_the_same_force() -> None:
         found = [head.train()(image, frame, vector)[0] for _ in range(20)]
     for each in found:
         np.testing.assert_allclose(each, expected, rtol=1e-3, atol=1e-5)
-
-
-def test_means_over_boxes() -> None:
-    means = box_means(6, 2, 1)
-    expected = [[1 / 3] * 3 + [0] * 3, [0] + [0.25] * 4 + [0], [0] * 3 + [1 / 3] * 3]
-    np.testing.assert_allclose(means, expected, rtol=1e-6)
-    maps = torch.arange(36.0).reshape(1, 1, 6, 6)
-    assert averaged(maps, means)[0, 0, 0, 1] == pytest.approx(float(maps[0, 0, :3, 1:5].mean()))
 
 
 def test_a_step_trains_the_shear_force(moving_dataset: Path, tmp_path: Path) -> None:

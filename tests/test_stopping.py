@@ -96,19 +96,6 @@ def test_a_command_is_stopped_while_it_is_being_loaded(number, module, tmp_path)
 
 
 @pytest.mark.parametrize("number", STATUS)
-def test_a_command_is_stopped_at_once(number, tmp_path):
-    """Python itself may not have started yet, so that it ends without a sentence."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "t2twin", "press", "square-2", "--out", "out"],
-        cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=heed,
-    )  # fmt: skip
-    process.send_signal(number)
-    process.communicate(timeout=PATIENCE_S)
-    assert process.returncode != 0
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("number", STATUS)
 def test_half_written_files_are_removed(number, tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", WRITING],

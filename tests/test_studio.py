@@ -144,14 +144,6 @@ def test_a_layout_on_a_line_has_counts_and_no_tactile_image(session, tmp_path):
     assert str(no_image.value) in html(seen)
 
 
-def test_the_first_shape_lies_in_the_image(session):
-    touch = session.press(PressState()).touch
-    pressed = touch.digit.pressure_kpa > 0
-    half_x, half_y = touch.of_camera.sensor.camera.seen_half_extent_mm()
-    assert np.abs(touch.digit.x_mm[pressed.any(axis=0)]).max() < half_x - 1.0
-    assert np.abs(touch.digit.y_mm[pressed.any(axis=1)]).max() < half_y - 1.0
-
-
 # Translators
 
 
@@ -241,13 +233,6 @@ def test_a_frame_is_compared_with_a_background_frame(pretrained):
 
 
 # Drawings
-
-
-@pytest.mark.parametrize(
-    "largest, end", [(0.0, 100.0), (101.0, 120.0), (8_001, 10_000), (346, 400)]
-)
-def test_a_bar_ends_at_a_round_number(largest, end):
-    assert cards.nice_end(largest, 100.0) == pytest.approx(end)
 
 
 def test_the_page_has_the_image_and_the_notes_of_the_touch(session, result):

@@ -26,7 +26,6 @@ from t2twin.sim.dataset.columns import POSE, schema_of
 from t2twin.sim.dataset.store import lists, read_split
 from t2twin.sim.sampling.plan import sample_tilt
 from t2twin.sim.sampling.recipe import Place
-from t2twin.studio.session import PressState, protocol_press
 
 TILT_DEG: dict[str, Any] = {"tilt_x_deg": 7.0, "tilt_y_deg": -4.0}
 TILT_RAD = tuple(np.deg2rad(list(TILT_DEG.values())))
@@ -282,15 +281,6 @@ def test_a_dataset_of_tilted_presses_has_their_tilt(tmp_path):
     place = msgspec.json.decode(msgspec.json.encode(straight.parts[0].place))
     assert not straight.has_tilt and set(place) == {"normal_mm", "uniform_mm"}
     assert not {*TILT} & {*schema_of(info.values, straight).names}
-
-
-def test_the_studio_repeats_a_tilted_press():
-    state = PressState("square-2", tilt_x_deg=4.5, tilt_y_deg=-2.0)
-    assert "--tilt-x-deg 4.5 --tilt-y-deg -2" in state.command_line()
-    sliding = replace(state, motion="slide")
-    assert not replace(sliding, tilt_x_deg=5.0).continues(sliding)
-    assert replace(sliding, x_mm=0.2).continues(sliding)
-    assert protocol_press(state, "paper", 3).tilt_x_deg == 0.0
 
 
 def test_the_command_writes_the_tilt(tmp_path, capsys):
