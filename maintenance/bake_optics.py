@@ -2,8 +2,7 @@
 
     python -m maintenance.bake_optics
 
-Run it again after changes of the LEDs, the camera or the gel's dome of the default gel camera; it
-takes about a minute.
+Run it after changes of the default gel camera's LEDs, camera or dome; it takes about a minute.
 """
 
 from collections.abc import Sequence
@@ -23,16 +22,11 @@ from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.defaults import SOURCE
 from t2twin.sim.sensors.files import load_sensor
 
-DARK = 0.05
-"""Linear light added to a pixel's in the conversion of errors to grey levels: the ambient's."""
-RIDGE = 1e-4
-"""Ridge of the fit: keeps undetermined terms at zero (assumed)."""
-FIT_POINTS = 4
-"""Points per LED in the renders for the fit, which have no shadows."""
-BACKGROUND_POINTS = 16
-"""Points per LED in the render of the background."""
-SKIRT_MM = 0.6
-"""Decay length of the deflection outside a shape, mm (assumed: a fraction of the layer)."""
+DARK = 0.05  # linear light added to a pixel's where errors become grey levels: the ambient's
+RIDGE = 1e-4  # ridge of the fit: keeps undetermined terms at zero (assumed)
+FIT_POINTS = 4  # points per LED in the renders for the fit, which have no shadows
+BACKGROUND_POINTS = 16  # points per LED in the render of the background
+SKIRT_MM = 0.6  # decay length of the deflection outside a shape (assumed: part of the layer)
 
 
 def probe_deflections(gel: Elastomer) -> list[np.ndarray]:
@@ -53,14 +47,9 @@ def probe_deflections(gel: Elastomer) -> list[np.ndarray]:
 
 
 def block(
-    gel: Elastomer,
-    x_mm: float,
-    y_mm: float,
-    depth_mm: float,
-    width_mm: float,
-    length_mm: float,
+    gel: Elastomer, x_mm: float, y_mm: float, depth_mm: float, width_mm: float, length_mm: float,
     yaw_rad: float = 0.0,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Deflection by a flat rectangle, mm, on optical_grid(gel); at yaw 0 its width is along x."""
     x, y = np.meshgrid(*optical_grid(gel))
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
@@ -85,10 +74,7 @@ def _flat(distance_mm: np.ndarray, depth_mm: float) -> np.ndarray:
 
 
 def bake(sensor: GelCamera, out: Path) -> Optics:
-    """Fit, write to out, and return the optics of a sensor with up to three LEDs.
-
-    Raises T2TwinError if there is no OpenGL.
-    """
+    """Fit, write to out, and return the optics of a sensor with up to three LEDs."""
     camera, gel, ambient = sensor.camera, sensor.own_gel, sensor.spec.light.ambient
     leds = sensor.spec.light.leds
     with ReferenceRenderer(leds, ambient, camera, gel, led_points=BACKGROUND_POINTS) as renderer:
@@ -102,14 +88,11 @@ def bake(sensor: GelCamera, out: Path) -> Optics:
     with ReferenceRenderer(pure, (0.0, 0.0, 0.0), camera, gel, False, FIT_POINTS) as renderer:
         renders = [renderer.render_linear(surface) for surface in surfaces]
     blank = Optics(
-        background=background,
-        leds_mm=np.array([led.position_mm for led in leds]),
+        background=background, leds_mm=np.array([led.position_mm for led in leds]),
         sizes_mm=np.array([led.size_mm for led in leds]),
-        response=np.zeros((len(leds), 3, PLACE_TERMS, COSINE_TERMS)),
-        gamma=GAMMA,
-        scale_px_per_mm=camera.scale_px_per_mm,
-        distance_mm=camera.distance_mm,
-    )
+        response=np.zeros((len(leds), 3, PLACE_TERMS, COSINE_TERMS)), gamma=GAMMA,
+        scale_px_per_mm=camera.scale_px_per_mm, distance_mm=camera.distance_mm,
+    )  # fmt: skip
     table = fit_response(blank, gel, surfaces, renders)
     colors = np.array([led.color for led in leds])
     optics = replace(blank, response=np.einsum("kij,kc->kcij", table, colors))
@@ -120,10 +103,9 @@ def bake(sensor: GelCamera, out: Path) -> Optics:
 def fit_response(
     optics: Optics, gel: Elastomer, surfaces: Sequence[np.ndarray], renders: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Least-squares response from images of known deflections without shadows.
+    """Least-squares response, (LEDs, PLACE_TERMS, COSINE_TERMS), from linear light of each LED.
 
-    renders: (rows, columns, 3) each, linear light, one channel per LED. Errors are weighted by the
-    slope of the grey-level curve. Returns (LEDs, PLACE_TERMS, COSINE_TERMS).
+    Errors are weighted by the slope of the grey-level curve.
     """
     camera = optics.camera
     rays = Rays(camera, gel, shadows=False)

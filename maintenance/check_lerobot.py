@@ -2,9 +2,8 @@
 
     make lerobot-check DATA=data/smoke
 
-LeRobot pins an older torch and imports torchvision. Therefore this module runs in an environment
-of its own, and imports nothing of t2twin. A stand-in takes the place of torchvision, of which the
-loader uses one function.
+It runs in an environment of its own, without t2twin, because LeRobot pins an older torch. A
+stand-in takes the place of torchvision, of which the loader uses one function.
 """
 
 import importlib
@@ -22,18 +21,13 @@ import pyarrow.dataset as ds
 from PIL import Image
 
 SPLITS = ("train", "val", "test")
-
-SCALARS = {
+ROLES = ("source", "target")
+LISTS = ("counts", "dense_counts", "pressure_kpa", "shear_x_kpa", "shear_y_kpa")  # after the role
+SCALARS = {  # columns of the dataset by feature; of contacts, the first ones
     "action": ("x_mm", "y_mm", "yaw_rad", "force_n"),
     "observation.source_contact": ("source_depth_mm", "source_force_n"),
     "observation.target_contact": ("target_depth_mm", "target_force_n"),
 }
-"""Columns of the dataset by feature; of contacts, the first ones."""
-
-LISTS = ("counts", "dense_counts", "pressure_kpa", "shear_x_kpa", "shear_y_kpa")
-"""Columns of lists after the role."""
-
-ROLES = ("source", "target")
 
 
 class _ToTensor:
@@ -74,41 +68,27 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def check(data: Path, converted: Path) -> str:
-    """Compares all frames and episodes; returns a summary.
-
-    Raises AssertionError for the first difference.
-    """
+    """Compares all frames and episodes; returns a summary, or AssertionError."""
     sys.meta_path.insert(0, _Finder())
     version = importlib.import_module("lerobot").__version__
     loader = importlib.import_module("lerobot.datasets.lerobot_dataset").LeRobotDataset
     info = json.loads((data / "info.json").read_text())
     dataset = loader("local/check", root=converted)
-    splits = [split for split in SPLITS if info["pairs"][split]]
-    paths = [data / path for split in splits for path in sorted(info["shards"])
+    paths = [data / path for split in SPLITS for path in sorted(info["shards"])
              if path.startswith(f"{split}/")]  # fmt: skip
-    number, ends = 0, []
+    number, starts = 0, []
     for path in paths:
         for row in ds.dataset(path).to_table().to_pylist():
             item = dataset[number]
             _check_frame(item, row, f"frame {number}")
             is_first = int(item["frame_index"]) == 0
-            if is_first:
-                ends.append(number)
-            assert int(item["episode_index"]) == len(ends) - 1, number
+            starts += [number] * is_first
+            assert int(item["episode_index"]) == len(starts) - 1, number
             assert is_first == (row.get("path", row["index"]) == row["index"]), number
             number += 1
     assert number == dataset.num_frames == len(dataset), number
-    assert dataset.num_episodes == len(ends)
-    starts = [dataset.meta.episodes[n]["dataset_from_index"] for n in range(len(ends))]
-    assert starts == ends
-    return (
-        f"LeRobot {version} reads {len(ends)} episodes with {number} frames, equal to the dataset's"
-    )
-
-
-def _image(item: dict[str, Any], name: str) -> np.ndarray:
-    """(3, rows, columns) float32, an image of a frame."""
-    return item[f"observation.images.{name}"].numpy()
+    assert [episode["dataset_from_index"] for episode in dataset.meta.episodes] == starts
+    return f"LeRobot {version} reads {len(starts)} episodes with {number} frames, as they are"
 
 
 def _check_frame(item: dict[str, Any], row: dict[str, Any], place: str) -> None:
@@ -118,7 +98,7 @@ def _check_frame(item: dict[str, Any], row: dict[str, Any], place: str) -> None:
     for column, name in names.items():
         if column in row:
             pixels = np.asarray(Image.open(io.BytesIO(row[column]["bytes"])).convert("RGB"))
-            values = _image(item, name).transpose(1, 2, 0)
+            values = item[f"observation.images.{name}"].numpy().transpose(1, 2, 0)
             assert np.array_equal(np.rint(values * 255).astype(np.uint8), pixels), (place, name)
     for column in (f"{role}_{name}" for role in ROLES for name in LISTS):
         if column in row:

@@ -3,8 +3,7 @@
     t2twin evaluate RUN --data data/paper --split both --out EVALUATION
     python -m maintenance.publish_pretrained NAME RUN EVALUATION
 
-Files that only training needs are left out. Trained weights are stored in half precision, three
-decimal digits; buffers keep their precision. The card contains the figures of the evaluations.
+Trained weights are stored in half precision; buffers keep their precision.
 """
 
 import json
@@ -20,7 +19,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.templates import environment
 from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, REPORTED_SHARE
-from t2twin.translate.evaluation.records import Evaluation, ModelRow, read_evaluation
+from t2twin.translate.evaluation.records import ModelRow, read_evaluation
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.checkpoint import AVERAGE
 from t2twin.translate.runs.config import (
@@ -33,35 +32,25 @@ from t2twin.translate.runs.config import (
     versioned,
 )
 
+# least size of a tensor in half precision (assumed: smaller ones are under 1 % in all)
 MIN_NUMBERS = 1000
-"""Minimum size of a tensor that is stored in half precision (assumed: smaller ones hold less than a
-hundredth of all numbers)."""
-
+# ends of the names of buffers
 FULL_PRECISION = ("correlation", "mean_frame", "running_mean", "running_var")
-"""Ends of the names of buffers, which keep their precision."""
-
-TABLE = Path(__file__).with_name("measured.md")
-"""Template of the table in the card."""
-
-TRAINING = "## Training\n"
-"""Heading in the card."""
-
+TABLE = Path(__file__).with_name("measured.md")  # template of the table in the card
 MEAN = """\
-The published weights are {0:g} times those described here, plus {1:.2g} times those that the
-training started from."""
+## Training
 
+The published weights are {0:g} times those described here, plus {1:.2g} times those that the
+training started from.
+"""
+# shapes in the protocol's splits
 SPLITS = {"val": "new versions of primitives", "test": "hand tools"}
-"""Shapes in the splits of the protocol."""
 
 
 def publish_pretrained(
     name: str, run_dir: Path, evaluations: Sequence[Path] = (), home: Path = HOME
 ) -> Path:
-    """Writes a finished run to home/name, and replaces an earlier one. Returns that folder.
-
-    evaluations: folders of `t2twin evaluate` with this run, for the card. Raises T2TwinError if
-    run_dir is not a finished run, and for folders without an evaluation of it.
-    """
+    """Writes a finished run, with the figures of evaluations in its card; returns home/name."""
     config = load_config(run_dir)
     for file in (BEST, CARD, LOG):
         if not (run_dir / file).is_file():
@@ -72,16 +61,15 @@ def publish_pretrained(
     card = card.replace(f"--run {run_dir.name}`", f"--run {name}`")
     if (run_dir / AVERAGE).is_file():
         share = json.loads((run_dir / AVERAGE).read_text(encoding="utf-8"))["share"]
-        card = card.replace(TRAINING, f"{TRAINING}\n{MEAN.format(share, 1.0 - share)}\n", 1)
+        card = card.replace("## Training\n", MEAN.format(share, 1.0 - share), 1)
     rows = [row for folder in evaluations for row in _rows(folder, config.data.sha256)]
     folder = home / name
     folder.mkdir(parents=True, exist_ok=True)
-    for file in (BEST, FRAME_CHECK):
-        if file != FRAME_CHECK or (run_dir / file).is_file():
-            weights = {key: _halved(key, each) for key, each in load_file(run_dir / file).items()}
-            with atomic_write(folder / file) as temporary:
-                save_file(weights, temporary)
-                temporary.chmod(0o644)  # safetensors restricts it to the owner
+    for path in filter(Path.is_file, (run_dir / BEST, run_dir / FRAME_CHECK)):
+        weights = {key: _halved(key, each) for key, each in load_file(path).items()}
+        with atomic_write(folder / path.name) as temporary:
+            save_file(weights, temporary)
+            temporary.chmod(0o644)  # safetensors restricts it to the owner
     for file in (CONFIG, LOG):
         shutil.copyfile(run_dir / file, folder / file)
     with atomic_write(folder / CARD) as temporary:
@@ -111,15 +99,10 @@ def _rows(folder: Path, sha256: str) -> Iterator[tuple[str, ModelRow]]:
         raise T2TwinError(f"{folder} contains no evaluation; give folders of `t2twin evaluate`")
     for split in splits:
         evaluation = read_evaluation(folder / split)
-        title = f"{evaluation.recipe or folder.name}, {SPLITS[split]}"
-        yield title, _row_of(evaluation, sha256, folder)
-
-
-def _row_of(evaluation: Evaluation, sha256: str, folder: Path) -> ModelRow:
-    for row in evaluation.runs.values():
-        if row.trained_data == sha256:
-            return row
-    raise T2TwinError(f"{folder} has no evaluation of this run; evaluate it first")
+        rows = [row for row in evaluation.runs.values() if row.trained_data == sha256]
+        if not rows:
+            raise T2TwinError(f"{folder} has no evaluation of this run; evaluate it first")
+        yield f"{evaluation.recipe or folder.name}, {SPLITS[split]}", rows[0]
 
 
 if __name__ == "__main__":

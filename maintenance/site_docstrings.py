@@ -1,18 +1,12 @@
-"""How the documentation site shows docstrings: an extension of griffe, see mkdocs.yml.
-
-A docstring describes arguments as lines that begin with their names. The site lists them.
-"""
+"""The documentation site lists docstrings' lines on arguments: an extension of griffe."""
 
 import re
 from typing import Any
 
 from griffe import Extension, Object
 
-ENTRY = re.compile(r"(\w[\w, *]*): ")
-"""Start of a line that describes arguments or attributes."""
-
-END = re.compile(r"Returns |Raises ")
-"""Start of a line that ends a list of arguments."""
+ENTRY = re.compile(r"(\w[\w, *]*): ")  # start of a line that describes arguments or attributes
+END = re.compile(r"Returns |Raises ")  # start of a line that ends a list of arguments
 
 
 class ArgumentLists(Extension):

@@ -19,8 +19,7 @@ from t2twin.primitives_cad import catalogue, height_map, solids, tools
 from t2twin.primitives_cad.catalogue import path_of
 from t2twin.primitives_cad.shape import HeightMap, Keypoint, Shape
 
-SAME_MM = 1.0e-7
-"""Distance below which points coincide, mm: the CAD kernel's tolerance."""
+SAME_MM = 1.0e-7  # distance below which points coincide, mm: the CAD kernel's tolerance
 
 
 def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
@@ -43,10 +42,7 @@ def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
 
 
 def build(name: str, tool: trimesh.Trimesh | None = None) -> Shape:
-    """A catalogue shape computed from its CAD solid, as `write` does.
-
-    tool: the tool's mesh, for a tool's keypoint.
-    """
+    """A catalogue shape computed from its CAD solid. tool: the tool's mesh, for its keypoint."""
     if name in catalogue.PRIMITIVES:
         mesh = tessellate_symmetric(solids.primitive(name))
     else:
@@ -62,13 +58,8 @@ def tool_mesh(tool: str) -> trimesh.Trimesh:
 
 
 def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = solids.CHORDAL_MM) -> trimesh.Trimesh:
-    """A watertight mesh, exactly mirror symmetric, of a solid symmetric in x and in y, mm.
-
-    The mesher's triangles are not symmetric, so one quarter is meshed and mirrored.
-    """
-    corner = cq.Workplane().box(
-        solids.BEYOND_MM, solids.BEYOND_MM, solids.BEYOND_MM, centered=(False, False, True)
-    )
+    """A watertight mesh, exactly mirror symmetric, of a solid symmetric in x and in y, mm."""
+    corner = cq.Workplane().box(*3 * [solids.BEYOND_MM], centered=(False, False, True))
     points, triangles = solids.triangles_of(solid.intersect(corner.val()), chordal_mm)  # pyright: ignore[reportArgumentType]
     points[np.abs(points) < SAME_MM] = 0.0
     on_cut = (points[triangles][:, :, :2] == 0.0).all(axis=1).any(axis=1)
@@ -89,20 +80,10 @@ def keypoint_transform(name: str) -> np.ndarray:
 
 
 def align_to_z(keypoint: Keypoint) -> np.ndarray:
-    """(4, 4) transform that moves a keypoint to the origin and rotates its direction to +z.
-
-    The smallest such rotation (Rodrigues' rotation formula); half a turn about x for -z.
-    """
-    direction = np.asarray(keypoint.direction, dtype=np.float64)
-    axis = np.cross(direction, (0.0, 0.0, 1.0))
-    cosine = float(direction[2])
-    if cosine <= -1.0 + 1.0e-12:
-        turn = np.diag((1.0, -1.0, -1.0))
-    else:
-        skew = np.array(
-            [[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]]
-        )
-        turn = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    """(4, 4) smallest rotation of a keypoint's direction to +z (Rodrigues), the point to 0."""
+    x, y, cosine = keypoint.direction  # none is downward
+    skew = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
+    turn = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
     transform = np.eye(4)
     transform[:3, :3] = turn
     transform[:3, 3] = -turn @ np.asarray(keypoint.point_mm)
@@ -115,10 +96,7 @@ def _tool(name: str) -> str:
 
 
 def packed(values: np.ndarray) -> np.ndarray:
-    """Differences of values, their bits taken as unsigned integers, as byte planes.
-
-    Returns (bytes of a value, n) uint8.
-    """
+    """Differences of values' bits, as unsigned integers, in byte planes, (bytes, n) uint8."""
     numbers = np.ascontiguousarray(values).ravel().view(f"u{values.itemsize}")
     differences = np.diff(numbers, prepend=numbers.dtype.type(0))
     return np.ascontiguousarray(differences.view(np.uint8).reshape(-1, values.itemsize).T)

@@ -1,12 +1,9 @@
 """Loads primitives, tools at their keypoints and random shapes by name, and solids from files.
 
-The meshes and height maps of the catalogue are bundled with the package, so that a press does not
-need CadQuery; `python -m maintenance.write_bundled` writes them from the CAD solids. Each file is
-an .npz; its arrays are byte planes of differences between neighbors, which compress well.
-
-NAME.npz of a primitive: mesh and height map in the shape frame.
-TOOL.npz: a tool's mesh in its own frame.
-TOOL--KEYPOINT.npz: a height map, and the transform from the tool's frame to the shape frame.
+`python -m maintenance.write_bundled` writes the bundled files from the CAD solids. Their arrays are
+byte planes of differences between neighbors, which compress well. NAME.npz of a primitive has its
+mesh and height map, TOOL.npz a tool's mesh in the tool's frame, and TOOL--KEYPOINT.npz a height map
+and the transform from the tool's frame to the shape frame.
 """
 
 import difflib
@@ -27,9 +24,7 @@ from t2twin.primitives_cad.shape import HeightMap, LazyShape, Shape, seed_of
 if TYPE_CHECKING:
     import trimesh
 
-BUNDLED = Path(__file__).parent / "bundled"
-"""Folder of the bundled shapes."""
-
+BUNDLED = Path(__file__).parent / "bundled"  # folder of the bundled shapes
 KEYPOINTS: dict[str, tuple[str, ...]] = {
     "pliers": ("jaw-tip", "teeth", "pivot", "handle"),
     "clamp": ("screw", "pad", "frame", "handle"),
@@ -43,19 +38,12 @@ TOOLS = tuple(KEYPOINTS)
 OBJECTS = tuple(f"{tool}/{keypoint}" for tool in TOOLS for keypoint in KEYPOINTS[tool])
 NAMES = PRIMITIVES + OBJECTS
 
-OBJECT_SPACING_MM = (1.5, 1.5)
-"""Spacing of the 3 x 3 grid at a tool's keypoint, x and y, mm (Grella et al. 2023)."""
-
-FILE_SPACING_MM = 1.5
-"""Largest spacing of the grid on a shape from a file, mm (assumed: keeps the grid near the center,
-which is likely to be solid)."""
+OBJECT_SPACING_MM = (1.5, 1.5)  # of the 3 x 3 grid at a tool's keypoint (Grella et al. 2023)
+FILE_SPACING_MM = 1.5  # largest spacing on a file's shape (assumed: stays near the center)
 
 
 def split(name: str) -> str:
-    """Split of a catalogue shape: "train", "val" (version 3) or "test" (tools).
-
-    Raises T2TwinError for a name that is not in the catalogue.
-    """
+    """Split of a catalogue shape: "train", "val" (version 3) or "test" (tools)."""
     if name in OBJECTS:
         return "test"
     if name not in PRIMITIVES:
@@ -73,14 +61,10 @@ def load(
 ) -> Shape:
     """A shape by its name (`square-2`, `pliers/jaw-tip`, `random-17`), or from a file.
 
-    The file has one of mesh_files.SUFFIXES and its pressing side up (+z).
     cache_dir: folder for the prepared shapes of files, None for `shapes` in the cache directory.
-    They are used only while the code and the file's content are unchanged.
-    scale: mm per unit of the file, None for the file's own unit: see mesh_files.read_solid.
-    center: whether the press axis passes through the middle of the highest part of a file's shape
-    instead of the middle of its bounding box. hints: how messages name scale and center.
-    Raises T2TwinError for an unknown name, a file that cannot be pressed, and a scale that is not
-    positive; for a scale and center without a file.
+    scale: see mesh_files.read_solid. center: whether the press axis passes through the middle of a
+    file's highest part instead of that of its bounding box. hints: how messages name both.
+    Raises T2TwinError for an unknown name, a file that cannot be pressed, and options without one.
     """
     name = str(name_or_path)
     arguments.instance(center, "center", bool)
@@ -130,7 +114,7 @@ def tool_mesh(tool: str) -> "trimesh.Trimesh":
 
 
 def _unknown(name: str) -> str:
-    """The message for an unknown name: similar names, and what else is allowed."""
+    """The message for an unknown name."""
     also = f"a path to a file of {', '.join(mesh_files.SUFFIXES)} is also allowed"
     if name in TOOLS:
         choices = ", ".join(f"{name}/{keypoint}" for keypoint in KEYPOINTS[name])
@@ -142,13 +126,9 @@ def _unknown(name: str) -> str:
     }
     near = difflib.get_close_matches(name.lower(), (*NAMES, *groups), n=4, cutoff=0.5)
     named = dict.fromkeys(full for guess in near for full in groups.get(guess, (guess,)))
+    hint = "names are like square-2, pliers/jaw-tip or random-17; see `t2twin shapes`"
     if named:
         hint = f"near names are {', '.join(named)}"
-    else:
-        hint = (
-            "names are like square-2, pliers/jaw-tip or random-17; `t2twin shapes` lists all but "
-            "the random ones"
-        )
     return f"there is no shape {name!r}; {hint}; {also}"
 
 
@@ -184,8 +164,7 @@ def read_surface(name: str) -> HeightMap:
 
 
 def read_mesh(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) float64, mm, and faces (m, 3) int32 of a catalogue shape in the shape frame,
-    or of a tool in its own."""
+    """Vertices (n, 3), mm, and faces (m, 3) of a shape in the shape frame, of a tool in its own."""
     with np.load(path_of(name), allow_pickle=False) as file:
         if "transform" in file:
             transform = file["transform"]

@@ -1,8 +1,6 @@
 """The contact sheet: an image of every primitive and tool.
 
-Renders height maps seen along the view direction, without a graphics library or a display. The
-crease shading separates the flat top of a primitive from its plate. pyrender takes about the same
-time, but has no such shading: tops and plates have one color there (pyrender 0.1.45, 2026-11-23).
+Tops and plates have one color in pyrender, which has no shading of creases (0.1.45).
 """
 
 from collections.abc import Sequence
@@ -23,39 +21,25 @@ from t2twin.primitives_cad.tools import keypoints
 
 COLUMNS = 8
 TILE_PX = (330, 300)
-TOOL_PX = (528, 720)
-"""Width and height of a primitive's and of a tool's tile, pixels."""
-OVERSAMPLING = 3
-"""Tiles are rendered this many times larger and averaged, for smooth outlines."""
-MARGIN = 0.88
-"""Largest share of a tile's width or height that a shape fills."""
-LABEL_PX, KEYPOINT_PX = 22, 17
-"""Heights of the text, pixels."""
+TOOL_PX = (528, 720)  # width and height of a primitive's and of a tool's tile, pixels
+OVERSAMPLING = 3  # tiles are rendered this many times larger and averaged, for smooth outlines
+MARGIN = 0.88  # largest share of a tile's width or height that a shape fills
+LABEL_PX, KEYPOINT_PX = 22, 17  # heights of the text, pixels
+PRIMITIVE_VIEW = (28.0, 48.0)  # rotation about the vertical and elevation, degrees
+TOOL_VIEWS = {"pliers": (-8.0, 62.0), "clamp": (-18.0, 58.0), "scissors": (-6.0, 66.0),
+              "allen-key": (76.0, 56.0), "wrench": (66.0, 60.0)}  # fmt: skip
 
-PRIMITIVE_VIEW = (28.0, 48.0)
-TOOL_VIEWS = {
-    "pliers": (-8.0, 62.0),
-    "clamp": (-18.0, 58.0),
-    "scissors": (-6.0, 66.0),
-    "allen-key": (76.0, 56.0),
-    "wrench": (66.0, 60.0),
-}
-"""Rotation about the vertical and elevation of the view, degrees."""
-
+# Colors of the page, tools, primitives, keypoints and text, 8 bit RGB.
 PAPER = np.array([247, 247, 245])
 STEEL = np.array([168, 178, 192])
 RESIN = np.array([196, 178, 148])
 MARK = (208, 32, 40)
 INK = (40, 40, 44)
-"""Colors of the page, tools, primitives, keypoints and text, 8 bit RGB."""
 
-TO_LIGHT = np.array([-0.45, 0.55, 0.70])
-"""Direction to the light: to the right, up, towards the viewer."""
-AMBIENT, DIFFUSE = 0.4, 0.7
-"""Intensities of the ambient light and of the light."""
+TO_LIGHT = np.array([-0.45, 0.55, 0.70])  # to the right, up, towards the viewer
+AMBIENT, DIFFUSE = 0.4, 0.7  # intensities of the ambient light and of the light
+# width of the shading of creases, mm, its strength per mm of depth, step of its grid, px
 CREASE_MM, CREASE_STRENGTH, CREASE_STEP = 1.6, 0.30, 3
-"""Width of the shading of creases, mm, its strength per mm of depth, and the step of the coarser
-grid on which it is computed, pixels."""
 
 
 def draw_sheet(path: str | Path) -> Path:
@@ -95,11 +79,7 @@ def draw(
     color: np.ndarray,
     points_mm: Sequence[Sequence[float]] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Orthographic image of a mesh that fills it, (height, width, 3) uint8.
-
-    view_deg: rotation of the mesh about z, and elevation of the view. points_mm: (n, 3) in the
-    mesh's frame. Also returns their positions in the image, (n, 2) columns and rows, pixels.
-    """
+    """Image of a mesh, (height, width, 3) uint8, and places of points_mm (n, 3) in it, (n, 2)."""
     turn, height = np.radians(view_deg[0]), np.radians(90.0 - view_deg[1])
     seen = Rotation.from_euler("zx", (turn, -height)).as_matrix()
     triangles = mesh.triangles @ seen.T
@@ -129,9 +109,8 @@ def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     light = AMBIENT + DIFFUSE * np.clip(normal @ (TO_LIGHT / np.linalg.norm(TO_LIGHT)), 0.0, None)
     # The shading is smooth: a coarser grid suffices, and is many times faster.
-    around = ndimage.gaussian_filter(
-        filled[::CREASE_STEP, ::CREASE_STEP], CREASE_MM / pitch / CREASE_STEP
-    )
+    coarse = filled[::CREASE_STEP, ::CREASE_STEP]
+    around = ndimage.gaussian_filter(coarse, CREASE_MM / pitch / CREASE_STEP)
     around = around.repeat(CREASE_STEP, 0).repeat(CREASE_STEP, 1)[: len(filled), : filled.shape[1]]
     crease = np.clip(1.0 - CREASE_STRENGTH * np.clip(around - filled, 0.0, None), 0.45, 1.0)
     shaded = (light * crease)[..., None] * color

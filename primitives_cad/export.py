@@ -20,25 +20,21 @@ if TYPE_CHECKING:
 MANIFEST = "manifest.json"
 MOSAIC = "mosaic"
 
+# Distance of the primitives on the plate along x and y. Assumed, so that no press touches a
+# neighbor: half the gel's diagonal, the largest offset and half the neighbor, 15.5 + 8.3 + 6.5 mm
+# along x and 15.5 + 20.2 + 20 mm along y. The plate fits a printer's bed of 250 mm.
 PLATE_PITCH_MM = (31.0, 56.0)
-"""Distance of the primitives on the plate along x and y, mm. Assumed, so that no press touches a
-neighbor: the sum of half the diagonal of the gel, the protocol's largest offset and half the
-neighbor. That is 15.5 + 8.3 + 6.5 mm along x, where the largest square and circle stand next to the
-largest empty circle, and 15.5 + 20.2 + 20 mm along y, where lines follow lines. The plate fits a
-printer's bed of 250 mm."""
-
+# length of the ball's stem from its center (assumed: more than an elastomer's thickness)
 STEM_MM = 5.0
-"""Length of the ball's stem from its center, mm: more than an elastomer's thickness (assumed)."""
-
 PLATE_COLUMNS = len(FAMILIES)
 PLATE_ROWS = len(PRIMITIVES) // PLATE_COLUMNS
 
 
 def export_shapes(out_dir: str | Path) -> Path:
-    """Write NAME.step and NAME.stl of the 32 primitives, the 5 tools and the plate with all
-    primitives (`mosaic`), in mm, and manifest.json, which describes them.
+    """Write NAME.step and NAME.stl of the primitives, the tools and the plate (`mosaic`), in mm.
 
-    Returns the manifest's path. Raises T2TwinError where the folder cannot be written.
+    Returns the path of manifest.json, which describes them. Raises T2TwinError where the folder
+    cannot be written.
     """
     folder = arguments.path(out_dir, "out_dir")
     names = (*catalogue.PRIMITIVES, *catalogue.TOOLS, MOSAIC)
@@ -52,13 +48,7 @@ def export_shapes(out_dir: str | Path) -> Path:
 
 
 def _write_shape(folder: Path, name: str) -> dict[str, Any]:
-    """Write both files of one shape; returns its entry in the manifest.
-
-    family, version, parameters_mm: of a primitive. keypoints: of a tool. split, spacing_mm: split
-    and spacings of the press grid. places_mm: x, y of each primitive's axis on the plate. pitch_mm:
-    their distance along x and y. bounding_box_mm: lowest and highest corner of the mesh, (2, 3).
-    chordal_error_mm: requested from the mesher.
-    """
+    """Write both files of one shape; returns its entry in the manifest."""
     import cadquery as cq
 
     from t2twin.primitives_cad import solids, tools
@@ -129,10 +119,7 @@ def plate_solid() -> "cq.Shape":
 
 
 def write_ball(path: Path, diameter_mm: float) -> Shape:
-    """Write a ball on a stem of its diameter as a STEP file, pressing side up; returns the shape.
-
-    Raises T2TwinError where the file cannot be written.
-    """
+    """Write a ball on a stem of its diameter as STEP, pressing side up; returns the shape."""
     import cadquery as cq
 
     stem = cq.Workplane().circle(diameter_mm / 2).extrude(-STEM_MM)

@@ -12,45 +12,23 @@ from t2twin.primitives_cad.triangles import EDGE_MM, raise_to_corners
 if TYPE_CHECKING:
     import trimesh
 
-PITCH_MM = 0.05
-"""Finest pitch of a height map, mm (assumed: about one pixel of a DIGIT)."""
-
+PITCH_MM = 0.05  # finest pitch of a height map, mm (assumed: about one pixel of a DIGIT)
+# finest pitch of a file; 0.05 mm makes thin walls worse (benchmark contact_cases)
 FILE_PITCH_MM = 0.025
-"""Finest pitch of the height map of a file, mm. Its outlines are anywhere between the points; with
-0.05 mm, thin walls and needles have larger errors (measured by the benchmark `contact_cases`)."""
-
+# Half the side of a height map. Assumed: half the diagonal of a 28 x 46 mm cover, 27 mm, and the
+# largest offset of a press on a tool's or a file's shape, 4.5 mm.
 REACH_MM = 32.0
-"""Half the side of a height map, mm. Assumed: half the diagonal of a 28 x 46 mm cover, 27 mm, and
-the largest offset of a press on a tool's or a file's shape, 4.5 mm."""
-
-MAX_CELLS = 1_500_000
-"""Limit on the cells of a map whose pitch is not given (assumed)."""
-
+MAX_CELLS = 1_500_000  # limit on the cells of a map whose pitch is not given (assumed)
+# least rise of a wall over half a pitch, pitches (assumed: a slope of 76 degrees)
 WALL_POINTS = 2.0
-"""Height difference from a point half a pitch away, in pitches, above which a wall is between them
-(assumed: a slope of 76 degrees)."""
-
-DIRECTIONS = 8
-"""Directions in which a point is compared with points half a pitch away."""
-
-FACE_MM = 0.02
-"""Height range of a flat face, mm (assumed: finer than a print's layer)."""
-
-FACE_SHARE = 0.2
-"""Least share of a base plate in the surface, seen from above (assumed)."""
-
-FEATURES_MM = 0.1
-"""Least height of features on a base plate, mm (assumed)."""
-
-FLAT_TOP_MM = 0.1
-"""Height range of a shape's highest part, mm (assumed: the depth of a light press)."""
-
-PLACE_POINTS = 300
-"""Points to each side of the middle in which the highest part is searched (assumed)."""
-
+DIRECTIONS = 8  # directions in which a point is compared with points half a pitch away
+FACE_MM = 0.02  # height range of a flat face, mm (assumed: finer than a print's layer)
+FACE_SHARE = 0.2  # least share of a base plate in the surface, seen from above (assumed)
+FEATURES_MM = 0.1  # least height of features on a base plate, mm (assumed)
+FLAT_TOP_MM = 0.1  # height range of a shape's highest part (assumed: the depth of a light press)
+PLACE_POINTS = 300  # points from the middle in which the highest part is searched (assumed)
+# heights of walls without width and of narrow parts that are ignored (assumed)
 WALL_MM, NEEDLE_MM = 0.1, 0.5
-"""Height of walls without width and of narrow parts that is ignored, mm (assumed: rounding, and the
-tip of a cone of 45 degrees)."""
 
 
 def aligned(
@@ -61,11 +39,8 @@ def aligned(
 ) -> tuple["trimesh.Trimesh", HeightMap]:
     """A mesh (mm) moved along z so that its highest point within reach is at 0, and its height map.
 
-    pitch_mm: None for PITCH_MM, doubled until the map has at most MAX_CELLS.
-    reach_mm: half the side of the map, which is centered on the press axis.
-    of_file: whether the map is that of a file: from FILE_PITCH_MM, and with outlines at the nearest
-        points, see `rounded_outline`, instead of the last ones on the solid.
-    The grid has a point on the axis, is symmetric about it, and ends in a rim of NOTHING_MM.
+    pitch_mm: None for PITCH_MM, or FILE_PITCH_MM of a file, doubled until the map has at most
+    MAX_CELLS. of_file: whether outlines are at the nearest points, see `rounded_outline`.
     Raises T2TwinError where the mesh has no surface within reach.
     """
     triangles = np.asarray(mesh.triangles)
@@ -100,11 +75,7 @@ def aligned(
 
 
 def highest_place(mesh: "trimesh.Trimesh") -> tuple[float, float]:
-    """x and y of the middle of a mesh's highest part, mm: of its points within FLAT_TOP_MM of the
-    highest one, the farthest from the outline of this part.
-
-    Raises T2TwinError for a mesh without a surface seen from above.
-    """
+    """x and y of the middle of a mesh's highest part, mm: the point farthest from its outline."""
     from scipy import ndimage  # slow to import
 
     triangles = np.asarray(mesh.triangles)
@@ -134,9 +105,8 @@ def highest_place(mesh: "trimesh.Trimesh") -> tuple[float, float]:
 def rounded_outline(sample: Callable[[float, float], np.ndarray], pitch_mm: float) -> np.ndarray:
     """Heights at the points of a map, mm, with its outlines at the nearest points.
 
-    A point less than half a pitch from a wall belongs to the top of the wall. Widths between
-    points are then right on average; without, they are too small by a pitch on average.
-    sample: heights at the points moved by dx, dy, mm.
+    A point less than half a pitch from a wall belongs to its top, so that widths are right on
+    average. sample: heights at the points moved by dx, dy, mm.
     """
     heights, half = sample(0.0, 0.0), (1 - EDGE_MM) * pitch_mm / 2
     raised = heights
@@ -148,11 +118,7 @@ def rounded_outline(sample: Callable[[float, float], np.ndarray], pitch_mm: floa
 
 
 def narrow_mm(mesh: "trimesh.Trimesh", surface: HeightMap, sides_mm: tuple[float, float]) -> float:
-    """Height of a mesh's highest vertex above the parts of its surface that have at least these
-    sides, mm: of needles and thin walls, which a press may miss. 0 where it is small.
-
-    sides_mm: the narrower and the wider side. Walls without width are missing in the surface.
-    """
+    """Height of needles and thin walls above parts with at least these sides, mm; 0 if small."""
     from scipy import ndimage  # slow to import
 
     x, y, z = mesh.vertices.view(np.ndarray).T
@@ -169,11 +135,7 @@ def narrow_mm(mesh: "trimesh.Trimesh", surface: HeightMap, sides_mm: tuple[float
 
 
 def base_mm(surface: HeightMap) -> float | None:
-    """Height of the base plate's top, mm, or None where there is none.
-
-    The base plate is the lowest face of the pressing surface if it is flat, large and not the only
-    one.
-    """
+    """Height of the lowest face, mm, if it is flat, large and not the only one."""
     heights = surface.heights_mm[surface.heights_mm > NOTHING_MM / 2]
     lowest = float(heights.min())
     share = float((heights <= lowest + FACE_MM).mean())
@@ -183,11 +145,7 @@ def base_mm(surface: HeightMap) -> float | None:
 def rasterize_triangles(
     triangles: np.ndarray, pitch_mm: float, rows: int, columns: int
 ) -> np.ndarray:
-    """Highest z of triangles over a grid, (2 rows + 3, 2 columns + 3) float32, mm.
-
-    triangles: (n, 3, 3), facing up or down. The grid is centered on the axis; its outermost points,
-    and those without a triangle, are NOTHING_MM.
-    """
+    """Highest z of triangles (n, 3, 3) over a grid, (2 rows + 3, 2 columns + 3) float32, mm."""
     heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
     raise_to_corners(np.ascontiguousarray(triangles, np.float64), pitch_mm, heights)
     return heights

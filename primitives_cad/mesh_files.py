@@ -1,9 +1,7 @@
 """Reads solids from STL, OBJ, PLY, 3MF, GLB and STEP files, and writes binary STL.
 
-trimesh reads STL, PLY and GLB, and CadQuery STEP. OBJ and 3MF are read here: trimesh 5.2 returns
-wrong faces of OBJ without an error (notches, corners counted back), and needs lxml for 3MF.
-A reader of a format returns the mesh in the file's units, and the length of a unit in mm (1 where
-the format has none).
+OBJ and 3MF are read here: trimesh 5.2 returns wrong faces of OBJ without an error (notches, corners
+counted back), and needs lxml for 3MF. A reader returns the mesh and its unit, mm.
 """
 
 import json
@@ -12,8 +10,6 @@ import re
 import zipfile
 from array import array
 from codecs import BOM_UTF8
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -31,89 +27,47 @@ if TYPE_CHECKING:
 
     Read = tuple[trimesh.Trimesh, float]
 
-MAX_BYTES = 500_000_000
-"""Size limit of files, bytes (assumed: about 2 million triangles as text)."""
-
-MAX_TRIANGLES = 2_000_000
-"""Limit on the triangles of a file (assumed: finer than any print, and minutes of computing)."""
-
-MAX_PLACES = 10_000
-"""Limit on the placements of parts of a 3MF file, which may refer to themselves (assumed)."""
-
+MAX_BYTES = 500_000_000  # size limit of files, bytes (assumed: about 2 million triangles as text)
+MAX_TRIANGLES = 2_000_000  # of a file (assumed: finer than any print, and minutes of computing)
+MAX_PLACES = 10_000  # placements of parts of a 3MF file, which may refer to themselves (assumed)
+# largest coordinate, in the file's units (assumed: corners lose precision beyond it)
 FARTHEST = 1e10
-"""Largest coordinate, in the file's units (assumed: beyond it corners lose their precision)."""
+FLAT = 1e-9  # share of a face's area below which one of its triangles counts as a line (assumed)
+FOLD_RAD = math.pi - 1e-3  # least angle between neighboring triangles of a folded face (assumed)
+# Least sides of a solid seen from above. The contact solver missed posts of 0.3 mm and blades of
+# 0.1 mm at some of ten poses, and none of these; the contact area on a gel was within 3 %.
+SMALLEST_MM, NARROWEST_MM = 0.5, 0.2
 
-FLAT = 1e-9
-"""Share of a face's area below which one of its triangles counts as a line (assumed)."""
-
-FOLD_RAD = math.pi - 1e-3
-"""Angle between neighboring triangles of a face from which on it is folded, rad (assumed)."""
-
-SMALLEST_MM = 0.5
-"""Least longer side of a solid seen from above, mm. The contact solver's survey has cells of 0.5
-mm, and posts of 0.3 mm fall between its sample points at some poses. Measured at ten poses: from
-0.5 mm on none was missed, and the contact area on a gel was within 3 %."""
-
-NARROWEST_MM = 0.2
-"""Least narrower side, mm: four points of a height map. Blades of 0.1 mm were missed at some poses,
-blades of 0.2 mm and more at none."""
-
-LARGEST_MM = 1000.0
-"""Largest size of a solid, mm (assumed: larger ones are in other units)."""
-
+LARGEST_MM = 1000.0  # largest size of a solid, mm (assumed: larger ones are in other units)
+# largest size of what a hand holds (assumed); files up to half a unit are likely in meters
 HAND_MM = 500.0
-"""Largest size of what a hand holds, mm (assumed: a long tool). Files of up to half a unit are
-likely in meters, the unit of robot models."""
-
 METER_MM, INCH_MM = 1000.0, 25.4
 
-INCHES = re.compile(rb"\binch(es)?\b", re.IGNORECASE)
-"""Words of a file for its unit."""
-
-HEAD_BYTES = 2000
-"""Bytes from the start of a file in which its unit may be named (assumed)."""
-
-STL_HEADER_BYTES = 84
-"""Bytes before the first triangle of binary STL: 80 of text, then the number of triangles."""
-
+INCHES = re.compile(rb"\binch(es)?\b", re.IGNORECASE)  # words of a file for its unit
+HEAD_BYTES = 2000  # bytes from the start of a file in which its unit may be named (assumed)
+STL_HEADER_BYTES = 84  # of binary STL: 80 of text, then the number of triangles
+# one triangle of binary STL
 STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""One triangle of binary STL."""
-
-STL_CORNER = re.compile(rb"^\s*vertex\b", re.IGNORECASE | re.MULTILINE)
-"""The start of a corner in text STL."""
-
-PLY_FACES = re.compile(rb"^element face (\d+)", re.MULTILINE)
-"""The number of faces in the header of PLY."""
-
-UPRIGHT = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
-"""Rotation from glTF's frame, y up (glTF 2.0, 3.4), to one with z up."""
-
-GLTF_FAN = 6
-"""Mode of a primitive of glTF whose triangles are a fan, which trimesh skips (glTF 2.0, 3.7.2)."""
-
+STL_CORNER = re.compile(rb"^\s*vertex\b", re.IGNORECASE | re.MULTILINE)  # a corner in text STL
+PLY_FACES = re.compile(rb"^element face (\d+)", re.MULTILINE)  # the number of faces in PLY
+UPRIGHT = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # from glTF's y up (glTF 2.0, 3.4) to z up
+GLTF_FAN = 6  # mode of fans of triangles, which trimesh skips (glTF 2.0, 3.7.2)
+# starts of the names of extensions of glTF that leave triangles as they are
 APPEARANCE = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "MSFT_texture_")
-"""Starts of the names of extensions of glTF that leave triangles as they are."""
-
+# Units of a 3MF model; the default is millimeter (3MF Core Specification 1.3, 3.4).
 UNITS_MM = {"micron": 0.001, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8,
             "meter": 1000.0}  # fmt: skip
-"""Units of a 3MF model, mm; the default is millimeter (3MF Core Specification 1.3, 3.4)."""
 
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
 PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
 
-KNOWN_EXTENSIONS = (
+KNOWN_EXTENSIONS = (  # that a 3MF model may require: the others change its triangles
     PRODUCTION,
     "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
     "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07",
 )
-"""Extensions that a 3MF model may require: the others change its triangles."""
-
-PRESSED = ("model", "surface")
-"""Types of 3MF objects that are pressed; supports and the like are not part of the shape."""
-
-START = "3D/3dmodel.model"
-"""Name of the 3MF model with the build instructions."""
-
+PRESSED = ("model", "surface")  # types of 3MF objects that are part of the shape; supports are not
+START = "3D/3dmodel.model"  # name of the 3MF model with the build instructions
 NOT_READ = "it requires the extension {}, which is not read; export it without"
 
 
@@ -140,13 +94,10 @@ def read_bytes(path: Path) -> bytes:
 def read_solid(
     path: Path, scale: float | None = None, hints: Hints = COMMAND_HINTS
 ) -> tuple["trimesh.Trimesh", tuple[str, ...]]:
-    """The solid or surface in a file, mm, its pressing side up (+z), and sentences about it.
+    """The solid or surface in a file, mm, with its top at 0 and centered, and sentences about it.
 
-    The press axis passes through the center of the bounding box in x and y; the highest point is at
-    z = 0. Several bodies form one shape. scale: mm per unit of the file; None for the file's own
-    unit (3MF, GLB, STEP), else 1. STEP is always read in mm, so that the scale is a factor.
-    Raises T2TwinError for a missing, unreadable or empty file, one without a surface seen from
-    above, and an unlikely size.
+    Several bodies form one shape. scale: mm per unit of the file, of STEP a factor; None for the
+    file's own unit (3MF, GLB, STEP), else 1. Raises T2TwinError for a file that cannot be pressed.
     """
     from t2twin.primitives_cad.mesh_repair import close_mesh
 
@@ -185,8 +136,8 @@ def _resize(
             f"{path} is flat: it has no {'xy'[int(sides[:2].argmin())]}; a surface that is seen "
             "from above (+z) is needed"
         )
-    width, length, height = (float(side) * unit_mm for side in sides)
     if not _fits(sides, unit_mm):
+        width, length, height = (float(side) * unit_mm for side in sides)
         raise T2TwinError(
             f"{path} is {width:g} x {length:g} mm seen from above and {height:g} mm high; at least "
             f"{SMALLEST_MM:g} x {NARROWEST_MM:g} mm and at most {LARGEST_MM:g} mm are allowed"
@@ -202,24 +153,14 @@ def _fits(sides: np.ndarray, unit_mm: float) -> bool:
 
 
 def _scale_hint(sides: np.ndarray, unit_mm: float, in_inches: bool, hints: Hints) -> str:
-    """A clause with a scale that makes too small sides (3,), in the file's units, large enough."""
+    """A clause with a likely scale of too small sides (3,), in the file's units."""
     largest = float(sides.max())
-    if largest * unit_mm > LARGEST_MM:
+    name, scale = ("inches", INCH_MM) if in_inches else ("meters", METER_MM)
+    is_likely = in_inches or largest * scale <= HAND_MM
+    if largest * unit_mm > LARGEST_MM or not is_likely or not _fits(sides, scale):
         return ""
-    for name, scale, likely in (
-        ("inches", INCH_MM, in_inches),
-        ("meters", METER_MM, largest * METER_MM <= HAND_MM),
-    ):
-        if likely and _fits(sides, scale):
-            option = hints.scale.format(scale)
-            return f"; if it is in {name}, {option} makes it {largest * scale:g} mm large"
-    narrow, wide = sorted(sides[:2].tolist())
-    least = max(NARROWEST_MM / narrow, SMALLEST_MM / wide)
-    digit = 10.0 ** (math.floor(math.log10(least)) - 1)
-    least = math.ceil(least / digit) * digit  # rounded up to two digits
-    if not _fits(sides, least):
-        return ""
-    return f"; {hints.scale.format(least)} or more, mm per unit, makes it large enough"
+    option = hints.scale.format(scale)
+    return f"; if it is in {name}, {option} makes it {largest * scale:g} mm large"
 
 
 def _mesh(corners: np.ndarray, faces: np.ndarray) -> "trimesh.Trimesh":
@@ -264,10 +205,7 @@ def _stl(path: Path) -> "Read":
 
 
 def binary_stl(vertices: np.ndarray, faces: np.ndarray) -> bytes:
-    """A binary STL file. vertices: (n, 3), mm. faces: (m, 3), counterclockwise from outside.
-
-    Triangles without area have a zero normal.
-    """
+    """A binary STL file. vertices: (n, 3), mm. faces: (m, 3), counterclockwise from outside."""
     corners = np.asarray(vertices)[np.asarray(faces)]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -299,7 +237,7 @@ def _obj(path: Path) -> "Read":
 
 
 def _fans(polygons: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Triangles (m, 3) within polygons (k, n): fans from a corner that sees all others."""
+    """Triangles (m, 3) of polygons (k, n): fans from a corner that sees all others."""
     _check_indices(polygons, corners)
     cut, waiting = [], polygons
     for _ in range(polygons.shape[1]):
@@ -442,17 +380,17 @@ def _place(about: dict[str, str], model: str) -> _Place:
 
 
 def _step(path: Path) -> "Read":
-    """The solids of STEP, or its surfaces without solids, as one mesh in mm.
-
-    `mesh_repair` closes gaps that the mesher leaves between the faces of a solid.
-    """
+    """The solids of STEP, or its surfaces without solids, as one mesh in mm; it may have gaps."""
     import cadquery as cq
     import trimesh
+    from OCP.Message import Message  # pyright: ignore[reportAttributeAccessIssue]
 
     from t2twin.primitives_cad import solids
 
-    with _quiet_kernel():
-        content = cq.importers.importStep(str(path))
+    kernel = Message.DefaultMessenger_s()
+    for printer in list(kernel.Printers()):  # it prints to standard output
+        kernel.RemovePrinter(printer)
+    content = cq.importers.importStep(str(path))
     found = content.solids().vals()
     mesh: trimesh.Trimesh = trimesh.util.concatenate(  # pyright: ignore[reportAssignmentType]
         [_mesh(*solids.triangles_of(each)) for each in found or content.faces().vals()]  # pyright: ignore[reportArgumentType]
@@ -462,29 +400,6 @@ def _step(path: Path) -> "Read":
     return mesh, 1.0
 
 
-@contextmanager
-def _quiet_kernel() -> Iterator[None]:
-    """Suppress the CAD kernel's messages on standard output."""
-    from OCP.Message import Message  # pyright: ignore[reportAttributeAccessIssue]
-
-    messenger = Message.DefaultMessenger_s()
-    printers = list(messenger.Printers())
-    for printer in printers:
-        messenger.RemovePrinter(printer)
-    try:
-        yield
-    finally:
-        for printer in printers:
-            messenger.AddPrinter(printer)
-
-
-READERS = {
-    ".stl": _stl,
-    ".obj": _obj,
-    ".ply": _ply,
-    ".3mf": _threemf,
-    ".glb": _glb,
-    ".step": _step,
-    ".stp": _step,
-}
+READERS = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".3mf": _threemf, ".glb": _glb,
+           ".step": _step, ".stp": _step}  # fmt: skip
 SUFFIXES = tuple(READERS)

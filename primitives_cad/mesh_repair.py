@@ -1,8 +1,7 @@
 """Repairs meshes: merges loose corners and closes small holes.
 
-No library does this without a loss. trimesh's `fill_holes` (5.2) closes holes that touch at corners
-wrongly: it repairs none of 64 balls without the three neighbors of a triangle. manifold3d rejects
-open meshes. pymeshfix is GPL and keeps only the largest of several bodies.
+trimesh's `fill_holes` (5.2) closes holes that touch at corners wrongly, manifold3d rejects open
+meshes, and pymeshfix is GPL and keeps only the largest of several bodies.
 """
 
 from itertools import pairwise
@@ -10,27 +9,17 @@ from itertools import pairwise
 import numpy as np
 import trimesh
 
+# decimals of a mm of the corners of an open mesh (assumed; STL is single precision)
 LOOSE_DIGITS = 4
-"""Decimals of a mm to which the corners of an open mesh are rounded (assumed; STL is single
-precision)."""
-
-HOLES_SHARE = 0.01
-"""Largest share of the surface that closes holes (assumed: a few missing triangles, but no face).
-"""
-
-MAX_RIM_EDGES = 2000
-"""Limit on the edges around closed holes (assumed: more is a surface, not a solid)."""
-
+HOLES_SHARE = 0.01  # largest share of the surface that closes holes (assumed: less than a face)
+MAX_RIM_EDGES = 2000  # around closed holes (assumed: more is a surface, not a solid)
 UPPER = "its upper surface is pressed"
 
-THINNEST_MM = 1e-6
-"""Least volume over half the surface, mm: thinner bodies are sheets (assumed: far below any length
-of a shape)."""
+THINNEST_MM = 1e-6  # least volume over half the surface; thinner bodies are sheets (assumed)
 
 
 def close_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
-    """A mesh (mm), closed with faces outwards where possible, and a clause about closed holes or
-    what stays open. Bodies that touch or overlap are not changed."""
+    """A mesh (mm), closed if possible, and a clause about closed holes or what stays open."""
     note = None
     if not mesh.is_watertight:
         mesh, note, closed = _merged(mesh)

@@ -1,27 +1,18 @@
-"""Parameters of the eight families of tactile primitives.
+"""Parameters of the eight families of tactile primitives, mm.
 
 The families, their parameters and the split by version are those of Grella et al. 2023. The sizes
-are assumed, for a DIGIT with a view of about 12.5 x 16.7 mm. Most features lie within the view;
-lines and the largest version of each flat family extend beyond it, as edges and faces of tools do.
-Lines have several lengths, because an image of an edge does not show where it ends, and a network
-trained on one length would predict it everywhere. All lengths are in mm.
+are assumed, for a DIGIT with a view of about 12.5 x 16.7 mm; lines and the largest flat versions
+extend beyond it, as tools do. A network trained on one length of lines would predict it everywhere.
 """
 
 from math import sqrt
 
-PLATE_SIDE_MM = 46.0
-"""Side of a primitive's square base plate, mm (assumed: fits the longest line)."""
-
-PLATE_THICKNESS_MM = 3.0
-"""Thickness of the base plate, mm (assumed)."""
-
-FEATURE_HEIGHT_MM = 6.0
-"""Height of every feature's top above the plate, mm (assumed: more than the thickest soft layer,
-4.07 mm, so that no press touches the plate)."""
-
-VALIDATION_VERSION = 3
-"""The version of each family in the validation split; the others are in the training split."""
-
+PLATE_SIDE_MM = 46.0  # side of a primitive's square base plate, mm (assumed: fits the longest line)
+PLATE_THICKNESS_MM = 3.0  # thickness of the base plate, mm (assumed)
+FEATURE_HEIGHT_MM = 6.0  # above the plate (assumed: more than the thickest soft layer, 4.07 mm)
+VALIDATION_VERSION = 3  # of each family, in the validation split; the others are for training
+# Versions 1 to 4 of each family (assumed). radius: of line-smooth's long edges' rounding, else of
+# the outline. edge: wall thickness. curvature: of the spherical cap. length: along y.
 FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
     "line-smooth": (
         {"width": 1.6, "radius": 0.4, "length": 28.0},
@@ -57,27 +48,11 @@ FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
         {"width": 5.5, "length": 28.0},
     ),
 }
-"""Parameters of versions 1 to 4 of each family, mm (assumed). radius: of the long edges'
-rounding for line-smooth, else of the shape's outline (outer, for circle-empty). edge: wall
-thickness. curvature: radius of the bump's spherical cap. length: along y; all are more than the
-16.7 mm of a DIGIT's view."""
 
-MIN_SPACING_MM = 1.0
-"""Least spacing of the press grid, mm, so that presses on narrow shapes differ (assumed; Grella et
-al. 2023 use 1.4 for a square, and their grid covers each primitive)."""
-
-SPACING_STEP_MM = 0.05
-"""Spacings are rounded to this, mm (assumed)."""
-
-GRID_INTERVALS = 6
-"""Intervals along one side of the protocol's 7 x 7 grid (Grella et al. 2023)."""
-
-PRIMITIVES = tuple(
-    f"{family}-{version + 1}"
-    for family, versions in FAMILIES.items()
-    for version in range(len(versions))
-)
-"""Names of the 32 primitives, family by family."""
+MIN_SPACING_MM = 1.0  # of the press grid, so that presses on narrow shapes differ (assumed)
+SPACING_STEP_MM = 0.05  # spacings are rounded to this, mm (assumed)
+GRID_INTERVALS = 6  # along one side of the protocol's 7 x 7 grid (Grella et al. 2023)
+PRIMITIVES = tuple(f"{family}-{version}" for family in FAMILIES for version in (1, 2, 3, 4))
 
 
 def family(name: str) -> str:
@@ -103,10 +78,9 @@ def extents_mm(name: str) -> tuple[float, float]:
         return sizes["width"], sizes["length"]
     if kind in ("square", "square-empty"):
         return sizes["side"], sizes["side"]
-    radius = (
-        cap_radius_mm(sizes["height"], sizes["curvature"]) if kind == "bump" else sizes["radius"]
-    )
-    return 2.0 * radius, 2.0 * radius
+    if kind == "bump":
+        sizes["radius"] = cap_radius_mm(sizes["height"], sizes["curvature"])
+    return 2.0 * sizes["radius"], 2.0 * sizes["radius"]
 
 
 def cap_radius_mm(height_mm: float, curvature_mm: float) -> float:

@@ -1,9 +1,7 @@
 """Random shapes: compositions of one to four features, sampled from a seed.
 
 All distributions are assumed. They cover the edges, faces, ends, ribs and tips of everyday objects
-from 0.5 mm to beyond the size of both sensors, without modeling any particular object. The profile
-of a feature is a function of the distance of a point from its outline; the height of a composition
-is the maximum over its features.
+from 0.5 mm to beyond both sensors. The height of a composition is the maximum over its features.
 """
 
 from dataclasses import dataclass, replace
@@ -17,36 +15,21 @@ from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.primitive_parameters import PLATE_THICKNESS_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, RANDOM_PREFIX, HeightMap, LazyShape, Shape
 
+# of the height map (assumed: two pixels of a DIGIT, a fifth of the narrowest feature)
 PITCH_MM = 0.1
-"""Pitch of a random shape's height map, mm (assumed: two pixels of a DIGIT, a fifth of the
-narrowest feature)."""
-
+# below the highest point (assumed: more than a press, a tilt and a lower feature)
 BASE_DEPTH_MM = 8.0
-"""Depth of the base plate below the highest point, mm (assumed: more than a press, a tilt and a
-lower feature together)."""
-
-SPACING_MM = (1.5, 1.5)
-"""Spacing of the protocol's grid, as on the tools (Grella et al. 2023)."""
-
-STREAM = 1_701
-"""Separates these random numbers from others with the same seed."""
-
-MAX_TRIES = 100
-"""Limit on the compositions sampled until one can be pressed; about one in sixty cannot."""
-
-MIN_AREA_MM2 = 0.1
-"""Least area of a shape's features near the press axis, mm2."""
-
-NEAR_MM = 6.0
-"""Largest distance of that area from the press axis along x and y, mm."""
+SPACING_MM = (1.5, 1.5)  # of the protocol's grid, as on the tools (Grella et al. 2023)
+STREAM = 1_701  # separates these random numbers from others with the same seed
+MAX_TRIES = 100  # compositions sampled until one can be pressed; about one in sixty cannot
+MIN_AREA_MM2 = 0.1  # least area of a shape's features near the press axis, mm2
+NEAR_MM = 6.0  # largest distance of that area from the press axis along x and y, mm
 
 Outline = Literal["bar", "half-plane", "disc", "ring", "polygon"]
 Profile = Literal["flat", "rounded", "rod", "wedge"]
 Teeth = Literal["none", "pointed", "square"]
 
-NUMBERS, NUMBER_SHARES = (1, 2, 3, 4), (0.38, 0.34, 0.18, 0.1)
-"""Numbers of features of a shape, and their probabilities."""
-
+NUMBERS, NUMBER_SHARES = (1, 2, 3, 4), (0.38, 0.34, 0.18, 0.1)  # of features
 KIND_SHARES = {
     "bar": 0.42,
     "bent-bar": 0.08,
@@ -72,6 +55,7 @@ PROFILE_SHARES: dict[str, dict[Profile, float]] = {
 """Probability of each profile: flat, rounded edges, entirely round (a rod; of a disc: a ball), or
 sharp (a roof; of a disc: a cone; of a polygon: a pyramid)."""
 
+# Ranges of sizes, sampled log-uniformly. Lengths of bars are from end to end.
 HALF_WIDTH_MM = (0.4, 8.0)
 LENGTH_MM = (3.0, 200.0)
 DISC_RADIUS_MM = (0.4, 20.0)
@@ -81,53 +65,27 @@ POLYGON_RADIUS_MM = (0.8, 20.0)
 WALL_MM = (0.5, 5.0)
 BEND_RADIUS_MM = (12.0, 120.0)
 ARC_RADIUS_MM = (2.0, 30.0)
-"""Ranges of sizes, mm, sampled log-uniformly. Lengths of bars are from end to end."""
+ARC_ANGLE_RAD = (0.6, 5.2)  # angle of an arc, rad, uniform
+ROUNDING_SHARE = (0.15, 1.0)  # radius of a rounded edge over half the feature's width, uniform
+LARGEST_ROUNDING_MM = 4.0  # largest radius of a rounded edge, mm
+ROD_RADIUS_SHARE = (1.0, 3.0)  # radius of curvature over half the width, log-uniform
+WEDGE_SLOPE = (0.15, 1.5)  # slope of the sides of a roof, mm per mm, log-uniform
+SIDES = (3, 4, 5, 6, 8)  # of a polygon
+IRREGULARITY = 0.25  # deviation of the sides' distances over the mean; half are regular
 
-ARC_ANGLE_RAD = (0.6, 5.2)
-"""Angle of an arc, rad, uniform."""
-
-ROUNDING_SHARE = (0.15, 1.0)
-"""Radius of a rounded edge over half the feature's width, uniform."""
-
-LARGEST_ROUNDING_MM = 4.0
-"""Largest radius of a rounded edge, mm."""
-
-ROD_RADIUS_SHARE = (1.0, 3.0)
-"""Radius of a rod's or a ball's curvature over half its width, log-uniform."""
-
-WEDGE_SLOPE = (0.15, 1.5)
-"""Slope of the sides of a roof, mm per mm, log-uniform."""
-
-SIDES = (3, 4, 5, 6, 8)
-IRREGULARITY = 0.25
-"""Numbers of a polygon's sides, and the relative standard deviation of their distances from the
-center; half of the polygons are regular."""
-
+# Serrated bars and half-planes: their share, pitch (log-uniform) and depth of the cuts (uniform).
 TEETH_SHARE, TEETH_PITCH_MM, TEETH_DEPTH_MM = 0.13, (0.7, 4.5), (0.2, 1.5)
-"""Share of serrated bars and half-planes, pitch of their teeth (log-uniform, mm) and depth of the
-cuts (uniform, mm)."""
-
+# Shares of shapes cut by a plane and with a round hole, and the hole's radius (log-uniform).
 CUT_SHARE, HOLE_SHARE, HOLE_RADIUS_MM = 0.2, 0.15, (0.5, 6.0)
-"""Share of shapes cut by a plane, share with a round hole, and the hole's radius (log-uniform, mm).
-"""
-
+# Deviations along x and y from the press axis: of the first feature, the others, cuts and holes.
 FIRST_OFFSET_MM, OTHERS_OFFSET_MM, CUT_OFFSET_MM = 1.5, 6.0, 3.0
-"""Standard deviations along x and y of the distance from the press axis, mm: of the first feature,
-of the others, and of cuts and holes."""
-
+# Share of further features as high as the first; the others are lower by at most this (uniform).
 SAME_HEIGHT_SHARE, MAX_LOWER_MM = 0.4, 1.2
-"""Share of further features as high as the first, and by how much the others are lower at most
-(uniform, mm)."""
+PARALLEL_SHARE = 0.4  # share of further features parallel to the first, as ribs and jaws are
+TILT_SHARE, MAX_TILT_DEG = 0.35, 3.0  # share of tilted shapes, and their largest tilt (uniform)
 
-PARALLEL_SHARE = 0.4
-"""Share of further features parallel to the first, as ribs and jaws are."""
-
-TILT_SHARE, MAX_TILT_DEG = 0.35, 3.0
-"""Share of tilted shapes, and their largest tilt (uniform, degrees)."""
-
+# Names by the numbers with which the compiled loops know them.
 OUTLINES, PROFILES, TEETH = get_args(Outline), get_args(Profile), get_args(Teeth)
-"""Names by the numbers with which the compiled loops know them."""
-
 _BAR, _HALF_PLANE, _DISC, _RING, _POLYGON = range(5)
 _, _ROUNDED, _ROD, _WEDGE = range(4)
 _POINTED = 1
@@ -137,29 +95,20 @@ MAX_SIDES = 8
 
 @dataclass(frozen=True)
 class Feature:
-    """One feature, in the shape frame.
-
-    x_mm, y_mm, turn_rad: pose of the feature's frame. A bar extends along its y, a half-plane along
-    its x. half_width_mm: half the width of a bar or of a ring's wall, a disc's radius, the least
-    distance of a polygon's sides from its center; inf for a half-plane. half_length_mm: half a
-    bar's length. radius_mm: of the center line of a ring or a bent bar; 0 for a straight bar.
-    sides: (n, 2) directions (rad) and distances (mm) of a polygon's sides from its center.
-    wall_mm: of a hollow polygon; 0 for a full one. curve: radius of a rounded edge or a rod, mm, or
-    slope of a roof. lower_mm: depth of the feature's top below the shape's.
-    """
+    """One feature, in the shape frame; a bar extends along its own y, a half-plane along its x."""
 
     outline: Outline
     profile: Profile
     x_mm: float
     y_mm: float
     turn_rad: float
-    half_width_mm: float
-    half_length_mm: float = 0.0
-    radius_mm: float = 0.0
-    sides: tuple[tuple[float, float], ...] = ()
-    wall_mm: float = 0.0
-    curve: float = 0.0
-    lower_mm: float = 0.0
+    half_width_mm: float  # or a disc's radius, a polygon's inner one; inf of a half-plane
+    half_length_mm: float = 0.0  # of a bar
+    radius_mm: float = 0.0  # of the center line of a ring or a bent bar; 0 for a straight bar
+    sides: tuple[tuple[float, float], ...] = ()  # a polygon's: directions, rad, and distances, mm
+    wall_mm: float = 0.0  # of a hollow polygon; 0 for a full one
+    curve: float = 0.0  # radius of a rounded edge or a rod, mm, or slope of a roof
+    lower_mm: float = 0.0  # depth of the top below the shape's
     teeth: Teeth = "none"
     teeth_pitch_mm: float = 1.0
     teeth_depth_mm: float = 0.0
@@ -167,33 +116,23 @@ class Feature:
 
 @dataclass(frozen=True)
 class Composition:
-    """The features, cuts, holes and tilt of a random shape.
-
-    cuts: (direction rad, distance mm) of planes; the part beyond the distance is removed. holes:
-    (x, y, radius), mm. tilt: slope along x and y, mm per mm.
-    """
+    """What a random shape consists of."""
 
     features: tuple[Feature, ...]
-    cuts: tuple[tuple[float, float], ...]
-    holes: tuple[tuple[float, float, float], ...]
-    tilt: tuple[float, float]
+    cuts: tuple[tuple[float, float], ...]  # planes' directions, rad, and distances, mm
+    holes: tuple[tuple[float, float, float], ...]  # x, y and radius, mm
+    tilt: tuple[float, float]  # slope along x and y, mm per mm
 
 
 def random_shape(seed: int) -> Shape:
     """The random shape of a seed; its solid is made at the first use."""
     composition, surface = sample(seed)
+    tilt_deg = float(np.degrees(np.arctan(np.hypot(*composition.tilt))))
     return LazyShape(
-        partial(solid_under, surface),
-        name=f"{RANDOM_PREFIX}{seed}",
-        surface=surface,
-        spacing_mm=SPACING_MM,
-        parameters={
-            "features": float(len(composition.features)),
-            "tilt_deg": float(np.degrees(np.arctan(np.hypot(*composition.tilt)))),
-        },
-        base_mm=-BASE_DEPTH_MM,
-        is_under_surface=True,
-    )
+        partial(solid_under, surface), name=f"{RANDOM_PREFIX}{seed}", surface=surface,
+        spacing_mm=SPACING_MM, base_mm=-BASE_DEPTH_MM, is_under_surface=True,
+        parameters={"features": float(len(composition.features)), "tilt_deg": tilt_deg},
+    )  # fmt: skip
 
 
 def sample(seed: int) -> tuple[Composition, HeightMap]:
@@ -218,10 +157,7 @@ def sample(seed: int) -> tuple[Composition, HeightMap]:
 
 
 def solid_under(surface: HeightMap) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices, mm, and faces of a closed mesh: the surface with two triangles a cell, on a plate.
-
-    Leaves out the rim of NOTHING_MM.
-    """
+    """Vertices, mm, and faces of a closed mesh: the surface, two triangles a cell, on a plate."""
     is_solid = surface.heights_mm > NOTHING_MM / 2
     rows, columns = (np.flatnonzero(is_solid.any(axis=axis)) for axis in (1, 0))
     rows, columns = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
@@ -280,17 +216,11 @@ def _sample_feature(rng: np.random.Generator, first: Feature | None) -> Feature:
     teeth: Teeth = "none"
     if kind in ("bar", "bent-bar", "half-plane") and rng.random() < TEETH_SHARE:
         teeth = "pointed" if rng.random() < 0.6 else "square"
+    pitch_mm, depth_mm = _log_uniform(rng, TEETH_PITCH_MM), float(rng.uniform(*TEETH_DEPTH_MM))
     return replace(
-        feature,
-        x_mm=x,
-        y_mm=y,
-        turn_rad=turn,
-        curve=curve,
-        lower_mm=lower,
-        teeth=teeth,
-        teeth_pitch_mm=_log_uniform(rng, TEETH_PITCH_MM),
-        teeth_depth_mm=float(rng.uniform(*TEETH_DEPTH_MM)),
-    )
+        feature, x_mm=x, y_mm=y, turn_rad=turn, curve=curve, lower_mm=lower,
+        teeth=teeth, teeth_pitch_mm=pitch_mm, teeth_depth_mm=depth_mm,
+    )  # fmt: skip
 
 
 def _sample_sizes(rng: np.random.Generator, kind: str, profile: str) -> Feature:
@@ -365,10 +295,7 @@ def _log_uniform(rng: np.random.Generator, limits: tuple[float, float]) -> float
 
 
 def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """Heights over the points of two axes, (ny, nx) float32, mm; NOTHING_MM without a feature.
-
-    x_mm, y_mm: rising, with the same spacing. The highest point is not yet at 0.
-    """
+    """Heights over two axes of one spacing, (ny, nx) float32, mm; the highest is not yet at 0."""
     features = composition.features
     values = np.array([_values(feature) for feature in features])
     sides = np.full((len(features), MAX_SIDES, 3), np.nan)
@@ -377,16 +304,8 @@ def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> 
             sides[n, k] = np.cos(angle), np.sin(angle), apart
     cuts = [(np.cos(angle), np.sin(angle), apart) for angle, apart in composition.cuts]
     heights = np.full((y_mm.size, x_mm.size), NOTHING_MM, np.float32)
-    _rasterize(
-        values,
-        sides,
-        np.array(cuts, dtype=float).reshape(-1, 3),
-        np.array(composition.holes, dtype=float).reshape(-1, 3),
-        *composition.tilt,
-        x_mm,
-        y_mm,
-        heights,
-    )
+    removed = (np.array(each, float).reshape(-1, 3) for each in (cuts, composition.holes))
+    _rasterize(values, sides, *removed, *composition.tilt, x_mm, y_mm, heights)
     return heights
 
 
@@ -405,23 +324,12 @@ def _values(feature: Feature) -> tuple[float, ...]:
     else:
         reach = feature.radius_mm + half_width
     return (
-        OUTLINES.index(feature.outline),
-        PROFILES.index(feature.profile),
-        feature.x_mm,
-        feature.y_mm,
-        float(np.cos(feature.turn_rad)),
-        float(np.sin(feature.turn_rad)),
-        half_width,
-        feature.half_length_mm,
-        feature.radius_mm,
-        feature.wall_mm,
-        feature.curve,
-        feature.lower_mm,
-        TEETH.index(feature.teeth),
-        feature.teeth_pitch_mm,
-        feature.teeth_depth_mm,
-        reach,
-    )
+        OUTLINES.index(feature.outline), PROFILES.index(feature.profile),
+        feature.x_mm, feature.y_mm, np.cos(feature.turn_rad), np.sin(feature.turn_rad),
+        half_width, feature.half_length_mm, feature.radius_mm,
+        feature.wall_mm, feature.curve, feature.lower_mm,
+        TEETH.index(feature.teeth), feature.teeth_pitch_mm, feature.teeth_depth_mm, reach,
+    )  # fmt: skip
 
 
 @compiled(inline="always")

@@ -29,22 +29,17 @@ from t2twin.core.errors import T2TwinError
 if TYPE_CHECKING:
     import trimesh
 
-NOTHING_MM = -1.0e3
-"""Height where the solid has no surface, mm: far below any layer's thickness."""
-
-RANDOM_PREFIX = "random-"
-"""Start of the names of random shapes, before their seed."""
-
-BALL_PITCH_MM = 0.05
-"""Default pitch of a ball's height map, mm: at most a fifth of a contact's grid."""
+NOTHING_MM = -1.0e3  # height where the solid has no surface, mm: far below any layer's thickness
+RANDOM_PREFIX = "random-"  # start of the names of random shapes, before their seed
+BALL_PITCH_MM = 0.05  # default pitch of a ball's height map: at most a fifth of a contact's grid
 
 
 @dataclass(frozen=True)
 class HeightMap:
     """Heights of a pressing surface on a regular grid, seen from above.
 
-    heights_mm: (ny, nx) float32, <= 0, 0 at the highest point, NOTHING_MM where there is no solid.
-    x_mm: (nx,) and y_mm: (ny,), both rising, equally spaced by pitch_mm.
+    heights_mm: (ny, nx) float32, 0 at the highest point, NOTHING_MM where there is no solid.
+    x_mm: (nx,) and y_mm: (ny,), both rising by pitch_mm.
     """
 
     heights_mm: np.ndarray
@@ -75,15 +70,11 @@ class HeightMap:
 
 @dataclass(frozen=True)
 class Keypoint:
-    """A named place and direction at which a tool is pressed.
-
-    point_mm: (3,) on the tool's surface, in the tool's own frame.
-    direction: (3,) unit vector out of the tool towards the sensor.
-    """
+    """A named place and direction at which a tool is pressed, in the tool's own frame."""
 
     name: str
     point_mm: tuple[float, float, float]
-    direction: tuple[float, float, float]
+    direction: tuple[float, float, float]  # unit vector out of the tool
 
 
 @dataclass(frozen=True)
@@ -135,11 +126,7 @@ class Shape:
 
 
 class LazyShape(Shape):
-    """A shape whose mesh is made at its first use.
-
-    make: returns the vertices, (n, 3), mm, and faces, (m, 3). fields: of `Shape` without the mesh,
-    is_under_surface and rise_mm where they differ.
-    """
+    """A shape whose triangles are made at their first use. fields: of `Shape` without the mesh."""
 
     def __init__(self, make: Callable[[], tuple[np.ndarray, np.ndarray]], **fields: Any) -> None:
         defaults = {"parameters": {}, "base_mm": None, "notes": (), "base_slope": (0.0, 0.0)}
@@ -159,10 +146,7 @@ class LazyShape(Shape):
 
 
 def seed_of(name: str) -> int | None:
-    """The seed in a name such as `random-17`; None for names of other shapes.
-
-    Raises T2TwinError for an invalid seed.
-    """
+    """The seed in a name such as `random-17`; None for names of other shapes."""
     if not name.startswith(RANDOM_PREFIX) or "." in name or "/" in name:
         return None
     digits = name.removeprefix(RANDOM_PREFIX)

@@ -18,26 +18,18 @@ from t2twin.core.machine import installed_version
 from t2twin.primitives_cad.mesh_files import read_bytes
 from t2twin.primitives_cad.shape import HeightMap, Shape
 
-MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
-"""Distributions whose versions affect meshes."""
-
-NOT_MAKERS = ("contact_sheet.py", "export.py")
-"""Sources of this package that do not affect meshes and surfaces."""
-
-RANDOM_SHAPES = "random_shapes.py"
-"""The source for random shapes, which are not cached."""
-
+MAKERS = ("cadquery", "cadquery-ocp", "trimesh")  # distributions whose versions affect meshes
+NOT_MAKERS = ("contact_sheet.py", "export.py")  # sources that do not affect meshes and surfaces
+RANDOM_SHAPES = "random_shapes.py"  # the source for random shapes, which are not cached
 SURFACE = ("heights_mm", "x_mm", "y_mm")
-ABOUT = ("name", "spacing_mm", "parameters", "base_mm", "notes")
-"""Fields of a height map, and of a shape besides its mesh and surface."""
+ABOUT = ("name", "spacing_mm", "parameters", "base_mm", "notes")  # of a shape
 
 
 def fetch(folder: Path | None, file: Path, options: str, build: Callable[[], Shape]) -> Shape:
     """The cached shape of a file, or the result of `build`, which is then cached.
 
-    folder: the cache, None for no cache; it contains one shape of each file. options: what the
-    shape depends on besides the file's content and this package's code.
-    Raises T2TwinError where the file cannot be read or the folder cannot be written.
+    folder: None for no cache; it contains one shape of each file. options: what the shape depends
+    on besides the file's content and this package's code.
     """
     content = hashlib.sha256(read_bytes(file)).digest()
     if folder is None:
@@ -62,10 +54,7 @@ def fetch(folder: Path | None, file: Path, options: str, build: Callable[[], Sha
 
 
 def code_digest(with_random: bool = False) -> str:
-    """Digest of this package's sources, including comments, and of the versions of MAKERS.
-
-    with_random: whether to include the code for random shapes.
-    """
+    """Digest of the sources, with random shapes or not, and of the versions of MAKERS."""
     content = b""
     for source in sorted(Path(__file__).parent.rglob("*.py")):
         if source.name not in NOT_MAKERS and (with_random or source.name != RANDOM_SHAPES):

@@ -1,8 +1,4 @@
-"""CadQuery solids of the primitives, and triangle meshes of CadQuery solids.
-
-The solids are in the shape frame: top of the feature at z = 0, base plate below it, centered on the
-press axis.
-"""
+"""CadQuery solids of the primitives in the shape frame, and triangle meshes of CadQuery solids."""
 
 import cadquery as cq
 import numpy as np
@@ -19,14 +15,9 @@ from t2twin.primitives_cad.primitive_parameters import (
     parameters,
 )
 
-CHORDAL_MM = 0.005
-"""Chordal error requested from the mesher, mm (assumed: half of the documented 0.01 mm)."""
-
-ANGULAR_RAD = 0.25
-"""Largest angle between the normals of neighboring triangles, rad (assumed)."""
-
-BEYOND_MM = 1.0e3
-"""A length beyond any primitive, mm."""
+CHORDAL_MM = 0.005  # error requested from the mesher (assumed: half of the documented 0.01 mm)
+ANGULAR_RAD = 0.25  # largest angle between the normals of neighboring triangles, rad (assumed)
+BEYOND_MM = 1.0e3  # a length beyond any primitive, mm
 
 
 def primitive(name: str) -> cq.Shape:
@@ -36,12 +27,8 @@ def primitive(name: str) -> cq.Shape:
 
 def plate(width_mm: float, length_mm: float) -> cq.Workplane:
     """A base plate centered on the axis, its top FEATURE_HEIGHT_MM below z = 0."""
-    return (
-        cq.Workplane()
-        .workplane(offset=-FEATURE_HEIGHT_MM - PLATE_THICKNESS_MM)
-        .rect(width_mm, length_mm)
-        .extrude(PLATE_THICKNESS_MM)
-    )
+    ground = cq.Workplane().workplane(offset=-FEATURE_HEIGHT_MM - PLATE_THICKNESS_MM)
+    return ground.rect(width_mm, length_mm).extrude(PLATE_THICKNESS_MM)
 
 
 def feature(name: str) -> cq.Workplane:
@@ -90,10 +77,7 @@ def _capped_cylinder(height_mm: float, curvature_mm: float) -> cq.Workplane:
 
 
 def tessellate(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trimesh:
-    """A watertight mesh of a solid, mm, with an error of about chordal_mm.
-
-    Raises T2TwinError where the solid's faces do not close.
-    """
+    """A watertight mesh of a solid, mm, with an error of about chordal_mm."""
     return watertight(*triangles_of(solid, chordal_mm))
 
 
@@ -109,19 +93,10 @@ def triangles_of(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> tuple[np.nd
 
 
 def watertight(points: np.ndarray, triangles: np.ndarray) -> trimesh.Trimesh:
-    """A mesh of points (n, 3) mm and triangles (m, 3), with coincident vertices merged.
-
-    Raises T2TwinError where the result is not watertight.
-    """
+    """A mesh of points (n, 3) mm and triangles (m, 3), with coincident vertices merged."""
     mesh = trimesh.Trimesh(points, triangles, process=False)
     mesh.merge_vertices()
-    corners = mesh.faces
-    whole = (
-        (corners[:, 0] != corners[:, 1])
-        & (corners[:, 1] != corners[:, 2])
-        & (corners[:, 2] != corners[:, 0])
-    )
-    mesh.update_faces(whole)
+    mesh.update_faces((mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1))
     mesh.remove_unreferenced_vertices()
     if not mesh.is_watertight or mesh.volume <= 0.0:
         raise T2TwinError("the solid's mesh is not closed; it must be a watertight solid")

@@ -1,8 +1,7 @@
 """Tilted shapes: a solid turned about its origin, and the height map that it then has.
 
-A solid in any pose has the upper envelope of its mesh. A shape that is known by its height map only
-is all that lies under this map, two triangles a cell. Where the map ends, and where it steps, its
-sides are vertical.
+A shape that is known by its height map only is all that lies under this map, two triangles a cell,
+with vertical sides where the map ends or steps.
 """
 
 from functools import partial
@@ -23,26 +22,16 @@ from t2twin.primitives_cad.triangles import (
     raise_to_triangles,
 )
 
-MAX_TILT_DEG = 30.0
-"""Largest tilt about either axis, degrees (assumed: several times what a robot's press is off)."""
-
-FAR_MM = 1.0e4
-"""A height beyond every solid, mm."""
-
+MAX_TILT_DEG = 30.0  # about either axis (assumed: several times what a robot's press is off)
+FAR_MM = 1.0e4  # a height beyond every solid, mm
+# height of the sides below the lowest point of the map (assumed: more than any layer)
 SIDE_MM = 10.0
-"""Height of the sides below the lowest point of the map, mm (assumed: more than any layer)."""
-
+# distance from a plane within which neighboring cells of a row are one part (assumed)
 EVEN_MM = 1.0e-4
-"""Distance from a plane, mm, within which neighboring cells of a row are one part (assumed: far
-below any depth)."""
+POINT, CELL = "UniTuple(f8, 3)", "UniTuple(i8, 2)"  # a point, a row and column of the source
+FRAME = "Tuple((f8[:, ::1], f8, f8, f8, i8, i8))"  # what `_moved` needs
 
-POINT, CELL = "UniTuple(f8, 3)", "UniTuple(i8, 2)"
-FRAME = "Tuple((f8[:, ::1], f8, f8, f8, i8, i8))"
-"""Types of a point, of a row and column of the source, and of what `_moved` needs."""
-
-NOT_SOLID = np.float32(-2.0)
-"""Marks a cell without four solid corners, in place of the vertical component of a normal."""
-
+NOT_SOLID = np.float32(-2.0)  # marks a cell without four solid corners in place of a normal
 SIDES_NOTE = (
     "{} has no mesh; its height map does not show its sides, which are taken as vertical where a "
     "tilt turns them up"
@@ -50,10 +39,7 @@ SIDES_NOTE = (
 
 
 def tilted(shape: Shape, tilt_x_rad: float, tilt_y_rad: float) -> Shape:
-    """A shape tilted about its origin, see t2twin.primitives_cad.shape; itself without a tilt.
-
-    A shape keeps its last tilt. Raises T2TwinError where the tilt moves the shape out of reach.
-    """
+    """A shape, which keeps its last tilt, tilted about its origin; itself without a tilt."""
     if tilt_x_rad == 0.0 == tilt_y_rad:
         return shape
     tilt = tilt_x_rad, tilt_y_rad
@@ -74,16 +60,10 @@ def _turned(upright: Shape, rotation: np.ndarray) -> Shape:
     if not len(upright.triangles[1]):
         notes = (*notes, SIDES_NOTE.format(upright.name))
     return LazyShape(
-        partial(_turned_mesh, upright, rotation, rise_mm),
-        name=upright.name,
-        surface=surface,
-        spacing_mm=upright.spacing_mm,
-        parameters=upright.parameters,
-        base_mm=base_mm,
-        base_slope=slope,
-        notes=notes,
-        rise_mm=rise_mm,
-    )
+        partial(_turned_mesh, upright, rotation, rise_mm), name=upright.name, surface=surface,
+        spacing_mm=upright.spacing_mm, parameters=upright.parameters, base_mm=base_mm,
+        base_slope=slope, notes=notes, rise_mm=rise_mm,
+    )  # fmt: skip
 
 
 def _turned_mesh(
@@ -94,10 +74,7 @@ def _turned_mesh(
 
 
 def rotation_of(tilt_x_rad: float, tilt_y_rad: float) -> np.ndarray:
-    """(3, 3) the rotation of a tilt in the shape frame, about x first.
-
-    In the sensor frame both are right-handed: F Ry(tilt_y) Rx(tilt_x) F with F = diag(1, -1, -1).
-    """
+    """(3, 3) F Ry(tilt_y) Rx(tilt_x) F with F = diag(1, -1, -1), a tilt in the shape frame."""
     cos_x, sin_x = np.cos(tilt_x_rad), np.sin(tilt_x_rad)
     cos_y, sin_y = np.cos(tilt_y_rad), np.sin(tilt_y_rad)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, -sin_x], [0.0, sin_x, cos_x]])
@@ -175,11 +152,7 @@ def _blocks(upright: Shape) -> Triangles:
 
 @compiled("f8(f4[:, ::1], f8, f8, f8, f8, f8[:, ::1], f8, f4[:, ::1])", nogil=True)
 def raise_to_map(source, floor, first_x, first_y, cell, rotation, pitch, heights):
-    """Raise a map to the solid under another one, and return the greatest height.
-
-    source: (ny, nx) heights on points `cell` apart from first_x, first_y, mm. floor: height at
-    which its sides end, mm. rotation: of the solid. pitch, heights: of the map that is raised.
-    """
+    """Raise a map to the turned solid under another one, source, and return the greatest height."""
     ups = _ups(source, cell, rotation)
     # From here on x is in columns and y in rows of the map.
     turned, top, edge = rotation.copy(), NOTHING_MM, EDGE_MM / pitch
@@ -196,10 +169,7 @@ def raise_to_map(source, floor, first_x, first_y, cell, rotation, pitch, heights
     return top
 
 
-@compiled(
-    f"f8({FRAME}, f4[:, ::1], f4[:, ::1], i8, i8, i8, f8, f8, f8, f4[:, ::1])",
-    nogil=True,
-)
+@compiled(f"f8({FRAME}, f4[:, ::1], f4[:, ::1], i8, i8, i8, f8, f8, f8, f4[:, ::1])", nogil=True)
 def _raise_part(frame, source, ups, i, j, end, floor, edge, top, heights):
     """Raise to cells of row i from column j to before end, and to sides at them that face up."""
     to_right, to_upper = frame[0][2, 0], frame[0][2, 1]
@@ -286,8 +256,7 @@ def _kind(up):
 
 @compiled("f4[:, ::1](f4[:, ::1], f8, f8[:, ::1])", nogil=True)
 def _ups(source, cell, rotation):
-    """(ny + 1, nx + 1) vertical components of the cells' turned unit normals, or NOT_SOLID; with a
-    rim of NOT_SOLID."""
+    """(ny + 1, nx + 1) vertical components of the cells' turned unit normals, or NOT_SOLID."""
     ups = np.full((source.shape[0] + 1, source.shape[1] + 1), NOT_SOLID)
     for i in range(source.shape[0] - 1):
         for j in range(source.shape[1] - 1):

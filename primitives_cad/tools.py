@@ -1,19 +1,16 @@
-"""Hand tools of the test split: a solid in the tool's own frame, and four keypoints to press.
+"""Hand tools of the test split: a solid in the tool's own frame, flat side up, and four keypoints.
 
-Every tool lies along x and y, its flat side up (+z), lengths in mm. Grella et al. 2023 name the
-five tools, but not their sizes, which are assumed to be common ones.
+Grella et al. 2023 name the five tools, but not their sizes, which are assumed to be common ones.
 """
 
+from functools import partial
 from math import cos, hypot, radians, sin, sqrt
 
 import cadquery as cq
 
 from t2twin.primitives_cad.shape import Keypoint
 
-CHORDAL_MM = {"pliers": 0.0025}
-"""Chordal errors requested for particular tools, mm: the mesher's error along the pliers' rounded
-handles is eight times the requested one (measured); this reduces it to 0.004."""
-
+CHORDAL_MM = {"pliers": 0.0025}  # the error along their handles is larger than requested (measured)
 UP = (0.0, 0.0, 1.0)
 
 
@@ -42,20 +39,15 @@ def _slab(outline: cq.Workplane, half_thickness_mm: float, rounding_mm: float) -
 # below. Each half is drawn closed, its jaw left of x = 0 and its handle right, then turned about
 # the pivot; the other half is its mirror image.
 
-PLIERS_OPENING_DEG = 4.0
-"""Rotation of each half from closed."""
-
+PLIERS_OPENING_DEG = 4.0  # rotation of each half from closed
 PLIERS_THICKNESS_MM = 9.0
-JAW_TIP_MM, JAW_TIP_WIDTH_MM = 48.0, 5.2
-"""Length of the jaws from the pivot, and their width at the tip, mm."""
+JAW_TIP_MM, JAW_TIP_WIDTH_MM = 48.0, 5.2  # length of the jaws from the pivot, and their width
 TEETH_FROM_MM, TEETH_TO_MM = 24.0, 46.0
 TOOTH_PITCH_MM, TOOTH_DEPTH_MM = 2.0, 1.1
 BOSS_RADIUS_MM = 11.5
-RIVET_HEIGHT_MM = 1.6
-"""Above the flat side, mm."""
+RIVET_HEIGHT_MM = 1.6  # above the flat side, mm
 SLEEVE_THICKNESS_MM = 12.0
-SLEEVE_AT_MM = (17.4, -74.0)
-"""Center of the plastic sleeve, mm."""
+SLEEVE_AT_MM = (17.4, -74.0)  # center of the plastic sleeve, mm
 
 
 def _pliers() -> cq.Workplane:
@@ -113,28 +105,21 @@ def _jaw() -> cq.Workplane:
 FRAME_THICKNESS_MM = 11.0
 SPINE_LEFT_MM, SPINE_RIGHT_MM = -62.0, -47.0
 FRAME_TOP_MM, FRAME_BOTTOM_MM = 76.0, -15.0
-UPPER_ARM_MM, LOWER_ARM_MM = 62.0, 0.0
-"""y of the frame's inner sides, mm."""
-WEB_DEPTH_MM = 0.5
-"""Depth of the web between the flanges of the frame's I section, mm."""
-
+UPPER_ARM_MM, LOWER_ARM_MM = 62.0, 0.0  # y of the frame's inner sides, mm
+WEB_DEPTH_MM = 0.5  # depth of the web between the flanges of the frame's I section, mm
 CORE_RADIUS_MM, CREST_RADIUS_MM = 5.0, 6.4
 THREAD_PITCH_MM = 3.0
-CREST_WIDTH_MM, ROOT_WIDTH_MM = 0.9, 1.9
-"""Axial width of the thread at its crest and at the core, mm."""
+CREST_WIDTH_MM, ROOT_WIDTH_MM = 0.9, 1.9  # axial widths of the thread's crest and core
+# y of the first crest and number of crests, below the boss and above it. They are rings, because
+# the kernel takes minutes to mesh such a fine helix.
 THREADS = ((-80.0, 20), (6.5, 9))
-"""y of the first crest and number of crests, below the boss and above it. Crests are rings, not a
-helix: the lead angle is under 5 degrees, and the kernel takes minutes to mesh such a fine helix."""
 
 PAD_RADIUS_MM, PAD_FROM_MM, PAD_TO_MM = 10.0, 34.0, 41.0
 BAR_HALF_LENGTH_MM, BAR_AT_MM = 36.0, -91.0
-BALL_RADIUS_MM = 5.2
-"""Of the T-bar's ends."""
-
+BALL_RADIUS_MM = 5.2  # of the T-bar's ends
+# y of a crest 31 mm from the higher boss and head, which no array touches: its corner is 26.4 mm
+# from its center, which the protocol moves by up to 2.1 mm.
 CREST_AT_MM = THREADS[0][0] + 10 * THREAD_PITCH_MM
-"""y of a crest midway between the boss and the head, whose sides are higher. Both are 31 mm away. A
-corner of an array pressed there is 26.4 mm from its center, which the protocol moves by up to
-2.1 mm, so no corner touches them."""
 
 
 def _clamp() -> cq.Workplane:
@@ -156,23 +141,13 @@ def _clamp() -> cq.Workplane:
 def _frame(inset: float, half_thickness: float) -> cq.Workplane:
     """The C, its sides moved inwards by inset."""
     left, right = SPINE_LEFT_MM + inset, SPINE_RIGHT_MM - inset
-    frame = (
-        cq.Workplane()
-        .polyline(
-            [
-                (-inset, FRAME_TOP_MM - inset),
-                (left, FRAME_TOP_MM - inset),
-                (left, FRAME_BOTTOM_MM + inset),
-                (-inset, FRAME_BOTTOM_MM + inset),
-                (-inset, LOWER_ARM_MM - inset),
-                (right, LOWER_ARM_MM - inset),
-                (right, UPPER_ARM_MM + inset),
-                (-inset, UPPER_ARM_MM + inset),
-            ]
-        )
-        .close()
-        .extrude(half_thickness, both=True)
-    )
+    top, bottom = FRAME_TOP_MM - inset, FRAME_BOTTOM_MM + inset
+    upper, lower = UPPER_ARM_MM + inset, LOWER_ARM_MM - inset
+    outline = [
+        (-inset, top), (left, top), (left, bottom), (-inset, bottom),
+        (-inset, lower), (right, lower), (right, upper), (-inset, upper),
+    ]  # fmt: skip
+    frame = cq.Workplane().polyline(outline).close().extrude(half_thickness, both=True)
     outer = cq.selectors.BoxSelector((-99, -99, -99), (left + 1, 99, 99))
     inner = cq.selectors.BoxSelector((right - 1, -99, -99), (right + 1, 99, 99))
     frame = frame.edges("|Z").edges(outer).fillet(20.0 - inset)
@@ -190,12 +165,8 @@ def _screw() -> cq.Workplane:
                 (CREST_RADIUS_MM, crest + CREST_WIDTH_MM / 2.0),
                 (CORE_RADIUS_MM, crest + ROOT_WIDTH_MM / 2.0),
             ]
-    profile += [
-        (CORE_RADIUS_MM, PAD_FROM_MM - 2.0),
-        (CORE_RADIUS_MM + 2.0, PAD_FROM_MM),
-        (PAD_RADIUS_MM, PAD_FROM_MM),
-        (PAD_RADIUS_MM, PAD_TO_MM),
-    ]
+    profile += [(CORE_RADIUS_MM, PAD_FROM_MM - 2.0), (CORE_RADIUS_MM + 2.0, PAD_FROM_MM)]
+    profile += [(PAD_RADIUS_MM, PAD_FROM_MM), (PAD_RADIUS_MM, PAD_TO_MM)]
     return _turned_part(profile, 0.0)
 
 
@@ -211,16 +182,12 @@ def _turned_part(profile: list[tuple[float, float]], chamfer_mm: float) -> cq.Wo
 # Scissors: a little open, the pivot at the origin, blades towards +y, ring handles below. Each half
 # is drawn closed, its blade straight up, then turned about the pivot.
 
-SCISSORS_OPENING_DEG = 13.0
-"""Rotation of each half from closed."""
-
+SCISSORS_OPENING_DEG = 13.0  # rotation of each half from closed
 BLADE_THICKNESS_MM = 2.4
+# cutting edge of the closed half, from near the pivot to the tip
 EDGE_AT = ((5.0, 3.0), (0.6, 80.0))
-"""Cutting edge in the closed frame: from near the pivot to the tip, mm."""
-SPINE = ((-5.2, 50.0), (-8.0, 18.0))
-"""Points on the blade's back, mm."""
-BEVEL_WIDTH_MM, BEVEL_LAND_MM = 2.2, 0.5
-"""Width of the bevel, and thickness left at the cutting edge, mm."""
+SPINE = ((-5.2, 50.0), (-8.0, 18.0))  # points on the blade's back, mm
+BEVEL_WIDTH_MM, BEVEL_LAND_MM = 2.2, 0.5  # width of the bevel, and thickness at the cutting edge
 PIVOT_RADIUS_MM = 9.0
 RING_AT_MM = (18.5, -60.0)
 RING_HALF_WIDTH_MM, RING_BAR_MM = 15.0, 6.0
@@ -267,13 +234,9 @@ def _bevel() -> cq.Workplane:
     # The plane's x points into the blade; its y, normal cross x, is -z.
     top = 10.0
     slope = (BLADE_THICKNESS_MM - BEVEL_LAND_MM) / BEVEL_WIDTH_MM
-    wedge = cq.Workplane(start).polyline(
-        [
-            (-5.0, start.yDir.z * (BEVEL_LAND_MM - 5.0 * slope)),
-            (BEVEL_WIDTH_MM + 5.0, start.yDir.z * (BLADE_THICKNESS_MM + 5.0 * slope)),
-            (-5.0, start.yDir.z * top),
-        ]
-    )
+    low, high = BEVEL_LAND_MM - 5.0 * slope, BLADE_THICKNESS_MM + 5.0 * slope
+    corners = ((-5.0, low), (BEVEL_WIDTH_MM + 5.0, high), (-5.0, top))
+    wedge = cq.Workplane(start).polyline([(x, start.yDir.z * z) for x, z in corners])
     ground = wedge.close().extrude(length + 40.0)
     beyond_pivot = cq.Workplane().center(0.0, 60.0).rect(60.0, 96.0).extrude(top, both=True)
     return ground.intersect(beyond_pivot)
@@ -293,20 +256,13 @@ def _scissors_handle(ring_half_length_mm: float) -> cq.Workplane:
         .threePointArc((15.0, -32.0), (12.0, -19.0))
         .close()
     )
-    tang = (
-        cq.Workplane()
-        .polyline([(-5.0, 0.0), (8.5, 0.0), (11.5, -24.0), (4.0, -24.0)])
-        .close()
-        .extrude(BLADE_THICKNESS_MM)
-    )
+    tang = cq.Workplane().polyline([(-5.0, 0.0), (8.5, 0.0), (11.5, -24.0), (4.0, -24.0)]).close()
+    tang = tang.extrude(BLADE_THICKNESS_MM)
     return tang.union(_slab(arm, HANDLE_THICKNESS_MM / 2.0, 1.5)).union(ring.cut(hole))
 
 
 def _oval(at: cq.Workplane, half_width_mm: float, half_length_mm: float) -> cq.Workplane:
-    """A stadium along y, as thick as the handles.
-
-    Arcs, because the kernel meshes the rounded edge of an ellipse thirty times finer.
-    """
+    """A stadium along y, as thick as the handles: an ellipse would be meshed 30 times finer."""
     straight = at.rect(2.0 * half_width_mm, 2.0 * (half_length_mm - half_width_mm))
     oval = straight.extrude(HANDLE_THICKNESS_MM / 2.0, both=True)
     for side in (1.0, -1.0):
@@ -318,15 +274,11 @@ def _oval(at: cq.Workplane, half_width_mm: float, half_length_mm: float) -> cq.W
 # Allen key: a bar of hexagon section bent into an L, the bend at the origin's corner. The long arm
 # lies along +x, the short one along +y; flats of the hexagon face +-z.
 
-KEY_FLAT_MM = 6.0 / 2.0
-"""Distance of the hexagon's flats from its center, mm."""
-KEY_CORNER_MM = 6.0 / sqrt(3.0)
-"""Distance of the hexagon's corners from its center, mm."""
+KEY_FLAT_MM = 6.0 / 2.0  # distance of the hexagon's flats from its center, mm
+KEY_CORNER_MM = 6.0 / sqrt(3.0)  # distance of the hexagon's corners from its center, mm
 SHORT_ARM_MM = 38.0
-BEND_RADIUS_MM = 11.0
-"""Radius of the bend, to the center line of the bar, mm."""
-BEND_MIDDLE_MM = BEND_RADIUS_MM * (1.0 - sqrt(0.5))
-"""x and y of the center of the bend, mm."""
+BEND_RADIUS_MM = 11.0  # radius of the bend, to the center line of the bar, mm
+BEND_MIDDLE_MM = BEND_RADIUS_MM * (1.0 - sqrt(0.5))  # x and y of the center of the bend, mm
 
 
 def _allen_key() -> cq.Workplane:
@@ -344,17 +296,13 @@ def _allen_key() -> cq.Workplane:
 
 # Wrench: a combination wrench along x, the ring end at the origin, the open end at HEAD_AT_MM.
 
-NUT_MM = 13.0
-"""Across the flats of the nut."""
+NUT_MM = 13.0  # across the flats of the nut
 NUT_CORNER_MM = NUT_MM / sqrt(3.0)
-HEAD_AT_MM = 142.0
-"""x of the center of the open end, mm."""
+HEAD_AT_MM = 142.0  # x of the center of the open end, mm
 RING_RADIUS_MM, RING_THICKNESS_MM = 10.8, 8.4
 HEAD_THICKNESS_MM = 6.4
-JAW_LENGTH_MM = 10.0
-"""Length of the jaws from the center of the nut, mm."""
-TILT_DEG = -15.0
-"""Angle of the open end's jaws to the shank: the usual 15 degrees."""
+JAW_LENGTH_MM = 10.0  # length of the jaws from the center of the nut, mm
+TILT_DEG = -15.0  # angle of the open end's jaws to the shank: the usual 15 degrees
 SHANK_WIDTH_MM, SHANK_THICKNESS_MM = 11.5, 5.2
 PANEL_DEPTH_MM = 0.45
 ROUNDING_MM = 0.9
@@ -374,10 +322,8 @@ def _wrench() -> cq.Workplane:
     # The ring's opening: two hexagons a twelfth of a turn apart, the usual twelve points. Their
     # sides cross halfway between the corners.
     crossing = NUT_MM / 2.0 / cos(radians(15.0))
-    outline = []
-    for step in range(24):
-        radius = NUT_CORNER_MM if step % 2 == 0 else crossing
-        outline.append((radius * cos(radians(15.0 * step)), radius * sin(radians(15.0 * step))))
+    radii = [NUT_CORNER_MM, crossing] * 12
+    outline = [_turned(radius, 0.0, 15.0 * step) for step, radius in enumerate(radii)]
     socket = cq.Workplane().polyline(outline).close().extrude(RING_THICKNESS_MM, both=True)
     # The open end's opening: the nut's hexagon and the way in.
     nut = cq.Workplane().polygon(6, 2.0 * NUT_CORNER_MM).extrude(RING_THICKNESS_MM, both=True)
@@ -410,41 +356,30 @@ def _shank() -> cq.Workplane:
     )
     shank = _slab(outline, SHANK_THICKNESS_MM / 2.0, ROUNDING_MM)
     for side in (1.0, -1.0):
-        panel = (
-            cq.Workplane(origin=(69.0, 0.0, 0.0))
-            .workplane(offset=side * (SHANK_THICKNESS_MM / 2.0 - PANEL_DEPTH_MM))
-            .slot2D(70.0, SHANK_WIDTH_MM - 2.0 * 2.4)
-            .extrude(side * SHANK_THICKNESS_MM)
-        )
-        shank = shank.cut(panel)
+        bottom = side * (SHANK_THICKNESS_MM / 2.0 - PANEL_DEPTH_MM)
+        panel = cq.Workplane(origin=(69.0, 0.0, 0.0)).workplane(offset=bottom)
+        panel = panel.slot2D(70.0, SHANK_WIDTH_MM - 2.0 * 2.4)
+        shank = shank.cut(panel.extrude(side * SHANK_THICKNESS_MM))
     return shank
 
 
-SOLIDS = {
-    "pliers": _pliers,
-    "clamp": _clamp,
-    "scissors": _scissors,
-    "allen-key": _allen_key,
-    "wrench": _wrench,
-}
+SOLIDS = {"pliers": _pliers, "clamp": _clamp, "scissors": _scissors, "allen-key": _allen_key,
+          "wrench": _wrench}  # fmt: skip
 
 PLIERS_TOP_MM = PLIERS_THICKNESS_MM / 2.0
 SPINE_MIDDLE_MM = (SPINE_LEFT_MM + SPINE_RIGHT_MM) / 2.0
 RING_SIDE_MM = RING_AT_MM[0] + RING_HALF_WIDTH_MM - RING_BAR_MM / 2.0
 SLOT = radians(SLOT_TURN_DEG)
+_jaw_point = partial(_turned, angle_deg=PLIERS_OPENING_DEG)
+_blade_point = partial(_turned, angle_deg=SCISSORS_OPENING_DEG)
 
 KEYPOINTS = {
     "pliers": (
-        Keypoint(
-            "jaw-tip",
-            (*_turned(-JAW_TIP_WIDTH_MM / 2.0, JAW_TIP_MM, PLIERS_OPENING_DEG), 0.0),
-            (*_turned(0.0, 1.0, PLIERS_OPENING_DEG), 0.0),
-        ),
-        Keypoint("teeth", (*_turned(-2.2, 36.0, PLIERS_OPENING_DEG), PLIERS_TOP_MM), UP),
+        Keypoint("jaw-tip", (*_jaw_point(-JAW_TIP_WIDTH_MM / 2.0, JAW_TIP_MM), 0.0),
+                 (*_jaw_point(0.0, 1.0), 0.0)),
+        Keypoint("teeth", (*_jaw_point(-2.2, 36.0), PLIERS_TOP_MM), UP),
         Keypoint("pivot", (0.0, 0.0, PLIERS_TOP_MM + RIVET_HEIGHT_MM), UP),
-        Keypoint(
-            "handle", (*_turned(*SLEEVE_AT_MM, PLIERS_OPENING_DEG), SLEEVE_THICKNESS_MM / 2.0), UP
-        ),
+        Keypoint("handle", (*_jaw_point(*SLEEVE_AT_MM), SLEEVE_THICKNESS_MM / 2.0), UP),
     ),
     "clamp": (
         Keypoint("screw", (0.0, CREST_AT_MM, CREST_RADIUS_MM), UP),
@@ -453,21 +388,12 @@ KEYPOINTS = {
         Keypoint("handle", (BAR_HALF_LENGTH_MM + BALL_RADIUS_MM, BAR_AT_MM, 0.0), (1.0, 0.0, 0.0)),
     ),
     "scissors": (
-        Keypoint("blade-tip", (*_turned(-1.7, 66.0, SCISSORS_OPENING_DEG), BLADE_THICKNESS_MM), UP),
-        Keypoint(
-            "blade-back",
-            (*_turned(*SPINE[0], SCISSORS_OPENING_DEG), BLADE_THICKNESS_MM / 2.0),
-            (*_turned(-0.9950, 0.0995, SCISSORS_OPENING_DEG), 0.0),
-        ),
+        Keypoint("blade-tip", (*_blade_point(-1.7, 66.0), BLADE_THICKNESS_MM), UP),
+        Keypoint("blade-back", (*_blade_point(*SPINE[0]), BLADE_THICKNESS_MM / 2.0),
+                 (*_blade_point(-0.9950, 0.0995), 0.0)),
         Keypoint("pivot", (-2.4 * sin(SLOT), 2.4 * cos(SLOT), SCREW_TOP_MM), UP),
-        Keypoint(
-            "ring",
-            (
-                *_turned(RING_SIDE_MM, RING_AT_MM[1], SCISSORS_OPENING_DEG),
-                HANDLE_THICKNESS_MM / 2.0,
-            ),
-            UP,
-        ),
+        Keypoint("ring", (*_blade_point(RING_SIDE_MM, RING_AT_MM[1]), HANDLE_THICKNESS_MM / 2.0),
+                 UP),
     ),
     "allen-key": (
         Keypoint("long-arm", (62.0, 0.0, KEY_FLAT_MM), UP),
@@ -476,13 +402,11 @@ KEYPOINTS = {
         Keypoint("ridge", (56.0, -KEY_CORNER_MM, 0.0), (0.0, -1.0, 0.0)),
     ),
     "wrench": (
-        Keypoint(
-            "ring", (-(NUT_CORNER_MM + RING_RADIUS_MM) / 2.0, 0.0, RING_THICKNESS_MM / 2.0), UP
-        ),
+        Keypoint("ring", (-(NUT_CORNER_MM + RING_RADIUS_MM) / 2.0, 0.0, RING_THICKNESS_MM / 2.0),
+                 UP),
         Keypoint("open-end", (*_at_head(3.5, -10.0), HEAD_THICKNESS_MM / 2.0), UP),
         Keypoint("shank", (70.0, 0.0, SHANK_THICKNESS_MM / 2.0 - PANEL_DEPTH_MM), UP),
-        Keypoint(
-            "jaw-end", (*_at_head(JAW_LENGTH_MM, 8.4), 0.0), (*_turned(1.0, 0.0, TILT_DEG), 0.0)
-        ),
+        Keypoint("jaw-end", (*_at_head(JAW_LENGTH_MM, 8.4), 0.0),
+                 (*_turned(1.0, 0.0, TILT_DEG), 0.0)),
     ),
-}
+}  # fmt: skip

@@ -1,8 +1,6 @@
 """Triangles of a solid in any pose, and the loop that raises a height map to them.
 
-Frames and NOTHING_MM are those of t2twin.primitives_cad.shape, lengths in mm. A map is
-(2 rows + 3, 2 columns + 3) float32, centered on the axis, with a rim of NOTHING_MM. The pose of
-triangles is the rotation to the shape frame, (3, 3), and the center, (3,).
+A map is (2 rows + 3, 2 columns + 3) float32, mm, centered on the axis, with a rim of NOTHING_MM.
 """
 
 from typing import Any, NamedTuple
@@ -12,62 +10,34 @@ import numpy as np
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM
 
+# tolerance at a triangle's outline, for symmetric shapes (assumed: below any length)
 EDGE_MM = 1.0e-6
-"""Tolerance at a triangle's outline, mm, so that both edges of a symmetric shape are included
-(assumed: far below any length of a shape)."""
-
+# Share of the pitch by which outlines are moved outward, times the sum of the absolute components
+# of their unit normals: cells of four points of the solid are too small by this much on average.
 OUTLINE = 0.5 - 1.0e-6
-"""Share of the pitch by which an outline is moved outward, times the sum of the absolute components
-of its unit normal along x and y. The interpolated map is solid only in cells between four points of
-the solid. Without the shift these are too small by this much on average."""
+STEEP = 0.1  # greatest vertical component of a wall's unit normal (assumed); its top is an outline
+BLOCK = 64  # triangles that share a bounding box (assumed)
+CODE_BITS = 10  # bits an axis of a triangle's place in the order of the blocks (assumed)
+LEVEL = 1.0e-10  # rows, below which the extent of a triangle's side is replaced by it (assumed)
+FAST: dict[str, Any] = {"nogil": True, "fastmath": {"nnan", "nsz"}}  # of loops that take a maximum
 
-STEEP = 0.1
-"""Greatest vertical component of a wall's unit normal, below which its top edge is an outline
-(assumed)."""
-
-BLOCK = 64
-"""Triangles that share a bounding box (assumed)."""
-
-CODE_BITS = 10
-"""Bits an axis of a triangle's place in the order of the blocks (assumed)."""
-
-LEVEL = 1.0e-10
-"""Rows, below which the extent of a triangle's side is replaced by it (assumed)."""
-
-FAST: dict[str, Any] = {"nogil": True, "fastmath": {"nnan", "nsz"}}
-"""Options of loops that take a maximum; without a case for NaN they use vector instructions."""
-
-POSE = "f8[:, ::1], f8[::1]"
-MAP = "f8, f8, f8, f4[:, ::1]"
-"""Types of the pitch, `behind`, the greatest height so far, and the map."""
+POSE = "f8[:, ::1], f8[::1]"  # a rotation to the shape frame, (3, 3), and the center, (3,)
+MAP = "f8, f8, f8, f4[:, ::1]"  # the pitch, `behind`, the greatest height so far, and the map
 
 
 class Triangles(NamedTuple):
-    """Triangles in their own frame, mm, in blocks of BLOCK that are close to each other.
+    """Triangles in their own frame, mm, in blocks of BLOCK that are close to each other."""
 
-    triangles_mm: (n, 3, 3) corners. normals: (n, 3, 3) outward unit normals of the neighbors at the
-    sides from each corner to the next, 0 without a neighbor. boxes_mm: (blocks, 2, 3) centers and
-    half extents of the blocks' bounding boxes. is_closed: whether the triangles enclose a volume.
-    """
-
-    triangles_mm: np.ndarray
-    normals: np.ndarray
-    boxes_mm: np.ndarray
-    is_closed: bool
+    triangles_mm: np.ndarray  # (n, 3, 3)
+    normals: np.ndarray  # (n, 3, 3) units of the neighbors at the sides from each corner, or 0
+    boxes_mm: np.ndarray  # (blocks, 2, 3) centers and half extents of the bounding boxes
+    is_closed: bool  # whether they enclose a volume
 
     def blocks_near(
-        self,
-        rotation: np.ndarray,
-        center_mm: np.ndarray,
-        half_mm: np.ndarray,
-        lowest_mm: float,
+        self, rotation: np.ndarray, center_mm: np.ndarray, half_mm: np.ndarray, lowest_mm: float,
         highest_mm: float,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Blocks that may be over a region and between two heights.
-
-        rotation, center_mm: pose in the shape frame. half_mm: (2,) half extents of the region.
-        Returns their numbers and the upper bounds of their heights, which fall.
-        """
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Blocks near a region of half extents (2,) and between two heights; their falling tops."""
         centers = self.boxes_mm[:, 0] @ rotation.T + center_mm
         halves = self.boxes_mm[:, 1] @ np.abs(rotation).T
         upper = centers[:, 2] + halves[:, 2]
@@ -79,11 +49,7 @@ class Triangles(NamedTuple):
 
 
 def in_blocks(triangles_mm: np.ndarray, faces: np.ndarray | None = None) -> Triangles:
-    """Triangles, (n, 3, 3), mm, with their neighbors.
-
-    faces: (n, 3) numbers of their corners; None if they are not known. Corners of one number, or
-    else of one place, are one point.
-    """
+    """Triangles, (n, 3, 3), mm, with neighbors by the numbers (n, 3) or else places of corners."""
     centers = triangles_mm.mean(axis=1)
     low = centers.min(axis=0)
     extent = max(float((centers - low).max()), np.finfo(float).tiny)
@@ -132,10 +98,7 @@ def raise_to_triangles(
     """Raise a map to the parts of a mesh that are at most `depth` below the greatest height.
 
     Takes the greatest height so far and returns the new one. Surfaces above `behind` are left out.
-    triangles: (n, 3, 3), mm in their own frame. normals: (n, 3, 3) unit normals of the neighbors at
-    the sides from each corner to the next, 0 without a neighbor. blocks: numbers of the blocks of
-    BLOCK triangles over the map, in falling order of upper, their upper bounds. closed: whether
-    triangles that face down are left out.
+    blocks, upper: over the map, see `blocks_near`. closed: leave out triangles that face down.
     """
     # From here on x is in columns and y in rows of the map.
     turned, middle = np.empty((3, 3)), np.empty(3)
@@ -203,9 +166,8 @@ def _side(a, b, edge):
     return start, change, np.inf, 0.0
 
 
+# Corners a, b and c, counterclockwise, the double area, and how far ab, bc and ca move outward.
 TRIANGLE = "UniTuple(f8, 3), UniTuple(f8, 3), UniTuple(f8, 3), f8, f8, f8, f8"
-"""Types of a triangle's corners a, b and c, counterclockwise, its double area, and the distances by
-which its sides ab, bc and ca are moved outward."""
 
 
 @compiled(f"f8({TRIANGLE}, f8, f8, f4[:, ::1])", **FAST)

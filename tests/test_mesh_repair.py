@@ -23,15 +23,6 @@ def without(mesh, *triangles):
     return kept
 
 
-def neighbors(mesh):
-    """The triangles beside each triangle."""
-    beside = [[] for _ in mesh.faces]
-    for a, b in mesh.face_adjacency:
-        beside[a].append(b)
-        beside[b].append(a)
-    return beside
-
-
 def ball():
     return trimesh.creation.icosphere(subdivisions=3, radius=6.0)
 
@@ -50,23 +41,13 @@ def test_small_holes_are_closed_and_said(lost, said, tmp_path):
         assert shape.mesh.volume == pytest.approx(ball().volume, rel=1e-5)
 
 
-@pytest.mark.parametrize("middle", [3, 777])
-def test_holes_that_touch_at_corners_are_closed(middle, tmp_path):
+def test_holes_that_touch_at_corners_are_closed(tmp_path):
     """The three triangles beside one that stays."""
-    without(ball(), *neighbors(ball())[middle]).export(tmp_path / "ball.stl")
+    beside = [pair.sum() - 777 for pair in ball().face_adjacency if 777 in pair]
+    without(ball(), *beside).export(tmp_path / "ball.stl")
     mesh, (note,) = read_solid(tmp_path / "ball.stl")
     assert mesh.is_watertight and "3 small holes" in note
     assert mesh.volume == pytest.approx(ball().volume, rel=1e-5)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_many_lost_triangles_are_found(seed, tmp_path):
-    lost = np.random.default_rng(seed).choice(len(ball().faces), 10, replace=False)
-    without(ball(), *lost).export(tmp_path / "ball.stl")
-    mesh, (note,) = read_solid(tmp_path / "ball.stl")
-    assert mesh.is_watertight and mesh.is_winding_consistent
-    assert "small holes" in note and "with 10 triangles" in note
-    assert mesh.volume == pytest.approx(ball().volume, rel=1e-3)
 
 
 def test_the_command_says_what_was_mended(tmp_path, capsys, monkeypatch):
@@ -114,8 +95,7 @@ def surface_of(path, x, y):
     return shape.surface.sample(np.array(x, float), np.array(y, float)), shape.notes
 
 
-@pytest.mark.parametrize("lost", [0.3, 0.7])
-@pytest.mark.parametrize("turned", [0.0, 0.5])
+@pytest.mark.parametrize("lost, turned", [(0.3, 0.5), (0.7, 0.0)])
 def test_an_open_mesh_is_pressed_by_its_upper_surface(lost, turned, tmp_path):
     """The upper part of a ball, with or without triangles turned inwards: its heights are those of
     the ball."""
@@ -213,7 +193,7 @@ def raw(content):
 
 SHEET = np.array([[[0, 0, 0], [5, 0, 0], [0, 5, 1]], [[0, 0, 0], [0, 5, 1], [5, 0, 0]]])
 CORNER = "\nvertex 1 2 3"
-PIPE = "a pipe or a device"
+PIPE = "a folder or a device"
 NAN = "1 0 0 0 1 0 0 0 1 0 0 nan"
 
 REFUSED = {
@@ -229,15 +209,12 @@ REFUSED = {
     # STL
     "cut.stl": (raw(stl(box().triangles)[:-70]), "no triangles, or is cut short"),
     "none.stl": (raw(stl([])), "no triangles"),
-    "unended.stl": (text("solid a\nfacet normal 0 0 1\nvertex 1 1 1\n"), "cut short"),
     "second.stl": (
         text(f"{box().export(file_type='stl_ascii')}solid\n{3 * CORNER}"), "cut short",
     ),
-    "halves.stl": (text(f"solid a\nfacet{2 * CORNER}\nvertex 1 2\nendsolid"), "read as STL"),
     "letters.stl": (text(f"solid a\nfacet{2 * CORNER}\nvertex 1 x 1\nendsolid"), "read as STL"),
     "nan.stl": (raw(stl(bad_corner(np.nan))), "not numbers"),
     "large.stl": (raw(stl(bad_corner(3e38))), "farther out"),
-    "upright.stl": (raw(stl(SHEET * (0, 1, 1))), "is flat: it has no x"),
     "edge.stl": (raw(stl(SHEET * (1, 0, 1))), "is flat: it has no y"),
     "slant.stl": (raw(stl(SHEET[:, :, [0, 0, 2]])), "no surface within"),
     "small.stl": (lambda path: box((0.25, 0.25, 0.25)).export(path), "0.25 x 0.25 mm seen from"),
@@ -245,11 +222,8 @@ REFUSED = {
     "tall.stl": (lambda path: box((9, 9, 2000)).export(path), "2000 mm high"),
     # OBJ
     "far.obj": (text(obj_text(box(), [(1, 2, 99)])), "corners that it lacks"),
-    "nought.obj": (text(obj_text(box(), [(0, 1, 2)])), "corners that it lacks"),
     "back.obj": (text(obj_text(box(), [(-9, -1, -2)])), "corners that it lacks"),
     "letters.obj": (text("v 1 2 x\n"), "could not convert"),
-    "two.obj": (text("v 1 2\n"), "cut short"),
-    "nan.obj": (text(obj_text(box()).replace("v 37.0", "v nan")), "not numbers"),
     "points.obj": (text("v 1 2 3\n"), "no triangles"),
     "cut.obj": (text(obj_text(box()) + "\nf 1 2"), "cut short"),
     "commas.obj": (text(obj_text(box()).replace(".", ",")), "could not convert"),
@@ -262,17 +236,9 @@ REFUSED = {
     "packed.glb": (
         partial(glb_with, change=lambda it: it["accessors"][0].pop("bufferView")), "compressed",
     ),
-    "sparse.glb": (
-        partial(glb_with, change=lambda it: it["accessors"][0].update(sparse={"count": 1})),
-        "compressed",
-    ),
     "fan.glb": (
         partial(glb_with, change=lambda it: it["meshes"][0]["primitives"][0].update(mode=6)),
         "fans",
-    ),
-    "vast.glb": (
-        partial(glb_with, change=lambda it: it["accessors"][0].update(count=10**12)),
-        "read as GLB",
     ),
     "nowhere.glb": (partial(glb_with, change=lambda it: it.update(nodes=[])), "damaged"),
     "extension.glb": (
@@ -286,12 +252,8 @@ REFUSED = {
     "growing.3mf": (lambda path: threemf_of(path, doubled_components()), "allowed places"),
     "far.3mf": (partial(threemf_with, old='v1="0"', new='v1="8"'), "corners that it lacks"),
     "nan.3mf": (partial(threemf_with, old="<item", new=f'<item transform="{NAN}"'), "not numbers"),
-    **{f"extension{number}.3mf": (partial(threemf_with, old="<model ", new=(
-           f'<model xmlns:x="http://{name}" requiredextensions="x" ')), said)
-       for number, (name, said) in enumerate((
-           ("example.org/x", "example.org/x"),
-           ("schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02", "beamlattice"),
-       ))},
+    "extension.3mf": (partial(threemf_with, old="<model ", new=(
+        '<model xmlns:x="http://example.org/x" requiredextensions="x" ')), "example.org/x"),
 }  # fmt: skip
 
 

@@ -1,18 +1,9 @@
 """The mean pressure on pads under a contact, and dense counts, from which pads can be read.
 
-The cover spreads the pressure of the contact; a pad averages the stress at its base.
-
-Dense counts are those of a pad at each place of a fine grid over the cover, of triangles or of
-squares, through the array's first taxel. Counts of any layout of pads can be computed from them;
-taxels on its places have exactly these.
-
-A pad's count is the pressure on the cover, smoothed by the cover and averaged over the pad. The
-pressure is modeled as white noise (assumed: contacts have edges), so that the covariance of two
-pads is the overlap of their kernels. The best linear estimate of a pad from the dense counts is
-that covariance times the inverse of that of the dense counts (Wiener filter, simple kriging). It
-takes the size of a pad into account. A pad of the same size at one of their places has that place's
-count. Pressures are additive, counts only approximately; the nonlinearity of the transducer is
-neglected.
+Dense counts are those of a pad at each place of a fine grid over the cover, through the array's
+first taxel. The best linear estimate of another pad is its covariance with them times the inverse
+of theirs (Wiener filter, simple kriging), for a pressure of white noise (assumed: contacts have
+edges): covariances are overlaps of the pads' kernels. The transducer's nonlinearity is neglected.
 
 Shape letters: N taxels, F places of the dense counts.
 """
@@ -36,27 +27,21 @@ from t2twin.sim.taxels.spec import DenseTable
 
 Force = Literal["normal", "moment", "shear"]
 
-EDGE_MM = 0.25
-"""Least distance of a place from the cover's edge, mm (assumed: half a cell of the contact's
-grid)."""
-
+EDGE_MM = 0.25  # least distance of a place from the cover's edge (assumed: half a cell)
+# distance within which a taxel lies on a place of the dense counts (assumed: rounding)
 SAME_MM = 1e-3
-"""Distance within which a taxel lies on a place of the dense counts, mm (assumed: rounding)."""
-
+# Variance of the error of a place's count over its own (assumed): predicted counts are less smooth
+# than true ones, which the weights would amplify.
 NOISE_SHARE = 1e-2
-"""Variance of the error of a place's count over its own variance (assumed). Predicted dense counts
-are less smooth than a true one; without this term the weights would amplify the difference."""
 
 WAVENUMBERS = 2000  # points of the Hankel transform, up to where the cover transmits 1e-4
-
 RADII = 600  # distances at which the transform is computed; it is interpolated between them
 
 
 def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
     """Mean normal stress on each taxel's pad under a contact, (n,), MPa.
 
-    Where a cell is pressed unevenly, its force acts at its center of pressure.
-    Shear contributes to the stress: it raises it in front of a sliding shape.
+    A cell's force acts at its center of pressure; shear raises the stress in front of a slide.
     Raises T2TwinError for a layout that extends beyond the contact's grid.
     """
     key = (
@@ -80,10 +65,7 @@ def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
 
 @compiled("void(f8[:, ::1], f8[::1], f8[::1])", nogil=True)
 def _add_stress(weights, values, stress):
-    """Add the effect of values on the cells, (cells,), to the pads' mean stress, (n,).
-
-    Few cells are loaded. The last bits of a BLAS product would depend on the number of threads.
-    """
+    """Add the effect of the cells' few values; the bits of a BLAS product depend on the threads."""
     for cell in range(values.size):
         if values[cell] != 0.0:
             for n in range(stress.size):
@@ -92,15 +74,10 @@ def _add_stress(weights, values, stress):
 
 @lru_cache(maxsize=16)
 def _weights(
-    thickness_mm: float,
-    poisson: float,
-    x_mm: tuple[float, ...],
-    y_mm: tuple[float, ...],
-    taxel_x_mm: tuple[float, ...],
-    taxel_y_mm: tuple[float, ...],
-    diameter_mm: tuple[float, ...],
+    thickness_mm: float, poisson: float, x_mm: tuple[float, ...], y_mm: tuple[float, ...],
+    taxel_x_mm: tuple[float, ...], taxel_y_mm: tuple[float, ...], diameter_mm: tuple[float, ...],
     force: Force,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """(1 or 2 directions, cells, n) mean stress on each pad per unit of load on each cell."""
     taxel_x, taxel_y = np.array(taxel_x_mm), np.array(taxel_y_mm)
     reach_x, reach_y = max(x_mm), max(y_mm)
@@ -118,19 +95,10 @@ def _weights(
 
 
 def _pad_responses(
-    distance_mm: np.ndarray,
-    pitch_mm: float,
-    thickness_mm: float,
-    poisson: float,
-    diameter_mm: tuple[float, ...],
-    force: Force,
-) -> np.ndarray:
-    """Mean stress on n round pads by a unit force on a cell at a distance, both (m, n), 1/mm^2.
-
-    pitch_mm: side of the cell. force: "shear" is along the line from the force to the pad; "moment"
-    is the increase of the stress per mm by which a normal force is nearer to the pad, 1/mm^3.
-    Cached on disk.
-    """
+    distance_mm: np.ndarray, pitch_mm: float, thickness_mm: float, poisson: float,
+    diameter_mm: tuple[float, ...], force: Force,
+) -> np.ndarray:  # fmt: skip
+    """Mean stress on n round pads by a unit force on a cell at a distance, both (m, n), 1/mm^2."""
     responses = np.empty_like(distance_mm)
     for diameter in set(diameter_mm):
         same = np.array(diameter_mm) == diameter
@@ -143,21 +111,17 @@ def _pad_responses(
 
 
 def _hankel(
-    r_mm: np.ndarray,
-    pitch_mm: float,
-    thickness_mm: float,
-    poisson: float,
-    diameter_mm: float,
+    r_mm: np.ndarray, pitch_mm: float, thickness_mm: float, poisson: float, diameter_mm: float,
     force: Force,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """`_pad_responses` at distances (n,), 1/mm^2: stress at the base, times a disc and a cell."""
     k = np.linspace(1e-4, 25.0 / thickness_mm, 3000)
     layer = spectra(k, thickness_mm, 1.0, poisson)
     if force == "normal":
         spectrum, bessel = layer.base_pressure, special.j0
-    elif force == "moment":  # the derivative of J0 is -J1
+    elif force == "moment":  # per mm nearer to the pad, 1/mm^3; the derivative of J0 is -J1
         spectrum, bessel = k * layer.base_pressure, special.j1
-    else:
+    else:  # along the line from the force to the pad
         spectrum, bessel = layer.base_shear, special.j1
     # a cell is a Gaussian with the second moment of the square, p^2 / 12 along each axis
     disc, cell = disc_transform(k, diameter_mm), np.exp(-((k * pitch_mm) ** 2) / 24)
@@ -179,14 +143,13 @@ def disc_transform(wavenumber: np.ndarray, diameter_mm: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class DenseGrid:
-    """The dense counts of an array. taxels_mm: x and y of its taxels; the grid passes through the
-    first one. pad_diameter_mm: of the pads at the places. pitch_mm: of the contact's grid."""
+    """The dense counts of an array."""
 
     cover: Elastomer
     table: DenseTable
-    taxels_mm: tuple[tuple[float, float], ...]
-    pad_diameter_mm: float
-    pitch_mm: float = 0.0
+    taxels_mm: tuple[tuple[float, float], ...]  # the grid passes through the first one
+    pad_diameter_mm: float  # at the places
+    pitch_mm: float = 0.0  # of the contact's grid
 
     @property
     def cell_mm2(self) -> float:
@@ -196,25 +159,17 @@ class DenseGrid:
 
     @property
     def layout(self) -> Layout:
-        """The places as a layout of pads, column by column, rising in y.
-
-        Raises T2TwinError for more than MAX_TAXELS places.
-        """
+        """The places as a layout of pads, column by column, rising in y."""
         return _places(self)
 
     def tractions(self, contact: Contact) -> np.ndarray:
-        """Normal pressure and traction along x and y on the cover, (3, F) float32, kPa.
-
-        Each value is the force on the part of the surface that is nearest to a place, over
-        cell_mm2. Their sums times cell_mm2 are the forces on the sensor.
-        """
+        """Normal pressure and traction along x and y, (3, F) float32, kPa: force over cell_mm2."""
         nearest = _nearest(self, tuple(contact.x_mm), tuple(contact.y_mm))
         share = contact.pitch_mm**2 / self.cell_mm2
         stresses = (contact.pressure_kpa, *contact.shear_kpa)
         size = self.layout.size
-        return np.stack(
-            [share * np.bincount(nearest, each.ravel(), size) for each in stresses]
-        ).astype(np.float32)
+        found = [share * np.bincount(nearest, each.ravel(), size) for each in stresses]
+        return np.stack(found).astype(np.float32)
 
 
 def reading_matrix(places: Layout, layout: Layout, cover: Elastomer) -> np.ndarray:
@@ -248,10 +203,7 @@ def _covariance(
 
 
 def check_on_cover(layout: Layout, cover: Elastomer, pitch_mm: float = 0.0) -> None:
-    """Raises T2TwinError for a layout with taxels that do not lie on the cover.
-
-    pitch_mm: of the contact's grid, whose outermost cells' centers bound the taxels; 0 for none.
-    """
+    """Raises T2TwinError for a layout with taxels beyond reach_mm."""
     half_x, half_y = reach_mm(cover, pitch_mm)
     outside = (np.abs(layout.x_mm) > half_x) | (np.abs(layout.y_mm) > half_y)
     if outside.any():
@@ -264,8 +216,7 @@ def check_on_cover(layout: Layout, cover: Elastomer, pitch_mm: float = 0.0) -> N
 
 
 def reach_mm(cover: Elastomer, pitch_mm: float) -> tuple[float, float]:
-    """Distance of the outermost cells' centers of a contact's grid from the cover's center along x
-    and y, mm; of the cover's edges for a pitch of 0."""
+    """x and y of the outermost cells' centers of a contact's grid, mm; of the edges for pitch 0."""
     halves = cover.width_mm / 2, cover.length_mm / 2
     if pitch_mm == 0.0:
         return halves
@@ -295,10 +246,10 @@ def _places(grid: DenseGrid) -> Layout:
         )
     x, y = x[on], y[on]
     # Layouts are rounded to 0.1 um; their places replace the computed ones.
-    distance, nearest = _nearest_of(x, y, np.array(grid.taxels_mm))
-    for place, taxel in zip(nearest[distance < SAME_MM], np.flatnonzero(distance < SAME_MM),
-                            strict=True):  # fmt: skip
-        x[place], y[place] = grid.taxels_mm[taxel]
+    taxels = np.array(grid.taxels_mm)
+    distance, nearest = _nearest_of(x, y, taxels)
+    same = distance < SAME_MM
+    x[nearest[same]], y[nearest[same]] = taxels[same].T
     return Layout("dense", x, y, np.full(count, grid.pad_diameter_mm))
 
 

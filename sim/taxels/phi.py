@@ -1,9 +1,8 @@
 """phi maps the counts of an array to a one-channel tactile image, phi^-1 maps it back.
 
-I = phi(Y) = A Y: barycentric interpolation over the Delaunay triangles of the taxel positions
-(Grella et al. 2023) at the pixel centers, zero outside the taxels' convex hull. A is computed once
-for a layout and an image size. phi^-1 is A's left inverse (A^T A)^-1 A^T: it returns exactly the Y
-of an image phi(Y), and the least-squares estimate for any other image, such as a generator's.
+I = phi(Y) = A Y: barycentric interpolation over the Delaunay triangles of the taxels at the pixel
+centers (Grella et al. 2023), zero outside their convex hull. phi^-1 is A's left inverse
+(A^T A)^-1 A^T: exact for an image phi(Y), and the least-squares estimate for any other image.
 
 Shape letters: B images in a batch, R rows, C columns, N taxels.
 """
@@ -26,37 +25,22 @@ if TYPE_CHECKING:
 
 TACTILE_SHAPE = (396, 240)  # rows and columns of a tactile image (Grella et al. 2023).
 
-PX_PER_MM = 8.8
-"""Scale of the tactile image, px/mm (assumed: 45 mm of the skin's length over 396 rows)."""
+PX_PER_MM = 8.8  # scale of the tactile image (assumed: 45 mm of the skin's length over 396 rows)
+ON_LINE_MM = 1e-3  # taxels this near a line lie on it (assumed: far below any printed board's)
+LARGEST_CONDITION = 1e8  # of A^T A for phi^-1 (assumed: leaves an accuracy of 1e-8)
+ROUNDING = 100 * float(np.finfo(float).eps)  # SciPy's tolerance, in barycentric coordinates
 
-ON_LINE_MM = 1e-3
-"""Distance within which taxels lie on a line, mm (assumed: far below any printed board's)."""
-
-LARGEST_CONDITION = 1e8
-"""Largest condition number of A^T A for phi^-1 (assumed: leaves an accuracy of 1e-8)."""
-
-ROUNDING = 100 * float(np.finfo(float).eps)
-"""Tolerance at the edges of triangles, in barycentric coordinates (SciPy's default)."""
-
+# A place inside a triangle, the triangle's corners and the place's barycentric weights.
 WEIGHTS = np.dtype([("place", "i4"), ("corners", "i4", 3), ("weights", "f8", 3)])
-"""Index of a place inside a triangle, indices of the triangle's corners, barycentric weights."""
 
 
 class Phi:
     """phi and phi^-1 for one taxel layout and one image size.
 
-    x_mm, y_mm: (N,) taxel positions, mm, sensor frame (x along columns, y along rows), the
-        image's center at the origin.
-    shape: rows and columns of the image. px_per_mm: its scale; pixels are square.
-
-    Attributes:
-
-    - matrix, A as a sparse (R*C, N) array;
-    - hull, (R, C) bool, whether a pixel center lies inside the taxels' convex hull;
-    - centers_mm, the x of the columns and the y of the rows.
-
-    Raises T2TwinError as Layout does, and for taxels on one line, a taxel outside the image, and
-    taxels too close to be distinguished in the image.
+    x_mm, y_mm: (N,) taxel positions in the sensor frame, mm; the image's center is its origin.
+    Attributes: matrix, A as a sparse (R*C, N) array; hull, (R, C) bool, whether a pixel lies inside
+    the convex hull; centers_mm, x of the columns and y of the rows. Raises T2TwinError as Layout
+    does, and for taxels on one line, outside the image or too close to be distinguished in it.
     """
 
     def __init__(
@@ -76,19 +60,15 @@ class Phi:
         self._set(matrix, _full_inverse(matrix, shape), shape, (columns_mm, rows_mm))
 
     def _set(
-        self,
-        matrix: sparse.csr_array,
-        inverse: np.ndarray,
-        shape: tuple[int, int],
+        self, matrix: sparse.csr_array, inverse: np.ndarray, shape: tuple[int, int],
         centers_mm: tuple[np.ndarray, np.ndarray],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """matrix: A, (R*C, N). inverse: the transpose of a left inverse of it, (R*C, N)."""
         self.matrix = matrix
         self.shape = shape
         self.centers_mm = centers_mm
         self.hull = (matrix.sum(axis=1) > 0).reshape(shape)
-        # A has three entries a row, yet a dense product is about three times faster than a sparse
-        # one, because it writes the batch image by image.
+        # A dense product is about three times faster than a sparse one.
         self._forward = np.ascontiguousarray(matrix.toarray().T, dtype=np.float32)  # (N, R*C)
         self._backward = inverse  # (R*C, N), in double precision because of cancellation
         self._tensors: dict[tuple[str, torch.device, torch.dtype], torch.Tensor] = {}
@@ -119,10 +99,7 @@ class Phi:
         return counts.astype(np.float32)
 
     def resized(self, shape: tuple[int, int]) -> Phi:
-        """The same phi followed by an area resize to `shape`, as one matrix with its own inverse.
-
-        Resizing is linear: `resized(s).inverse` is exact for every resized image of phi.
-        """
+        """The same phi followed by an area resize to `shape`, with an exact inverse of its own."""
         rows = _area_weights(self.shape[0], shape[0])
         columns = _area_weights(self.shape[1], shape[1])
         resize = sparse.kron(rows, columns, format="csr")
@@ -133,11 +110,7 @@ class Phi:
         return phi
 
     def with_inverse_from(self, pixels: np.ndarray) -> Phi:
-        """The same phi, with a phi^-1 that uses only some pixels.
-
-        pixels: their indices, row by row, from 0 to R*C - 1. Raises T2TwinError where these pixels
-        do not determine the counts.
-        """
+        """The same phi, with a phi^-1 that uses only some pixels, indices from 0 to R*C - 1."""
         phi = copy(self)
         phi._tensors = {}
         phi._backward = np.zeros_like(self._backward)
@@ -159,8 +132,7 @@ class Phi:
         return images.reshape(images.shape[0], -1) @ backward
 
     def _matrix_like(self, values: torch.Tensor, name: str) -> torch.Tensor:
-        """The matrix "forward" or "backward" on the device and of the type of values, which keeps
-        it, because a copy to a GPU takes longer than the product."""
+        """The matrix "forward" or "backward" like values, kept: copying it to a GPU takes long."""
         import torch
 
         key = (name, values.device, values.dtype)
@@ -174,12 +146,10 @@ class Phi:
 def barycentric(
     points: np.ndarray, at: np.ndarray, tolerance: float = ROUNDING
 ) -> sparse.csr_array:
-    """Barycentric weights over the Delaunay triangles of points, (P, N).
+    """Barycentric weights of places at (P, 2) over the Delaunay triangles of points (N, 2), (P, N).
 
-    points: (N, 2). at: (P, 2), places in the same unit. tolerance: at the edges of triangles, in
-    barycentric coordinates. Each place has three weights with sum 1, or zeros outside the points'
-    convex hull. The weights are cached on disk. Raises T2TwinError where the points span no
-    triangle.
+    tolerance: at the edges of triangles, in barycentric coordinates. Each place has three weights
+    with sum 1, or zeros outside the convex hull. Raises T2TwinError for points without a triangle.
     """
     digest = short_digest(points.tobytes() + at.tobytes())
     key = repr((digest, points.shape, at.shape, tolerance, scipy.__version__))
@@ -196,9 +166,7 @@ def _find_weights(points: np.ndarray, at: np.ndarray, tolerance: float) -> np.nd
     try:
         triangles = Delaunay(points)
     except QhullError:
-        raise T2TwinError(
-            "the taxels span no triangles; phi needs three that are not on one line"
-        ) from None
+        raise T2TwinError("the taxels span no triangles; phi needs three off one line") from None
     triangle = triangles.find_simplex(at, tol=tolerance)
     inside = np.flatnonzero(triangle >= 0)
     corners = triangles.simplices[triangle[inside]]  # (inside, 3)
@@ -221,8 +189,7 @@ def _checked_positions(x_mm: np.ndarray, y_mm: np.ndarray, half_mm: np.ndarray) 
         n = int(outside[0])
         raise T2TwinError(
             f"taxel {n} at x {points[n, 0]:g} mm, y {points[n, 1]:g} mm is outside the tactile "
-            f"image, which reaches {half_mm[0]:.2f} mm in x and {half_mm[1]:.2f} mm in y either "
-            "side of its center"
+            f"image, which reaches {half_mm[0]:.2f} mm in x and {half_mm[1]:.2f} mm in y"
         )
     return points
 
@@ -237,10 +204,7 @@ def _full_inverse(matrix: sparse.csr_array, shape: tuple[int, int]) -> np.ndarra
 
 
 def _left_inverse(matrix: sparse.csr_array, refusal: str) -> np.ndarray:
-    """A (A^T A)^-1, (pixels, N), the transpose of the left inverse of A, (pixels, N).
-
-    refusal: message where the pixels do not determine the counts.
-    """
+    """A (A^T A)^-1, the transpose of the left inverse of A, (pixels, N). refusal: message."""
     normal = (matrix.T @ matrix).toarray()
     if np.linalg.cond(normal) > LARGEST_CONDITION:
         raise T2TwinError(refusal)

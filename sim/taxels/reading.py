@@ -17,26 +17,16 @@ from t2twin.sim.taxels.spec import CountsTable, Imperfections, Percentiles
 
 SAME_LINE_MM = 1e-3  # tolerance of the places of a row or a column, mm
 
-FAR_FROM_ZERO = 40.0
-"""Level over its standard deviation at which clipping to 0 has no effect in float64."""
-
+FAR_FROM_ZERO = 40.0  # level over its deviation at which clipping to 0 has no effect in float64
 ARRAY_STREAM = 19  # random stream of an array's seed: the taxels' noise, offsets and memory
-
 Presets = dict[str, Imperfections]  # imperfections of an array by name
-
 NONE = "none"  # name of the preset without imperfections, which every array has
-
 WHITE = "white"  # name of the preset that an array has unless another is given, if its file has it
-
-DATASET_DEFAULT = "recorded"
-"""Imperfections of a dataset whose scale or recipe has none of its own, if the array has them."""
+DATASET_DEFAULT = "recorded"  # imperfections of datasets that name none, if the array has them
 
 
 def chosen(presets: Presets, name: str, dead: tuple[int, ...], taxels: int) -> Imperfections:
-    """A preset by name, with dead taxels added.
-
-    taxels: number of them. Raises T2TwinError for an unknown name and a taxel that is not there.
-    """
+    """A preset by name, with dead taxels added. taxels: number of them."""
     if arguments.text(name, "imperfections") not in presets and name != NONE:
         allowed = ", ".join(dict.fromkeys((NONE, *presets)))
         raise T2TwinError(f"no imperfections called {name!r}; allowed are {allowed}")
@@ -47,23 +37,15 @@ def chosen(presets: Presets, name: str, dead: tuple[int, ...], taxels: int) -> I
 
 
 def read_after(
-    memory: np.ndarray | None,
-    true_counts: np.ndarray,
-    layout: Layout,
-    flaws: Imperfections,
-    counts: CountsTable,
-    rng: np.random.Generator,
-    array_seed: int = 0,
-    seconds: float | None = None,
-    readings: int | None = None,
-) -> tuple[np.ndarray, np.ndarray | None]:
+    memory: np.ndarray | None, true_counts: np.ndarray, layout: Layout, flaws: Imperfections,
+    counts: CountsTable, rng: np.random.Generator, array_seed: int = 0,
+    seconds: float | None = None, readings: int | None = None,
+) -> tuple[np.ndarray, np.ndarray | None]:  # fmt: skip
     """One sample of an array, the rounded mean of its readings, (N,) uint16, and its memory.
 
     memory: (M, N) after the sample before; None for an array that has long had these counts.
-    true_counts: (N,) noiseless. array_seed: identifies the array, whose gains, noise, offsets and
-    memory are the same in all samples. seconds: since the sample before; the readings divide them
-    evenly; None for their own duration. readings: number of them; None for that of the counts.
-    Readings are clipped to 0 and full scale.
+    true_counts: (N,) noiseless. array_seed: of the taxels' permanent properties. seconds: since the
+    sample before; None for the readings' duration. readings: None for the number of the counts.
     """
     n, readings = layout.size, readings or counts.readings
     seconds = counts.sample_s if seconds is None else seconds
@@ -90,8 +72,7 @@ def expected_reading(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean and standard deviation of readings of a static contact, (..., N) each.
 
-    true_counts: (..., N) noiseless. Offsets and noise are included, and that readings of an array
-    without offsets are clipped to 0. Wandering, hysteresis, crosstalk and gains are not.
+    true_counts: (..., N) noiseless. Only offsets, noise and clipping to 0 are included.
     """
     array = _taxels(flaws, true_counts.shape[-1], array_seed)
     deviation = _deviation(flaws, array, true_counts)
@@ -150,13 +131,9 @@ def _percentiles(ranks: np.ndarray, at: Percentiles) -> np.ndarray:
 
 
 def _remember(
-    signal: np.ndarray,
-    memory: np.ndarray | None,
-    taxels: _Taxels,
-    flaws: Imperfections,
-    seconds: float,
-    readings: int,
-) -> tuple[np.ndarray, np.ndarray | None]:
+    signal: np.ndarray, memory: np.ndarray | None, taxels: _Taxels, flaws: Imperfections,
+    seconds: float, readings: int,
+) -> tuple[np.ndarray, np.ndarray | None]:  # fmt: skip
     """The levels of readings that are some seconds apart, (R, N), and the memory after them."""
     # each term of the memory follows the signal: fast when it rises, with memory_s when it falls
     if not flaws.memory_shares:

@@ -1,7 +1,4 @@
-"""The record of a taxel array: pressure sensors under a soft cover.
-
-The sensor frame is that of t2twin.sim.optical.spec, so that a press is given once for two sensors.
-"""
+"""The record of a taxel array: pressure sensors under a soft cover."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -29,9 +26,8 @@ Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Level = Annotated[float, Meta(ge=0.0, le=65_535.0)]
 Spread = Annotated[float, Meta(ge=0.0, le=5.0)]
 Seconds = Annotated[float, Meta(gt=0.0, le=1e6)]
+# Rising percentages of the taxels and the values at them, counts, interpolated linearly.
 Percentiles = tuple[tuple[Annotated[float, Meta(ge=0.0, le=100.0)], Level], ...]
-"""Percentages of the taxels, rising, and the values at them, counts. Values are interpolated
-linearly between them, and constant beyond the first and the last."""
 
 
 class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -57,13 +53,13 @@ class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
         given = [name for name in names if getattr(self, name) is not None]
         if (self.file is None) != (len(given) == len(names)) or (self.file and given):
             raise T2TwinError(f"expected file, or all of {', '.join(names)}")
-        for name, most in (("pitch_mm", LARGEST_PAD_MM), ("pad_mm", LARGEST_PAD_MM)):
+        for name in ("pitch_mm", "pad_mm"):
             value = getattr(self, name)
-            if value is not None and not 0.05 <= value <= most:
-                raise T2TwinError(f"{name} is {value:g}; expected 0.05 to {most:g}")
+            if value is not None and not 0.05 <= value <= LARGEST_PAD_MM:
+                raise T2TwinError(f"{name} is {value:g}; expected 0.05 to {LARGEST_PAD_MM:g}")
 
     def layout(self, name: str, folder: str) -> Layout:
-        """The layout. folder: of the sensor's file. Raises T2TwinError as load_layout does."""
+        """The layout. folder: of the sensor's file."""
         if self.file is not None:
             return load_layout(self.file, Path(folder))
         assert self.rows and self.columns and self.pitch_mm and self.pad_mm
@@ -74,9 +70,8 @@ class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
 class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The law of a taxel.
 
-    capacitive: strain m (1 - exp(-p / (M m))) of a dielectric of modulus M and largest strain m.
-    The signal is strain / (1 - strain), the relative increase of the capacitance of parallel plates
-    (Schmitz et al. 2011). piezoresistive: the conductance a p / (1 + b p), which saturates.
+    capacitive: strain m (1 - exp(-p / (M m))) of a dielectric of modulus M and largest strain m;
+    the signal is strain / (1 - strain) (Schmitz et al. 2011). piezoresistive: a p / (1 + b p).
     """
 
     law: Annotated[Literal["capacitive", "piezoresistive"], Meta(description="law of the signal")]
@@ -169,11 +164,9 @@ class DenseTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
 class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
     """Deviations of an array from an ideal one. Zero, or an empty tuple, disables a term.
 
-    Readings without contact have a lognormal distribution (assumed: real ones are often far above
-    their mean and hardly ever 0) and are independent; a taxel has the same rank in its noise and
-    its offset. Noise under load at a level s has the deviation a (1 - exp(-s / b)), with b the
-    level; the median of a is load_noise_counts. The part of a level that remains after release is
-    the sum of m exp(-t / T) over memory_shares m and memory_s T.
+    Readings without contact are independent and lognormal (assumed); a taxel has the same rank in
+    its noise and its offset. Noise under load at a level s has the deviation a (1 - exp(-s / b)).
+    The sum of m exp(-t / T) over memory_shares m and memory_s T remains after release.
     """
 
     white_counts: Level = 0.0  # standard deviation of the noise of each reading
@@ -186,9 +179,9 @@ class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
     dead: tuple[int, ...] = ()  # indices of taxels that read 0
     noise_counts: Percentiles = ()  # deviation of readings without contact, needs an offset
     offset_counts: Percentiles = ()  # their mean
-    load_noise_counts: Level = 0.0
+    load_noise_counts: Level = 0.0  # median of a
     load_noise_spread: Spread = 0.0  # deviation of the logarithm of a over the taxels
-    load_noise_level_counts: Annotated[float, Meta(gt=0.0, le=65_535.0)] = 1.0
+    load_noise_level_counts: Annotated[float, Meta(gt=0.0, le=65_535.0)] = 1.0  # b
     memory_shares: tuple[Share, ...] = ()  # medians over the taxels
     memory_s: tuple[Seconds, ...] = ()
     memory_rise_s: Seconds = 1.0  # with which the memory follows a rising level

@@ -25,31 +25,20 @@ from t2twin.sim.taxels.spec import DenseTable, Imperfections, TaxelArraySpec
 
 @dataclass(frozen=True)
 class TaxelArray:
-    """A taxel array: its file, and what differs from it.
+    """A taxel array: its file, and what differs from it."""
 
-    folder: of the sensor's file. layout_source: a layout's name or file in place of the file's.
-    imperfections: name of one of the file's; None for "white" where the file has it, else "none".
-    dead: indices of taxels that always count 0. cover: pressed in place of the file's.
+    OPTIONS: ClassVar = ("layout", "imperfections", "dead", "cover")  # options of `with_options`
 
-    Raises T2TwinError for an unknown layout or name, and for taxels off the cover.
-    """
-
-    OPTIONS: ClassVar = ("layout", "imperfections", "dead", "cover")
-    """Options of `with_options`."""
-
-    HAS_UNITS: ClassVar = False
-    """Whether its units differ in what a recipe samples."""
-    VALUE: ClassVar = "counts"
-    """Column of its readings in a dataset."""
-    FRICTION: ClassVar = "cover_friction"
-    """Range of its friction in a recipe."""
+    HAS_UNITS: ClassVar = False  # whether its units differ in what a recipe samples
+    VALUE: ClassVar = "counts"  # column of its readings in a dataset
+    FRICTION: ClassVar = "cover_friction"  # range of its friction in a recipe
 
     spec: TaxelArraySpec
-    folder: str = ""
-    layout_source: str | None = None
-    imperfections: str | None = None
-    dead: tuple[int, ...] = ()
-    cover: Elastomer | None = None
+    folder: str = ""  # of the sensor's file
+    layout_source: str | None = None  # a layout's name or file in place of the file's
+    imperfections: str | None = None  # name of the file's; None for "white" or "none"
+    dead: tuple[int, ...] = ()  # indices of taxels that always count 0
+    cover: Elastomer | None = None  # pressed in place of the file's
     layout: Layout = field(init=False, repr=False, compare=False)
     flaws: Imperfections = field(init=False, repr=False, compare=False)
 
@@ -142,19 +131,13 @@ class TaxelArray:
 
     @property
     def phi(self) -> Phi:
-        """phi of the taxels, in the size and scale of the sensor's tactile image.
-
-        Raises T2TwinError for a layout that phi refuses, such as one with all taxels on a line.
-        """
+        """phi of the taxels, in the size and scale of the sensor's tactile image."""
         table = self.spec.tactile_image
         places = tuple(self.layout.x_mm.tolist()), tuple(self.layout.y_mm.tolist())
         return _phi(*places, (table.rows, table.columns), table.px_per_mm)
 
     def with_options(self, options: dict[str, Any]) -> "TaxelArray":
-        """The same sensor with some of OPTIONS, by name; None keeps the present value.
-
-        layout: a name or a file. Raises T2TwinError for values that are not allowed.
-        """
+        """The same sensor with some of OPTIONS, by name; None keeps the present value."""
         given = {name: value for name, value in options.items() if value is not None}
         if "layout" in given:
             given["layout_source"] = str(arguments.path(given.pop("layout"), "layout"))
@@ -169,11 +152,10 @@ class TaxelArray:
     def info(self, with_dense_counts: bool, with_contact_maps: bool) -> dict[str, Any]:
         """What a dataset records of it: fields of t2twin.sim.dataset.info.SensorInfo."""
         layout = self.layout
+        lists = ("x_mm", "y_mm", "pad_diameter_mm")
         content: dict[str, Any] = {
             "layout": layout.name,
-            "x_mm": tuple(layout.x_mm.tolist()),
-            "y_mm": tuple(layout.y_mm.tolist()),
-            "pad_diameter_mm": tuple(layout.pad_diameter_mm.tolist()),
+            **{name: tuple(getattr(layout, name).tolist()) for name in lists},
             "full_scale_counts": self.full_scale,
             "tactile_image": self.tactile_image_size,
             "readings": self.spec.counts.readings,
@@ -182,8 +164,9 @@ class TaxelArray:
         }
         if with_dense_counts:
             places = self.dense.layout
-            content["dense_x_mm"] = tuple(places.x_mm.tolist())
-            content["dense_y_mm"] = tuple(places.y_mm.tolist())
+            content |= {
+                f"dense_{name}": tuple(getattr(places, name).tolist()) for name in lists[:2]
+            }
             content["dense_pad_mm"] = self.dense.pad_diameter_mm
             content["dense_cell_mm2"] = self.dense.cell_mm2
         return content
@@ -196,12 +179,9 @@ class TaxelArray:
         """Nothing: counts need the pressure alone."""
 
     def read(
-        self,
-        contact: Contact | None,
-        rng: np.random.Generator | None = None,
-        before: "CountsReading | None" = None,
-        seconds: float | None = None,
-    ) -> "CountsReading":
+        self, contact: Contact | None, rng: np.random.Generator | None = None,
+        before: "CountsReading | None" = None, seconds: float | None = None,
+    ) -> "CountsReading":  # fmt: skip
         """The reading of a contact, of None without contact.
 
         rng: of the imperfections; None for none. before: the reading `seconds` earlier, None for a
@@ -239,16 +219,12 @@ class TaxelArray:
 
 @dataclass(frozen=True)
 class CountsReading:
-    """Counts of a taxel array.
-
-    counts: (n,) uint16, one for each taxel of the layout; None before they are read. memory: (m, n)
-    state of the array's memory after the counts, counts; None without a memory.
-    """
+    """Counts of a taxel array."""
 
     sensor: TaxelArray
     contact: Contact | None
-    counts: np.ndarray | None
-    memory: np.ndarray | None = None
+    counts: np.ndarray | None  # (n,) uint16; None before they are read
+    memory: np.ndarray | None = None  # (m, n) of the array after the counts; None without a memory
 
     @property
     def notes(self) -> list[str]:
@@ -259,10 +235,7 @@ class CountsReading:
 
     @cached_property
     def tactile_image(self) -> np.ndarray:
-        """(rows, columns) float32, counts: barycentric interpolation between the taxels.
-
-        Raises T2TwinError for a layout that phi refuses, such as one with all taxels on a line.
-        """
+        """(rows, columns) float32, counts: barycentric interpolation between the taxels."""
         assert self.counts is not None
         return self.sensor.phi(self.counts.astype(np.float32))
 
@@ -274,8 +247,7 @@ class CountsReading:
 
     @cached_property
     def tractions(self) -> np.ndarray:
-        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the places of the
-        dense counts."""
+        """(3, n) float32, kPa: pressure and shear along x and y at the places of dense counts."""
         if self.contact is None:
             return np.zeros((3, self.sensor.dense.layout.size), np.float32)
         return self.sensor.dense.tractions(self.contact)
@@ -286,8 +258,7 @@ class CountsReading:
         return {"layout": self.sensor.layout.name}
 
     def save(self, folder: Path, name: str) -> None:
-        """Write NAME.json, tactile_image.png and tactile_picture.png; of a second array
-        tactile_image_NAME.png and tactile_picture_NAME.png."""
+        """Write NAME.json, tactile_image.png and tactile_picture.png, _NAME of a second array."""
         if self.counts is None:
             return
         layout, image = self.sensor.layout, self.tactile_image
@@ -298,8 +269,7 @@ class CountsReading:
             "y_mm": layout.y_mm.tolist(),
             "full_scale_counts": self.sensor.full_scale,
         }
-        text = json.dumps(content, indent=1)
-        (folder / f"{name}.json").write_text(f"{text}\n")
+        (folder / f"{name}.json").write_text(f"{json.dumps(content, indent=1)}\n")
         # 16 bits a pixel, so that the counts can be read back from the image.
         second = f"_{name}" if (folder / "tactile_image.png").exists() else ""
         raw = Image.fromarray(np.rint(image).astype(np.uint16))
@@ -307,8 +277,7 @@ class CountsReading:
         self.picture().save(folder / f"tactile_picture{second}.png")
 
     def picture(self) -> Image.Image:
-        """The tactile image in colors, with the taxels. The color scale ends at the image's
-        maximum: a light press would be black at full scale."""
+        """The tactile image in colors up to its maximum, with the taxels."""
         image, layout = self.tactile_image, self.sensor.layout
         brightest, scale = max(float(image.max()), 1.0), self.sensor.spec.tactile_image.px_per_mm
         return colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest, px_per_mm=scale)
