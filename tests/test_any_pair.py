@@ -19,9 +19,8 @@ from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.data.sides import ArraySide
-from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.evaluate import evaluate, read_predictions
 from t2twin.translate.evaluation.metrics import CONTACT_GREY, compare_images
-from t2twin.translate.evaluation.predictions import read_predictions
 from t2twin.translate.inference.files import translate_readings
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.config import load_config

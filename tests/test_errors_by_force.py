@@ -13,7 +13,6 @@ from t2twin.translate.evaluation.baselines import (
     MEAN_ARRAY_OF_FORCE,
     MIN_PRESSES,
     force_bins,
-    mean_array_of_force,
 )
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics import by_force, interval, resampled_means
@@ -43,26 +42,29 @@ def values_of_pairs(predicted: np.ndarray, pairs: Pairs) -> pd.DataFrame:
 
 def test_few_forces_are_a_bin_each() -> None:
     forces = np.array([0.5, 2.0, 2.004, 0.0, 8.0, 0.5])
-    bins = force_bins(presses(forces), presses(np.array([8.0])))
-    assert [(one.low_n, one.high_n) for one in bins] == [(0, 0), (0.5, 0.5), (2, 2), (8, 8)]
-    assert [one.members.tolist() for one in bins] == [[3], [0, 5], [1, 2], [4]]
-    assert [one.has_contact for one in bins] == [False, True, True, True]
-    assert bins[2].mean_n == pytest.approx(2.002)
+    pairs = presses(forces)
+    bins, _ = force_bins(pairs, presses(np.array([8.0])))
+    assert bins["low_n"].tolist() == bins["high_n"].tolist() == [0.5, 2, 2, 0, 8, 0.5]
+    rows = by_force(pairs.counts, values_of_pairs(pairs.counts, pairs), pairs, (bins, _), 1.0)
+    assert [row.pairs for row in rows] == [1, 2, 2, 1]
+    assert rows[2].mean_n == pytest.approx(2.002)
 
 
 def test_many_forces_lie_in_bins_as_wide_in_the_logarithm() -> None:
     """Two a doubling, edges at whole powers of two; empty ones are not there; 0 is its own."""
     forces = np.concatenate([np.linspace(0.5, 0.7, MAX_FORCES), [1.0, 11.9, 0.0, np.nan]])
-    bins = force_bins(presses(forces), presses(np.array([4.0])))
-    edges = [(round(one.low_n, 2), round(one.high_n, 2)) for one in bins]
-    assert edges == [(0, 0), (0.5, 0.71), (1.0, 1.41), (11.31, 16.0)]
-    assert [one.members.size for one in bins] == [1, MAX_FORCES, 1, 1]  # an unknown one in none
+    bins, _ = force_bins(presses(forces), presses(np.array([4.0])))
+    edges = bins.dropna().round(2).groupby(["low_n", "high_n"]).size()
+    assert [*edges.index] == [(0, 0), (0.5, 0.71), (1.0, 1.41), (11.31, 16.0)]
+    assert edges.tolist() == [1, MAX_FORCES, 1, 1]  # an unknown one in none
 
 
 def test_presses_of_unknown_force_are_in_no_bin() -> None:
     pairs = presses(np.full(5, np.nan))
-    assert force_bins(pairs, pairs) == ()
-    assert by_force(pairs.counts, values_of_pairs(pairs.counts, pairs), pairs, (), 1.0) == ()
+    bins, of_force = force_bins(pairs, pairs)
+    assert bins["low_n"].isna().all()
+    values = values_of_pairs(pairs.counts, pairs)
+    assert by_force(pairs.counts, values, pairs, (bins, of_force), 1.0) == ()
 
 
 def test_the_mean_array_of_a_force_is_its_training_presses() -> None:
@@ -71,8 +73,8 @@ def test_the_mean_array_of_a_force_is_its_training_presses() -> None:
     train = presses(trained, np.tile(500.0 * trained[:, None], (1, 20)))
     pairs = presses(np.array([2.0, 4.0, 4.0, 2.0]))
     bins = force_bins(pairs, train)
-    assert [one.mean_of for one in bins] == ["training", "split"]
-    said = mean_array_of_force(bins, pairs, train)
+    assert bins[0]["mean_of"].tolist() == ["training", "split", "split", "training"]
+    said = bins[1]
     assert said[:, 0].tolist() == [1000.0, 4000.0, 4000.0, 1000.0]
     rows = by_force(said, values_of_pairs(said, pairs), pairs, bins, FULL_SCALE)
     assert [row.rmse_counts for row in rows] == [1000.0, 0.0]

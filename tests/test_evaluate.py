@@ -23,11 +23,12 @@ from t2twin.translate.evaluation.baselines import (
     mean_array,
     neighbors,
 )
-from t2twin.translate.evaluation.evaluate import evaluate, evaluate_splits
-from t2twin.translate.evaluation.predictions import (
+from t2twin.translate.evaluation.evaluate import (
     OF_OPTICS,
     PREDICTIONS,
     as_readings,
+    evaluate,
+    evaluate_splits,
     frame_of_own_light,
     read_predictions,
 )

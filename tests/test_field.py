@@ -21,9 +21,8 @@ from t2twin.sim.taxels.layout import load_layout
 from t2twin.sim.taxels.pads import reading_matrix
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
-from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.evaluate import evaluate, read_predictions
 from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, uncertainty_metrics
-from t2twin.translate.evaluation.predictions import read_predictions
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.inference.files import translate_files
 from t2twin.translate.inference.load import load, load_run

@@ -85,7 +85,7 @@ def test_noise_without_contact_is_counted_once(info: DatasetInfo) -> None:
 def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
     near = Neighbors(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
-    rows = predict_baselines(pairs, train, near, (), read_info(data_dir), "target", ())
+    rows = predict_baselines(pairs, train, near, None, read_info(data_dir), "target", ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
     array = SensorPair().array.for_dataset()
     flaws, table = array.flaws, array.spec.counts

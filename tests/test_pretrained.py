@@ -17,9 +17,8 @@ from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.evaluate import as_readings, evaluate
 from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, uncertainty_metrics
-from t2twin.translate.evaluation.predictions import as_readings
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.runs import config as run_config
 from t2twin.translate.runs.checkpoint import average_runs

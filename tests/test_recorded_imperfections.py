@@ -16,7 +16,7 @@ from t2twin.sim.slide import path_commands, touches_along
 from t2twin.sim.taxels import reading
 from t2twin.sim.taxels.reading import read_after
 from t2twin.sim.taxels.spec import Imperfections
-from t2twin.translate.evaluation.predictions import as_readings
+from t2twin.translate.evaluation.evaluate import as_readings
 from t2twin.translate.uncertainty.estimate import Estimate
 
 ARRAY = taxel_array()

@@ -13,7 +13,7 @@ from t2twin.cli import main
 from t2twin.report import dataset_report, run_report
 from t2twin.report.page import PAGE, name_of, render_section
 from t2twin.report.run_report import SECTIONS, ReportData, read_report_data, write_report
-from t2twin.translate.evaluation.predictions import read_predictions, write_predictions
+from t2twin.translate.evaluation.evaluate import read_predictions, write_predictions
 from t2twin.translate.evaluation.records import (
     METRICS,
     Evaluation,

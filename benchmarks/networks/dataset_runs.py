@@ -29,7 +29,7 @@ from benchmarks.evidence import Argument, Benchmark, Figure, main
 from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
-    from t2twin.translate.evaluation.predictions import Predictions
+    from t2twin.translate.evaluation.evaluate import Predictions
     from t2twin.translate.evaluation.records import Evaluation, ModelRow
 
 BENCHMARK = Benchmark(
@@ -75,7 +75,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def _figures(folder: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
     """Name of the evaluated dataset, the figures of each row by split, and the runs' training."""
-    from t2twin.translate.evaluation.predictions import read_predictions
+    from t2twin.translate.evaluation.evaluate import read_predictions
     from t2twin.translate.evaluation.records import read_evaluation
 
     splits, runs, recipe = {}, {}, folder.name

@@ -25,7 +25,7 @@ from t2twin.sim.dataset.store import INFO, lists, read_info, read_split, sha256_
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.translate.evaluation.predictions import predict_runs, prepare
+from t2twin.translate.evaluation.evaluate import predict_runs, prepare
 from t2twin.translate.runs.config import BEST, DEFAULT_RUN, resolve_run
 from t2twin.translate.training.train import train
 

@@ -35,15 +35,15 @@ from t2twin.report.page import (
 from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import INFO, sha256_of
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
-from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.metrics import REPORTED_SHARE
-from t2twin.translate.evaluation.predictions import (
+from t2twin.translate.evaluation.evaluate import (
     Predictions,
     bundled_in_own_light,
+    evaluate,
     read_predictions,
     run_names,
     splits_with_pairs,
 )
+from t2twin.translate.evaluation.metrics import REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, read_evaluation
 from t2twin.translate.evaluation.table import (
     FURTHER,

@@ -9,14 +9,15 @@ A few different forces have one bin each; many forces have bins of equal width i
 Presses without contact, of force 0, have a bin of their own. Imported pairs with unknown forces are
 in no bin.
 
-Shape letters: P pairs or queries, M stored pairs or training taxels, F values of an image, N
-taxels, b pairs of a bin.
+Shape letters: P pairs or queries, M stored pairs or training taxels, N taxels.
 """
 
 from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
+import torch
 from scipy.spatial import KDTree
 
 from t2twin.core.progress import Progress
@@ -26,7 +27,7 @@ from t2twin.sim.taxels.phi import barycentric
 from t2twin.sim.taxels.reading import expected_reading, read_after
 from t2twin.translate.data.pairs import Pairs, Readings
 from t2twin.translate.data.sides import ArraySide
-from t2twin.translate.evaluation.records import MeanOf, Values
+from t2twin.translate.evaluation.records import Values
 
 MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR, MEAN_IMAGE, NOISE_FLOOR, LAYOUT_FLOOR = (
     "mean-array", "mean-array-of-force", "nearest-neighbour", "mean-image", "noise-floor",
@@ -69,27 +70,6 @@ MIN_PRESSES = 50
 the presses' standard deviation)."""
 
 
-class ForceBin(NamedTuple):
-    """Presses in one range of forces.
-
-    low_n, high_n: its edges, N, equal for a single force; 0 without contact. mean_n: mean force of
-    its pairs, N. members: (b,) indices of its pairs. mean_array: (N,), mean counts of the presses
-    in this bin, of the training pairs (mean_of "training") or, with fewer than MIN_PRESSES of them,
-    of the pairs themselves ("split").
-    """
-
-    low_n: float
-    high_n: float
-    mean_n: float
-    members: np.ndarray
-    mean_array: np.ndarray
-    mean_of: MeanOf
-
-    @property
-    def has_contact(self) -> bool:
-        return self.high_n > 0
-
-
 class Neighbors(NamedTuple):
     """The nearest stored images of each query, in ascending order of distance.
 
@@ -119,27 +99,22 @@ def neighbors(
     title of a progress bar, or None.
     """
     pixels = stored[:].reshape(len(stored), -1)
-    # The mean image, (F,); subtracting it reduces rounding errors of distances.
+    # The mean image; subtracting it reduces rounding errors of distances.
     mean = pixels.mean(axis=0, dtype=float).astype(np.float32)
-    features = pixels - mean  # float32, grey levels
-    squares = np.einsum("mf,mf->m", features, features)
-    k = min(k, len(stored))
-    index = np.empty((len(queries), k), int)
-    distance = np.empty((len(queries), k))
+    features = torch.from_numpy(pixels - mean)
+    found: list[tuple[torch.Tensor, torch.Tensor]] = []
     starts = range(0, len(queries), BATCH_SIZE)
     for start in Progress(starts, progress, unit="batch", disable=progress is None):
         part = slice(start, start + BATCH_SIZE)
-        batch = queries[part].reshape(-1, mean.size) - mean
-        # |q - s|^2 - |q|^2; the second term does not depend on s.
-        distances = squares - 2.0 * (batch @ features.T)
+        batch = torch.from_numpy(queries[part].reshape(-1, mean.size) - mean)
+        rough = torch.cdist(batch, features)
         if shapes is not None:
-            distances[shapes[1][part][:, None] == shapes[0][None]] = np.inf
-        near = np.argpartition(distances, k - 1, axis=1)[:, :k]
-        exact = np.sqrt(np.square(features[near] - batch[:, None]).mean(axis=2, dtype=float))
-        exact[np.isinf(np.take_along_axis(distances, near, axis=1))] = np.inf
-        order = np.argsort(exact, axis=1, kind="stable")
-        index[part] = np.take_along_axis(near, order, axis=1)
-        distance[part] = np.take_along_axis(exact, order, axis=1)
+            rough[torch.from_numpy(shapes[1][part][:, None] == shapes[0])] = torch.inf
+        values, near = rough.topk(min(k, len(stored)), largest=False)
+        exact = (features[near] - batch[:, None]).double().square().mean(dim=2).sqrt()
+        ordered = exact.where(values.isfinite(), torch.inf).sort(dim=1, stable=True)
+        found.append((near.gather(1, ordered.indices), ordered.values))
+    index, distance = (torch.cat(each).numpy() for each in zip(*found, strict=True))
     return Neighbors(index, distance)
 
 
@@ -205,39 +180,27 @@ def second_reading(
     return repeated
 
 
-def force_bins(pairs: Pairs, train: Pairs) -> tuple[ForceBin, ...]:
-    """The bins of pairs in ascending order of force; empty if no force is known.
+def force_bins(pairs: Pairs, train: Pairs) -> tuple[pd.DataFrame, np.ndarray]:
+    """The bin of each pair, P rows, and the mean array of its force, (P, N) float32, counts.
 
-    train: the training pairs, for the mean arrays.
+    Columns: low_n and high_n, edges, equal for a single force, 0 without contact and NaN for an
+    unknown force; mean_of, what the mean array is of: the "training" presses in this bin, or, with
+    fewer than MIN_PRESSES of them, the pairs of the "split" themselves. Of pairs without a bin it
+    is that of all training presses.
     """
     force_n = np.concatenate([pairs.force_n, train.force_n])
     single = np.unique(force_n[force_n > 0].round(DECIMALS)).size <= MAX_FORCES
-    own, trained = (_low_edges_n(each.force_n, single) for each in (pairs, train))
-    bins = []
-    for low in np.unique(own[~np.isnan(own)]):
-        members = np.flatnonzero(own == low)
-        others = np.flatnonzero(trained == low)
-        mean_of: MeanOf = "training" if others.size >= MIN_PRESSES else "split"
-        counts = train.counts[others] if mean_of == "training" else pairs.counts[members]
-        bins.append(
-            ForceBin(
-                low_n=float(low),
-                high_n=float(low if single else low * 2 ** (1 / BINS_PER_DOUBLING)),
-                mean_n=float(pairs.force_n[members].mean()),
-                members=members,
-                mean_array=counts.mean(axis=0, dtype=float).astype(np.float32),
-                mean_of=mean_of,
-            )
-        )
-    return tuple(bins)
-
-
-def mean_array_of_force(bins: tuple[ForceBin, ...], pairs: Pairs, train: Pairs) -> np.ndarray:
-    """(P, N) float32, counts: mean array of each pair's bin, or of training if it has no bin."""
-    predicted = np.tile(mean_array(train), (len(pairs), 1))
-    for one in bins:
-        predicted[one.members] = one.mean_array
-    return predicted
+    low_n, trained_n = (_low_edges_n(each.force_n, single) for each in (pairs, train))
+    high_n = low_n if single else low_n * 2 ** (1 / BINS_PER_DOUBLING)
+    bins = pd.DataFrame({"low_n": low_n, "high_n": high_n, "mean_of": "training"})
+    arrays = np.tile(mean_array(train), (len(pairs), 1))
+    for edge in np.unique(low_n[~np.isnan(low_n)]):
+        members, counts = low_n == edge, train.counts[trained_n == edge]
+        if len(counts) < MIN_PRESSES:
+            bins.loc[members, "mean_of"] = "split"
+            counts = pairs.counts[members]
+        arrays[members] = counts.mean(axis=0, dtype=float)
+    return bins, arrays
 
 
 def _low_edges_n(force_n: np.ndarray, single: bool) -> np.ndarray:
@@ -255,19 +218,20 @@ def predict_baselines(
     pairs: Pairs,
     train: Pairs,
     near: Neighbors,
-    bins: tuple[ForceBin, ...],
+    of_force: np.ndarray | None,
     info: DatasetInfo,
     role: str,
     trained_layouts: Iterable[ArraySide],
 ) -> dict[str, np.ndarray]:
     """(P, N) counts of the trivial predictors and of the floors that are known, by row.
 
-    info, role: of the dataset and the target. trained_layouts: of runs that only interpolate
-    between their own taxels; the layout floor is that of the first one unlike the dataset's.
+    of_force: mean arrays of `force_bins`, None with one force only. info, role: of the dataset and
+    the target. trained_layouts: of runs that only interpolate between their own taxels; the layout
+    floor is that of the first one unlike the dataset's.
     """
     rows = {MEAN_ARRAY: np.tile(mean_array(train), (len(pairs), 1))}
-    if len(bins) > 1:
-        rows[MEAN_ARRAY_OF_FORCE] = mean_array_of_force(bins, pairs, train)
+    if of_force is not None:
+        rows[MEAN_ARRAY_OF_FORCE] = of_force
     rows[NEAREST_NEIGHBOR] = train.counts[near.index[:, 0]]
     repeated = second_reading(pairs.counts, info, role=role)
     if repeated is not None:

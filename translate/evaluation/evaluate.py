@@ -1,27 +1,48 @@
 """Evaluation of trained runs: the paper's table, with baselines, error floors and intervals.
 
-The steps are: prepare and predict (module predictions), score (metrics), write (records, table).
+The steps are: load the inputs, predict, score (module metrics), write (records, table). The file
+predictions.npz has the array "truth", one array per row under its name, and the arrays "shape",
+"family", "x_mm", "y_mm", "yaw_rad" and "force_n" of the pairs. For a model with uncertainty there
+is another array, "std of " and the name.
 
-Shape letters: P pairs, N taxels.
+Shape letters: P pairs, N taxels, S side and c channels of a picture.
 """
 
+import zipfile
+import zlib
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import torch
 from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
-from t2twin.sim.dataset.store import sha256_of
-from t2twin.sim.sensors.defaults import SOURCE, TARGET
-from t2twin.translate.data.images import COLORS, to_pixels
-from t2twin.translate.data.pairs import DataInfo, ImageFile, Pairs, load_pairs, usable_cache
+from t2twin.sim.dataset.info import DatasetInfo, SensorInfo
+from t2twin.sim.dataset.store import read_info, sha256_of
+from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
+from t2twin.sim.sensors.files import bundled_sensors
+from t2twin.sim.sensors.pair import SensorPair
+from t2twin.translate.data.images import COLORS, open_image, to_input, to_pixels
+from t2twin.translate.data.pairs import (
+    DataInfo,
+    ImageFile,
+    InputImages,
+    Pairs,
+    Pictures,
+    has_backgrounds,
+    load_info,
+    load_pairs,
+    usable_cache,
+)
 from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.evaluation import metrics
 from t2twin.translate.evaluation.baselines import (
@@ -35,16 +56,6 @@ from t2twin.translate.evaluation.baselines import (
     predict_baselines,
     view_on,
 )
-from t2twin.translate.evaluation.predictions import (
-    OF_OPTICS,
-    EvaluationInputs,
-    Predictions,
-    frame_of_own_light,
-    predict_runs,
-    prepare,
-    splits_with_pairs,
-    write_predictions,
-)
 from t2twin.translate.evaluation.records import (
     FORMAT,
     Evaluation,
@@ -54,9 +65,15 @@ from t2twin.translate.evaluation.records import (
     write_evaluation,
 )
 from t2twin.translate.evaluation.table import results_markdown
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.inference.load import load_torch
+from t2twin.translate.inference.predictor import TrainedTranslator, parts_of
+from t2twin.translate.models.contact import CONTACT_KPA, EVEN, center_of_pressure
+from t2twin.translate.networks.field_net import side_of_maps
 from t2twin.translate.runs.config import BEST
 from t2twin.translate.runs.log import read_log
+from t2twin.translate.uncertainty.estimate import Estimate, half_width, readings_of
+
+SPLITS = ("val", "test")
 
 RESULTS, BOTH = "results.md", "both"
 """Table of validation and test, and the name of both, as far as a dataset has them."""
@@ -67,8 +84,336 @@ MAX_SHAPES = 200
 TOUCH2TOUCH, RESNET18 = "touch2touch", "resnet18"
 """Runs whose difference has an interval: the paper compares these models."""
 
-Found = tuple[dict[str, ModelRow], dict[str, pd.DataFrame], Predictions, dict[str, Any]]
-"""Rows, their resampled figures, predictions without presses, further fields of an Evaluation."""
+OF_PAIRS, OF_OPTICS = "each pair's own", "that of the default optics"
+"""Sources of frames that are not files."""
+
+PREDICTIONS, TRUTH, STD = "predictions.npz", "truth", "std of "
+PAIR_ARRAYS = ("shape", "family", "x_mm", "y_mm", "yaw_rad", "force_n")
+"""Arrays that are not of models."""
+
+MIN_CELLS = 4
+"""Least number of cells of a contact (assumed: smaller ones are not resolved)."""
+
+Found = tuple[dict[str, pd.DataFrame], dict[str, dict[str, Any]], "Predictions", dict[str, Any]]
+"""Values of the pairs and further fields by row, predictions, and fields of the evaluation."""
+
+
+@dataclass(frozen=True)
+class EvaluationInputs:
+    """What an evaluation reads.
+
+    trained: runs by name, at their own layouts. applied: the same at the dataset's layout.
+    background: source of the background frames of field runs, None if unknown; frame: one for all
+    pairs, None if each pair has its own. reverse: whether source and target of the runs exchange
+    those of the dataset.
+    """
+
+    data_dir: Path
+    dataset: DatasetInfo
+    info: DataInfo
+    trained: dict[str, TrainedTranslator]
+    applied: dict[str, TrainedTranslator]
+    background: str | None
+    frame: Image.Image | None
+    reverse: bool = False
+
+    @property
+    def target_role(self) -> str:
+        """Role in the dataset of the sensor whose readings are predicted."""
+        return ROLES[0 if self.reverse else 1]
+
+
+def prepare(
+    runs: Sequence[str | Path],
+    data_dir: Path,
+    splits: Sequence[str],
+    background: str | Path | None = None,
+) -> EvaluationInputs:
+    """Loads and checks the inputs of an evaluation. Arguments, errors: as for `evaluate`."""
+    if not arguments.paths(runs, "runs"):
+        raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
+    dataset = read_info(data_dir)
+    for split in (*splits, "train"):
+        if split in dataset.pairs and not dataset.pairs[split]:
+            raise T2TwinError(
+                f"{data_dir} has no {split} pairs; an evaluation needs some, and train pairs for "
+                "the baselines"
+            )
+    loaded = [load_torch(run) for run in runs]
+    reverse = _is_reverse(loaded, dataset)
+    info = load_info(data_dir, reverse)
+    for run in loaded:
+        _check_sides(run, info, data_dir)
+    trained = dict(zip(run_names(loaded), loaded, strict=True))
+    applied = {name: _applied(run, info) for name, run in trained.items()}
+    if any(run.has_uncertainty for run in loaded):
+        source, frame = background_of(data_dir, background)
+    elif background is not None:
+        raise T2TwinError(
+            f"{background} is a background frame, which only field runs use; none of the runs is "
+            "one"
+        )
+    else:
+        source, frame = None, None
+    return EvaluationInputs(data_dir, dataset, info, trained, applied, source, frame, reverse)
+
+
+def _is_reverse(runs: Sequence[TrainedTranslator], dataset: DatasetInfo) -> bool:
+    """Whether source and target of the runs, which have one direction, exchange the dataset's."""
+    first, source, target = runs[0].config.data, dataset.source, dataset.target
+    for run in runs:
+        if run.config.direction != first.direction:
+            raise T2TwinError(
+                f"{runs[0].run_dir} is a {first.direction} run and {run.run_dir} a "
+                f"{run.config.direction} run; evaluate runs of one direction together"
+            )
+    if source.value != target.value:
+        return first.source.value != source.value
+    names = (first.source.sensor, first.target.sensor)
+    return names == (target.name, source.name) and source.name != target.name
+
+
+def _check_sides(run: TrainedTranslator, info: DataInfo, data_dir: Path) -> None:
+    """Raises T2TwinError for a dataset whose readings a run neither takes nor predicts."""
+    trained = run.config.data
+    takes = trained.source.fits(info.source)
+    gives = run.config.is_image_to_counts or trained.target.fits(info.target)
+    if trained.direction != info.direction or not takes or not gives:
+        raise T2TwinError(
+            f"{run.run_dir} predicts {trained.target.words} from {trained.source.words}; "
+            f"{data_dir} has {info.source.words} and {info.target.words}"
+        )
+
+
+def _applied(run: TrainedTranslator, info: DataInfo) -> TrainedTranslator:
+    """The run at the dataset's layout."""
+    if not run.config.is_image_to_counts:
+        return run
+    array = info.array
+    return run.at_layout(array.x_mm, array.y_mm, array.layout, array.pad_diameter_mm)
+
+
+def background_of(
+    data_dir: Path, file: str | Path | None = None
+) -> tuple[str | None, Image.Image | None]:
+    """Source of the background frames of a dataset, None if none are known, and the frame, None if
+    each pair has its own.
+
+    They are those of the pairs, if the pairs have them. Otherwise they are `file`, an image of the
+    sensor without contact, or the frame of its own light, if all images were made with it.
+    Raises T2TwinError for a file that is not an image, and for one with pairs that have their own.
+    """
+    info = read_info(data_dir)
+    if has_backgrounds(info):
+        if file is not None:
+            raise T2TwinError(
+                f"the pairs in {data_dir} contain their own background frames; --background is for "
+                "datasets without them"
+            )
+        return OF_PAIRS, None
+    if file is not None:
+        return str(file), open_image(arguments.path(file, "background"))
+    frame = frame_of_own_light(info)
+    return (None, None) if frame is None else (OF_OPTICS, Image.fromarray(frame))
+
+
+def frame_of_own_light(info: DatasetInfo, role: str | None = None) -> np.ndarray | None:
+    """The background frame of a bundled sensor in its own light, if all images of a dataset were
+    made with that, else None. role: of the gel camera, by default the first."""
+    if info.recipe is None or info.recipe.light.kind != "fixed":
+        return None
+    sensor = bundled_in_own_light(info.camera if role is None else info.sensors[role])
+    return None if sensor is None else sensor.image_renderer.background
+
+
+def bundled_in_own_light(camera: SensorInfo) -> GelCamera | None:
+    """The bundled sensor of a gel camera's name, if it has the same light, else None."""
+    if camera.name not in bundled_sensors():
+        return None
+    sensor = SensorPair.of(camera.name).camera
+    return sensor if sensor.optics_sha256 == camera.optics_sha256 else None
+
+
+def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
+    """Names of runs: their models, with the folder for runs of the same model.
+
+    Raises T2TwinError for a run that occurs twice.
+    """
+    folders = [run.run_dir.resolve() for run in runs]
+    for run, folder in zip(runs, folders, strict=True):
+        if folders.count(folder) > 1:
+            raise T2TwinError(f"{run.run_dir} is named twice; name each run once")
+    models = [run.config.model for run in runs]
+    names = [
+        model if models.count(model) == 1 else f"{model} ({run.run_dir.name})"
+        for model, run in zip(models, runs, strict=True)
+    ]
+    if len(set(names)) < len(names):
+        return [f"{run.config.model} ({run.run_dir})" for run in runs]
+    return names
+
+
+def splits_with_pairs(data_dir: Path) -> tuple[str, ...]:
+    """Those of validation and test that have pairs.
+
+    Raises T2TwinError if neither has, and if there is no dataset.
+    """
+    pairs = read_info(data_dir).pairs
+    splits = tuple(split for split in SPLITS if pairs[split])
+    if not splits:
+        raise T2TwinError(
+            f"{data_dir} has neither validation nor test pairs; an evaluation needs one of them"
+        )
+    return splits
+
+
+def predict_runs(
+    inputs: EvaluationInputs, split: str, cache: Path
+) -> tuple[dict[str, np.ndarray], dict[str, Estimate], dict[str, Values]]:
+    """(P, N) counts or (P, S, S, c) images that each run predicts, and estimates of field runs.
+
+    Also the errors of runs that predict the contact, if the pairs have contact maps.
+    """
+    target = inputs.info.target
+    has_dense_counts = isinstance(target, ArraySide) and target.dense_x_mm is not None
+    predictions, estimates, contacts = {}, {}, {}
+    for name, run in inputs.applied.items():
+        preset = run.config.preset
+        if not run.has_uncertainty:
+            own = load_pairs(
+                inputs.data_dir, split, preset.size, preset.grey, cache, reverse=inputs.reverse
+            )
+            predictions[name] = run.predict_pixels(own.inputs, progress=name)
+            continue
+        side = side_of_maps(preset.size) if run.predicts_contact else None
+        # Pairs with dense counts usually have background frames too.
+        own = load_pairs(
+            inputs.data_dir, split, preset.size, preset.grey, cache, has_dense_counts,
+            inputs.reverse, side,
+        )  # fmt: skip
+        images = own.inputs
+        if inputs.frame is not None:
+            frame = to_pixels(inputs.frame, preset.size, grey=False)
+            images = InputImages(own.images, np.broadcast_to(frame, (len(own), *frame.shape)))
+        found = run.estimate_pixels(images, progress=name)
+        estimates[name] = as_readings(found, inputs.dataset)
+        predictions[name] = estimates[name].counts
+        if own.contact is not None:
+            title = f"contact of {name}"
+            contacts[name] = contact_metrics(run, images, own.contact, own.force_n, title)
+    return predictions, estimates, contacts
+
+
+def as_readings(estimate: Estimate, info: DatasetInfo) -> Estimate:
+    """An estimate of readings of the dataset's array, from one of noiseless counts."""
+    array = info.array
+    if array.imperfections is None:
+        return estimate
+    counts, std = readings_of(estimate, array.imperfections, array.reading)
+    return replace(estimate, counts=counts, counts_std=std)
+
+
+def contact_metrics(
+    run: TrainedTranslator,
+    pictures: Pictures,
+    contact: ImageFile,
+    force_n: np.ndarray,
+    progress: str | None = None,
+) -> Values:
+    """The errors of a run that predicts the contact, in the cells of its maps.
+
+    pictures: inputs of P pairs, as for `estimate_pixels`. contact: their contact maps. force_n:
+    (P,), 0 without contact; other pairs may have their contact outside the view. Errors of a press
+    are those in its true contact; each press has the same weight. docs/reference/metrics.md has the
+    definitions.
+    """
+    half, view_mm = half_width(metrics.REPORTED_LEVEL), run.config.data.camera.view_mm
+    parts, false_contacts = [], []
+    for part in parts_of(len(contact), progress):
+        inputs = to_input(pictures[part].astype(np.float32) / 255.0)
+        found = SimpleNamespace(**run.translator.predict_all(inputs, with_contact=True))
+        maps = torch.from_numpy(contact[part].astype(np.float32)).to(found.depth_mm.device)
+        depth, pressure = maps.unbind(dim=1)
+        inside, mask = pressure > CONTACT_KPA, found.probability > EVEN
+        cells = inside.sum(dim=(1, 2))
+        error = found.depth_mm - depth
+        deepest = (depth * inside).amax(dim=(1, 2))
+        center, _ = center_of_pressure(pressure, pressure, view_mm)
+        total = pressure.sum(dim=(1, 2))
+        values = [
+            ((error.square() * inside).sum(dim=(1, 2)) / cells).sqrt(),
+            ((found.depth_mm * inside).amax(dim=(1, 2)) - deepest).abs() / deepest,
+            (inside & mask).sum(dim=(1, 2)) / (inside | mask).sum(dim=(1, 2)),
+            (found.pressure_kpa.sum(dim=(1, 2)) - total).abs() / total,
+            (found.center_mm - center).square().sum(dim=1).sqrt(),
+            ((error.abs() <= half * found.depth_std_mm) & inside).sum(dim=(1, 2)) / cells,
+            ((found.center_mm - center).abs() <= half * found.center_std_mm).float().mean(dim=1),
+        ]
+        with_contact = (cells >= MIN_CELLS).cpu()
+        parts.append(torch.stack(values, dim=1).cpu()[with_contact])
+        without_contact = torch.from_numpy(force_n[part] == 0.0)
+        false_contacts.append(mask.any(dim=2).any(dim=1).cpu()[without_contact])
+    depth, deepest, iou, force, center, covered, centered = torch.cat(parts).double().numpy().T
+    false = torch.cat(false_contacts).double().numpy()
+    missed = np.isnan(center)
+    return {
+        "pairs": len(depth),
+        "depth_rmse_mm": float(np.median(depth)),
+        "depth_mean_rmse_mm": float(depth.mean()),
+        "deepest_error_percent": 100.0 * float(np.median(deepest)),
+        "deepest_worst_percent": 100.0 * float(deepest.max()),
+        "iou": float(iou.mean()),
+        "force_in_view_error_percent": 100.0 * float(np.median(force)),
+        "center_error_mm": float(np.median(center[~missed])) if not missed.all() else None,
+        "depth_coverage_percent": 100.0 * float(covered.mean()),
+        "center_coverage_percent": 100.0 * float(centered.mean()),
+        "missed_percent": 100.0 * float(missed.mean()),
+        "false_percent": 100.0 * float(false.mean()) if len(false) else None,
+    }
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Predicted and true counts or images of P pairs.
+
+    truth: (P, N), counts, or (P, S, S, c) uint8 images. by_model: the same by the model's name.
+    presses: (P,) arrays by the names in PAIR_ARRAYS. std_by_model: (P, N), counts, the standard
+    deviations of models that predict them.
+    """
+
+    truth: np.ndarray
+    by_model: dict[str, np.ndarray]
+    presses: dict[str, np.ndarray]
+    std_by_model: dict[str, np.ndarray]
+
+    def rmse_counts(self, model: str) -> np.ndarray:
+        """RMSE of each pair, over its taxels: (P,), counts."""
+        return np.sqrt(np.square(self.by_model[model] - self.truth).mean(axis=1, dtype=float))
+
+
+def read_predictions(folder: Path) -> Predictions:
+    """Reads the predictions in the folder of an evaluation.
+
+    Raises T2TwinError if the file is missing or damaged.
+    """
+    path = folder / PREDICTIONS
+    try:
+        with path.open("rb") as file, np.load(file) as arrays:
+            models = dict(arrays)
+        truth = models.pop(TRUTH)
+        presses = {name: models.pop(name) for name in PAIR_ARRAYS}
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+        raise T2TwinError(f"{path} is missing or damaged; evaluate the runs again") from None
+    stds = {n.removeprefix(STD): models.pop(n) for n in list(models) if n.startswith(STD)}
+    return Predictions(truth, models, presses, stds)
+
+
+def write_predictions(folder: Path, predictions: Predictions) -> None:
+    """Writes folder/predictions.npz."""
+    stds = {f"{STD}{name}": each for name, each in predictions.std_by_model.items()}
+    arrays = {TRUTH: predictions.truth} | predictions.by_model | stds | predictions.presses
+    with atomic_write(folder / PREDICTIONS) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def evaluate(
@@ -132,15 +477,19 @@ def _evaluate_split(inputs: EvaluationInputs, split: str, out_dir: Path) -> Eval
 
 
 def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evaluation, Predictions]:
-    info, reverse = inputs.info, inputs.reverse
+    info = inputs.info
     pairs, train = (
-        load_pairs(inputs.data_dir, s, FEATURE_SIZE, False, cache, reverse=reverse)
+        load_pairs(inputs.data_dir, s, FEATURE_SIZE, False, cache, reverse=inputs.reverse)
         for s in (split, "train")
     )
     find = _counts if isinstance(info.target, ArraySide) else _images
-    rows, resampled, predictions, more = find(inputs, split, cache, pairs, train)
-    differences = _paired(rows, resampled)
-    rows |= {name: _with_run(rows[name], run, info) for name, run in inputs.trained.items()}
+    tables, more, predictions, fields_of_target = find(inputs, split, cache, pairs, train)
+    rows, resampled = {}, {}
+    for name, values in tables.items():
+        row, resampled[name] = _row(values, pairs, info.target.full_scale)
+        run = inputs.trained.get(name)
+        of_run = {} if run is None else _run_fields(run, info)
+        rows[name] = replace(row, **more.get(name, {}), **of_run)
     # The paper's rows are those of its protocol, sensors and direction.
     sensors = (info.source.sensor, info.target.sensor)
     is_papers = inputs.dataset.is_protocol and sensors == (SOURCE, TARGET)
@@ -158,12 +507,12 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
             "seed": metrics.SEED,
             "confidence": metrics.CONFIDENCE,
         },
-        paired=differences,
+        paired=_paired(rows, resampled),
         paper=PAPER.get(split, {}) if is_papers else {},
         recipe=info.recipe,
         source=info.source.sensor,
         target=info.target.sensor,
-        **more,
+        **fields_of_target,
     )
     presses = {name: getattr(pairs, name) for name in ("x_mm", "y_mm", "yaw_rad", "force_n")}
     presses |= {"shape": pairs.shapes, "family": pairs.families}
@@ -171,50 +520,45 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
 
 
 def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, train: Pairs) -> Found:
-    """The rows of predicted counts."""
+    """Of predicted counts."""
     array, source = inputs.info.array, inputs.info.source
     full_scale, bins = array.full_scale_counts, force_bins(pairs, train)
     layouts = [run.config.data.array for run in inputs.trained.values() if not run.has_uncertainty]
     near = neighbors(train.source, pairs.source, NEIGHBORS, progress=NEAREST_NEIGHBOR)
+    of_force = bins[1] if bins[0]["low_n"].nunique() > 1 else None
     predictions = predict_baselines(
-        pairs, train, near, bins, inputs.dataset, inputs.target_role, layouts
+        pairs, train, near, of_force, inputs.dataset, inputs.target_role, layouts
     )
     predicted, estimates, contacts = predict_runs(inputs, split, cache)
     predictions |= predicted
     view, groups = None, {}
     if isinstance(source, CameraSide):
         view, groups = view_on(array.x_mm, array.y_mm, source.view_mm)
-    rows, resampled = {}, {}
+    tables, more = {}, {}
     for name, counts in predictions.items():
-        title = f"figures of {name}"
+        title, estimate = f"figures of {name}", estimates.get(name)
         values = metrics.compare(counts, pairs.counts, array.phi, full_scale, title, groups)
-        row, resampled[name] = _row(values, pairs, full_scale)
-        row = replace(
-            row,
-            by_force=metrics.by_force(counts, values, pairs, bins, full_scale),
-            by_motion=metrics.by_motion(values, pairs, full_scale, estimates.get(name)),
-        )
-        if (estimate := estimates.get(name)) is not None:
-            row = replace(
-                row,
-                uncertainty=metrics.uncertainty_metrics(estimate, pairs.counts, pairs.force_n),
-                shear=metrics.shear_metrics(estimate, pairs),
-                contact=contacts.get(name),
-            )
-        rows[name] = row
-    stds = {name: each.counts_std for name, each in estimates.items()}
-    more = {
+        tables[name] = values
+        more[name] = {
+            "by_force": metrics.by_force(counts, values, pairs, bins, full_scale),
+            "by_motion": metrics.by_motion(values, pairs, full_scale, estimate),
+        }
+        if estimate is not None:
+            sure = metrics.uncertainty_metrics(estimate, pairs.counts, pairs.force_n)
+            shear = metrics.shear_metrics(estimate, pairs)
+            more[name] |= {"uncertainty": sure, "shear": shear, "contact": contacts.get(name)}
+    of_evaluation = {
         "full_scale_counts": full_scale,
         "layout": array.layout,
         "view": view,
         "background": inputs.background,
     }
-    return rows, resampled, Predictions(pairs.counts, predictions, {}, stds), more
+    stds = {name: each.counts_std for name, each in estimates.items()}
+    return tables, more, Predictions(pairs.counts, predictions, {}, stds), of_evaluation
 
 
 def _images(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, train: Pairs) -> Found:
-    """The rows of predicted images, compared as the largest pictures of the runs, and in grey if
-    one run is."""
+    """Of predicted images, compared as the runs' largest pictures, and in grey if one run is."""
     near = neighbors(train.source, pairs.source, NEIGHBORS, progress=NEAREST_NEIGHBOR).index[:, 0]
     presets = [run.config.preset for run in inputs.trained.values()]
     size, grey = max(each.size for each in presets), any(each.grey for each in presets)
@@ -223,7 +567,7 @@ def _images(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
         for s in (split, "train")
     )
     assert isinstance(true, ImageFile) and isinstance(known, ImageFile)
-    mean, scale = np.rint(known.mean()).astype(np.uint8), inputs.info.target.full_scale
+    mean, truth = np.rint(known.mean()).astype(np.uint8), true[:]
     predictions = {
         MEAN_IMAGE: np.broadcast_to(mean, (len(near), *mean.shape)),
         NEAREST_NEIGHBOR: known[near],
@@ -232,18 +576,16 @@ def _images(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
         predictions[name] = _resized(images, size, grey)
     native = frame_of_own_light(inputs.dataset, inputs.target_role)
     frame = None if native is None else to_pixels(Image.fromarray(native), size, grey)
-    rows, resampled = {}, {}
-    for name, images in predictions.items():
-        values = metrics.compare_images(images, true[:], frame)
-        rows[name], resampled[name] = _row(values, pairs, scale)
-    more = {
+    of_evaluation = {
         "full_scale_counts": None,
         "layout": None,
         "view": None,
         "background": None if frame is None else OF_OPTICS,
         "pictures": f"{size} x {size} pixels, {'grey' if grey else 'red, green and blue'}",
     }
-    return rows, resampled, Predictions(true[:], predictions, {}), more
+
+    tables = {n: metrics.compare_images(each, truth, frame) for n, each in predictions.items()}
+    return tables, {}, Predictions(truth, predictions, {}, {}), of_evaluation
 
 
 def _resized(images: np.ndarray, size: int, grey: bool) -> np.ndarray:
@@ -282,22 +624,21 @@ def _paired(rows: dict[str, ModelRow], resampled: dict[str, pd.DataFrame]) -> di
     return differences
 
 
-def _with_run(row: ModelRow, run: TrainedTranslator, info: DataInfo) -> ModelRow:
-    """The row with its run and training data. info: of the dataset of the evaluation."""
+def _run_fields(run: TrainedTranslator, info: DataInfo) -> dict[str, Any]:
+    """The fields of a row on its run and training. info: of the dataset of the evaluation."""
     trained = run.config.data
     steps = run.config.epoch_steps
     try:
         trained_steps = None if steps is None else steps * len(read_log(run.run_dir))
     except T2TwinError:  # prediction does not need the log
         trained_steps = None
-    return replace(
-        row,
-        run=str(run.run_dir),
-        weights_sha256=sha256_of(run.run_dir / BEST),
-        same_data=trained.sha256 == info.sha256,
-        trained_layout=trained.target.layout if isinstance(trained.target, ArraySide) else None,
-        trained_data=trained.sha256,
-        trained_recipe=trained.recipe,
-        trained_pairs=trained.train_pairs,
-        trained_steps=trained_steps,
-    )
+    return {
+        "run": str(run.run_dir),
+        "weights_sha256": sha256_of(run.run_dir / BEST),
+        "same_data": trained.sha256 == info.sha256,
+        "trained_layout": trained.target.layout if isinstance(trained.target, ArraySide) else None,
+        "trained_data": trained.sha256,
+        "trained_recipe": trained.recipe,
+        "trained_pairs": trained.train_pairs,
+        "trained_steps": trained_steps,
+    }

@@ -21,14 +21,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pandas as pd
-from skimage.metrics import structural_similarity
 
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import COLORS, WHITE_GREY
 from t2twin.translate.data.pairs import Pairs
-from t2twin.translate.evaluation.baselines import TAXEL_GROUPS, ForceBin
+from t2twin.translate.evaluation.baselines import TAXEL_GROUPS
 from t2twin.translate.evaluation.records import Figures, ForceFigures, Interval, Uncertainty
 from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
@@ -40,6 +39,10 @@ CONTACT_GREY = 8.0
 of the channel where it is largest (assumed: eight times the effect of a DIGIT's noise)."""
 
 MIN_SQUARE = 1e-3  # lower bound of the mean squared difference in a PSNR, grey levels^2 (assumed)
+WINDOW, HALF, K1, K2 = 7, 3, 0.01, 0.03
+"""Side of SSIM's window, pixels, half of it, and its constants (Wang et al. 2004, scikit-image)."""
+
+SAMPLE = WINDOW**2 / (WINDOW**2 - 1)  # of a sample covariance
 LUMA = (0.299, 0.587, 0.114)  # weights of a grey picture (ITU-R BT.601, as Pillow's)
 BATCH_SIZE = 64  # pairs whose tactile images are computed together; bounds memory to 50 MB
 
@@ -100,15 +103,44 @@ def compare(
 
 
 def image_scores(a: np.ndarray, b: np.ndarray, data_range: float) -> tuple[float, float, float]:
-    """SSIM of two tactile images, float32, SSIM over the contact of b, and IoU of the contacts.
+    """SSIM of two tactile images, SSIM over the contact of b, and IoU of the contacts.
 
     A pixel above CONTACT_LEVEL of its image's maximum is in contact; NaN without contact.
     """
-    ssim, local, *_ = structural_similarity(a, b, data_range=data_range, full=True)
+    local = local_ssim(a, b, data_range)
     one, other = (image > CONTACT_LEVEL * max(image.max(), 0.0) for image in (a, b))
     either = (one | other).sum()
-    in_contact = local[other].mean() if other.any() else np.nan
-    return ssim, in_contact, (one & other).sum() / either if either else np.nan
+    in_contact = local[other].mean(dtype=float) if other.any() else np.nan
+    return _inner_mean(local), in_contact, (one & other).sum() / either if either else np.nan
+
+
+def local_ssim(a: np.ndarray, b: np.ndarray, data_range: float) -> np.ndarray:
+    """The SSIM around each pixel of two images, (R, C), as of scikit-image's defaults.
+
+    In float32, and with one average for both squares, it takes less than half as long.
+    """
+    a, b = (np.pad(np.float32(each / data_range), HALF, "symmetric") for each in (a, b))
+    mean_a, mean_b = _averages(a), _averages(b)
+    product, squares = mean_a * mean_b, mean_a**2 + mean_b**2
+    covariance = SAMPLE * (_averages(a * b) - product)
+    variances = SAMPLE * (_averages(a**2 + b**2) - squares)
+    return ((2 * product + K1**2) * (2 * covariance + K2**2)) / (
+        (squares + K1**2) * (variances + K2**2)
+    )
+
+
+def _averages(image: np.ndarray) -> np.ndarray:
+    """Averages over WINDOW x WINDOW pixels: sums of 2, 4 and 7 pixels along each axis."""
+    for _ in range(2):
+        two = image[:-1] + image[1:]
+        four = two[:-2] + two[2:]
+        image = (four[:-3] + two[4:-1] + image[6:]).T
+    return image / WINDOW**2
+
+
+def _inner_mean(local: np.ndarray) -> float:
+    """The mean without the border, where windows are mirrored."""
+    return float(local[HALF:-HALF, HALF:-HALF].mean(dtype=float))
 
 
 def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.ndarray:
@@ -137,7 +169,7 @@ def compare_images(
     rows = []
     for ours, theirs in zip(predicted, true, strict=True):
         squares = np.square(ours.astype(np.float32) - theirs).mean(axis=-1, dtype=float)
-        ssim = structural_similarity(_grey(ours), _grey(theirs), data_range=WHITE_GREY)
+        ssim = _inner_mean(local_ssim(_grey(ours), _grey(theirs), WHITE_GREY))
         in_contact = np.nan
         if background is not None:
             change = np.abs(theirs.astype(np.float32) - background).max(axis=-1) > CONTACT_GREY
@@ -232,35 +264,40 @@ def by_force(
     predicted: np.ndarray,
     values: pd.DataFrame,
     pairs: Pairs,
-    bins: tuple[ForceBin, ...],
+    bins: tuple[pd.DataFrame, np.ndarray],
     full_scale: float,
 ) -> tuple[ForceFigures, ...]:
-    """Errors of one model in each bin. predicted: (P, N) counts. values: of `compare`."""
-    if not bins:
-        return ()
-    squares = pd.DataFrame(
-        {n: values["squared_error"].iloc[one.members] for n, one in enumerate(bins)},
-        index=np.sort(np.concatenate([one.members for one in bins])),
-    )
-    samples = np.sqrt(resampled_means(squares, pairs.shapes[squares.index]).to_numpy())
-    whole = np.sqrt(squares.groupby(np.zeros(len(squares))).mean().iloc[0])
+    """Errors of one model in each bin of `force_bins`. predicted: (P, N) counts. values: of
+    `compare`."""
+    of_pairs, mean_arrays = bins
+    table = of_pairs.assign(
+        square=values["squared_error"],
+        of_mean=np.square(mean_arrays - pairs.counts.astype(float)).mean(axis=1),
+        total=predicted.sum(axis=1, dtype=float),
+        force_n=pairs.force_n,
+    ).dropna(subset="low_n")
+    squares = table.pivot(columns="low_n", values="square")
+    resampled = np.sqrt(resampled_means(squares, pairs.shapes[squares.index]))
+    means = table.groupby("low_n").agg(
+        pairs=("square", "size"), square=("square", "mean"), of_mean=("of_mean", "mean"),
+        total=("total", "mean"), mean_n=("force_n", "mean"), high_n=("high_n", "first"),
+        mean_of=("mean_of", "first"),
+    )  # fmt: skip
     rows = []
-    for one, rmse, sample in zip(bins, whole.tolist(), samples.T, strict=True):
-        apart = np.square(one.mean_array - pairs.counts[one.members].astype(float))
-        level = float(np.sqrt(apart.mean()))
-        totals = predicted[one.members].sum(axis=1, dtype=float)
+    for low_n, one in means.to_dict("index").items():
+        rmse, level, touches = np.sqrt(one["square"]), np.sqrt(one["of_mean"]), one["high_n"] > 0
         rows.append(
             ForceFigures(
-                low_n=one.low_n,
-                high_n=one.high_n,
-                mean_n=one.mean_n,
-                pairs=one.members.size,
-                rmse_counts=rmse,
-                rmse_percent=100.0 * rmse / full_scale,
-                interval=interval(sample),
-                of_mean_array=rmse / level if one.has_contact and level else None,
-                mean_of=one.mean_of if one.has_contact else None,
-                phantom_counts=None if one.has_contact else float(totals.mean()),
+                low_n=float(low_n),  # pyright: ignore[reportArgumentType]
+                high_n=float(one["high_n"]),
+                mean_n=float(one["mean_n"]),
+                pairs=int(one["pairs"]),
+                rmse_counts=float(rmse),
+                rmse_percent=float(100.0 * rmse / full_scale),
+                interval=interval(resampled[low_n].to_numpy()),
+                of_mean_array=float(rmse / level) if touches and level else None,
+                mean_of=one["mean_of"] if touches else None,
+                phantom_counts=None if touches else float(one["total"]),
             )
         )
     return tuple(rows)
