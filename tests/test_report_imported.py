@@ -85,10 +85,13 @@ def test_what_is_known_is_drawn_and_nothing_else(page: Path, read: Reader) -> No
 def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> None:
     evaluation = read_evaluation(page.parent / "evaluate-val")
     assert not evaluation.paper and evaluation.full_scale_counts == FULL_SCALE
-    rows = {name: cells for name, *cells in read.rows["results"][:12] if name}
+    rows = {name: cells for name, *cells in read.rows["results"][:5] if name}
     for name, title in (("resnet18", "ResNet18"), ("nearest-neighbour", "nearest neighbor")):
         overall = evaluation.models[name].overall
-        assert rows[title][:2] == [f"{overall.rmse_counts:,.0f}", f"{overall.rmse_percent:.2f}"]
+        assert [cell.split(" (")[0] for cell in rows[title][:2]] == [
+            f"{overall.rmse_counts:,.0f}",
+            f"{overall.rmse_percent:.2f}",
+        ]
 
 
 def test_the_summary_speaks_of_these_pairs(read: Reader) -> None:

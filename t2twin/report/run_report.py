@@ -46,10 +46,8 @@ from t2twin.translate.evaluation.evaluate import (
 from t2twin.translate.evaluation.metrics import REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, read_evaluation
 from t2twin.translate.evaluation.table import (
-    FURTHER,
-    MAIN,
     counts_form,
-    figures_table,
+    figures_tables,
     force_tables,
     outputs_table,
     training_data,
@@ -195,7 +193,7 @@ def about(report: ReportData) -> dict[str, Any]:
         "machine": f"{cores()} cores, {processor()}",
         "table": Table([*rows[0]], {"": [[*row.values()] for row in rows]}),
         "other_data": [
-            f"{name_of(name)} ({training_data(model)[0]})"
+            f"{name_of(name)} ({training_data(model)})"
             for name, model in models.items()
             if not model.same_data
         ],
@@ -208,13 +206,8 @@ def _run(report: ReportData, name: str) -> dict[str, str]:
     preset = run.config.preset
     parameters = sum(p.numel() for p in run.translator.predictor.parameters())
     seconds = sum(record.seconds for record in history)
-    model = next(iter(report.evaluations.values())).runs[name]
-    recipe, pairs, steps = training_data(model)
     return {
         "Run": name_of(name),
-        "Trained on": recipe,
-        "Pairs": pairs,
-        "Steps": steps,
         "Preset": preset.name,
         "Image, px": f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
         "Parameters": f"{parameters / 1e6:.2f} M",
@@ -225,15 +218,10 @@ def _run(report: ReportData, name: str) -> dict[str, str]:
 
 
 def results(report: ReportData) -> dict[str, Any]:
-    """Two tables of the figures."""
-    each = report.evaluations
-    titles = {s: f"{name_of(s).capitalize()} ({one.pairs:,} pairs)" for s, one in each.items()}
-    own = "This dataset" + ", simulated" * report.info.is_simulated
-    return {
-        "first": next(iter(each.values())),
-        "main": figures_table(each, MAIN, titles, name_of, own=own),
-        "further": figures_table(each, FURTHER, titles, name_of),
-    }
+    """Tables of the figures of each split."""
+    each = report.evaluations.values()
+    tables = [table for one in each for table in figures_tables(one, name_of)]
+    return {"first": next(iter(each)), "tables": tables}
 
 
 def by_force(report: ReportData) -> dict[str, Any] | None:

@@ -276,6 +276,8 @@ def by_force(
         total=predicted.sum(axis=1, dtype=float),
         force_n=pairs.force_n,
     ).dropna(subset="low_n")
+    if table.empty:
+        return ()
     squares = table.pivot(columns="low_n", values="square")
     resampled = np.sqrt(resampled_means(squares, pairs.shapes[squares.index]))
     means = table.groupby("low_n").agg(

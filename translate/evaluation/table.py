@@ -4,10 +4,12 @@ Each is a `core.tables.Table`: the command prints it as text, results.md has it 
 report shows it in HTML.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
-from t2twin.core.tables import NONE, Cell, Table, markdown, text
+import numpy as np
+
+from t2twin.core.tables import NONE, Table, markdown, text
 from t2twin.translate.evaluation.baselines import NOISE_FLOOR
 from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, REPORTED_SHARE
 from t2twin.translate.evaluation.records import (
@@ -79,90 +81,73 @@ SMALL_FULL_SCALE = 1000
 """Full scale below which counts have a decimal."""
 
 PAPER = "Grella et al. 2023, on hardware"
+SSIM_OF_PAPER = Column("ssim", "SSIM", "{:.2f}")  # has two decimals
+VIEW = (
+    "Of the taxels, {under} lie under the image's view, {near} within one pitch of it "
+    "({pitch_mm:.1f} mm), {beyond} beyond."
+)
 DIFFERENCE = "touch2touch minus resnet18"
 
 
 def results_text(evaluations: Evaluations) -> str:
     """All tables of a dataset for the terminal."""
-    tables = []
-    for split, one in evaluations.items():
-        columns = (*MAIN, *FURTHER) if one.pictures is None else OF_IMAGES
-        tables += [figures_table({split: one}, columns), *force_tables({split: one})]
-    tables += outputs_table(evaluations)
-    return "\n\n".join(map(text, tables)) + "\n"
+    return "\n\n".join(map(text, results_tables(evaluations))) + "\n"
 
 
 def results_markdown(evaluations: Evaluations) -> str:
-    """The main figures of all splits, the errors by force and the further outputs, in Markdown."""
-    splits = dict(zip(evaluations, evaluations, strict=True))
-    of_counts = all(one.pictures is None for one in evaluations.values())
-    columns = (*MAIN, FURTHER[1]) if of_counts else OF_IMAGES[:3]
-    tables = [figures_table(evaluations, columns, splits)]
-    tables += [*force_tables(evaluations), *outputs_table(evaluations)]
-    return "\n".join(map(markdown, tables))
+    """The same in Markdown."""
+    return "\n".join(map(markdown, results_tables(evaluations)))
 
 
-def figures_table(
-    evaluations: Evaluations,
-    columns: Collection[Column],
-    splits: Mapping[str, str] | None = None,
-    name: Callable[[str], str] = str,
-    own: str = "",
-) -> Table:
-    """Figures of all rows with their intervals, and below those of the paper.
-
-    splits: titles above the columns of each; without them, the table is of one split. name:
-    displayed name of a row. own: title of the rows that are not the paper's.
-    """
-    each = list(evaluations.values())
-    if (full_scale := each[0].full_scale_counts) is not None:
-        form = counts_form(full_scale)
-        columns = [c._replace(form=form) if c.figure.endswith("_counts") else c for c in columns]
-
-    def line(title: str, cell: Callable[[Evaluation, Column], Cell]) -> list[Cell]:
-        return [title, *(cell(one, column) for one in each for column in columns)]
-
-    def of_row(row: str) -> Callable[[Evaluation, Column], Cell]:
-        return lambda one, column: _cell(one.models.get(row), column)
-
-    groups: dict[str, list[list[Cell]]] = {own: []}
-    for row in dict.fromkeys(row for one in each for row in one.models):
-        groups[own].append(line(name(row), of_row(row)))
-    if any(one.paired for one in each):
-        groups[own].append(line(DIFFERENCE, _difference))
-    for row in dict.fromkeys(row for one in each for row in one.paper):
-        cells = line(name(row), lambda one, c, row=row: _of_paper(one.paper.get(row, {}), c))
-        if any(cell != NONE for cell in cells[1:]):
-            groups.setdefault(PAPER, []).append(cells)
-    title = "" if splits else f"{each[0].split}, {each[0].pairs} pairs"
-    over = [(title, len(columns)) for title in (splits or {}).values()]
-    heads = ["", *[column.title for column in columns] * len(each)]
-    return Table(heads, groups, over, title, list(_notes(evaluations, columns)))
+def results_tables(evaluations: Evaluations) -> list[Table]:
+    """The figures of each split, the errors by force, and the further outputs."""
+    tables = [table for one in evaluations.values() for table in figures_tables(one)]
+    return [*tables, *force_tables(evaluations), *outputs_table(evaluations)]
 
 
-def _cell(row: ModelRow | None, column: Column) -> Cell:
-    """A figure of a row, and its interval."""
-    if row is None:
+def figures_tables(evaluation: Evaluation, name: Callable[[str], str] = str) -> list[Table]:
+    """The main figures of all rows with their intervals, and below those of the paper; for counts,
+    a second table of further figures. name: displayed name of a row or a split."""
+    one, form = evaluation, counts_form(evaluation.full_scale_counts or np.inf)
+    main, further = (
+        [each._replace(form=form) if each.figure.endswith("_counts") else each for each in columns]
+        for columns in ((MAIN, FURTHER) if one.pictures is None else (OF_IMAGES, ()))
+    )
+    figures = {name(row): vars(each.overall) for row, each in one.models.items()}
+    rows = [
+        [name(row), *(_cell(figures[name(row)], each.interval, column) for column in main)]
+        for row, each in one.models.items()
+    ]
+    if one.paired:
+        values = {figure: each["difference"] for figure, each in one.paired.items()}
+        spans = {figure: _span(each["low"], each["high"]) for figure, each in one.paired.items()}
+        rows.append([DIFFERENCE, *(_cell(values, spans, column) for column in main)])
+    for row, values in one.paper.items():
+        cells = (_cell(values, {}, column) for column in (*main[:2], SSIM_OF_PAPER))
+        rows.append([f"{name(row)}, {PAPER}", *cells])
+    heads, title = ["", *(column.title for column in main)], name(one.split)
+    tables = [Table(heads, {"": rows}, f"{title}, {one.pairs:,} pairs", [*_notes(one, name)])]
+    if further:
+        rows = [[row, *(_cell(values, {}, c) for c in further)] for row, values in figures.items()]
+        heads = ["", *(column.title for column in further)]
+        notes = [] if one.view is None else [VIEW.format_map(one.view)]
+        tables.append(Table(heads, {"": rows}, f"{title}, further figures", notes))
+    return tables
+
+
+def _span(low: float | None, high: float | None) -> Interval | None:
+    return None if low is None or high is None else Interval(low, high)
+
+
+def _cell(
+    values: Mapping[str, float | None], intervals: Mapping[str, Interval | None], column: Column
+) -> str:
+    """A figure and its interval, as in "47 (12–95)"."""
+    value, span = values.get(column.figure), intervals.get(column.figure)
+    if value is None:
         return NONE
-    figure = _number(vars(row.overall), column)
-    return figure, _interval(row.interval.get(column.figure), column.form)
-
-
-def _difference(evaluation: Evaluation, column: Column) -> Cell:
-    found = evaluation.paired.get(column.figure, {})
-    low, high, value = found.get("low"), found.get("high"), found.get("difference")
-    span = None if low is None or high is None else Interval(low, high)
-    return _number({column.figure: value}, column), _interval(span, column.form)
-
-
-def _of_paper(values: Values, column: Column) -> str:
-    """A figure of the paper, with its decimals."""
-    return _number(values, column._replace(form="{:.2f}") if column.figure == "ssim" else column)
-
-
-def _number(values: Mapping[str, float | None], column: Column) -> str:
-    value = values.get(column.figure)
-    return NONE if value is None else column.form.format(value).replace("-", "−")
+    ends = "" if span is None else f" ({column.form.format(span[0])}–{column.form.format(span[1])})"
+    return f"{column.form.format(value)}{ends}".replace("-", "−")
 
 
 def counts_form(full_scale: float) -> str:
@@ -170,47 +155,32 @@ def counts_form(full_scale: float) -> str:
     return "{:,.1f}" if full_scale < SMALL_FULL_SCALE else "{:,.0f}"
 
 
-def _interval(interval: Interval | None, form: str) -> str:
-    """As in "12–95"; empty without interval."""
-    ends = "" if interval is None else f"{form.format(interval.low)}–{form.format(interval.high)}"
-    return ends.replace("-", "−")
-
-
-def _notes(evaluations: Evaluations, columns: Collection[Column]) -> Iterator[str]:
-    """Sentences on intervals, groups of taxels, training data, backgrounds, the paper."""
-    one = next(iter(evaluations.values()))
-    shapes = " and ".join(str(each.bootstrap["shapes"]) for each in evaluations.values())
+def _notes(one: Evaluation, name: Callable[[str], str]) -> Iterator[str]:
+    """Sentences on intervals, training data, backgrounds, the paper."""
     yield (
-        f"Below or behind a figure: its {100 * float(one.bootstrap['confidence']):.0f} % interval, "
-        f"by bootstrap over the {shapes} shapes."
+        f"In brackets: the {100 * float(one.bootstrap['confidence']):.0f} % interval, by bootstrap "
+        f"over the {one.bootstrap['shapes']} shapes."
     )
-    if (view := one.view) is not None and FURTHER[-1] in columns:
-        yield (
-            f"Of the taxels, {view['under']} lie under the image's view, {view['near']} within one "
-            f"pitch of it ({view['pitch_mm']:.1f} mm), {view['beyond']} beyond."
-        )
     if one.pictures is not None:
         yield f"The images of {one.target} are compared at {one.pictures}."
         if one.background is None:
             yield "The contact has no figures: no background frame is known."
-    for name, row in one.runs.items():
-        recipe, pairs, steps = training_data(row)
-        yield f"{name} was trained on {recipe}, {pairs} pairs, {steps} steps."
+    for run, row in one.runs.items():
+        yield f"{name(run)} was trained on {training_data(row)}."
     if one.background is not None and one.pictures is None:
         yield f"Background frame of the field runs: {one.background}."
     if one.paper:
         yield "The paper's rows are from real sensors and not directly comparable."
 
 
-def training_data(row: ModelRow) -> tuple[str, str, str]:
-    """Recipe, number of training pairs and of steps of a row's run; NONE if unknown. A dataset
-    without a name has the first digits of its SHA-256."""
+def training_data(row: ModelRow) -> str:
+    """As in "union, 9 pairs, 5 steps"; a dataset without a name has digits of its SHA-256."""
     unnamed = f"dataset {row.trained_data[:8]}" if row.trained_data else NONE
     pairs, steps = (
         NONE if number is None else f"{number:,}"
         for number in (row.trained_pairs, row.trained_steps)
     )
-    return row.trained_recipe or unnamed, pairs, steps
+    return f"{row.trained_recipe or unnamed}, {pairs} pairs, {steps} steps"
 
 
 def outputs_table(evaluations: Evaluations, name: Callable[[str], str] = str) -> list[Table]:
