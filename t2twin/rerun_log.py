@@ -16,6 +16,12 @@ from t2twin.sim.touch import Touch
 
 SUFFIX = ".rrd"
 
+PREDICTED = (
+    "counts", "counts_std", "force_n", "force_std_n", "latency_ms", "contact/largest_depth_mm",
+    "contact/area_mm2", "contact/force_in_view_n",
+)  # fmt: skip
+"""Recorded values of a line of `t2twin live`."""
+
 MM_PER_M = 1000.0
 """Unit of depth images, mm."""
 
@@ -45,15 +51,14 @@ class RerunLog:
         """Record the images, the counts and the forces of a touch at a time."""
         self._stream.set_time("time", duration=time_s)
         for sensor, reading in touch.readings.items():
-            if (image := getattr(reading, "image", None)) is not None:
-                self._image(f"{sensor}/image", image)
-            if (counts := getattr(reading, "counts", None)) is not None:
-                self._counts(f"{sensor}/counts", counts)
+            for name in ("image", "counts"):
+                if (value := getattr(reading, name, None)) is not None:
+                    self._log(f"{sensor}/{name}", value)
         for sensor, contact in touch.contacts.items():
-            self._number(f"{sensor}/force_n", contact.force_n)
-            self._number(f"{sensor}/depth_mm", contact.depth_mm)
-            self._number(f"{sensor}/shear_n", float(np.hypot(*contact.shear_n)))
-            self._number(f"{sensor}/slip_share", contact.slip_share)
+            self._log(f"{sensor}/force_n", contact.force_n)
+            self._log(f"{sensor}/depth_mm", contact.depth_mm)
+            self._log(f"{sensor}/shear_n", float(np.hypot(*contact.shear_n)))
+            self._log(f"{sensor}/slip_share", contact.slip_share)
 
     def prediction(
         self,
@@ -68,16 +73,12 @@ class RerunLog:
         (h, w) predicted depth of the gel's surface, mm.
         """
         self._stream.set_time("time", duration=time_s)
-        self._image("image", image)
-        for name in ("counts", "counts_std"):
-            if name in line:
-                self._counts(f"prediction/{name}", np.asarray(line[name]))
-        for name in ("force_n", "force_std_n", "latency_ms"):
-            if name in line:
-                self._number(f"prediction/{name}", line[name])
-        for name in ("largest_depth_mm", "area_mm2", "force_in_view_n"):
-            if name in line.get("contact", {}):
-                self._number(f"prediction/contact/{name}", line["contact"][name])
+        self._log("image", image)
+        contact = {f"contact/{name}": value for name, value in line.get("contact", {}).items()}
+        values = line | contact
+        for name in PREDICTED:
+            if name in values:
+                self._log(f"prediction/{name}", values[name])
         if depth_mm is not None:
             depth = self._rerun.DepthImage(np.maximum(depth_mm, 0), meter=MM_PER_M)
             self._stream.log("prediction/contact/depth", depth)
@@ -87,14 +88,15 @@ class RerunLog:
         self._stream.flush()
         self._stream.disconnect()
 
-    def _image(self, place: str, image: np.ndarray) -> None:
-        self._stream.log(place, self._rerun.Image(image).compress())
-
-    def _counts(self, place: str, counts: np.ndarray) -> None:
-        self._stream.log(place, self._rerun.BarChart(counts))
-
-    def _number(self, place: str, value: float) -> None:
-        self._stream.log(place, self._rerun.Scalars(value))
+    def _log(self, place: str, value: Any) -> None:
+        """Record a number, counts or an image."""
+        if np.ndim(value) == 0:
+            shown = self._rerun.Scalars(value)
+        elif np.ndim(value) == 1:
+            shown = self._rerun.BarChart(np.asarray(value))
+        else:
+            shown = self._rerun.Image(value).compress()
+        self._stream.log(place, shown)
 
 
 def recorded(log: RerunLog, touches: Iterable[Touch], step_s: float) -> Iterator[Touch]:

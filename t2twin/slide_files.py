@@ -14,9 +14,7 @@ slide.gif, slide.mp4     images and counts; the second with imageio-ffmpeg only
 from __future__ import annotations
 
 import importlib
-import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,23 +25,24 @@ from PIL import Image
 
 from t2twin.core.draw import (
     COLORS,
+    SLIP_RGB,
+    STICK_RGB,
+    color_bar,
     colored_tactile_image,
+    draw_contact,
     draw_tactile_image,
     figure,
     in_a_row,
 )
-from t2twin.core.errors import T2TwinError
 from t2twin.core.files import (
     check_own,
-    check_replaceable,
+    created_folder,
     locked,
     move_into,
     temporary_folder,
     write_csv,
 )
 from t2twin.sim.contact.types import Contact
-from t2twin.sim.optical.gel_camera import ImageReading
-from t2twin.sim.taxels.taxel_array import CountsReading
 from t2twin.sim.touch import MARKER_COLUMNS, MARKERS_CSV, Touch, marker_rows
 
 if TYPE_CHECKING:
@@ -51,11 +50,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SLIDE_CSV, FRAMES = "slide.csv", "frames"
-OPTIONAL_FILE = re.compile(
-    r"contact_([a-z0-9_-]+)_\d+\.npz|counts(_[a-z0-9_-]+)?\.csv|markers\.csv|slide\.mp4"
-)
-FRAME_FILE = re.compile(r"(?:([a-z0-9_-]+)_)?\d+\.png")
-"""Names of the files that an earlier slide may have and a new one lacks."""
+OPTIONAL_FILES = ("contact_*_*.npz", "counts*.csv", MARKERS_CSV, "slide.mp4")
+"""Patterns of the files that an earlier slide may have and a new one lacks, besides the frames."""
 
 MARKER_VALUES = ("pitch_mm", "diameter_mm", "jitter_mm", "seed")
 """Attributes of markers that are columns of slide.csv."""
@@ -65,11 +61,8 @@ FRAME_MS = 150  # duration of a step in the animation (assumed)
 MAX_FRAMES = 300  # steps in the animation at most (assumed: its file stays below 100 MB)
 HEIGHT_PX = 480  # of the animation; even, as video codecs need
 
-LIMIT_COLOR, STICK_COLOR, SLIP_COLOR = "#888888", "#9ec5e8", "#f2b880"
-MARGIN_MM = 1.0  # around the contact
+LIMIT_COLOR = "#888888"
 LEGEND_PT = 20  # height of the legend between a panel and its title
-KEY_SHARE = 0.1  # height below the contact for the key of the arrows, share of the panel (assumed)
-ARROWS = 10  # along the longer side of the contact, about
 MIN_ARROW_PX = 3.0  # shortest displacement of a marker that has an arrow
 SHOWN = 3  # steps that the figure shows: the first, the middle and the last one
 
@@ -232,179 +225,101 @@ def _animation(pictures: Callable[[int], list[Image.Image]], steps: int) -> Iter
 
 def _replace(folder: Path, temporary: Path) -> None:
     """Move the new files into the folder, and remove those of an earlier slide."""
-    frames, old_frames = temporary / FRAMES, folder / FRAMES
-    new = [path for path in temporary.iterdir() if path != frames]
+    frames = sorted((temporary / FRAMES).iterdir())
+    new = [path for path in temporary.iterdir() if path.is_file()]
     new.sort(key=lambda path: path.name != SLIDE_CSV)  # first: it marks the folder of a slide
-    if old_frames.exists() and not old_frames.is_dir():
-        raise T2TwinError(f"{old_frames} is a file; expected a folder, or no such file")
-    for path in (*new, *frames.iterdir()):
-        check_replaceable(folder / path.relative_to(temporary))
-    old_frames.mkdir(exist_ok=True)
-    files = [(path, OPTIONAL_FILE.fullmatch(path.name)) for path in folder.iterdir()]
-    old = [path for path, match in files if match]
-    sensors = {match[1] for _, match in files if match}
-    images = [(path, FRAME_FILE.fullmatch(path.name)) for path in old_frames.iterdir()]
-    old += [path for path, match in images if match and match[1] in (None, *sensors)]
-    for path in old:
-        if path.is_file():
-            path.unlink()
-    move_into(folder, new)
-    move_into(old_frames, sorted(frames.iterdir()))
-    with suppress(OSError):  # it has files
-        old_frames.rmdir()
+    sensors = {path.stem.split("_", 1)[1].rpartition("_")[0] for path in folder.glob("contact_*")}
+    old_frames = ["[0-9]*.png", *(f"{sensor}_[0-9]*.png" for sensor in sensors)]
+    with created_folder(folder / FRAMES):
+        for pattern in (*OPTIONAL_FILES, *(f"{FRAMES}/{name}" for name in old_frames)):
+            for path in folder.glob(pattern):
+                path.unlink()
+        move_into(folder, new)
+        move_into(folder / FRAMES, frames)
 
 
 def _draw_slide(
     page: Figure, rows: list[Row], steps: Sequence[int], shown: Sequence[Touch]
 ) -> None:
-    """The tangential force of each sensor, and below it a row of panels for each shown step.
+    """The tangential force of each sensor, and below it its reading and contact in some steps.
 
     rows: of slide.csv. steps, shown: touches with contact, and their numbers.
     """
-    page.set_layout_engine("constrained", wspace=0.04, hspace=0.04)
-    sensors = list(shown[-1].contacts)
-    heights = [FORCE_HEIGHT, PANEL_HEIGHT * len(shown)]
-    top, bottom = page.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
-    panels = top.subplots(1, len(sensors), squeeze=False)[0]
-    for axes, sensor in zip(panels, sensors, strict=True):
-        axes.set_title(f"elastomer of {sensor}", loc="left", pad=LEGEND_PT)
-        _draw_force(axes, rows, sensor, shown[-1].contacts[sensor])
-    columns = bottom.subplots(len(shown), 2 * len(sensors), squeeze=False).T
-    for number, sensor in enumerate(sensors):
-        pair = columns[2 * number : 2 * number + 2]
-        images, contacts = pair if number == 0 else pair[::-1]
-        _draw_contacts(sensor, contacts, [touch.contacts[sensor] for touch in shown])
-        readings = [touch[sensor] for touch in shown]
-        draw: Any = _draw_images if hasattr(readings[0], "image") else _draw_counts
-        draw(sensor, images, readings)
-    for axes, step in zip(columns[0], steps, strict=True):
-        axes.set_ylabel(f"step {step}\n{axes.get_ylabel()}".strip())
     from matplotlib.patches import Patch
 
-    bottom.legend(
-        handles=[Patch(color=STICK_COLOR, label="stick"), Patch(color=SLIP_COLOR, label="slip")],
-        loc="outside lower center",
-        ncols=2,
-    )
+    sensors = list(shown[-1].contacts)
+    kinds = [f"{kind} of {sensor}" for sensor in sensors for kind in ("reading", "contact")]
+    mosaic = [[f"force of {sensor}" for sensor in sensors for _ in range(2)]]
+    mosaic += [[f"{kind}, {step}" for kind in kinds] for step in steps]
+    heights = [FORCE_HEIGHT, *[PANEL_HEIGHT] * len(shown)]
+    panels = page.subplot_mosaic(mosaic, height_ratios=heights)
+    for sensor in sensors:
+        _draw_force(panels[f"force of {sensor}"], rows, sensor, shown[-1].contacts[sensor])
+        images = [getattr(touch[sensor], "tactile_image", np.ones(1)) for touch in shown]
+        largest = max(1.0, *(float(image.max()) for image in images))
+        for step, touch in zip(steps, shown, strict=True):
+            _draw_reading(page, panels[f"reading of {sensor}, {step}"], touch[sensor], largest)
+            axes, contact = panels[f"contact of {sensor}, {step}"], touch.contacts[sensor]
+            peak_kpa = draw_contact(axes, contact)
+            slips = f"step {step}: {100 * contact.slip_share:.0f} % of the contact slips"
+            axes.set_title(f"{slips}\narrows: at most {peak_kpa:.3g} kPa", loc="left")
+            axes.set(xlabel="x, mm", ylabel="y (down), mm")
+    colors = {"stick": STICK_RGB, "slip": SLIP_RGB}
+    handles = [Patch(color=np.divide(rgb, 255), label=name) for name, rgb in colors.items()]
+    page.legend(handles=handles, loc="outside lower center", ncols=2)
 
 
 def _draw_force(axes: Axes, rows: list[Row], sensor: str, contact: Contact) -> None:
-    """Tangential force over the path's length, and torque if the shape turns.
-
-    The horizontal axis is the rotation where the shape only turns, and else the step where it does
-    not move in every step.
-    """
+    """Tangential force over the path's length, or the rotation, and torque if the shape turns."""
 
     def column(name: str) -> np.ndarray:
         return np.array([row.get(name, np.nan) for row in rows], float)
 
-    touches = column("force_n") > 0
-    slides = touches[1:] & touches[:-1]
     moved_mm = np.hypot(np.diff(column("x_mm")), np.diff(column("y_mm")))
     turned_deg = np.abs(np.diff(column("yaw_deg")))
-    if (moved_mm[slides] > 0).all():
-        axes.set_xlabel("displacement of the shape, mm")
-        travel = np.cumsum([0.0, *moved_mm])
-    elif (turned_deg[slides] > 0).all() and not moved_mm[slides].any():
-        axes.set_xlabel("rotation of the shape, degrees")
-        travel = np.cumsum([0.0, *turned_deg])
-    else:
-        axes.set_xlabel("step")
-        travel = column("step")
+    label, travel = "step", column("step")
+    if moved_mm.any():
+        label, travel = "displacement of the shape, mm", np.cumsum([0.0, *moved_mm])
+    elif turned_deg.any():
+        label, travel = "rotation of the shape, degrees", np.cumsum([0.0, *turned_deg])
     force_n = np.hypot(column(f"{sensor}_shear_x_n"), column(f"{sensor}_shear_y_n"))
     lines = axes.plot(travel, force_n, ".-", color=COLORS[0], label="tangential force")
     if contact.motion is not None:
-        limit_n = np.where(
-            np.isnan(force_n), np.nan, contact.motion.friction.limit_n(column("force_n"))
-        )
-        lines += axes.plot(
-            travel, limit_n, "--", color=LIMIT_COLOR, label="limit of friction", linewidth=1
-        )
-    axes.set_ylabel("tangential force, N")
-    axes.set_ylim(bottom=0)
-    if turned_deg[slides].any():
+        limit_n = contact.motion.friction.limit_n(column("force_n"))
+        limit_n = np.where(np.isnan(force_n), np.nan, limit_n)
+        look: Any = {"color": LIMIT_COLOR, "label": "limit of friction", "linewidth": 1}
+        lines += axes.plot(travel, limit_n, "--", **look)
+    axes.set_title(f"elastomer of {sensor}", loc="left", pad=LEGEND_PT)
+    axes.set(xlabel=label, ylabel="tangential force, N", ylim=(0, None))
+    if turned_deg.any():
         other = axes.twinx()
         other.spines["right"].set_visible(True)
         torque_nmm = column(f"{sensor}_torque_nmm")
         lines += other.plot(travel, torque_nmm, ".-", color=COLORS[1], label="torque")
-        if np.nanmin(torque_nmm) >= 0:
-            other.set_ylim(bottom=0)
         other.set_ylabel("torque, N mm")
     axes.legend(handles=lines, loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
 
 
-def _draw_images(sensor: str, panels: Sequence[Axes], readings: Sequence[ImageReading]) -> None:
-    """The images of a gel camera; arrows from the markers at rest to the displaced ones."""
-    panels[0].set_title(f"image of {sensor}", loc="left")
-    for axes, reading in zip(panels, readings, strict=True):
-        assert reading.image is not None and reading.contact is not None
-        axes.imshow(reading.image)
-        axes.set(xticks=[], yticks=[])
-        markers = reading.sensor.markers
-        if markers is None:
-            continue
-        panels[0].set_title(f"image of {sensor}\narrows: marker displacement", loc="left")
-        rest, moved = markers.seen_px(reading.sensor.optics.camera, reading.contact)
-        by = moved - rest
-        kept = np.hypot(*by.T) >= MIN_ARROW_PX
-        axes.quiver(
-            rest[kept, 1], rest[kept, 0], by[kept, 1], by[kept, 0],
-            angles="xy", scale_units="xy", scale=1, width=0.01, color="white",
-        )  # fmt: skip
+def _draw_reading(page: Figure, axes: Axes, reading: Any, largest: float) -> None:
+    """The image of a gel camera, with arrows from the markers at rest to the displaced ones, or the
+    tactile image of a taxel array. largest: count at the end of the color scale."""
+    device = reading.sensor
+    if getattr(reading, "image", None) is None:
+        layout = device.layout
+        places = device.phi.centers_mm, layout.x_mm, layout.y_mm
+        drawn = draw_tactile_image(axes, reading.tactile_image, *places, (0.0, largest))
+        axes.set_title(f"tactile image of {device.name}", loc="left")
+        color_bar(page, drawn, axes, 0.07, "counts")
+        return
+    axes.imshow(reading.image)
+    axes.set(xticks=[], yticks=[])
+    axes.set_title(f"image of {device.name}", loc="left")
+    if device.markers is not None:
+        axes.set_title(f"image of {device.name}\narrows: marker displacement", loc="left")
+        rest, moved = device.markers.seen_px(device.optics.camera, reading.contact)
+        kept = np.hypot(*(moved - rest).T) >= MIN_ARROW_PX
+        (y, x), (by_y, by_x) = rest[kept].T, (moved - rest)[kept].T
+        look: Any = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.01}
+        axes.quiver(x, y, by_x, by_y, color="white", **look)
         rows, columns, _ = reading.image.shape
         axes.set(xlim=(-0.5, columns - 0.5), ylim=(rows - 0.5, -0.5))
-
-
-def _draw_counts(sensor: str, panels: Sequence[Axes], readings: Sequence[CountsReading]) -> None:
-    """The tactile images of a taxel array on one scale, with a ring on each taxel."""
-    largest = max(1.0, *(float(reading.tactile_image.max()) for reading in readings))
-    for axes, reading in zip(panels, readings, strict=True):
-        phi, layout = reading.sensor.phi, reading.sensor.layout
-        places = phi.centers_mm, layout.x_mm, layout.y_mm
-        drawn = draw_tactile_image(axes, reading.tactile_image, *places, (0.0, largest))
-        axes.figure.colorbar(drawn, ax=axes, fraction=0.07, label="counts", format="{x:,g}")
-    panels[0].set_title(f"tactile image of {sensor}", loc="left")
-
-
-def _draw_contacts(sensor: str, panels: Sequence[Axes], contacts: Sequence[Contact]) -> None:
-    """Stick and slip regions, and the tangential traction on the sensor as arrows of one scale."""
-    from matplotlib.colors import ListedColormap
-
-    first = contacts[0]
-    touched = np.any([contact.pressure_kpa > 0 for contact in contacts], axis=0)
-    columns, rows = np.flatnonzero(touched.any(axis=0)), np.flatnonzero(touched.any(axis=1))
-    left, right = first.x_mm[columns[[0, -1]]] + (-MARGIN_MM, MARGIN_MM)
-    top, bottom = first.y_mm[rows[[0, -1]]] + (-MARGIN_MM, MARGIN_MM)
-    bottom += KEY_SHARE * (bottom - top)
-    peak = max(float(np.hypot(*contact.shear_kpa).max()) for contact in contacts)
-    every = max(1, round(max(columns.size, rows.size) / ARROWS))
-    for axes, contact in zip(panels, contacts, strict=True):
-        half = contact.pitch_mm / 2
-        x_mm, y_mm, inside = contact.x_mm, contact.y_mm, contact.pressure_kpa > 0
-        axes.imshow(
-            np.where(inside, 1.0 + contact.slipping, np.nan),
-            cmap=ListedColormap([STICK_COLOR, SLIP_COLOR]),
-            vmin=1,
-            vmax=2,
-            extent=(x_mm[0] - half, x_mm[-1] + half, y_mm[-1] + half, y_mm[0] - half),
-        )
-        axes.set(xlim=(left, right), ylim=(bottom, top), ylabel="y (down), mm")
-        above = f"elastomer of {sensor}\n" if axes is panels[0] else ""
-        axes.set_title(f"{above}{100 * contact.slip_share:.0f} % of the contact slips", loc="left")
-        if contact.shear_kpa.any():
-            _draw_traction(axes, contact, peak, every)
-    panels[-1].set_xlabel("x, mm")
-
-
-def _draw_traction(axes: Axes, contact: Contact, peak_kpa: float, every: int) -> None:
-    """Arrows at each `every`-th cell in contact. peak_kpa: traction of the longest one."""
-    rows, columns = np.nonzero(contact.pressure_kpa > 0)
-    kept = (rows % every == every // 2) & (columns % every == every // 2)
-    at = rows[kept], columns[kept]
-    along_x, along_y = contact.shear_kpa
-    arrows = axes.quiver(
-        contact.x_mm[at[1]], contact.y_mm[at[0]], along_x[at], along_y[at], angles="xy",
-        scale_units="xy", scale=peak_kpa / (1.1 * every * contact.pitch_mm), width=0.008,
-    )  # fmt: skip
-    label = f"{peak_kpa:.2g} kPa" if peak_kpa < 10 else f"{peak_kpa:.0f} kPa"
-    axes.quiverkey(arrows, 0.72, 0.05, peak_kpa, label, labelpos="E")

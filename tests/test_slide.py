@@ -122,7 +122,7 @@ def test_images(folder):
         assert getattr(animation, "n_frames", 1) == 5
     with Image.open(folder / "slide.png") as figure:
         pixels = np.asarray(figure.convert("RGB")).reshape(-1, 3)
-    for color in ("#9ec5e8", "#f2b880", "#0072b2"):  # stick, slip, the force's line
+    for color in ("#9ec5e8", "#f2963c", "#0072b2"):  # stick, slip, the force's line
         wanted = [int(color[n : n + 2], 16) for n in (1, 3, 5)]
         assert (pixels == wanted).all(axis=1).sum() > 100
 

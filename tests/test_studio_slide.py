@@ -9,9 +9,10 @@ import pytest
 
 import t2twin
 from t2twin.cli import main
+from t2twin.core.draw import traction_arrows
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.slide import MAX_STEP_MM
-from t2twin.studio import cards, scene
+from t2twin.studio import cards
 from t2twin.studio.session import MAX_STEPS, PressState, Session
 from t2twin.studio.translators import Translators
 
@@ -173,7 +174,7 @@ def test_markers_move_with_the_gel(session):
 
 def test_arrows_show_the_traction(slid):
     contact = slid.touch.digit
-    at, along_mm, peak_kpa = scene.traction_arrows(contact, 10)
+    at, along_mm, peak_kpa = traction_arrows(contact, 10)
     assert 0 < contact.slipping[at].sum() < contact.slipping[at].size
     assert np.allclose(
         along_mm / np.hypot(*along_mm).max(),

@@ -32,6 +32,12 @@ COLOR_MAP, DIFFERENCE_MAP = "viridis", "RdBu_r"
 COLORS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9", "#009e73")
 """Colors of lines and bars for all kinds of color vision (Okabe and Ito 2008)."""
 
+STICK_RGB, SLIP_RGB = (158, 197, 232), (242, 150, 60)
+"""Colors of the parts of a contact that stick and slip, distinct for color-blind readers."""
+
+MAP_MARGIN_MM, ARROWS = 0.5, 10
+"""Margin of a map around the contact, and number of arrows along its longer side, about."""
+
 SCALE = 2  # rendered pixels per pixel of a tactile image
 MARGIN, BAR_WIDTH, LABELS_WIDTH, TAXEL_RADIUS = 20, 18, 60, 4  # rendered pixels
 UNIT_SIZE, FONT_SIZE, CAPTION_SIZE, CAPTION_HEIGHT = 18, 20, 12, 34  # rendered pixels
@@ -259,6 +265,41 @@ def extent_mm(columns_mm: np.ndarray, rows_mm: np.ndarray) -> tuple[float, float
     """Left, right, bottom and top of an image with these centers of its pixels; y points down."""
     half = (columns_mm[1] - columns_mm[0]) / 2
     return columns_mm[0] - half, columns_mm[-1] + half, rows_mm[-1] + half, rows_mm[0] - half
+
+
+def draw_contact(axes: Axes, contact: Any) -> float:
+    """Draws where a `Contact` sticks and slips, and its tangential traction as arrows, in mm with y
+    downwards. Returns the largest traction, kPa."""
+    inside = contact.pressure_kpa > 0
+    colors = np.array([(0, 0, 0, 0), (*STICK_RGB, 255), (*SLIP_RGB, 255)], np.uint8)
+    extent = extent_mm(contact.x_mm, contact.y_mm)
+    axes.imshow(colors[np.where(inside, 1 + contact.slipping, 0)], extent=extent)
+    places, along_mm, peak_kpa = traction_arrows(contact, ARROWS)
+    at = contact.x_mm[places[1]], contact.y_mm[places[0]]
+    if peak_kpa:
+        axes.quiver(*at, *along_mm, angles="xy", scale_units="xy", scale=1.0, pivot="mid")
+    x_mm, y_mm = contact.x_mm[inside.any(axis=0)], contact.y_mm[inside.any(axis=1)]
+    half = max(np.ptp(x_mm), np.ptp(y_mm)) / 2 + MAP_MARGIN_MM
+    x, y = (x_mm[0] + x_mm[-1]) / 2, (y_mm[0] + y_mm[-1]) / 2
+    axes.set(xlim=(x - half, x + half), ylim=(y + half, y - half))
+    return peak_kpa
+
+
+def traction_arrows(contact: Any, number: int) -> tuple[tuple[Any, Any], np.ndarray, float]:
+    """About `number` arrows of tangential traction along the longer side of a contact.
+
+    Returns the (n,) rows and columns of their cells, the arrows, (2, n) mm along x and y, as long
+    as the cells' spacing at the largest traction, and that traction, kPa.
+    """
+    inside = contact.pressure_kpa > 0
+    width, height = (np.ptp(np.flatnonzero(inside.any(axis=axis))) + 1 for axis in (0, 1))
+    every = max(1, round(max(width, height) / number))
+    rows, columns = np.nonzero(inside)
+    kept = (rows % every == every // 2) & (columns % every == every // 2)
+    rows, columns = rows[kept], columns[kept]
+    peak_kpa = float(np.hypot(*contact.shear_kpa).max())
+    length_mm = every * contact.pitch_mm / max(peak_kpa, 1e-9)
+    return (rows, columns), contact.shear_kpa[:, rows, columns] * length_mm, peak_kpa
 
 
 def color_bar(page: Figure, drawn: ScalarMappable, axes: Any, width: float, title: str) -> None:

@@ -16,14 +16,14 @@ from t2twin.core.draw import (
     COLORS,
     DIFFERENCE_MAP,
     color_table,
-    extent_mm,
+    draw_contact,
     figure,
     relief,
 )
 from t2twin.core.errors import T2TwinError
 from t2twin.core.templates import data_uri, render
 from t2twin.sim.touch import Touch
-from t2twin.studio.scene import SLIP_RGB, STICK_RGB, color_values, traction_arrows
+from t2twin.studio.scene import color_values
 from t2twin.studio.session import PressResult
 from t2twin.studio.translators import LEVEL, Translation
 
@@ -42,9 +42,6 @@ PREDICTED, TRUE, GREY = COLORS[0], COLORS[1], "#808080"
 
 CHART_PX, LEFT_PX = (800, 260), 88
 """Size of a chart of intervals, twice as displayed, and width of the margin for its labels."""
-
-MAP_MARGIN_MM, ARROWS = 0.5, 10
-"""Margin of a map around the contact, and number of arrows along its longer side."""
 
 LOADING = "The translators are being loaded."
 NO_RUNS = "There is no trained run; `t2twin demo` trains two in minutes."
@@ -228,17 +225,7 @@ def _draw_slide(page: "Figure", result: PressResult) -> None:
     contacts = result.touch.contacts
     axes = page.subplot_mosaic([[*contacts], ["path"] * len(contacts)], height_ratios=(1.2, 1))
     for name, contact in contacts.items():
-        inside = contact.pressure_kpa > 0
-        colors = np.array([(0, 0, 0, 0), (*STICK_RGB, 255), (*SLIP_RGB, 255)], np.uint8)
-        extent = extent_mm(contact.x_mm, contact.y_mm)
-        axes[name].imshow(colors[np.where(inside, 1 + contact.slipping, 0)], extent=extent)
-        places, along_mm, peak_kpa = traction_arrows(contact, ARROWS)
-        at = contact.x_mm[places[1]], contact.y_mm[places[0]]
-        axes[name].quiver(*at, *along_mm, angles="xy", scale_units="xy", scale=1.0, pivot="mid")
-        x_mm, y_mm = contact.x_mm[inside.any(axis=0)], contact.y_mm[inside.any(axis=1)]
-        half = max(np.ptp(x_mm), np.ptp(y_mm)) / 2 + MAP_MARGIN_MM
-        x, y = (x_mm[0] + x_mm[-1]) / 2, (y_mm[0] + y_mm[-1]) / 2
-        axes[name].set(xlim=(x - half, x + half), ylim=(y + half, y - half))
+        peak_kpa = draw_contact(axes[name], contact)
         axes[name].set_title(f"{name}: at most {peak_kpa:.3g} kPa\nstick blue, slip orange")
     rows = np.array([(row.x_mm, row.y_mm, row.yaw_deg) for row in result.rows])
     steps = np.abs(np.diff(rows, axis=0, prepend=rows[:1]))

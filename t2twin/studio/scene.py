@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike
 from trimesh.exchange.gltf import export_glb
 from trimesh.intersections import slice_faces_plane
 
-from t2twin.core.draw import COLOR_MAP, DIFFERENCE_MAP, color_table
+from t2twin.core.draw import (
+    COLOR_MAP,
+    DIFFERENCE_MAP,
+    SLIP_RGB,
+    STICK_RGB,
+    color_table,
+    traction_arrows,
+)
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.tilt import rotation_of
 from t2twin.sim.contact.types import Contact, PressCommand
@@ -50,9 +57,6 @@ LIFT_MM = 0.03  # by which the drawn shape is raised, against flicker with the s
 
 STEEL, GLASS_OPACITY = (150, 160, 175), 0.35
 """Color of the shape, and its opacity as glass."""
-
-STICK_RGB, SLIP_RGB = (158, 197, 232), (242, 150, 60)
-"""Light blue and orange, distinct for color-blind readers."""
 
 ARROWS, ARROW_LENGTH, ARROW_ABOVE_MM = 5, 1.6, 0.3
 """Number of traction arrows along the longer side of a contact, their length relative to their
@@ -258,23 +262,6 @@ def color_values(values: np.ndarray, high: float, name: str = COLOR_MAP) -> np.n
     table = color_table(name)
     levels = (values - low) * ((len(table) - 1) / max(high - low, 1e-9))
     return table[np.clip(np.rint(levels), 0, len(table) - 1).astype(np.uint8)]
-
-
-def traction_arrows(contact: Contact, number: int) -> tuple[tuple[Any, Any], np.ndarray, float]:
-    """About `number` arrows of tangential traction along the longer side of a contact.
-
-    Returns the (n,) rows and columns of their cells, the arrows, (2, n) mm along x and y, as long
-    as the cells' spacing at the largest traction, and that traction, kPa.
-    """
-    inside = contact.pressure_kpa > 0
-    width, height = (np.ptp(np.flatnonzero(inside.any(axis=axis))) + 1 for axis in (0, 1))
-    every = max(1, round(max(width, height) / number))
-    rows, columns = np.nonzero(inside)
-    kept = (rows % every == every // 2) & (columns % every == every // 2)
-    rows, columns = rows[kept], columns[kept]
-    peak_kpa = float(np.hypot(*contact.shear_kpa).max())
-    length_mm = every * contact.pitch_mm / max(peak_kpa, 1e-9)
-    return (rows, columns), contact.shear_kpa[:, rows, columns] * length_mm, peak_kpa
 
 
 def surfaces_of(
