@@ -249,7 +249,7 @@ def _draw_slide(
 
     sensors = list(shown[-1].contacts)
     kinds = [f"{kind} of {sensor}" for sensor in sensors for kind in ("reading", "contact")]
-    mosaic = [[f"force of {sensor}" for sensor in sensors for _ in range(2)]]
+    mosaic: Any = [[f"force of {sensor}" for sensor in sensors for _ in range(2)]]
     mosaic += [[f"{kind}, {step}" for kind in kinds] for step in steps]
     heights = [FORCE_HEIGHT, *[PANEL_HEIGHT] * len(shown)]
     panels = page.subplot_mosaic(mosaic, height_ratios=heights)
@@ -265,7 +265,7 @@ def _draw_slide(
             axes.set_title(f"{slips}\narrows: at most {peak_kpa:.3g} kPa", loc="left")
             axes.set(xlabel="x, mm", ylabel="y (down), mm")
     colors = {"stick": STICK_RGB, "slip": SLIP_RGB}
-    handles = [Patch(color=np.divide(rgb, 255), label=name) for name, rgb in colors.items()]
+    handles = [Patch(color=tuple(np.divide(rgb, 255)), label=name) for name, rgb in colors.items()]
     page.legend(handles=handles, loc="outside lower center", ncols=2)
 
 

@@ -286,17 +286,17 @@ def by_force(
         mean_of=("mean_of", "first"),
     )  # fmt: skip
     rows = []
-    for low_n, one in means.to_dict("index").items():
+    for one in means.reset_index().to_dict("records"):
         rmse, level, touches = np.sqrt(one["square"]), np.sqrt(one["of_mean"]), one["high_n"] > 0
         rows.append(
             ForceFigures(
-                low_n=float(low_n),  # pyright: ignore[reportArgumentType]
+                low_n=float(one["low_n"]),
                 high_n=float(one["high_n"]),
                 mean_n=float(one["mean_n"]),
                 pairs=int(one["pairs"]),
                 rmse_counts=float(rmse),
                 rmse_percent=float(100.0 * rmse / full_scale),
-                interval=interval(resampled[low_n].to_numpy()),
+                interval=interval(resampled[one["low_n"]].to_numpy()),
                 of_mean_array=float(rmse / level) if touches and level else None,
                 mean_of=one["mean_of"] if touches else None,
                 phantom_counts=None if touches else float(one["total"]),
