@@ -208,14 +208,12 @@ class Touch:
 
     @property
     def dense_counts(self) -> np.ndarray:
-        """(n,) uint16: noiseless counts of the first taxel array at the places of its dense
-        counts."""
+        """(n,) uint16: noiseless counts of the first taxel array at its dense places."""
         return self.of_array.dense_counts
 
     @property
     def tractions(self) -> np.ndarray:
-        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the places of the
-        dense counts."""
+        """(3, n) float32, kPa: pressure and shear along x and y at the dense places."""
         return self.of_array.tractions
 
     def save(self, folder: str | Path) -> None:

@@ -367,26 +367,6 @@ def test_a_flex_is_refused():
         attached.read(model, data)
 
 
-def test_two_balls_carry_their_own_forces():
-    """Each ball has its own pressure, shear and torque; the sums are MuJoCo's."""
-    spec = scene(x_m=-0.007, y_m=0.002, axes="xz")
-    add_ball(spec, "second", x_m=0.007, y_m=0.003, axes="xz")
-    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
-    model, data = simulate(spec, 0.5, -2.0, 0.0, -5.0)
-    contact = attached.read(model, data).cyskin
-    force, torque = wrench(model, data, attached.pose(model, data))
-    assert contact.settled
-    left = contact.x_mm < 0
-    shares = contact.pressure_kpa[:, left].sum() / contact.pressure_kpa.sum()
-    assert shares == pytest.approx(2 / 7, rel=0.02)
-    assert contact.force_n == pytest.approx(7.0, rel=0.01)
-    along_x = 1e-3 * contact.shear_kpa[0] * contact.pitch_mm**2
-    assert force[0] > 0.3
-    assert along_x[:, left].sum() == pytest.approx(force[0], rel=0.02)
-    assert along_x[:, ~left].sum() == pytest.approx(0.0, abs=0.01)
-    assert contact.torque_nmm == pytest.approx(torque[2], rel=0.02)
-
-
 def test_a_body_sinks_in_as_deep_as_into_the_layer():
     """With the fitted parameters the resting place of a ball is that of the soft layer."""
     spec = scene()

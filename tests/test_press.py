@@ -65,14 +65,6 @@ def test_depth_under_a_flat_face_is_proportional_to_force():
         assert slope == pytest.approx([slope[-1]] * 3, rel=0.005)
 
 
-def test_depth_grows_with_force_as_theory_says():
-    thick = replace(FLAT, thickness_mm=50.0)
-    forces = np.array([0.1, 0.2, 0.4, 0.8])
-    for shape, exponent in ((ball(6.0), 2 / 3), (punch(3.0), 1.0)):
-        depths = [pressed(shape, thick, 0.2, float(force)).depth_mm for force in forces]
-        assert np.polyfit(np.log(forces), np.log(depths), 1)[0] == pytest.approx(exponent, abs=0.04)
-
-
 @pytest.mark.parametrize("shape", [ball(4.0), block(8.0, 8.0), block(2.0, 12.0)])
 def test_the_engine_agrees_with_the_oracle(shape):
     contact = pressed(shape, pitch=0.25)

@@ -16,14 +16,13 @@ from benchmarks.motion.slides_closed_forms import (
 )
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.contact import pin_layout, sliding
+from t2twin.sim.contact import sliding
 from t2twin.sim.contact.closed_forms import shear_kernels, spectra
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.displacements import FAR_SHARE, MAX_SHORTENING, is_far, unfolded
+from t2twin.sim.contact.displacements import MAX_SHORTENING, unfolded
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.friction import Friction, solve_traction
-from t2twin.sim.contact.layer import DomedLayer, cached_layer, cached_shear_layer, domed_layer
-from t2twin.sim.contact.pin_layout import PinLayout, Survey
+from t2twin.sim.contact.layer import DomedLayer, cached_shear_layer, domed_layer
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
 from t2twin.sim.optical.surface import surface_on
@@ -206,16 +205,6 @@ def test_a_quarter_turn_turns_all_fields(press):
     assert other.torque_nmm == pytest.approx(one.torque_nmm, rel=0.02)
 
 
-def test_a_twist_gives_a_torque_and_no_force(press):
-    contact = press("hemisphere-4", GEL, 0.25)
-    torques = []
-    for _ in range(4):
-        contact = advance(contact, 0.0, 0.0, np.deg2rad(2.0), 4.0, 0.8)
-        torques.append(contact.torque_nmm)
-    assert np.all(np.diff([0.0, *torques]) > 0)
-    assert np.abs(contact.shear_n).max() < 0.01 * 4.0
-
-
 def test_shear_raises_the_stress_in_front():
     twin = t2twin.Twin(imperfections="none")
     touch = twin.press("hemisphere-4", force_n=4.0)
@@ -387,28 +376,3 @@ def test_a_far_sheared_surface_is_named(press):
     assert not advance(replace(far, settled=False), -0.1, 0.1, 0.0, 11.5, 1.2).settled
     ordinary = advance(press("hemisphere-4", GEL, 0.25, 4.0), 0.1, 0.0, 0.0, 4.0, 0.5)
     assert contact_notes(ordinary) == []
-
-
-def test_far_displacements():
-    """Uniform ones are far by their size, uniform shortening by what exceeds MAX_SHORTENING."""
-    pitch, weights = 0.25, np.ones((9, 9))
-    x = pitch * (np.mgrid[:9, :9][1] - 4)
-    zero = np.zeros_like(x)
-    for size, far in ((1.9, False), (2.1, True)):
-        assert is_far(np.stack([zero + size, zero, zero]), weights, pitch, 2.0) is far
-    for strain, far in ((0.99, False), (0.99 + FAR_SHARE, False), (1.01 + FAR_SHARE, True)):
-        shortened = np.stack([-strain * MAX_SHORTENING * x, zero, zero])
-        assert is_far(shortened, weights, pitch, 2.0) is far
-
-
-def test_a_layout_returns_to_smaller_pins_only_where_they_are_clearly_fewer(monkeypatch):
-    monkeypatch.setattr(pin_layout, "POOL_SIZES", (8192,))  # fewer than this shape needs
-    shape = catalogue.load("random-4322000001087")
-    command = PressCommand(shape.name, 0.378, 1.078, 2.3, 2.25)
-    survey = Survey(shape, command, cached_layer(GEL, 0.25))
-    light, medium, heavy = (survey.expected_contact(force_n) for force_n in (0.2, 3.0, 4.0))
-    large, small = PinLayout([survey], [heavy]), PinLayout([survey], [medium])
-    assert large.sizes < small.sizes
-    assert PinLayout([survey], [medium], before=large).sizes == large.sizes
-    assert PinLayout([survey], [medium], before=small).sizes == small.sizes
-    assert PinLayout([survey], [light], before=large).sizes == small.sizes

@@ -96,8 +96,7 @@ def spectra(
 def pressure_profiles(
     elastomer: Elastomer, thicknesses_mm: np.ndarray, radii_mm: np.ndarray, pitch_mm: float
 ) -> np.ndarray:
-    """(thicknesses, radii): effect of the base on the deflection by a unit force at a distance,
-    mm/MPa per mm^2, averaged over the loaded and the responding cell."""
+    """(thicknesses, radii): the base's effect on the deflection by a unit force, mm/MPa/mm2."""
     return _base_part(elastomer, thicknesses_mm, radii_mm, pitch_mm, False)[0]
 
 
@@ -177,8 +176,7 @@ def _base_part(
 def _hankel(
     thicknesses_mm: np.ndarray, radii_mm: np.ndarray, poisson: float, pitch_mm: float, shear: bool
 ) -> np.ndarray:
-    """Effect of the base per unit force, of a modulus of 1 MPa: on the deflection by pressure, or
-    on mean, difference and coupling of the displacement by shear."""
+    """Effect of the base per unit force, of a modulus of 1 MPa, in one or three parts."""
     from scipy import special
 
     k, rule = _hankel_rule(thicknesses_mm, float(radii_mm[-1]), pitch_mm)
@@ -208,8 +206,7 @@ def _hankel(
 def _hankel_rule(
     thicknesses_mm: np.ndarray, farthest_mm: float, pitch_mm: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Wavenumbers, rad/mm, and Simpson's weights, times the average over both cells to second
-    order: sinc^4 is about exp(-k^2 a^2 / 12). The integrand is without the factor k."""
+    """Wavenumbers, rad/mm, and Simpson's weights, times the average over both cells."""
     reach = SMOOTH_REACH / float(thicknesses_mm.min())
     step = min(
         2 * np.pi / farthest_mm / HANKEL_POINTS_A_WAVE,

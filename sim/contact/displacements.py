@@ -25,10 +25,7 @@ FAR_SHARE = 0.2  # of the displacement that MAX_SHORTENING may change without a 
 def is_small(
     error_mm: np.ndarray, sheared_mm: np.ndarray, pressure: np.ndarray, depth_mm: float
 ) -> bool:
-    """Whether an error of the displacement by shear, both (3, rows, columns), is in the tolerance.
-
-    pressure: (rows, columns) weights of the means.
-    """
+    """Whether an error of the displacement by shear, (3, rows, columns), is in the tolerance."""
     weights = pressure / pressure.sum()
     along_x, along_y, into = (np.abs(error_mm) * weights).sum(axis=(1, 2))
     displacement = (np.hypot(*sheared_mm[:2]) * weights).sum()
@@ -53,8 +50,7 @@ def is_far(
 
 
 def means(values: np.ndarray, pressure: np.ndarray, over: list[np.ndarray]) -> np.ndarray:
-    """Means of values along x and y, (2, rows, columns), weighted with the pressure, of each body,
-    (bodies, 2). over: of each body, (rows, columns) bool, the cells nearest to it."""
+    """(bodies, 2) means along x and y over the cells nearest to each body, by pressure."""
     weights = [pressure * here for here in over]
     return np.array([(values * each).sum(axis=(1, 2)) / (each.sum() or 1.0) for each in weights])
 
@@ -62,8 +58,7 @@ def means(values: np.ndarray, pressure: np.ndarray, over: list[np.ndarray]) -> n
 def moved(
     values: np.ndarray, by_mm: np.ndarray, pitch_mm: float, over: list[np.ndarray]
 ) -> np.ndarray:
-    """Values, (n, rows, columns), moved along x and y by those of each body, (bodies, 2).
-    over: see `means`."""
+    """Values, (n, rows, columns), moved along x and y by those of the nearest body."""
     found = values
     for (along_x, along_y), here in zip(by_mm.tolist(), over, strict=True):
         if np.hypot(along_x, along_y) >= MIN_MOVE * pitch_mm:

@@ -188,8 +188,7 @@ def neo_hookean_mm(linear_mm: np.ndarray, thickness_mm: np.ndarray) -> np.ndarra
 
 @compiled(inline="always")
 def stiffened(u, h):
-    """Deflection w at one place, and its first and second derivative by u; see
-    `neo_hookean_mm`."""
+    """Deflection at one place, and its first and second derivative by u; see `neo_hookean_mm`."""
     if u <= 0.0:
         return u, 1.0, 0.0
     # Newton's method on l^3 + 3 (u / h) l^2 = 1.

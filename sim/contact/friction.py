@@ -280,8 +280,7 @@ def balance(q, gradient, length, limit, bodies, body, capacity, turns, rigid):
     nogil=True,
 )
 def balanced_step(q, gradient, limit, length, bodies, direction):
-    """Write the step from q against the gradient to the nearest traction with the bodies' wrenches;
-    see `step_towards`. The returned product is with the gradient less the rigid motions' part."""
+    """As `step_towards` with the bodies' wrenches, without the rigid motions' part."""
     x, y, owner, levers, _, slides, rigid = bodies
     for body in range(levers.shape[0]):
         if not slides[body]:
@@ -319,8 +318,7 @@ def balanced_step(q, gradient, limit, length, bodies, direction):
     nogil=True,
 )
 def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displacement):
-    """See `solve_traction`. length: of the first step. q: the initial guess, replaced by the
-    traction. Writes the displacement; returns the residual and the number of steps."""
+    """See `solve_traction`; writes q and the displacement, returns the residual and the steps."""
     has_bodies = bodies[3].shape[0] > 0
     direction, moved = np.zeros_like(q), np.empty_like(q)
     gradient, energies = np.zeros_like(q), np.empty(STEPS_BACK)
@@ -422,8 +420,7 @@ def step_towards(q, gradient, limit, length, direction):
     nogil=True,
 )
 def take_step(displacement, moved, fraction, wanted, limit, gradient):
-    """Add a fraction of a displacement, (2, rows, columns), and write the gradient of the energy,
-    which is 0 outside the contact."""
+    """Add a fraction of a displacement; write the energy's gradient, 0 outside the contact."""
     for k in range(2):
         for i in range(limit.shape[0]):
             for j in range(limit.shape[1]):

@@ -49,8 +49,7 @@ def heights_at(
 
 
 def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
-    """x and y of a press, mm, that puts the middle of a shape's highest part over the pad's
-    center."""
+    """x and y of a press, mm, that puts the shape's highest part over the pad's center."""
     from scipy import ndimage  # slow to import
 
     step = max(1, max(surface.heights_mm.shape) // MAX_PLACES)
@@ -107,11 +106,7 @@ def raise_to_shape(
 
 
 def lookup(surface: HeightMap, command: "PressCommand") -> tuple[Any, ...]:
-    """Arguments of the compiled loops, of the types LOOKUP.
-
-    The heights, column and row of the shape's origin, the press position, and cos and sin of the
-    yaw in cells per mm.
-    """
+    """Arguments of the compiled loops, of types LOOKUP: heights, origin, press, cos, sin."""
     per_mm = 1.0 / surface.pitch_mm
     return (
         np.ascontiguousarray(surface.heights_mm, dtype=np.float32),
@@ -133,10 +128,7 @@ def column_and_row(column, row, press_x, press_y, cos, sin, x, y):
 
 @compiled("void(f4[:, ::1], f8[::1], f8[::1], i8, f4[::1])", nogil=True)
 def heights_along(heights, columns, rows, count, found):
-    """Write the heights at `count` places between a map's points, bilinear; NOTHING_MM outside.
-
-    Twice as fast as a loop that also computes the places.
-    """
+    """Write the heights at `count` places of a map, bilinear; twice as fast as with the places."""
     # Unsigned indices save the check for negative ones.
     points, width, one = heights.ravel(), np.uint32(heights.shape[1]), np.uint32(1)
     last_column, last_row = heights.shape[1] - 1, heights.shape[0] - 1
@@ -356,8 +348,7 @@ def _corner_heights(
     heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, i, first,
     last, columns, rows, found, corners,
 ):  # fmt: skip
-    """Write the heights at the corners between the rows i - 1 and i of cells to corners,
-    (nx + 1,), from the first to before the last one. A corner has the mean shift of its cells."""
+    """Write the heights at the corners between the rows i - 1 and i of cells, (nx + 1,)."""
     half = 0.5 * (x_mm[1] - x_mm[0])
     y = y_mm[i] - half if i < y_mm.size else y_mm[i - 1] + half
     for j in range(first, last):

@@ -143,12 +143,7 @@ class Layer:
         return cached_layer, self._arguments
 
     def spring_mm_per_mpa(self, loaded: Window) -> float:
-        """The pins' springs' compliance for a loaded window, mm/MPa: a share of the bound on the
-        deflection per pressure in it.
-
-        The bound is the smaller of the largest compliance over all wavelengths and the operator's
-        row sum.
-        """
+        """The pins' springs' compliance, mm/MPa: a share of the largest in a window."""
         shape = window_shape(loaded)
         if shape not in self._bounds:
             rows, columns = min(shape[0], self.rows) // 2 + 1, min(shape[1], self.columns) // 2 + 1
@@ -227,14 +222,7 @@ def cached_layer(elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> La
 
 
 def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Response of each place as a sum of a kernel and of further ones with weights.
-
-    Returns the kernel, (2 rows - 1, 2 columns - 1) float32; the further ones on the layer's nodes,
-    (kernels, 2 M - 1, 2 N - 1) float32; their weights, (kernels, M, N) float32; and the kernel of
-    the thickest place, as the first. M and N include the nodes around the grid.
-    The base's part depends on the thickness and is expanded into its mean and principal components
-    over the thicknesses.
-    """
+    """The kernel, the further ones on nodes and their weights, and the thickest place's kernel."""
     from scipy.interpolate import CubicSpline  # slow to import
 
     elastomer, pitch = layer.elastomer, layer.pitch_mm
@@ -308,8 +296,7 @@ class ShearLayer:
         return float((along[:, None] * across * along_itself).sum() / side**2)
 
     def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
-        """(3, rows, columns) displacement along x, along y and into the sensor, mm, by traction
-        along x and y, (2, rows, columns), MPa."""
+        """(3, rows, columns) displacement along x, y and into the sensor, mm, by traction, MPa."""
         return _responses((self,), traction_mpa, 3)[0]
 
     def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
@@ -344,8 +331,7 @@ class DomedLayer:
         return middle + dome
 
     def parts_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
-        """(2, 3, rows, columns) the response in two parts, mm: that of the layer of the middle, and
-        what the dome adds."""
+        """(2, 3, rows, columns) response of the layer of the middle, mm, and what the dome adds."""
         if self.slope is None:
             response = self.middle.response_mm(traction_mpa).astype(float)
             return np.stack([response, np.zeros_like(response)])
@@ -390,8 +376,7 @@ def _thickness_mm(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
 def cached_shear_layer(
     elastomer: Elastomer, thickness_mm: float, pitch_mm: float, largest: tuple[int, int]
 ) -> ShearLayer:
-    """A layer of one thickness for windows of up to `largest` rows and columns, computed once per
-    process."""
+    """A layer of one thickness for windows of up to `largest`, computed once per process."""
     return ShearLayer(shear_kernels(elastomer, thickness_mm, *largest, pitch_mm), pitch_mm)
 
 
@@ -585,8 +570,7 @@ def respond(loads, kernels, work, is_known, response):
 
 @compiled(nogil=True, **INNER)
 def _by_shear(first, second, traction, into, response):
-    """Write the transform of a component of the response to a traction. first, second: the
-    kernels of the traction along x and y. into: whether they are odd."""
+    """Write the transform of a component of the response to a traction; into: of odd kernels."""
     for i in range(first.shape[0]):
         for j in range(first.shape[1]):
             value = first[i, j] * traction[0, i, j] + second[i, j] * traction[1, i, j]
@@ -595,8 +579,7 @@ def _by_shear(first, second, traction, into, response):
 
 @compiled(nogil=True, **INNER)
 def _by_pressure(kernel, pressure, response):
-    """Write the transform of the displacement by a pressure: by reciprocity, minus that of the
-    deflection by traction."""
+    """Write the transform of the displacement by a pressure; see `_by_shear` (reciprocity)."""
     for i in range(kernel.shape[0]):
         for j in range(kernel.shape[1]):
             value = kernel[i, j] * pressure[i, j]

@@ -137,13 +137,9 @@ def _model(pins: int) -> mujoco.MjModel:
     nogil=True,
 )
 def _set_up(gap, depth, force, rest, stiffness, heights, springs, rests, places, motion):
-    """Write the state before a step of n pins, and the expected motion in it; see `step`.
-
-    heights: (pins,) of the balls over the pins. springs, rests, places, motion: (1 + pins,) of the
-    joints of the shape and the pins: stiffness, rest, position and motion upwards in the step.
-    MuJoCo's contact is a spring too, which is by IMPEDANCE stiffer than the bodies it is between,
-    and in a step of 1 s a mass acts as a spring.
-    """
+    """Write the state before a step, and the expected motion upwards in it; see `step`."""
+    # A contact is a spring too, by IMPEDANCE stiffer than its bodies, and in a step of 1 s a mass
+    # acts as a spring.
     size = gap.size
     meets, stiff = np.empty(size + 1), np.empty(size + 1)
     for n in range(size):

@@ -108,10 +108,7 @@ class Survey:
         return center_values(layer.by_law_mm(layer.deflection_mm(pressure_mpa)), 1)
 
     def missed(self, active: np.ndarray, depth_mm: float, pressure_mpa: np.ndarray) -> np.ndarray:
-        """(rows, columns) bool: the cells without pins where the shape penetrates the surface.
-
-        active: (rows, columns) bool, the cells that have pins. pressure_mpa: (ny, nx).
-        """
+        """(rows, columns) bool: the cells without pins where the shape penetrates the surface."""
         depth_mm -= min(MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE * depth_mm)
         missed = (self.peak_gap_mm < depth_mm) & ~active
         if missed.any():
@@ -127,8 +124,7 @@ class Survey:
         return layer
 
     def expected_contact(self, force_n: float) -> tuple[np.ndarray, float]:
-        """Contact area, (rows, columns) bool, and depth, mm, of independent springs that are as
-        compliant as the layer."""
+        """Contact area, bool, and depth, mm, of independent springs as compliant as the layer."""
         depth, touching, before = 0.0, np.ones(self.gap_mm.shape, bool), 0.0
         for _ in range(GUESSES):
             loaded = refined(window_around(touching), self.per_side)
@@ -282,8 +278,7 @@ class _BodyPins:
     def _pins_along(
         self, depth_mm: float, sizes_before: int
     ) -> tuple[np.ndarray, tuple[int, int], tuple[int, int]]:
-        """(2, rows, columns) number of pins along each of the window's survey cells, 0 for none, in
-        the rough and the last stage; the largest of each stage; and the pins of each stage."""
+        """Per stage: (2, rows, columns) pins along each cell, the largest, and the number."""
         survey, active = self.survey, self.active[self.window]
         cells = self._footprint.coarsened(survey.per_side * self._finest)
         # Edges are the partly covered cells, the neighbors of cells that are covered by less than
@@ -320,12 +315,7 @@ def _gaps(rest: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, float]:
 def _first_touch_mm(
     survey: Survey, x_mm: np.ndarray, y_mm: np.ndarray, gap_mm: np.ndarray, nearest_mm: float
 ) -> float:
-    """Depth of a tilted shape's highest point below the apex at first touch, mm.
-
-    gap_mm: (rows, columns) of the highest samples of fine cells, from their own first touch.
-    nearest_mm: depth of that. A tilted shape touches first with a corner or an edge between the
-    samples, which is searched around the nearest ones.
-    """
+    """Depth at which a tilted shape touches, with points between the cells' samples, mm."""
     command = survey.command
     cell_mm = float(x_mm[1] - x_mm[0])
     steep = np.tan(abs(command.tilt_x_rad)) + np.tan(abs(command.tilt_y_rad))
@@ -341,8 +331,7 @@ def _first_touch_mm(
 
 
 def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:
-    """FINER, and twice its largest number where the separate parts of the expected contact,
-    (rows, columns) bool, are small."""
+    """FINER, with pins of half the size where separate parts of the expected contact are small."""
     window = window_around(expected)
     shares = survey.footprint.shares[window] * expected[window]
     if shares.sum() * FINER[-1] ** 2 < PART_PINS * count_parts(shares > 0.0):

@@ -103,12 +103,7 @@ class Pins:
         return np.stack([self.spread(own) for own in each])
 
     def gather(self, pressure_mpa: np.ndarray, per_cell: int, first: np.ndarray) -> np.ndarray:
-        """Pressure on the pins, (n,), with the same forces as the mean pressures of each body on
-        larger cells.
-
-        pressure_mpa: (bodies, rows, columns) on cells of per_cell x per_cell fine ones, zero
-        elsewhere. first: (bodies, 2) row and column of the first one, in fine cells of the window.
-        """
+        """(n,) pressures with the forces of each body's mean pressures on larger cells."""
         found = np.empty(self.rows.size)
         _gather(pressure_mpa, per_cell, first, self.bodies, *self.blocks, self.covered, found)
         return found
@@ -131,8 +126,7 @@ class Pins:
         return side_around(top, bottom, down), side_around(left, right, across)
 
     def around(self, body: int, chosen: np.ndarray) -> np.ndarray:
-        """(n,) bool: the chosen pins of a body, and those of others in a window that reaches by the
-        layer's thickness beyond them."""
+        """(n,) bool: a body's chosen pins, and those of others within the layer's thickness."""
         if len(self.cover) == 1:
             return chosen
         reach = ceil(self.layer.elastomer.thickness_mm / self.layer.pitch_mm)
@@ -169,11 +163,7 @@ def place_pins(
     shape: Footprint,
     first_touch_mm: float,
 ) -> Pins:
-    """The pins under a shape's footprint on the window's fine cells.
-
-    per_cell: fine cells a side of a coarse cell. along: (rows, columns) number of pins along each
-    coarse cell of the window, a divisor of per_cell; 0 for none. count: of all.
-    """
+    """The pins under a footprint; along: (rows, columns) number along each coarse cell."""
     (rows, columns, sides), of_pins = np.empty((3, count), int), np.empty((4, count))
     cover = np.zeros(shape.shares.shape)
     kept = _place(

@@ -309,11 +309,7 @@ class _Bodies:
         )  # fmt: skip
 
     def follows_mm(self, before_mm: np.ndarray, now_mm: np.ndarray) -> np.ndarray:
-        """Displacement of a surface that sticks to the bodies, (2, rows, columns), mm, from the
-        surface's displacement before and now.
-
-        Where a body slides as a whole, the prescribed motion is that along the displaced surface.
-        """
+        """(2, rows, columns) displacement, mm, of a surface that sticks to the bodies."""
         rigid = np.where(self.slides[:, None], self.motions, self.rigid)
         return self.with_motion_mm(rigid, np.where(self.slides[self.owner], now_mm, before_mm))
 

@@ -162,8 +162,7 @@ def _step(
     window: Window,
     earlier: Contact | None,
 ) -> Contact:
-    """The contact after a step, see step_contact, or an unsettled one with pressure outside the
-    window. earlier: the result of a smaller window, from which the step starts; None for none."""
+    """The contact after a step, unsettled if it left the window. earlier: from which it starts."""
     part, pitch = (slice(None), *window), contact.pitch_mm
     layer = contact.shear_layer.window(window)
     spread, parts = _response(contact, start, layer, window)
@@ -223,15 +222,7 @@ def _predicted(
     window: Window,
     travel: np.ndarray | None,
 ) -> tuple[Contact, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-    """The start of a step's rounds, from the contact before or an earlier result; see _step.
-
-    travel: (2, rows, columns) motion of the shape along the surface in the step, mm; None where the
-    forces are prescribed.
-    Returns a contact near the solution; a traction and the displacement by shear that it causes,
-    (2 or 3, rows, columns) of the window; that displacement without the correction of the last
-    step; the part of the dome; and by how much the bodies have moved since that contact, see
-    solve_bodies.
-    """
+    """The start of a step's rounds, from the contact before or an earlier result."""
     near, motion = contact, start
     if earlier is not None and earlier.motion is not None:
         near, motion = earlier, earlier.motion
@@ -254,12 +245,7 @@ def _predicted(
 def _repeated(
     start: Motion, travel: np.ndarray, pressure: np.ndarray, window: Window
 ) -> np.ndarray:
-    """(3, rows, columns) the correction of the last step's prediction, mm, as far as this step
-    repeats the motion of the last one.
-
-    travel: see _predicted. pressure: (rows, columns). A step in another direction has no part of
-    the correction, and a longer one has all of it.
-    """
+    """(3, rows, columns) the last step's correction, mm, as far as this step repeats its motion."""
     if start.travel_mm is None or start.window is None:
         return np.zeros((3, *pressure.shape))
     whole = np.zeros((5, *start.slip_mm.shape))

@@ -58,11 +58,7 @@ def _mean_deflections(
 
 @compiled(nogil=True, **INNER)
 def _spring_depth(force, tops, stiffness, near):
-    """See `spring_depth`. near: where the search starts.
-
-    Newton's method: after the first step it is above the depth, where the force is convex in the
-    depth, so that it is exact after a finite number of steps.
-    """
+    """See `spring_depth`. Newton's method, from above on a convex function, ends exactly."""
     depth = near
     for steps in range(MAX_NEWTON_STEPS):
         total, moment = 0.0, 0.0
@@ -79,10 +75,7 @@ def _spring_depth(force, tops, stiffness, near):
 
 @compiled("f8(f8, f8[::1], f8[::1])", nogil=True)
 def spring_depth(force, tops, stiffness):
-    """Depth at which independent springs under a rigid shape carry a force.
-
-    tops: (n,) depth at which the shape meets each spring. stiffness: (n,), > 0.
-    """
+    """Depth at which springs with these tops and stiffnesses, (n,), carry a force."""
     return _spring_depth(force, tops, stiffness, np.inf)
 
 
@@ -90,12 +83,7 @@ def spring_depth(force, tops, stiffness):
 def _fit_springs(
     force, compliance, min_slope, gap, edge, area, surface, slope, current, local, rest, near
 ):
-    """Fit the pins' springs to the surface under the pressure `current`; return the shape's depth.
-
-    surface, slope: (n,) means over the pins' cells. near: the expected depth. Writes local, (n,)
-    compliance of each pin, mm/MPa, and rest, (n,) deflection at which its spring carries nothing,
-    mm. rest is the part of the layer's response that the springs do not represent.
-    """
+    """Fit springs, local and rest, to the surface under `current`; return the shape's depth."""
     tops, stiffness = np.empty(gap.size), np.empty(gap.size)
     for n in range(gap.size):
         # A stiffened place has a stiffer spring. The converged surface does not depend on the
@@ -348,10 +336,7 @@ def iterate(
 
 @compiled(f"b1(f4[:, ::1], b1, {PINS}, f8[:, :, ::1], f8[::1], b1[::1], b1[::1])", nogil=True)
 def penetrated(linear, stiffens, pins, cover, depths, active, found):
-    """Write to found, (n,), which inactive pins have the shape above the surface; whether any.
-
-    linear: (R, C) deflection of the linear layer, mm. depths: (bodies,).
-    """
+    """Write which inactive pins, (n,) bool, have the shape above the surface; whether any."""
     bodies, rows, columns, sides, gap, area, _, thickness = pins
     some = False
     for n in range(gap.size):

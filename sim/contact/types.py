@@ -90,8 +90,7 @@ class SurfaceShift:
 
 
 def _interpolation(places: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Index of the place before each wanted one, and the share of the way to the next; the places
-    are equally spaced."""
+    """Index of the place before each wanted one, and the share of the way to the next."""
     steps = np.clip((wanted - places[0]) / (places[1] - places[0]), 0, places.size - 1)
     first = np.minimum(steps.astype(int), places.size - 2)
     return first, steps - first
@@ -215,8 +214,7 @@ class Contact:
 
     @property
     def shape_pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Pose of the pressed shape in the sensor frame: quaternion w, x, y, z, (4,), and the
-        position of its origin, (3,) mm."""
+        """The shape in the sensor frame: quaternion w, x, y, z, (4,), and its origin, (3,) mm."""
         command = self.command
         rise_mm = command.tilted(self.shape).rise_mm
         quaternion = quaternion_of(command.tilt_x_rad, command.tilt_y_rad, command.yaw_rad)
@@ -229,8 +227,7 @@ class Contact:
 
     @cached_property
     def surface_mm(self) -> np.ndarray:
-        """(ny, nx) float32 deflection of the surface into the sensor, mm; negative where it bulges
-        out. Computed at its first use, as taxels need only the pressure."""
+        """(ny, nx) float32 deflection into the sensor, mm, computed at its first use."""
         return read_only(self.equilibrium.surface_mm().astype(np.float32))
 
     @cached_property
@@ -240,8 +237,7 @@ class Contact:
 
     @property
     def moments_kpa_mm(self) -> np.ndarray:
-        """(2, ny, nx) mean over each cell of the pressure times the distance from the cell's
-        center, along x and y, kPa mm. It is not zero where a cell is pressed unevenly."""
+        """(2, ny, nx) mean of pressure times distance from the cell's center, kPa mm."""
         return 1e3 * self.equilibrium.moments_mpa_mm
 
     @cached_property
@@ -261,16 +257,14 @@ class Contact:
 
     @cached_property
     def sheared_mm(self) -> np.ndarray:
-        """(3, ny, nx) displacement of the surface along x, along y and into the sensor, mm, by the
-        shear alone."""
+        """(3, ny, nx) displacement along x, y and into the sensor by shear alone, mm."""
         if self.motion is None:
             return np.zeros((3, *self.pressure_kpa.shape))
         return unfolded(self.shear_layer.response_mm(self.motion.shear_mpa), self.pitch_mm)
 
     @cached_property
     def displacement_mm(self) -> np.ndarray:
-        """(3, ny, nx) float32 displacement of the surface along x, along y and into the sensor, mm,
-        by pressure and shear."""
+        """(3, ny, nx) float32 displacement along x, y and into the sensor by all loads, mm."""
         spread = self.shear_layer.spread_mm(1e-3 * self.pressure_kpa)
         by_pressure = np.stack([*spread, self.surface_mm])
         return (by_pressure + self.sheared_mm).astype(np.float32)
