@@ -3,6 +3,7 @@
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -33,7 +34,7 @@ KINDS = ("image", "counts")
 OTHERS = [pair for pair in product(KINDS, KINDS) if pair != ("image", "counts")]
 
 ROWS, COLUMNS, PX_PER_MM = 64, 48, 1.6
-PAIRS = {"train": 64, "val": 16, "test": 0}
+PAIRS: dict[Literal["train", "val", "test"], int] = {"train": 64, "val": 16, "test": 0}
 FULL_SCALE = 20_000
 
 

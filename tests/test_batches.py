@@ -7,26 +7,19 @@ import numpy as np
 import pytest
 import torch
 
-from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.models.presets import PRESETS, Model, Preset
+from t2twin.translate.data.pairs import load_info, load_pairs
+from t2twin.translate.models.presets import PRESETS, Model
 from t2twin.translate.runs.checkpoint import TRANSLATORS
 from t2twin.translate.training.trainer import Batches
 
 CPU = torch.device("cpu")
 
 
-def field_pairs(data_dir: Path, tmp_path: Path) -> tuple[Pairs, Preset]:
-    preset = replace(
-        PRESETS["field"]["smoke"], brightness=0.02, contrast=0.05, noise=0.01, background_share=0.3,
-        drift=0.02,
-    )  # fmt: skip
-    return load_pairs(data_dir, "train", preset.size, False, tmp_path, True), preset
-
-
 def test_a_batch_is_the_stored_pairs_as_the_networks_take_them(
     moving_dataset: Path, tmp_path: Path
 ) -> None:
-    pairs, preset = field_pairs(moving_dataset, tmp_path)
+    preset = PRESETS["field"]["smoke"]
+    pairs = load_pairs(moving_dataset, "train", preset.size, False, tmp_path, True)
     found = Batches(pairs, preset, CPU).examples(np.array([5, 1]), None)
     mean, std = np.array([0.485, 0.456, 0.406] * 2), np.array([0.229, 0.224, 0.225] * 2)
     expected = (pairs.inputs[np.array([1, 5])] / 255.0 - mean) / std

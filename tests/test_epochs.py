@@ -26,9 +26,7 @@ def without_times(run_dir: Path) -> list[tuple]:
 @pytest.mark.parametrize(
     ("batches", "budget", "steps"),
     [
-        (441, 10_500, 441),  # the paper's dataset: touch2touch's and ResNet18's preset cpu
-        (441, 5300, 441),
-        (441, 15_900, 441),
+        (441, 5300, 441),  # the paper's dataset
         (3125, 5300, 441),  # 100,000 pairs
         (3125, 10_500, 875),
         (3125, 0, 3125),  # no bound: all of the data
@@ -51,8 +49,7 @@ def test_short_epochs_go_through_all_pairs_before_any_comes_again(data_dir: Path
     loop = Trainer(config, data_dir, pairs, pairs, 0)
     whole = [np.concatenate(list(loop._batches(epoch))) for epoch in range(3)]
     for epoch, order in enumerate(whole):
-        drawn = np.random.default_rng([5, epoch]).permutation(32)
-        assert np.array_equal(order, drawn)
+        assert np.array_equal(order, np.random.default_rng([5, epoch]).permutation(32))
     loop.steps = 3
     short = [np.concatenate(list(loop._batches(epoch))) for epoch in range(4)]
     assert [order.size for order in short] == [24] * 4

@@ -1,6 +1,7 @@
 """The translator that tells the dense counts: trained on a small recipe, read at any layout,
 calibrated."""
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
@@ -131,9 +133,7 @@ def test_a_turned_picture_is_told_by_the_background_frame(
         (np.rot90(pixels, -1, (1, 2)), "on its side"),
     ):
         strange = np.concatenate([turned[..., :3], pixels[..., 3:]], axis=-1)
-        found = list(
-            map(str, run.classify(strange))
-        )  # the small images of this run show few patterns
+        found = list(map(str, run.classify(strange)))  # these small images show few patterns
         assert set(found) <= {how, "of another sensor than its background frame"}
         assert found.count(how) > 0.5 * len(found)
     others = np.concatenate([pixels[..., :3], np.roll(pixels[..., 3:], 4, axis=0)], axis=-1)
@@ -147,8 +147,8 @@ def test_pairs_without_a_field_are_refused(small_dataset: Path, tmp_path: Path) 
     assert not (tmp_path / "run" / "config.json").exists()
 
 
-@pytest.mark.parametrize("pad_mm, part", [(4.0, 0.01), (3.0, 0.01), (6.0, 0.01)])
-def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float, part: float) -> None:
+@pytest.mark.parametrize("pad_mm", [4.0, 3.0, 6.0])
+def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float) -> None:
     """What pads of any size count is known from the dense counts to a hundredth of the largest."""
     dense = load_layout("cyskin-63")
     layout = replace(dense, pad_diameter_mm=np.full(dense.size, pad_mm))
@@ -156,10 +156,9 @@ def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float, part: float
         shape = shapes(name)
         reading = ARRAY.read(ARRAY.press(shape, PressCommand(shape.name, 1.5, -2.0, yaw, 8.0)))
         true = ARRAY.noiseless(reading.contact, layout)
-        read = reading_matrix(DENSE.layout, layout, DENSE.cover) @ reading.dense_counts.astype(
-            float
-        )
-        assert np.sqrt(np.square(read - true).mean()) < part * true.max()
+        matrix = reading_matrix(DENSE.layout, layout, DENSE.cover)
+        read = matrix @ reading.dense_counts.astype(float)
+        assert np.sqrt(np.square(read - true).mean()) < 0.01 * true.max()
 
 
 def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
@@ -203,12 +202,9 @@ def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> N
     translator.prepare(pairs)
     assert pairs.dense_counts is not None
     part = slice(8)
-    examples = Examples(
-        to_input(pairs.inputs[part].astype(np.float32) / 255.0),
-        torch.from_numpy(pairs.counts[part]),
-        torch.from_numpy(pairs.dense_counts[part].astype(np.float32)),
-        torch.from_numpy(pairs.force_n[part].astype(np.float32)),
-    )
+    known = (pairs.counts, pairs.dense_counts, pairs.force_n)
+    targets = (torch.from_numpy(each[part].astype(np.float32)) for each in known)
+    examples: Any = Examples(to_input(pairs.inputs[part].astype(np.float32) / 255.0), *targets)
     first = translator.step(examples)
     for step in range(180):
         if step == 150:  # so that batch norm's averages settle
@@ -216,10 +212,8 @@ def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> N
         last = translator.step(examples)
     assert last["field"] < first["field"] / 20 and last["spread"] < first["spread"] - 1
     estimated = SimpleNamespace(**translator.predict_all(examples.images))
-    assert examples.dense_counts is not None
     rmse = (estimated.dense_counts - examples.dense_counts).square().mean().sqrt().item()
     assert rmse < 0.02 * info.array.full_scale_counts
-    assert examples.force_n is not None
     assert (estimated.force_n - examples.force_n).abs().max() < 0.2 * examples.force_n.max()
 
 
@@ -227,12 +221,8 @@ def errors_of(true: torch.Tensor, spread: torch.Tensor, seed: int) -> Errors:
     """Errors of these true standard deviations, (P, F), of which a network says `spread`."""
     generator = torch.Generator().manual_seed(seed)
     force = torch.randn(len(true), generator=generator)
-    return Errors(
-        true * torch.randn(true.shape, generator=generator),
-        spread,
-        0.5 * force,
-        torch.ones(len(true)),
-    )
+    dense_counts = true * torch.randn(true.shape, generator=generator)
+    return Errors(dense_counts, spread, 0.5 * force, torch.ones(len(true)))
 
 
 def held_by(found: dict[str, torch.Tensor], errors: Errors) -> torch.Tensor:
@@ -250,9 +240,8 @@ def test_intervals_hold_as_much_among_small_spreads_as_among_large() -> None:
     by_size = held.flatten()[spread.flatten().argsort()].chunk(10)
     assert [float(part.mean()) for part in by_size] == pytest.approx([0.9] * 10, abs=0.02)
     std = standard_deviation(spread.log(), found["place_knots"], found["press_knots"])
-    assert float(std.square().mean() / errors.dense_counts.square().mean()) == pytest.approx(
-        1.0, abs=0.1
-    )
+    ratio = float(std.square().mean() / errors.dense_counts.square().mean())
+    assert ratio == pytest.approx(1.0, abs=0.1)
     factor = interpolate_scale(torch.zeros(1), found["force_knots"])
     assert float(factor) == pytest.approx(0.5, rel=0.06)
 
@@ -273,8 +262,8 @@ def test_intervals_hold_in_each_of_two_recipes() -> None:
 def test_errors_that_go_together_are_drawn_together() -> None:
     generator = torch.Generator().manual_seed(0)
     normal = torch.randn(4000, 3, generator=generator)
-    off = 0.06 * torch.stack([normal[:, 0], 0.8 * normal[:, 0] + 0.6 * normal[:, 1],
-                              normal[:, 2]], dim=1)  # fmt: skip
+    mixed = 0.8 * normal[:, 0] + 0.6 * normal[:, 1]
+    off = 0.06 * torch.stack([normal[:, 0], mixed, normal[:, 2]], dim=1)
     one = torch.ones(4000)
     found = fit_calibration([Errors(off, torch.full_like(off, 0.02), one, one)])
     assert found["correlation"].diagonal().tolist() == [1.0, 1.0, 1.0]
@@ -346,9 +335,8 @@ def test_drawn_fields_spread_as_is_said(run: TrainedTranslator, frame: np.ndarra
     if clear.any():
         ratio = drawn[:, clear].std(axis=0) / estimated.dense_counts_std[clear]
         assert np.abs(ratio - 1).max() < 0.1
-    assert (drawn >= 0).all() and not np.array_equal(
-        drawn, run.sample_dense_counts(frame, 3000, seed=2)
-    )
+    other = run.sample_dense_counts(frame, 3000, seed=2)
+    assert (drawn >= 0).all() and not np.array_equal(drawn, other)
     np.testing.assert_array_equal(drawn, run.sample_dense_counts(frame, 3000, seed=1))
     for images, count, said in ((frame, 10**9, "a whole number"), ([frame] * 3, 50_000, "in all")):
         with pytest.raises(T2TwinError, match=said):
@@ -409,20 +397,15 @@ def test_background_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) 
     preset = replace(PRESETS["field"]["smoke"], background_share=0.5)
     pairs = load_pairs(data_dir, "train", preset.size, False, with_dense_counts=True)
     batch = np.arange(len(pairs))
-    batches = Batches(pairs, preset, torch.device("cpu"))
-    examples, plain = (
-        batches.examples(batch, np.random.default_rng(0)),
-        batches.examples(batch, None),
-    )
-    assert examples.dense_counts is not None and examples.force_n is not None
-    assert plain.dense_counts is not None and plain.force_n is not None
+    batches = Batches(pairs, preset, CPU)
+    examples: Any = batches.examples(batch, np.random.default_rng(0))
+    plain: Any = batches.examples(batch, None)
     replaced = (examples.images[:, :3] == examples.images[:, 3:]).flatten(1).all(dim=1)
     assert 0.3 < replaced.float().mean() < 0.7
     assert not examples.dense_counts[replaced].any() and not examples.force_n[replaced].any()
     kept = ~replaced
-    assert torch.equal(examples.images[kept], plain.images[kept])
-    assert torch.equal(examples.dense_counts[kept], plain.dense_counts[kept])
-    assert torch.equal(examples.force_n[kept], plain.force_n[kept])
+    for name in ("images", "dense_counts", "force_n"):
+        assert torch.equal(getattr(examples, name)[kept], getattr(plain, name)[kept])
 
 
 def test_calibrated_mostly_on_random_shapes_if_there_are_enough(
@@ -460,13 +443,6 @@ def test_tempered_on_several_recipes(
     after = load_file(own / "best.safetensors")
     for key in changed - {"correlation"}:
         torch.testing.assert_close(after[key], before[key], rtol=0.02, atol=0.02)
-    averaged = replace(PRESETS["field"]["smoke"], averaged_part=0.2)
-    train("field", data_dir, averaged, tmp_path / "averaged", epochs=1)
-    before = load_file(tmp_path / "averaged" / "best.safetensors")
-    recalibrate(tmp_path / "averaged", [data_dir])
-    after = load_file(tmp_path / "averaged" / "best.safetensors")
-    for key in changed - {"correlation"}:
-        torch.testing.assert_close(after[key], before[key], rtol=0.02, atol=0.02)
     with pytest.raises(T2TwinError, match="was trained on is missing"):
         recalibrate(own, [small_dataset])
     with pytest.raises(T2TwinError, match="have no dense counts"):
@@ -474,10 +450,6 @@ def test_tempered_on_several_recipes(
 
 
 def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp_path) -> None:
-    import json
-
-    from PIL import Image
-
     Image.fromarray(frame).save(tmp_path / "press.png")
     out = tmp_path / "out"
     translated = translate_files(run_dir, [tmp_path / "press.png"], out)
@@ -494,8 +466,6 @@ def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp
 
 
 def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_path) -> None:
-    from PIL import Image
-
     Image.fromarray(frame).save(tmp_path / "frame.png")
     for folder in untrained_runs:
         run = load(folder, engine="torch")
@@ -503,12 +473,8 @@ def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_p
         with pytest.raises(T2TwinError, match="the contact needs a field run"):
             run.contact(frame)
         with pytest.raises(T2TwinError, match="a background frame needs a field run"):
-            translate_files(
-                folder,
-                [tmp_path / "frame.png"],
-                tmp_path / "out",
-                background=tmp_path / "frame.png",
-            )
+            file = tmp_path / "frame.png"
+            translate_files(folder, [file], tmp_path / "out", background=file)
 
 
 def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) -> None:

@@ -1,6 +1,7 @@
 """A training that begins with another run's weights."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -46,6 +47,7 @@ kind = "drawn"
 
 
 def recipe(folder: Path, seed: int, force: str) -> Path:
+    folder.mkdir()
     recipe = folder / "tiny.toml"
     recipe.write_text(RECIPE.format(seed=seed, force=force))
     make_dataset(folder / "data", recipe=load_recipe(str(recipe)), workers=1)
@@ -90,8 +92,6 @@ def test_a_start_saves_steps_and_is_kept_in_mind(
 
 
 def test_a_field_run_keeps_what_it_knows_but_for_the_mean_frame(tmp_path: Path) -> None:
-    (tmp_path / "one").mkdir()
-    (tmp_path / "several").mkdir()
     one = recipe(tmp_path / "one", 5, "8.0")
     several = recipe(tmp_path / "several", 6, "{ low = 1.0, high = 10.0 }")
     train("field", one, "smoke", tmp_path / "run", epochs=1)
@@ -124,19 +124,19 @@ def test_what_cannot_be_begun_with_is_one_sentence(
     assert "has no config.json" in refused(tmp_path)
     assert "is a touch2touch run" in refused(runs[0])
     wide = train_smoke("resnet18", data_dir, tmp_path / "wide", epochs=1)
-    text = json.loads((wide / CONFIG).read_text())
-    text["preset"]["filters"] = 8
-    (wide / CONFIG).write_text(json.dumps(text))
+
+    def changed(change: Callable[[dict], object]) -> None:
+        content = json.loads(kept)
+        change(content)
+        (wide / CONFIG).write_text(json.dumps(content))
+
+    kept = (wide / CONFIG).read_text()
+    changed(lambda config: config["preset"].update(filters=8))
     assert "has the base width 8, and the new run has" in refused(wide)
-    text["preset"]["filters"] = PRESETS["resnet18"]["smoke"].filters
-    text["init_from_sha256"] = "x"
-    (wide / CONFIG).write_text(json.dumps(text))
+    changed(lambda config: config.update(init_from_sha256="x"))
     assert "init_from_sha256" in refused(wide)
-    text["init_from_sha256"] = None
-    text["data"]["target"]["layout_x_mm"][0] += 1.0
-    (wide / CONFIG).write_text(json.dumps(text))
+    changed(lambda config: config["data"]["target"]["layout_x_mm"].__setitem__(0, 99.0))
     assert "another layout" in refused(wide)
-    text["data"]["target"]["layout_x_mm"][0] -= 1.0
-    (wide / CONFIG).write_text(json.dumps(text))
+    (wide / CONFIG).write_text(kept)
     (wide / "best.safetensors").unlink()
     assert "has not finished its first epoch" in refused(wide)

@@ -90,19 +90,8 @@ def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
     assert "1 overexposed" in said
     entries = json.loads((tmp_path / "out/counts.json").read_text())["images"]
     assert [entry["in_distribution"] for entry in entries] == [True] * 6 + [False] * 2
-    assert [entry.get("ood_class") for entry in entries[5:]] == [
-        None, "noise", "overexposed",
-    ]  # fmt: skip
-    main(
-        [
-            "translate",
-            "--run",
-            str(folder),
-            str(tmp_path / "1.png"),
-            "--out",
-            str(tmp_path / "out2"),
-        ]
-    )
+    assert [entry.get("ood_class") for entry in entries[5:]] == [None, "noise", "overexposed"]
+    main(["translate", "--run", str(folder), str(tmp_path / "1.png"), "--out", str(tmp_path / "2")])
     assert "unlike" not in capsys.readouterr().err
 
 

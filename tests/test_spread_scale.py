@@ -43,17 +43,12 @@ def known(
     return scale, errors, in_other_light
 
 
-def test_unfitted_factors_are_one() -> None:
-    scale, errors, _ = known(20)
-    fit_scale(scale, [errors])  # too few presses
-    found = scaled(scale, errors)
-    assert torch.equal(found.spread, errors.spread)
-    assert torch.equal(found.force_spread, errors.force_spread)
-
-
 @pytest.mark.parametrize("colored", [False, True])
 def test_intervals_cover_nine_tenths_in_each_light(colored: bool) -> None:
     scale, errors, in_other_light = known(colored=colored)
+    few = scaled(scale, errors)  # not fitted
+    assert torch.equal(few.spread, errors.spread)
+    assert torch.equal(few.force_spread, errors.force_spread)
     fit_scale(scale, [errors])
     found = scaled(scale, errors)
     for part, width in ((in_other_light, 3.0), (~in_other_light, 1.0)):

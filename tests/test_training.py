@@ -72,13 +72,9 @@ def test_stopped_and_resumed_is_as_undisturbed(
     """Killed in its second epoch's validation, it goes on from the last state within this epoch and
     ends with the same weights and the same log."""
     preset = replace(
-        PRESETS[model]["smoke"],
-        noise=0.05,
-        brightness=0.05,
-        contrast=0.1,
-        weight_decay=0.05,
+        PRESETS[model]["smoke"], noise=0.05, brightness=0.05, contrast=0.1, weight_decay=0.05,
         averaged_part=0.25,
-    )
+    )  # fmt: skip
     train(model, data_dir, preset, tmp_path / "whole", epochs=3)
 
     with monkeypatch.context() as patch, stopped_after_an_epoch():
@@ -97,21 +93,6 @@ def test_stopped_and_resumed_is_as_undisturbed(
         assert whole.keys() == resumed.keys()
         for key, tensor in whole.items():
             assert torch.equal(tensor, resumed[key]), key
-
-
-def test_run_folder_says_what_it_is(data_dir: Path, tmp_path: Path) -> None:
-    outcome = train("resnet18", data_dir, "smoke", tmp_path, seed=3, epochs=2)
-    config = load_config(tmp_path)
-    assert config.preset == PRESETS["resnet18"]["smoke"]
-    assert (config.seed, config.epochs, config.planned_epochs) == (3, 2, 2)
-    assert config.data.sha256 == load_info(data_dir).sha256
-    log = records(tmp_path)
-    assert [record["epoch"] for record in log] == [1, 2]
-    best = min(log, key=lambda record: record["val_rmse_counts"])
-    assert outcome.best_epoch == best["epoch"]
-    assert outcome.best_rmse_counts == best["val_rmse_counts"]
-    assert list((tmp_path / "tensorboard").iterdir())
-    assert not list(tmp_path.glob(".*"))
 
 
 @pytest.mark.parametrize("model", PAPER_MODELS)
@@ -136,21 +117,27 @@ def test_bf16_trains_float32_weights_that_are_validated_in_float32(
     assert record["val_rmse_counts"] != pytest.approx(rmse[True], rel=1e-6)
 
 
-def test_finished_run_does_nothing_again(
+def test_a_finished_run_says_what_it_is_and_does_nothing_again(
     data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    first = train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
+    first = train("resnet18", data_dir, "smoke", tmp_path, seed=3, epochs=2)
+    config, log = load_config(tmp_path), records(tmp_path)
+    assert config.preset == PRESETS["resnet18"]["smoke"]
+    assert (config.seed, config.epochs, config.planned_epochs) == (3, 2, 2)
+    assert config.data.sha256 == load_info(data_dir).sha256
+    best = min(log, key=lambda record: record["val_rmse_counts"])
+    assert (first.best_epoch, first.best_rmse_counts) == (best["epoch"], best["val_rmse_counts"])
+    assert list((tmp_path / "tensorboard").iterdir()) and not list(tmp_path.glob(".*"))
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
     capsys.readouterr()
-    again = train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
-    assert again == first
+    assert train("resnet18", data_dir, "smoke", tmp_path, seed=3, epochs=2) == first
     assert "is finished" in capsys.readouterr().out
     after = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
     assert after == before
-    card = (tmp_path / "README.md").read_text()
-    (tmp_path / "README.md").unlink()  # as after a kill just before it is written
-    train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
-    assert (tmp_path / "README.md").read_text() == card
+    card = (tmp_path / CARD).read_text()
+    (tmp_path / CARD).unlink()  # as after a kill just before it is written
+    train("resnet18", data_dir, "smoke", tmp_path, seed=3, epochs=2)
+    assert (tmp_path / CARD).read_text() == card
 
 
 def test_stops_early_and_keeps_the_best(
@@ -194,13 +181,8 @@ def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> Non
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     command = [
-        sys.executable,
-        "-m",
-        "t2twin.translate.training.train",
-        "resnet18",
-        str(data_dir),
-        "smoke",
-    ]
+        sys.executable, "-m", "t2twin.translate.training.train", "resnet18", str(data_dir), "smoke",
+    ]  # fmt: skip
     shared = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
     processes = [
         subprocess.Popen(
@@ -227,14 +209,12 @@ def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> Non
 
 def test_each_process_takes_its_own_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     """By its number on its machine, in turn where GPUs are fewer; without a GPU, the CPU."""
-    named = [str(distributed.device_for(rank, gpus=2)) for rank in range(4)]
-    assert named == ["cuda:0", "cuda:1", "cuda:0", "cuda:1"]
-    assert distributed.device_for(3, gpus=0) == torch.device("cpu")
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
-    assert distributed.device() == torch.device("cuda", 0)
-    monkeypatch.setenv("LOCAL_RANK", "3")
-    assert distributed.device() == torch.device("cuda", 3)
+    for gpus, devices in ((2, ["cuda:0", "cuda:1", "cuda:0", "cuda:1"]), (0, ["cpu"] * 4)):
+        monkeypatch.setattr(torch.cuda, "device_count", lambda gpus=gpus: gpus)
+        for rank, expected in enumerate(devices):
+            monkeypatch.setenv("LOCAL_RANK", str(rank))
+            assert str(distributed.device()) == expected
 
 
 @pytest.mark.parametrize("model", PAPER_MODELS)
@@ -255,40 +235,37 @@ def test_weights_follow_the_seed_and_leave_torchs_numbers_alone(
         assert one.dim() == 1 or not torch.equal(one, another)
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
+def test_another_run_in_the_folder_is_refused(data_dir: Path, tmp_path: Path) -> None:
+    asked: dict = {"model": "resnet18", "preset": "smoke", "epochs": 1}
+    train(data_dir=data_dir, out_dir=tmp_path, **asked)
+    cases: list[tuple[dict, str]] = [
         ({"seed": 1}, "another seed"),
         ({"epochs": 2}, "another number of epochs"),
         ({"minutes": 5.0}, "another limit in minutes"),
         ({"model": "touch2touch"}, "another model"),
         ({"preset": replace(PRESETS["resnet18"]["smoke"], batch=4)}, "another preset"),
+    ]
+    for change, says in cases:
+        with pytest.raises(T2TwinError, match=says):
+            train(data_dir=data_dir, out_dir=tmp_path, **(asked | change))
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        ({"model": "unet"}, "touch2touch, resnet18"),
+        ({"preset": "huge"}, "paper, cpu, smoke"),
+        ({"epochs": 1_000_001}, "epochs is"),
+        ({"steps": 0}, "steps is"),
+        ({"epochs": 2, "steps": 9}, "epochs and steps are both given"),
+        ({"minutes": 0}, "more than 0"),
+        ({"data_dir": Path("nowhere")}, "no dataset"),
     ],
 )
-def test_another_run_in_the_folder_is_refused(
-    data_dir: Path, tmp_path_factory: pytest.TempPathFactory, change: dict, says: str
-) -> None:
-    run_dir = tmp_path_factory.getbasetemp() / "taken"
-    asked = {"model": "resnet18", "preset": "smoke", "epochs": 1}
-    train(data_dir=data_dir, out_dir=run_dir, **asked)
+def test_bad_asking_is_refused(data_dir: Path, tmp_path: Path, asked: dict, says: str) -> None:
+    usual = {"model": "resnet18", "data_dir": data_dir, "preset": "smoke", "out_dir": tmp_path}
     with pytest.raises(T2TwinError, match=says):
-        train(data_dir=data_dir, out_dir=run_dir, **(asked | change))
-
-
-def test_bad_asking_is_refused(data_dir: Path, tmp_path: Path) -> None:
-    with pytest.raises(T2TwinError, match="touch2touch, resnet18"):
-        train("unet", data_dir, "smoke", tmp_path)
-    with pytest.raises(T2TwinError, match="paper, cpu, smoke"):
-        train("resnet18", data_dir, "huge", tmp_path)
-    for wrong in ({"epochs": 0}, {"epochs": 1_000_001}, {"steps": 0}):
-        with pytest.raises(T2TwinError, match=f"{next(iter(wrong))} is"):
-            train("resnet18", data_dir, "smoke", tmp_path, **wrong)
-    with pytest.raises(T2TwinError, match="epochs and steps are both given"):
-        train("resnet18", data_dir, "smoke", tmp_path, epochs=2, steps=9)
-    with pytest.raises(T2TwinError, match="more than 0"):
-        train("resnet18", data_dir, "smoke", tmp_path, minutes=0)
-    with pytest.raises(T2TwinError, match="no dataset"):
-        train("resnet18", tmp_path / "nowhere", "smoke", tmp_path)
+        train(**(usual | asked))
     assert not list(tmp_path.iterdir())
 
 

@@ -1,17 +1,11 @@
 """Base class of the translators: what training, checkpoints and predictions need of a model.
 
-A translator gets pictures of the source's readings (data.sides).
-
-The weight average of a network predicts better than its last weights (Polyak and Juditsky 1992; for
-GAN generators Yazıcı et al. 2019). Its window grows with the number of steps (Karras et al. 2024,
-section 3.1).
-
 Shape letters: B batch, c channels and S side of the input pictures, N taxels, R rows and C columns
 of a tactile image.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy, deepcopy
 from functools import cached_property
 from typing import Any, Self
@@ -35,13 +29,9 @@ TACTILE_IMAGES = "tactile_images"
 class Translator(ABC):
     """The networks of one model with their optimizers, losses and predictions.
 
-    networks: all trained networks by name, the predicting one first. average: the weight average of
-    the first network, if the preset has one. predictor: the network used for prediction,
-    `average.module` or the first network. device: where the networks are; inputs are moved there.
-    bf16: whether networks compute in bfloat16. learns_dense_counts: whether training needs pairs
-    with the dense counts. reads_any_layout: whether `read_at` reads other layouts.
-    is_contact_alone: whether only the contact's layers are trained. mean, std: of the pictures,
-    which the network gets normalized.
+    networks: all trained networks by name, the predicting one first. average: its weight average,
+    if the preset has one, which predicts then. is_contact_alone: whether only the contact's layers
+    are trained. mean, std: of the pictures, which the network gets normalized.
     """
 
     learns_dense_counts = reads_any_layout = is_contact_alone = False
@@ -69,11 +59,7 @@ class Translator(ABC):
 
     @cached_property
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """By the names of their networks or of parts of them.
-
-        Made on first use: torch imports its compiler for the first one, which takes as long as to
-        import torch, and a prediction needs none.
-        """
+        """By name; made on first use, for which torch imports its compiler."""
         return self.make_optimizers()
 
     @abstractmethod
@@ -94,10 +80,7 @@ class Translator(ABC):
     def predict_all(
         self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
     ) -> Outputs:
-        """The predictions of one pass, in evaluation mode. images: as `to_input` returns them.
-
-        with_contact, with_features: whether those of a field run contain these.
-        """
+        """The predictions of one pass of `to_input`; the flags are for field runs."""
         with torch.inference_mode():
             return self.read(self.outputs(images))
 
@@ -110,14 +93,11 @@ class Translator(ABC):
         """Tactile images, (B, R, C), counts, of predictions with counts, by TACTILE_IMAGES."""
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
-        """Counts within zero and full scale, or images. images: as for `predict_all`."""
+        """Counts within zero and full scale, or images, of `to_input`."""
         return self.predict_all(images)[self.info.target.value]
 
     def errors(self, pixels: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-        """Predictions minus targets, (B, n), in the unit of the target: counts or grey levels.
-
-        pixels: (B, S, S, c), from 0 to 255. truth: (B, N) counts or (B, S, S, c) uint8.
-        """
+        """Predictions minus targets, (B, n), counts or grey levels. pixels: from 0 to 255."""
         predicted = self.predict(self.to_input(pixels.float() / WHITE_GREY))
         return (predicted - truth.to(self.device)).flatten(1)
 
@@ -134,21 +114,15 @@ class Translator(ABC):
         return
 
     def shear_error(self, pairs: Pairs) -> float | None:
-        """Geometric mean of the shear force's relative error over the pairs that have moved; None
-        if it is not predicted or no pair has moved."""
+        """Geometric mean of the relative error of pairs that have moved; None without."""
         return None
 
     def contact_error(self, pairs: Pairs) -> float | None:
-        """Mean over the presses of the RMSE of the depth in the contact, mm; None if it is not
-        predicted or no press has contact maps."""
+        """Mean over the presses of the RMSE of the depth in the contact, mm; None without."""
         return None
 
     def read_at(self, layout: Layout) -> Self:
-        """The same networks with counts of another layout, if `reads_any_layout`.
-
-        Raises T2TwinError for a layout that phi cannot interpolate, and for one that the spatial
-        output does not cover or does not resolve.
-        """
+        """The same networks with counts of another layout, if `reads_any_layout`."""
         raise NotImplementedError
 
     def in_float32(self) -> Self:
@@ -159,12 +133,16 @@ class Translator(ABC):
 
     def outputs(self, inputs: torch.Tensor) -> Any:
         """The predictor's outputs in evaluation mode."""
+        return self.evaluate(self.predictor, inputs.to(self.device))
+
+    def evaluate(self, function: Callable[..., Any], *inputs: Any) -> Any:
+        """The result of the predictor, or of a part of it, in evaluation mode."""
         self.predictor.eval()
         with torch.inference_mode(), self.precision():
-            return self.predictor(inputs.to(self.device))
+            return function(*inputs)
 
     def descend(self, loss: torch.Tensor, network: nn.Module, *optimizers: str) -> None:
-        """Takes a step of some optimizers, all of weights of a network, down a loss."""
+        """Takes a step of some optimizers of a network's weights down a loss."""
         for name in optimizers:
             self.optimizers[name].zero_grad()
         loss.backward()
@@ -173,17 +151,13 @@ class Translator(ABC):
             self.optimizers[name].step()
 
     def set_rates(self, share: float) -> None:
-        """Sets the learning rates of all optimizers. share: factor of the initial ones."""
+        """Sets the learning rates to a share of the initial ones."""
         for optimizer in self.optimizers.values():
             for group in optimizer.param_groups:
                 group["lr"] = share * optimizer.defaults["lr"]
 
     def precision(self) -> torch.autocast:
-        """Context in which the networks compute.
-
-        In bfloat16, weights and the statistics of batch norm remain float32. Losses are computed
-        outside of this context, in float32.
-        """
+        """Context in which the networks compute; losses are computed outside, in float32."""
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16)
 
     def as_module(self) -> "FromPixels":
@@ -224,10 +198,7 @@ class FromPixels(nn.Module):
 def adamw(
     weights: Iterable[nn.Parameter], preset: Preset, rate_share: float = 1.0
 ) -> torch.optim.Optimizer:
-    """AdamW (Loshchilov and Hutter 2019) for the weights of a network, or of a part of it.
-
-    rate_share: factor of the preset's learning rate.
-    """
+    """AdamW (Loshchilov and Hutter 2019) at a share of the preset's learning rate."""
     return torch.optim.AdamW(
         weights,
         preset.learning_rate * rate_share,
@@ -238,11 +209,9 @@ def adamw(
 
 
 def weight_average(network: nn.Module, part: float) -> AveragedModel | None:
-    """An average of a network's weights over a share of the steps so far.
+    """An average of a network's weights over a part of the steps so far; None for 0 (Karras 2024).
 
-    part: 1 for the mean of all steps, 0 for none (returns None). Step n, added by
-    `update_parameters(network)`, has weight 1 / (n part), so that the final weights of steps are
-    proportional to n^(1 / part - 1). Batch norm's statistics are averaged too.
+    Final weights of steps are proportional to n^(1 / part - 1); batch norm is averaged too.
     """
     if part == 0.0:
         return None

@@ -1,9 +1,5 @@
 """The contact in the camera's view: the losses of its layers, their calibration, and its readout.
 
-Depth and pressure are trained on absolute and squared errors, with a larger weight in the contact,
-and contact itself on the likelihood of each cell. The spreads are trained as those of the dense
-counts, and calibrated by factors that depend on them.
-
 Shape letters: B batch, H side of the maps.
 """
 
@@ -28,10 +24,8 @@ CONTACT_KPA = 5.0
 # Weight of errors in the contact relative to others (assumed: it is about a tenth of the view)
 IN_CONTACT_WEIGHT = 4.0
 SQUARED_WEIGHT = 0.3  # Weight of squared errors relative to absolute errors (assumed)
-# Error, as a fraction of the scale, below which an absolute error is rounded off (assumed)
-ROUNDING = 0.03
-# Least scales of depth, mm, and of pressure, kPa (assumed), for presses without contact
-MIN_SCALES = (0.01, 1.0)
+ROUNDING = 0.03  # Absolute error below which it is rounded off, fraction of the scale (assumed)
+MIN_SCALES = (0.01, 1.0)  # Of depth, mm, and pressure, kPa (assumed), for presses without contact
 # Share of the images without contact that show one, and limit on the share of those with a contact
 # in which it is missed (assumed)
 FALSE_SHARE, MISSED_SHARE = 0.01, 0.005
@@ -40,6 +34,7 @@ SCALE_PRESSES = 2000  # Presses that the scales are measured on
 EVEN = 0.5  # Probability from which a cell is in contact
 MAPS = ("depth_mm", "depth_std_mm", "pressure_kpa", "pressure_std_kpa", "probability")
 CENTER = ("center_mm", "center_std_mm")  # Names of the predictions, see `read_contact`
+SPREADS = ("depth", "pressure")  # Outputs with a spread
 
 
 def contact_scale(maps: ImageFile) -> torch.Tensor:
@@ -53,16 +48,13 @@ def contact_scale(maps: ImageFile) -> torch.Tensor:
 def contact_losses(
     network: FieldNet, outputs: ContactOutputs, maps: torch.Tensor
 ) -> dict[str, torch.Tensor]:
-    """The losses of a batch by name. maps: (B, 2, H, H) depth, mm, and pressure, kPa.
-
-    Errors are divided by their scales, likelihoods are in nats.
-    """
+    """The losses of a batch by name. maps: (B, 2, H, H) depth, mm, and pressure, kPa."""
     inside = (maps[:, 1] > CONTACT_KPA).float()
     weight = 1.0 + (IN_CONTACT_WEIGHT - 1.0) * inside
     weight = weight / weight.mean()
     scale = network.contact_scale.clamp(min=1e-3)
     losses = {}
-    for number, name in enumerate(("depth", "pressure")):
+    for number, name in enumerate(SPREADS):
         error = getattr(outputs, name) - maps[:, number] / scale[number]
         rounded = (error.square() + ROUNDING**2).sqrt() - ROUNDING
         losses[f"contact_{name}"] = (weight * (rounded + SQUARED_WEIGHT * error.square())).mean()
@@ -76,8 +68,7 @@ def contact_losses(
 def depth_errors_mm(
     scale: torch.Tensor, outputs: ContactOutputs, maps: torch.Tensor
 ) -> torch.Tensor:
-    """(b,) RMSE of the depth in the contact of each press that has one, mm. maps: as for
-    `contact_losses`."""
+    """(b,) RMSE of the depth in the contact of each press that has one, mm."""
     inside = maps[:, 1] > CONTACT_KPA
     squares = (outputs.depth * scale[0] - maps[:, 0]).square() * inside
     cells = inside.sum(dim=(1, 2))
@@ -90,13 +81,10 @@ def read_contact(
     has_background: torch.Tensor,
     view_mm: tuple[float, float],
 ) -> Outputs:
-    """The calibrated predictions of the contact in the view of B images.
+    """The calibrated predictions, by the names in MAPS, (B, H, H), and in CENTER, (B, 2).
 
-    has_background: () bool, whether the images have background frames. view_mm: half the width and
-    half the height of the view. Returns by the names in MAPS (B, H, H) depth, pressure, their
-    standard deviations and the probability of contact. The pressure is 0 where that is below one
-    half. By those in CENTER (B, 2) center of pressure along x and y from the middle of the view;
-    not a number without contact.
+    The pressure is 0 where the probability of contact is below one half. The center of pressure is
+    from the middle of the view; not a number without contact. view_mm: half the width and height.
     """
     depth_std = calibrated(outputs.depth_log_spread, network.contact_depth_knots)
     std = calibrated(outputs.pressure_log_spread, network.contact_pressure_knots)
@@ -118,8 +106,7 @@ def fit_contact_limits(
 ) -> None:
     """Sets the limits of contact, so that hardly any image without contact shows one.
 
-    without_contact, with_contact: largest logits of held-out images without contact, and of those
-    with one, without and with background frames; of few the limits stay zero.
+    Largest logits of held-out images, each without and with background frames.
     """
     for mode, (none, some) in enumerate(zip(without_contact, with_contact, strict=True)):
         limit = torch.zeros(())
@@ -133,10 +120,7 @@ def fit_contact_limits(
 def center_of_pressure(
     pressure: torch.Tensor, std: torch.Tensor, view_mm: tuple[float, float]
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """(B, 2) center of pressure, mm, and its standard deviation if errors are independent.
-
-    pressure, std: (B, H, H). Both are not a number without pressure.
-    """
+    """(B, 2) center of pressure, mm, and its standard deviation if errors are independent."""
     side = pressure.shape[-1]
     middles = (torch.arange(side, device=pressure.device) + 0.5) * 2.0 / side - 1.0
     total = pressure.sum(dim=(1, 2))
@@ -156,17 +140,14 @@ def fit_contact_knots(
     view_mm: tuple[float, float],
     parts: Iterable[tuple[ContactOutputs, torch.Tensor]],
 ) -> None:
-    """Sets the knots of the contact's uncertainty.
-
-    parts: outputs and maps, as for `contact_losses`, of held-out presses; nothing changes without.
-    """
+    """Sets the knots of the contact from outputs and maps of held-out presses."""
     parts = list(parts)
     if not parts:
         return
     columns = zip(*(each for each, _ in parts), strict=True)
     outputs = ContactOutputs(*map(torch.cat, columns))
     maps = torch.cat([each for _, each in parts])
-    for number, name in enumerate(("depth", "pressure")):
+    for number, name in enumerate(SPREADS):
         error = getattr(outputs, name) - maps[:, number] / network.contact_scale[number]
         _set_knots(network, name, getattr(outputs, f"{name}_log_spread").exp(), error)
     network.contact_center_knots.copy_(identity_knots(len(CONTACT_KNOTS["contact_center_knots"])))
@@ -179,6 +160,7 @@ def fit_contact_knots(
 
 
 def _set_knots(network: FieldNet, name: str, spread: torch.Tensor, error: torch.Tensor) -> None:
+    """Fits the knots of one output, on the CPU in float64."""
     key = f"contact_{name}_knots"
-    knots = fit_knots(spread.double().cpu(), error.double().cpu(), CONTACT_KNOTS[key], MIN_ERRORS)
+    knots = fit_knots(spread.double().cpu(), error.double().cpu(), CONTACT_KNOTS[key])
     getattr(network, key).copy_(knots)

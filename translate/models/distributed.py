@@ -1,10 +1,6 @@
 """Several processes in one training, started by torchrun; with one process nothing here acts.
 
-Each process has the same weights and computes its part of each batch. Gradients are averaged after
-each backward pass, which serves two networks in one step without a wrapper. They are averaged with
-gloo, which supports CPUs and GPUs, and several processes on one GPU, which nccl does not.
-
-Also the threads of one process.
+Gradients are averaged with gloo, which supports several processes on one GPU, as nccl does not.
 """
 
 import os
@@ -41,51 +37,39 @@ def processes() -> Iterator[int]:
 
 
 def device() -> torch.device:
-    """The device of this process: a GPU if there is one, under torchrun one per process."""
+    """The device of this process: the CPU, or a GPU in turn, which several processes may share."""
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
-    return device_for(int(os.environ.get("LOCAL_RANK", "0")), gpus)
-
-
-def device_for(local_rank: int, gpus: int) -> torch.device:
-    """The device of a process; more processes than GPUs share the GPUs.
-
-    local_rank: number of the process on its machine, from 0. gpus: number of GPUs of the machine.
-    """
+    local_rank = int(os.environ.get("LOCAL_RANK", "0"))
     return torch.device("cuda", local_rank % gpus) if gpus else torch.device("cpu")
 
 
 def use_all_cores() -> None:
-    """Sets torch's threads to the available cores, divided by the processes of this machine.
-
-    OMP_NUM_THREADS has precedence, except under torchrun, which sets it itself.
-    """
+    """Gives torch the cores of this machine, shared by its processes, or OMP_NUM_THREADS."""
     local = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
-    if local == 1 and "OMP_NUM_THREADS" in os.environ:
-        torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
-        return
-    torch.set_num_threads(max(1, cores() // local))
+    threads = str(max(1, cores() // local))
+    if local == 1:  # torchrun sets OMP_NUM_THREADS itself
+        threads = os.environ.get("OMP_NUM_THREADS", threads)
+    torch.set_num_threads(int(threads))
 
 
 def average_gradients(network: nn.Module) -> None:
     """Replaces each gradient by its mean over the processes."""
-    if dist.is_initialized():
-        _average([p.grad for p in network.parameters() if p.grad is not None])
+    _average([p.grad for p in network.parameters() if p.grad is not None])
 
 
 def average_statistics(network: nn.Module) -> None:
     """Replaces batch norm's running statistics by their mean over the processes."""
-    if dist.is_initialized():
-        _average([b for b in network.buffers() if b.is_floating_point()])
+    _average([b for b in network.buffers() if b.is_floating_point()])
 
 
 def total(value: float) -> float:
     """Sum over the processes."""
-    return _reduced(value, dist.ReduceOp.SUM) if dist.is_initialized() else value
+    return _reduced(value, dist.ReduceOp.SUM)
 
 
 def largest(value: float) -> float:
     """Maximum over the processes, so that all of them take the same decision."""
-    return _reduced(value, dist.ReduceOp.MAX) if dist.is_initialized() else value
+    return _reduced(value, dist.ReduceOp.MAX)
 
 
 def wait() -> None:
@@ -95,6 +79,8 @@ def wait() -> None:
 
 
 def _reduced(value: float, how: dist.ReduceOp.RedOpType) -> float:
+    if not dist.is_initialized():
+        return value
     tensor = torch.tensor(value, dtype=torch.float64)
     dist.all_reduce(tensor, how)
     return float(tensor)
@@ -102,6 +88,8 @@ def _reduced(value: float, how: dist.ReduceOp.RedOpType) -> float:
 
 def _average(tensors: list[torch.Tensor]) -> None:
     """Averages tensors in place, in one message, which is faster than one per tensor."""
+    if not dist.is_initialized():
+        return
     flat = torch.cat([tensor.detach().reshape(-1) for tensor in tensors])
     dist.all_reduce(flat)
     flat /= dist.get_world_size()

@@ -1,18 +1,11 @@
-"""field: from the image to the dense counts over the whole cover, its uncertainty, and the force.
+"""field: from the image to the dense counts over the whole cover, force, shear and contact.
 
-The mean is trained on the squared error and, with a smaller weight, on the absolute error. The
-spread has layers of its own and is trained on the likelihood of the detached residual, so that it
-does not change the mean (Seitzer et al. 2022). The likelihood is Student's t: most presses have
-small errors and a few have large ones, which dominate a Gaussian likelihood. Factors fitted on
-validation presses calibrate the spread (module uncertainty.calibration), and a correlation matrix
-of the errors allows sampling of whole arrays of dense counts.
-
-The force is predicted as a logarithm, if the training presses have several forces. The shear force
-on the gel camera is predicted if the training presses have motion. It has layers and an optimizer
-of its own, so that it does not change the other predictions. Its mean is trained on the likelihood
-at the predicted spread: without markers it cannot be predicted, and squared errors of such touches
-would dominate (median magnitude 0.67 of the true one, measured). The contact in the view is
-predicted in the same way (module contact), if the training presses have contact maps.
+Each output has a mean and a spread. The spread has layers of its own and is trained on Student's
+likelihood of the detached residual, so that it does not change the mean (Seitzer et al. 2022). The
+calibration follows on validation presses (uncertainty.calibration). Shear and contact have layers
+and optimizers of their own. The shear's mean is trained on the likelihood at the predicted spread:
+without markers it is unknown, and squared errors of such touches would dominate (median magnitude
+0.67 of the true one, measured).
 
 Shape letters: B batch, S image side, N taxels, F places of the dense counts, R rows and C columns
 of a tactile image.
@@ -65,18 +58,14 @@ from t2twin.translate.uncertainty.calibration import (
     standard_deviation,
 )
 
-# Weights of losses, 1 unless given (assumed). Squared errors of places without contact are
-# negligible next to those of a contact; without the absolute ones the network predicts up to 100
-# counts there
+# Weights of losses, 1 unless given (assumed). Without absolute errors the network predicts up to
+# 100 counts where nothing touches
 WEIGHTS = {"field_absolute": 0.1, "force": 0.3, "contact_mask": 0.3}
-# Error, in standard deviations of the dense counts, below which the absolute error is rounded off
-# (assumed)
+# Absolute error below which it is rounded off, standard deviations of the dense counts (assumed)
 ROUNDING = 0.01
-# Added to a force before its logarithm is taken, N (assumed: the force is zero without contact,
-# and at least half a newton otherwise)
+# Added to a force before its logarithm is taken, N (assumed: less than the lightest presses)
 FORCE_OFFSET_N = 0.1
-# Shear force below which its error is no longer relative to it, N (assumed: as for the figures of
-# an evaluation)
+# Shear force below which its error is not relative to it, N (assumed: as in evaluations)
 MIN_RELATIVE_SHEAR_N = 0.3
 # Learning rate of the layers of shear force and contact, divided by the preset's (assumed: they
 # are new after a warm start, whose learning rate is lower)
@@ -84,29 +73,22 @@ NEW_RATE_SHARE = 5.0
 # Share of the training pairs whose background frame is replaced by the dataset's mean frame
 # (assumed), so that the network also works without a background frame
 MEAN_FRAME_SHARE = 0.35
-# Least scale of the shear force, N (assumed), for presses that all stay still
-MIN_SHEAR_SCALE_N = 1e-3
-# Images averaged to the mean frame if the pairs have no background frames (assumed)
-MEAN_FRAME_IMAGES = 2000
+MIN_SHEAR_SCALE_N = 1e-3  # Least scale of the shear force (assumed), for presses that stay still
+MEAN_FRAME_IMAGES = 2000  # Averaged if the pairs have no background frames (assumed)
 # Minimum number of validation presses of random shapes for a calibration mostly on these (assumed)
 MIN_RANDOM_PRESSES = 500
-# Presses of other shapes in a calibration, relative to those of random shapes (assumed)
-OTHER_PRESSES = 1 / 3
+OTHER_PRESSES = 1 / 3  # Share of other presses in that calibration, relative to these (assumed)
 # Presses of a dataset that the limits of contact are set on, at most (assumed: quantiles of half a
 # percent need some hundreds)
 LIMIT_PRESSES = 400
 BATCH_SIZE = 64  # Images in one batch of prediction; bounds memory
-# Name of the features for the frame check, (B, n), among the predictions
-FEATURES = "frame_features"
+FEATURES = "frame_features"  # Name of the features for the frame check among the predictions
 
 
 def training_losses(
     network: FieldNet, outputs: FieldOutputs, targets: Examples, full_scale: float
 ) -> dict[str, torch.Tensor]:
-    """The losses of a batch by name.
-
-    Errors are divided by the standard deviation of their target, likelihoods are in nats.
-    """
+    """The losses of a batch by name: of errors divided by their scales, or in nats."""
     device = outputs.mean.device
     assert targets.dense_counts is not None and targets.force_n is not None
     error = outputs.mean - targets.dense_counts.to(device) / full_scale
@@ -123,12 +105,10 @@ def training_losses(
     if outputs.shear is not None and outputs.shear_log_spread is not None:
         assert targets.shear_n is not None
         shear_n = targets.shear_n.to(device)
-        error = outputs.shear - shear_n / network.shear_scale
-        log_spread = outputs.shear_log_spread
+        error, log_spread = outputs.shear - shear_n / network.shear_scale, outputs.shear_log_spread
         losses["shear"] = negative_log_likelihood(error, log_spread.detach()).mean()
         likelihood = negative_log_likelihood(error.detach(), log_spread).mean(dim=1)
-        # Without markers, presses that stay still have no error.
-        moving = shear_n.any(dim=1).float()
+        moving = shear_n.any(dim=1).float()  # without markers, others have no error
         losses["shear_spread"] = likelihood @ moving / moving.sum().clamp(min=1.0)
     if outputs.contact is not None:
         assert targets.contact is not None
@@ -137,27 +117,18 @@ def training_losses(
 
 
 def log_force(force_n: torch.Tensor) -> torch.Tensor:
-    """The shifted logarithm of forces, the target of training. Any shape, N."""
+    """The shifted logarithm of forces, N, the target of training."""
     return torch.log(force_n + FORCE_OFFSET_N)
 
 
 def _force_target(network: FieldNet, force_n: torch.Tensor) -> torch.Tensor:
-    """The standardized logarithm of forces. Any shape."""
+    """The standardized logarithm of forces."""
     mean, std = network.force_scale
     return (log_force(force_n) - mean) / std.clamp(min=1e-3)
 
 
-def relative_squares(error_n: torch.Tensor, shear_n: torch.Tensor) -> torch.Tensor:
-    """(B,): squared errors of shear forces relative to them. Both (B, 2), N."""
-    size = shear_n.square().sum(dim=1) + MIN_RELATIVE_SHEAR_N**2
-    return error_n.square().sum(dim=1) / size
-
-
 class FieldTranslator(Translator):
-    """One network, which predicts the dense counts; any layout can be read from it.
-
-    Inputs are images, (B, 3, S, S), or with background frames (B, 6, S, S).
-    """
+    """One network of images, (B, 3, S, S), or with background frames, (B, 6, S, S)."""
 
     predictor: FieldNet
     learns_dense_counts = reads_any_layout = True
@@ -177,44 +148,49 @@ class FieldTranslator(Translator):
 
     def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """See Translator."""
-        network, preset, found = self.network, self.preset, {}
-        if network.predicts_contact:
-            found[CONTACT] = adamw(network.contact.parameters(), preset, NEW_RATE_SHARE)
+        network, found = self.network, {}
+        heads = {SHEAR: network.predicts_shear and not self.is_contact_alone}
+        heads[CONTACT] = network.predicts_contact
+        for name, is_trained in heads.items():
+            if is_trained:
+                weights = getattr(network, name).parameters()
+                found[name] = adamw(weights, self.preset, NEW_RATE_SHARE)
         if self.is_contact_alone:
             return found
-        if network.predicts_shear:
-            found = {SHEAR: adamw(network.shear.parameters(), preset, NEW_RATE_SHARE)} | found
         others = (SHEAR, CONTACT, SCALE)
         own = [each for name, each in network.named_parameters() if not name.startswith(others)]
-        return {"field": adamw(own, preset)} | found
+        return {"field": adamw(own, self.preset)} | found
 
     def prepare(self, pairs: Pairs) -> None:
         """Sets the mean frame, and the scales of the outputs if loaded weights lack them."""
-        for network in (self.network, self.predictor):
-            if network.predicts_contact and not network.contact_scale.any():
-                assert pairs.contact is not None
-                network.contact_scale.copy_(contact_scale(pairs.contact))
-        if self.is_contact_alone:
-            return
-        assert pairs.dense_counts is not None
-        field = pairs.dense_counts / np.float32(self.full_scale)
-        forces = log_force(torch.tensor(pairs.force_n))
-        frame = (
-            pairs.images[:MEAN_FRAME_IMAGES].mean(axis=0, dtype=np.float32)
-            if pairs.backgrounds is None
-            else pairs.backgrounds.mean()
-        )
-        for network in (self.network, self.predictor):
-            network.mean_frame.copy_(to_input(frame[None] / WHITE_GREY)[0])
-            if not network.field_mean.any():
-                network.field_mean.copy_(torch.from_numpy(field.mean(axis=0)))
-                network.field_variance.fill_(float(field.var(axis=0).mean()))
-            if not network.predicts_force:
-                network.force_scale.copy_(torch.stack([forces.mean(), forces.std(correction=0)]))
-            if network.predicts_shear and not network.shear_scale:
-                assert pairs.shear_n is not None
-                rms_n = float(np.sqrt(np.square(pairs.shear_n).mean()))
-                network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
+        network = self.network
+        if network.predicts_contact and not network.contact_scale.any():
+            assert pairs.contact is not None
+            network.contact_scale.copy_(contact_scale(pairs.contact))
+        if not self.is_contact_alone:
+            self._prepare_field(pairs)
+        for name, values in network.named_buffers():  # the same in the weight average
+            self.predictor.get_buffer(name).copy_(values)
+
+    def _prepare_field(self, pairs: Pairs) -> None:
+        network, frames = self.network, pairs.backgrounds
+        if frames is None:
+            frame = pairs.images[:MEAN_FRAME_IMAGES].mean(axis=0, dtype=np.float32)
+        else:
+            frame = frames.mean()
+        network.mean_frame.copy_(to_input(frame[None] / WHITE_GREY)[0])
+        if not network.field_mean.any():
+            assert pairs.dense_counts is not None
+            field = pairs.dense_counts / np.float32(self.full_scale)
+            network.field_mean.copy_(torch.from_numpy(field.mean(axis=0)))
+            network.field_variance.fill_(float(field.var(axis=0).mean()))
+        if not network.predicts_force:
+            forces = log_force(torch.tensor(pairs.force_n))
+            network.force_scale.copy_(torch.stack([forces.mean(), forces.std(correction=0)]))
+        if network.predicts_shear and not network.shear_scale:
+            assert pairs.shear_n is not None
+            rms_n = float(np.sqrt(np.square(pairs.shear_n).mean()))
+            network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
 
     def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
         """One step on the errors of all outputs and the likelihoods of their spreads."""
@@ -230,28 +206,24 @@ class FieldTranslator(Translator):
             with self.precision():
                 outputs = network(images, network.predicts_contact)
             losses = training_losses(network, outputs, examples, self.full_scale)
-        loss = torch.stack([WEIGHTS.get(name, 1.0) * each for name, each in losses.items()]).sum()
-        self.descend(loss, self.network, *self.optimizers)
+        weighted = [WEIGHTS.get(name, 1.0) * each for name, each in losses.items()]
+        self.descend(torch.stack(weighted).sum(), network, *self.optimizers)
         return {name: each.detach() for name, each in losses.items()}
 
     def predict_all(
         self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
     ) -> Outputs:
         """See Translator."""
-        self.predictor.eval()
+        inputs = self._with_frame(images)
+        outputs = self.evaluate(self.predictor, inputs, with_contact, with_features)
+        has_frame = torch.tensor(images.shape[1] > COLORS, device=self.device)
         with torch.inference_mode():
-            with self.precision():
-                outputs = self.predictor(self._with_frame(images), with_contact, with_features)
-            has_frame = torch.tensor(images.shape[1] > COLORS, device=self.device)
             return self.read(outputs, has_frame)
 
     def read(self, outputs: FieldOutputs, has_frame: torch.Tensor | None = None) -> Outputs:
-        """The calibrated predictions for B images.
+        """The calibrated predictions: values and standard deviations.
 
-        has_frame: () bool, whether they have background frames, for the contact. Returns counts,
-        counts_std, (B, N), and dense_counts, dense_counts_std, (B, F), counts, clipped to zero and
-        full scale; force_n, force_std_n, (B,), N, and shear_n, shear_std_n, (B, 2), N, if they are
-        predicted; FEATURES, and the predictions of `read_contact`, if they are wanted.
+        has_frame: () bool, whether images have background frames, for the contact.
         """
         network, full_scale = self.predictor, self.full_scale
         dense_counts = (outputs.mean * full_scale).clamp(0.0, full_scale)
@@ -309,7 +281,7 @@ class FieldTranslator(Translator):
     def sample(
         self, dense_counts: torch.Tensor, std: torch.Tensor, number: int, seed: int
     ) -> torch.Tensor:
-        """(B, number, F) fields sampled from predicted distributions, counts. Both (B, F)."""
+        """(B, number, F) fields sampled from predicted distributions, (B, F), counts."""
         generator = torch.Generator().manual_seed(seed)
         shape = (dense_counts.shape[0], number, dense_counts.shape[1])
         normal = torch.randn(shape, generator=generator).to(dense_counts.device)
@@ -318,16 +290,14 @@ class FieldTranslator(Translator):
 
     def frame_features(self, images: torch.Tensor) -> torch.Tensor:
         """(B, n) features for the frame check, by the encoder alone."""
-        self.predictor.eval()
-        with torch.inference_mode(), self.precision():
-            maps = self.predictor.encoded(self._with_frame(images))
-            return self.predictor.frame_features(maps)
+        network = self.predictor
+        return self.evaluate(
+            lambda inputs: network.frame_features(network.encoded(inputs)), self._with_frame(images)
+        )
 
     def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
         """The outputs of the contact's layers."""
-        self.predictor.eval()
-        with torch.inference_mode(), self.precision():
-            return self.predictor.contact_outputs(self._with_frame(images))
+        return self.evaluate(self.predictor.contact_outputs, self._with_frame(images))
 
     def tactile_images(self, found: Outputs) -> Outputs:
         """See Translator: those of the dense counts, zero outside their places' convex hull."""
@@ -335,16 +305,15 @@ class FieldTranslator(Translator):
 
     def dense_image(self, field: torch.Tensor) -> torch.Tensor:
         """(B, R, C): interpolation of values at the places of the dense counts, (B, F)."""
-        corners, weights = self._triangles
         device = field.device
-        parts = [
-            field.index_select(1, each.to(device)) * weight.to(device)
-            for each, weight in zip(corners, weights, strict=True)
-        ]
-        return (parts[0] + parts[1] + parts[2]).unflatten(1, self.info.array.tactile_image[:2])
+        first, second, third = (
+            field.index_select(1, places.to(device)) * weights.to(device)
+            for places, weights in self._triangles
+        )
+        return (first + second + third).unflatten(1, self.info.array.tactile_image[:2])
 
     @cached_property
-    def _triangles(self) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
+    def _triangles(self) -> list[tuple[torch.Tensor, torch.Tensor]]:
         """Three places whose interpolation is each pixel of a tactile image, and their weights."""
         rows, columns, px_per_mm = self.info.array.tactile_image
         columns_mm, rows_mm = (
@@ -353,14 +322,11 @@ class FieldTranslator(Translator):
         centers = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
         matrix = barycentric(np.column_stack(self.places_mm), centers)
         inside = np.diff(matrix.indptr) == 3
-        corners = np.zeros((centers.shape[0], 3), np.int64)
-        weights = np.zeros((centers.shape[0], 3), np.float32)
-        corners[inside] = matrix.indices.reshape(-1, 3)
-        weights[inside] = matrix.data.reshape(-1, 3).clip(0.0, 1.0)
-        both = (
-            list(map(torch.from_numpy, np.ascontiguousarray(each.T))) for each in (corners, weights)
-        )
-        return tuple(both)  # pyright: ignore[reportReturnType]
+        corners, weights = np.zeros((3, len(centers)), np.int64), np.zeros((3, len(centers)))
+        corners[:, inside] = matrix.indices.reshape(-1, 3).T
+        weights[:, inside] = matrix.data.reshape(-1, 3).clip(0.0, 1.0).T
+        both = zip(corners, weights.astype(np.float32), strict=True)
+        return [(torch.from_numpy(place), torch.from_numpy(weight)) for place, weight in both]
 
     def calibrate(self, *sets: Pairs) -> None:
         """See Translator: sets the knots and the correlation of the predictor."""
@@ -373,13 +339,9 @@ class FieldTranslator(Translator):
             return
         network.scale.reset()
         errors = [self._errors_on(pairs) for pairs in chosen]
-        errors += [
-            replace(
-                self._errors_on(replace(pairs, backgrounds=None)), shear=None, shear_spread=None
-            )
-            for pairs in chosen
-            if pairs.backgrounds is not None
-        ]
+        plain = [replace(pairs, backgrounds=None, shear_n=None) for pairs in chosen
+                 if pairs.backgrounds is not None]  # fmt: skip
+        errors += [self._errors_on(pairs) for pairs in plain]
         fit_scale(network.scale, [part_of(each, held_out=False) for each in errors])
         held_out = (part_of(each, held_out=True) for each in errors)
         found = fit_calibration([scaled(network.scale, each) for each in held_out])
@@ -393,10 +355,12 @@ class FieldTranslator(Translator):
             return None
         logs = []
         for part, _, outputs in self._outputs_on(pairs):
-            shear_n = torch.from_numpy(pairs.shear_n[part].astype(np.float32)).to(self.device)
+            shear_n = self._tensor(pairs.shear_n[part])
             assert outputs.shear is not None
             error = outputs.shear * self.predictor.shear_scale - shear_n
-            logs.append(relative_squares(error, shear_n)[shear_n.any(dim=1)].log())
+            size = shear_n.square().sum(dim=1) + MIN_RELATIVE_SHEAR_N**2
+            relative = error.square().sum(dim=1) / size
+            logs.append(relative[shear_n.any(dim=1)].log())
         return float(torch.cat(logs).mean().div(2.0).exp())
 
     def contact_error(self, pairs: Pairs) -> float | None:
@@ -412,8 +376,13 @@ class FieldTranslator(Translator):
         if pairs.contact is None:
             return
         for part in _parts(len(pairs)):
-            maps = torch.from_numpy(pairs.contact[part].astype(np.float32))
-            yield self.contact_outputs(_input(pairs.inputs[part])), maps.to(self.device)
+            yield (
+                self.contact_outputs(_input(pairs.inputs[part])),
+                self._tensor(pairs.contact[part]),
+            )
+
+    def _tensor(self, values: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(values.astype(np.float32)).to(self.device)
 
     def _largest_logits(
         self, sets: Sequence[Pairs]
@@ -423,16 +392,17 @@ class FieldTranslator(Translator):
         for pairs in sets:
             if pairs.contact is None:
                 continue
-            none, some = np.flatnonzero(pairs.force_n == 0), np.flatnonzero(pairs.force_n > 0)
+            some = np.flatnonzero(pairs.force_n > 0)
             some = some[:: -(-len(some) // LIMIT_PRESSES) or 1]
-            in_view = (pairs.contact[some][:, 1] > CONTACT_KPA).any(axis=(1, 2))
-            without, given = pairs.inputs[none], pairs.inputs[some]
-            for found, pixels in ((without_contact, without), (with_contact, given[in_view])):
+            some = some[(pairs.contact[some][:, 1] > CONTACT_KPA).any(axis=(1, 2))]
+            none = np.flatnonzero(pairs.force_n == 0)
+            for found, rows in ((without_contact, none), (with_contact, some)):
+                pixels = pairs.inputs[rows]
                 for mode, inputs in enumerate((pixels[..., :COLORS], pixels)):
                     found[mode] = torch.cat([found[mode], self._largest_logit(inputs)])
-            if given.shape[-1] > COLORS:
-                frames = self._largest_logit(given[..., COLORS:])
-                without_contact[0] = torch.cat([without_contact[0], frames])
+                if found is with_contact and pixels.shape[-1] > COLORS:
+                    frames = self._largest_logit(pixels[..., COLORS:])
+                    without_contact[0] = torch.cat([without_contact[0], frames])
         return without_contact, with_contact
 
     def _largest_logit(self, pixels: np.ndarray) -> torch.Tensor:
@@ -462,16 +432,15 @@ class FieldTranslator(Translator):
         assert pairs.dense_counts is not None
         parts, network = [], self.predictor
         for part, inputs, outputs in self._outputs_on(pairs):
-            field = torch.from_numpy(pairs.dense_counts[part].astype(np.float32)).to(self.device)
-            force = torch.from_numpy(pairs.force_n[part].astype(np.float32)).to(self.device)
-            error = field / self.full_scale - outputs.mean.clamp(0.0, 1.0)
-            force_error = _force_target(network, force) - outputs.force
+            dense_counts = self._tensor(pairs.dense_counts[part])
+            error = dense_counts / self.full_scale - outputs.mean.clamp(0.0, 1.0)
+            force_error = _force_target(network, self._tensor(pairs.force_n[part])) - outputs.force
             spreads = outputs.log_spread.exp(), outputs.force_log_spread.exp()
             features = network.scale.features(inputs, network.mean_frame, *outputs[:4])
             values = [error, spreads[0], force_error, spreads[1], *features]
             if pairs.shear_n is not None and outputs.shear is not None:
                 assert outputs.shear_log_spread is not None
-                shear = torch.from_numpy(pairs.shear_n[part].astype(np.float32)).to(self.device)
+                shear = self._tensor(pairs.shear_n[part])
                 moving = shear.any(dim=1)  # others have errors near zero without markers
                 values.append((shear / network.shear_scale - outputs.shear)[moving])
                 values.append(outputs.shear_log_spread[moving].exp())

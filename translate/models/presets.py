@@ -1,10 +1,7 @@
 """Models, directions and presets of the translators.
 
 Each model has three presets: the paper's, one for a CPU and one for tests. Values without comment
-are those of Grella et al. 2023 or pix2pix (Isola et al. 2017), or "assumed" or "measured".
-
-A run has a direction, as image-to-counts of the paper's pair: from the readings of one sensor of
-the dataset to those of the other.
+are those of Grella et al. 2023 or pix2pix (Isola et al. 2017).
 """
 
 from dataclasses import dataclass, replace
@@ -26,8 +23,7 @@ SOURCE_TO_TARGET: Direction = "source-to-target"
 TARGET_TO_SOURCE: Direction = "target-to-source"
 IMAGE_TO_COUNTS: Direction = "image-to-counts"
 COUNTS_TO_IMAGE: Direction = "counts-to-image"
-# Directions that a training takes. The first two are for any dataset, the others for one of a gel
-# camera and a taxel array, whichever is its source
+# Of a training: the first two are for any dataset, the others for a gel camera and a taxel array
 DIRECTIONS = (SOURCE_TO_TARGET, TARGET_TO_SOURCE, IMAGE_TO_COUNTS, COUNTS_TO_IMAGE)
 GENERATES = "touch2touch"  # The model of any direction: its inputs and targets are pictures
 # What each model predicts from what
@@ -52,25 +48,19 @@ class Preset:
 
     size: side of the square pictures, pixels. grey: whether images are converted to grey.
     filters: base width of the networks. batch: pairs per step, over all processes.
-    learning_rate, beta1, beta2: Adam's. weight_decay: AdamW's (Loshchilov and Hutter 2019), as a
-        fraction of the learning rate per step; 0 is Adam. schedule: "fixed", or "cosine" to zero
-        over the epochs.
-    l1_weight: weight of the L1 loss relative to the adversarial loss; touch2touch only.
-    iou_weight: the same of the soft IoU loss, 0 for none; touch2touch to counts only.
+    learning_rate, beta1, beta2: Adam's. weight_decay: AdamW's (Loshchilov and Hutter 2019); 0 is
+        Adam. schedule: "fixed", or "cosine" to zero over the epochs.
+    l1_weight, iou_weight: of these losses relative to the adversarial one; touch2touch only.
     discriminator_share: learning rate of the discriminator relative to the generator's.
-    epochs: maximum epochs. steps: maximum steps, rounded to whole epochs; 0 for no limit. An epoch
-        is all pairs, or a part of a large dataset (training.trainer.steps_of_epoch).
-    patience: epochs without a lower validation RMSE before training stops.
+    epochs, steps: maxima; 0 steps for no limit. patience: epochs without a better validation
+        before training stops.
     averaged_part: share of the steps so far in the weight average used for prediction
-        (base.weight_average); 0 for the last weights.
-    bf16: train in bfloat16 if the processor supports it, else in float32 (checkpoint.has_bf16).
-    background_share: augmentation of a field run: share of the pairs whose image is replaced by its
-        background frame, and whose targets are those without contact.
-    drift: augmentation of the background frame, standard deviation of relative changes of each
-        color's level and gradients since the frame was taken.
+        (base.weight_average); 0 for the last weights. bf16: train in bfloat16 if the processor can.
+    background_share: share of the pairs of a field run whose image is replaced by its background
+        frame. drift: standard deviation of relative changes of each color's level and gradients
+        since the background frame was taken.
     brightness, contrast, noise: augmentation of the image, standard deviations: offset and
-        noise as fractions of full scale, relative gain. There is no geometric augmentation, which
-        would break the pairing.
+        noise as fractions of full scale, relative gain.
     """
 
     name: str
@@ -200,7 +190,7 @@ PRESETS: dict[Model, dict[str, Preset]] = {
 
 
 def find_preset(model: str, preset: str | Preset) -> Preset:
-    """The preset of a model by its name. Raises T2TwinError with the valid names."""
+    """The preset of a model by its name."""
     presets = PRESETS[find_model(model)]
     if isinstance(preset, Preset):
         return preset
@@ -208,26 +198,21 @@ def find_preset(model: str, preset: str | Preset) -> Preset:
 
 
 def find_model(model: str) -> Model:
-    """The model of a name. Raises T2TwinError with the valid names."""
+    """The model of a name."""
     return cast(Model, arguments.choice(model, "the model", MODELS))
 
 
 def check_direction(direction: str, model: Model) -> None:
     """Raises T2TwinError for a direction, as DataInfo.direction, that the model does not have."""
-    allowed = DIRECTIONS_OF[model]
-    if direction not in allowed:
+    if direction not in DIRECTIONS_OF[model]:
+        known = ", ".join(DIRECTIONS_OF[model])
         raise T2TwinError(
-            f"{model} has no direction {direction}; it has {', '.join(allowed)}, and "
-            f"{GENERATES} has all"
+            f"{model} has no direction {direction}; it has {known}, and {GENERATES} has all"
         )
 
 
 def is_reverse(direction: str, source: str, target: str) -> bool:
-    """Whether a direction exchanges source and target of a dataset.
-
-    source, target: values of the dataset's sensors, "image" or "counts". Raises T2TwinError for an
-    unknown direction, and for one that the dataset does not have.
-    """
+    """Whether a direction exchanges source and target, each "image" or "counts", of a dataset."""
     arguments.choice(direction, "the direction", DIRECTIONS)
     if direction in (SOURCE_TO_TARGET, f"{source}-to-{target}"):
         return False

@@ -1,19 +1,12 @@
 """touch2touch: pix2pix from the picture of one sensor to that of another (Grella et al. 2023).
 
-The pair of Grella et al. is the grey image and the tactile image. Pictures are those of data.sides,
-scaled so that -1 is zero or black, and 1 is full scale or white, at the preset's square size. phi
-at that size is phi at the tactile image's size followed by an area resize; its inverse reads the
-counts from a predicted tactile image. The loss does not contain the counts.
+Pictures (data.sides) are scaled so that -1 is zero or black, and 1 is full scale or white, at the
+preset's square size. The loss does not contain the counts; phi^-1 at that size reads them.
 
-Images of a gel camera are predicted in grey, or in color with a preset that is not grey.
-
-A preset may add a soft IoU loss. The contact IoU of an evaluation counts pixels above a tenth of
-the maximum of their image, whatever their value. L1 gives little weight to the outline of a
-contact, where counts are small. The contact IoU is a step function of each pixel. Here the
-membership of a pixel in the contact rises smoothly from 0 at zero, over one half at that level, to
-almost 1 at the maximum. IoU as a loss: Rahman and Wang 2016, who use products of memberships. Here
-intersection and union are minimum and maximum (Zadeh 1965), so that the IoU of an image with itself
-is 1.
+A preset may add a soft IoU loss (Rahman and Wang 2016), because L1 gives little weight to the
+outline of a contact. The membership of a pixel in the contact rises smoothly over one half at the
+level of the contact IoU of an evaluation. Intersection and union are minimum and maximum (Zadeh
+1965), so that the IoU of an image with itself is 1.
 
 Shape letters: B batch, S image side, N taxels, R rows and C columns of a full tactile image.
 """
@@ -42,26 +35,16 @@ GENERATED = "generated"
 # Largest distance of a taxel outside the trained layout's hull, mm: positions are often rounded
 OUTSIDE_MM = 0.01
 SAME_COVER = 1e-6  # Largest difference of two hulls' coverage of a pixel, as a fraction (assumed)
-# Fraction of the maximum at which the membership is one half; the contact IoU of an evaluation has
-# its threshold there (evaluation.metrics.CONTACT_LEVEL)
+# Fraction of the maximum at which the membership is one half (evaluation.metrics.CONTACT_LEVEL)
 CONTACT_LEVEL = 0.1
-# Exponent of the membership (assumed: 0.2 at half the level and 0.8 at twice the level; with a
-# higher exponent, fewer pixels have a gradient)
-SHARPNESS = 2
-# A target image with no pixel above this fraction of full scale has no contact (assumed: a few
-# times the counts of noise)
+SHARPNESS = 2  # Exponent of the membership (assumed; with a higher one, few pixels have a gradient)
+# A target image with no pixel above this fraction of full scale has no contact (assumed: noise)
 MIN_CONTACT = 0.01
-# Lower bound of the union, pixels, against division by zero: less than the membership of the
-# maximum of any image with a contact
-MIN_UNION = 0.5
+MIN_UNION = 0.5  # Pixels, against division by zero: less than the union of any contact
 
 
 def soft_iou_loss(predicted: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """1 - soft IoU, averaged over the targets with a contact: (), 0 if there are none.
-
-    predicted, target: (B, 1, S, S), 0 at zero and 1 at full scale. The loss is 0 for images with
-    equal memberships and 1 for disjoint contacts.
-    """
+    """1 - soft IoU of images, (B, 1, S, S) in [0, 1], averaged over targets with a contact."""
     ours, theirs = _membership(predicted), _membership(target)
     pixels = (1, 2, 3)
     intersection = torch.minimum(ours, theirs).sum(pixels)
@@ -79,10 +62,7 @@ def _membership(images: torch.Tensor) -> torch.Tensor:
 
 
 class Pix2Pix(Translator):
-    """The generator and the discriminator of one preset; the generator predicts.
-
-    channels_out: of the predicted pictures.
-    """
+    """The generator, which predicts, and the discriminator."""
 
     mean = std = np.array([0.5], np.float32)
 
@@ -164,8 +144,7 @@ class Touch2Touch(Pix2Pix):
         return self.phi.to_torch(targets) * (2.0 / self.full_scale) - 1.0
 
     def read(self, outputs: torch.Tensor) -> Outputs:
-        """See Translator: phi^-1, clipped to full scale, and the tactile images at the generator's
-        size, (B, 1, S, S), as GENERATED."""
+        """See Translator: phi^-1, clipped to full scale, and the small images, GENERATED."""
         small = (outputs.float() + 1.0) * (self.full_scale / 2.0)
         return {"counts": self.phi.from_torch(small).clamp(0.0, self.full_scale), GENERATED: small}
 
@@ -177,11 +156,12 @@ class Touch2Touch(Pix2Pix):
 
     @cached_property
     def _resize(self) -> list[torch.Tensor]:
-        """Matrices that resize the sides of the generator's images to those of tactile images."""
-        shape = self.info.array.tactile_image[:2]
+        """(new, old): bilinear resizes of the sides; ONNX's operator has no antialiasing."""
         return [
-            _resize_matrix(*each).to(self.device)
-            for each in zip(self.phi.shape, shape, strict=True)
+            functional.interpolate(
+                torch.eye(old)[None, None], (new, old), mode="bilinear", antialias=True
+            )[0, 0].to(self.device)
+            for old, new in zip(self.phi.shape, self.info.array.tactile_image[:2], strict=True)
         ]
 
     def read_at(self, layout: Layout) -> Self:
@@ -211,12 +191,6 @@ def _check_inside(trained: ArraySide, layout: Layout) -> None:
             f"{distance_mm[n]:.2f} mm outside the array that the run was trained on "
             f"({trained.layout}); expected all taxels inside, where the tactile image is defined"
         )
-
-
-def _resize_matrix(size: int, new: int) -> torch.Tensor:
-    """(new, size): bilinear resize along one side; ONNX's operator has no antialiasing."""
-    unit = torch.eye(size)[None, None]
-    return functional.interpolate(unit, (new, size), mode="bilinear", antialias=True)[0, 0]
 
 
 class ImageTranslator(Pix2Pix):

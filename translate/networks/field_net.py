@@ -33,10 +33,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.translate.networks.frame_check import convolution, features_of
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
 from t2twin.translate.uncertainty.calibration import (
-    FORCE_SHARES,
     PLACE_SHARES,
     PRESS_SHARES,
-    SHEAR_SHARES,
     SpreadScale,
     identity_knots,
 )
@@ -284,7 +282,7 @@ CONTACT_KNOTS = {
     "contact_center_knots": PRESS_SHARES,
 }
 # Buffers with the knots of the calibration, and the shares of the errors in their bins
-KNOTS = {"place_knots": PLACE_SHARES, "press_knots": PRESS_SHARES, "force_knots": FORCE_SHARES}
+KNOTS = {"place_knots": PLACE_SHARES, "press_knots": PRESS_SHARES, "force_knots": PRESS_SHARES}
 
 
 class FieldOutputs(NamedTuple):
@@ -399,7 +397,7 @@ class FieldNet(nn.Module):
         if predicts_shear:  # last, so that the other weights start as without it
             self.shear = ShearHead(size, vector)
             self.register_buffer("shear_scale", torch.zeros(()))
-            self.register_buffer("shear_knots", identity_knots(len(SHEAR_SHARES)))
+            self.register_buffer("shear_knots", identity_knots(len(PRESS_SHARES)))
         self.predicts_contact = predicts_contact
         if predicts_contact:
             self.contact = ContactHead(filters)

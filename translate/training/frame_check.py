@@ -1,18 +1,14 @@
 """Trains the frame check of a field run (networks.frame_check) on the frames of a dataset.
 
 Right frames, and wrong ones made of them, are each given with the unit's background frame and with
-the run's mean frame. The background frame drifts as in the training of the run. That of a wrong
-frame may be altered in the same way. A right frame with another unit's background frame is wrong
-too, unless all units are near that of one optics file, whose own light drifts as much. The limits
-are set on units that the check was not trained on.
-
-The second network is trained on frames as they are and transformed. Each epoch draws other
-transforms; its limit is set on the validation split.
+the run's mean frame. A right frame with another unit's background frame is wrong too, unless all
+units are near that of one optics file. The limits are set on units that the check was not trained
+on. The second network is trained on frames as they are and transformed.
 
 Shape letters: R right frames, n features, B images, S image side of the run, h rows, w columns.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -59,13 +55,9 @@ FORWARD = INVERSE_TRANSFORMS | {
 
 
 def wrong_frame(frame: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, OODClass]:
-    """A wrong frame, (h, w, 3) uint8 of any h and w, and its class.
-
-    frame: a right one, (h, w, 3) uint8.
-    """
+    """A wrong frame made of a right one, (h, w, 3) uint8 of any h and w, and its class."""
     if rng.random() < TRANSFORM_SHARE:
-        kinds = list(FORWARD)
-        kind = kinds[rng.integers(len(kinds))]
+        kind = list(FORWARD)[rng.integers(len(FORWARD))]
         return np.ascontiguousarray(FORWARD[kind](frame[None])[0]), kind
     alter = ALTERATIONS[rng.integers(len(ALTERATIONS))]
     return np.ascontiguousarray(alter(frame, rng)), OODClass.OTHER
@@ -85,40 +77,8 @@ def rolled(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.roll(frame, steps, axis=(0, 1))
 
 
-def blurred(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    sigma = rng.uniform(0.012, 0.04) * frame.shape[0]
-    return gaussian_filter(frame, (sigma, sigma, 0))
-
-
-def bright(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return np.clip(frame * rng.uniform(1.8, 4.0), 0, 255).astype(np.uint8)
-
-
-def dark(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return (frame * rng.uniform(0.08, 0.3)).astype(np.uint8)
-
-
-def grey(frame: np.ndarray, _: np.random.Generator) -> np.ndarray:
-    return np.repeat(frame.mean(axis=-1, keepdims=True), 3, axis=-1).astype(np.uint8)
-
-
-def negative(frame: np.ndarray, _: np.random.Generator) -> np.ndarray:
-    return 255 - frame
-
-
-def exchanged(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """With two or three channels exchanged, other than blue with red."""
-    orders = ((1, 0, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1))
-    return frame[..., orders[rng.integers(len(orders))]]
-
-
-def noise(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    return rng.integers(0, 256, frame.shape, dtype=np.uint8)
-
-
 def spectral(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Noise whose amplitudes fall with a power of the frequency, as those of photographs do, with
-    colors that are more or less alike."""
+    """Noise whose amplitudes fall with a power of the frequency, as those of photographs do."""
     rows, columns = frame.shape[:2]
     frequency = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns))
     frequency[0, 0] = 1.0 / max(rows, columns)
@@ -167,22 +127,32 @@ def drawing(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
             case _:
                 letters = "".join(map(chr, rng.integers(48, 122, 20)))
                 draw.text(box[:2], letters, fill=color())
-    sigma = rng.uniform(0.0, 2.0)
-    return gaussian_filter(np.asarray(image), (sigma, sigma, 0))
+    return gaussian_filter(np.asarray(image), rng.uniform(0.0, 2.0), axes=(0, 1))
 
 
-# Their limits are assumed: what a user would call another frame
+# Channels exchanged, other than blue with red
+ORDERS = ((1, 0, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1))
+# Makers of other wrong frames; their limits are assumed: what a user would call another frame
 ALTERATIONS: tuple[Alter, ...] = (
-    cropped, rolled, blurred, bright, dark, grey, negative, exchanged, noise, spectral,
-    gradient, drawing,
-)  # fmt: skip
+    cropped,
+    rolled,
+    lambda frame, rng: gaussian_filter(frame, rng.uniform(0.012, 0.04) * len(frame), axes=(0, 1)),
+    lambda frame, rng: np.clip(frame * rng.uniform(1.8, 4.0), 0, 255).astype(np.uint8),  # bright
+    lambda frame, rng: (frame * rng.uniform(0.08, 0.3)).astype(np.uint8),  # dark
+    lambda frame, _: np.repeat(frame.mean(axis=-1, keepdims=True), 3, axis=-1).astype(np.uint8),
+    lambda frame, _: 255 - frame,  # negative
+    lambda frame, rng: frame[..., ORDERS[rng.integers(len(ORDERS))]],
+    lambda frame, rng: rng.integers(0, 256, frame.shape, dtype=np.uint8),  # noise
+    spectral,
+    gradient,
+    drawing,
+)
 
 # Right frames that the check is trained on, at most (assumed: a few minutes of a core)
 MAX_FRAMES = 5000
 MIN_FRAMES = 300  # Right frames without which a run has no check (assumed)
 MAX_SHARDS = 40  # Shards that they are read from, at most (assumed)
-# Share of the wrong frames whose background frame is altered in the same way (assumed: a user who
-# mirrors or crops frames does so with both)
+# Share of the wrong frames whose background frame is altered in the same way (assumed: as users do)
 BOTH_SHARE = 0.5
 # Share of the wrong frames that are right but for their background frame (assumed)
 OTHER_UNIT_SHARE = 0.12
@@ -194,8 +164,7 @@ REFUSED_SHARES = (0.003, 0.003)
 EPOCHS, BATCH, LEARNING_RATE, WEIGHT_DECAY = 30, 128, 2e-3, 0.1  # Of the training (assumed)
 MIN_SCALE = 0.01  # Minimum standard deviation of a feature (assumed)
 MAX_TRANSFORM_FRAMES = 30_000  # Training frames, at most (assumed: five minutes of a core)
-# Of its training: epochs, largest learning rate, and share of the steps in which the learning rate
-# increases (assumed)
+# Of its training: epochs, largest learning rate, and share of its increase (assumed)
 TRANSFORM_EPOCHS, TRANSFORM_RATE, WARM_UP = 12, 4e-3, 0.2
 TRANSFORMED_SHARE = 0.5  # Share of the frames that are transformed (assumed)
 # Share of the validation frames above the limit, and a margin that is added (assumed). Without it,
@@ -206,7 +175,7 @@ BATCH_SIZE = 64  # Frames whose features are computed together; bounds memory
 
 @dataclass(frozen=True)
 class _Part:
-    """Right frames of a shard, and a wrong one made of each."""
+    """Right frames of a shard, and a wrong one made of each; features by mode, right and wrong."""
 
     features: list[list[torch.Tensor]]
     kinds: np.ndarray
@@ -220,11 +189,7 @@ def complete(run_dir: Path, data_dir: Path) -> None:
 
 
 def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
-    """Writes the frame check of a field run with finished weights; False for too few frames.
-
-    data_dir: a dataset of the run's gel camera, whose train split is used. Raises T2TwinError for
-    a dataset that cannot be read.
-    """
+    """Writes the frame check of a finished field run; False for too few frames in the dataset."""
     info, config = read_info(data_dir), load_config(run_dir)
     if info.pairs["train"] < MIN_FRAMES:
         return False
@@ -246,7 +211,7 @@ def _part(
     translator: FieldTranslator, config: RunConfig, data_dir: Path, shard: str, info: DatasetInfo,
     limit: int, rng: np.random.Generator,
 ) -> _Part:  # fmt: skip
-    """At most `limit` right frames of a shard, evenly spread. config: of the run."""
+    """At most `limit` right frames of a shard, evenly spread."""
     size, drift = config.preset.size, config.preset.drift
     columns = [IMAGE, BACKGROUND] if has_backgrounds(info) else [IMAGE]
     stored = [
@@ -331,7 +296,6 @@ def _trained(parts: Sequence[_Part], seed: int) -> FrameCheck:
         for layer in (check.hidden, check.logits):
             layer.reset_parameters()
         _train(check, torch.cat(inputs), torch.cat(classes))
-    check.eval()
     with torch.inference_mode():
         for mode, (right, _) in enumerate(features):
             found = scores(check(right[torch.from_numpy(~own)]))
@@ -343,21 +307,32 @@ def _train(check: FrameCheck, inputs: torch.Tensor, classes: torch.Tensor) -> No
     optimizer = torch.optim.AdamW(check.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
     steps = EPOCHS * -(-len(inputs) // BATCH)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
-    check.train()
-    for _ in range(EPOCHS):
-        for batch in torch.randperm(len(inputs)).split(BATCH):
-            optimizer.zero_grad()
-            nn.functional.cross_entropy(check(inputs[batch]), classes[batch]).backward()
-            optimizer.step()
-            schedule.step()
+    batches = (
+        (inputs[batch], classes[batch])
+        for _ in range(EPOCHS)
+        for batch in torch.randperm(len(inputs)).split(BATCH)
+    )
+    _descend(check, optimizer, schedule, batches)
+
+
+def _descend(
+    network: nn.Module,
+    optimizer: torch.optim.Optimizer,
+    schedule: torch.optim.lr_scheduler.LRScheduler,
+    batches: Iterable[tuple[torch.Tensor, torch.Tensor]],
+) -> None:
+    """Trains a network on the classes of inputs; in evaluation mode afterwards."""
+    network.train()
+    for inputs, classes in batches:
+        optimizer.zero_grad()
+        functional.cross_entropy(network(inputs), classes).backward()
+        optimizer.step()
+        schedule.step()
+    network.eval()
 
 
 def fit_transform_net(check: FrameCheck, config: RunConfig, data_dir: Path, run_dir: Path) -> None:
-    """Trains the network of a frame check and sets its limit, in place.
-
-    data_dir: a dataset of the run's gel camera. run_dir: for the decoded images of a dataset that
-    is read-only.
-    """
+    """Trains the second network of a frame check and sets its limit, in place."""
     frames, held_out = (
         _small_frames(data_dir, split, config.preset.size, usable_cache(data_dir, run_dir))
         for split in ("train", "val")
@@ -368,7 +343,6 @@ def fit_transform_net(check: FrameCheck, config: RunConfig, data_dir: Path, run_
         torch.manual_seed(config.seed)
         check.transforms = TransformNet()
         _train_transforms(check.transforms, frames, config)
-    check.transforms.eval()
     with torch.inference_mode():
         found = scores(check.transforms(to_input(held_out.astype(np.float32))))
     check.set_limit(TRANSFORMED, found, TRANSFORM_REFUSED, MARGIN)
@@ -381,17 +355,17 @@ def _train_transforms(network: TransformNet, frames: np.ndarray, config: RunConf
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, TRANSFORM_RATE, TRANSFORM_EPOCHS * parts, pct_start=WARM_UP
     )
-    network.train()
-    for _ in Progress(range(TRANSFORM_EPOCHS), desc="frame check", unit="epoch"):
-        for chosen in np.array_split(rng.permutation(len(frames)), parts):
-            pixels, classes = _transformed(frames[chosen].astype(np.float32), rng)
-            varied = augment(
-                torch.from_numpy(pixels), rng, preset.brightness, preset.contrast, preset.noise
-            )
-            optimizer.zero_grad()
-            functional.cross_entropy(network(to_input(varied)), classes).backward()
-            optimizer.step()
-            schedule.step()
+
+    def batches() -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        for _ in Progress(range(TRANSFORM_EPOCHS), desc="frame check", unit="epoch"):
+            for chosen in np.array_split(rng.permutation(len(frames)), parts):
+                pixels, classes = _transformed(frames[chosen].astype(np.float32), rng)
+                varied = augment(
+                    torch.from_numpy(pixels), rng, preset.brightness, preset.contrast, preset.noise
+                )
+                yield to_input(varied), classes
+
+    _descend(network, optimizer, schedule, batches())
 
 
 def _transformed(frames: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, torch.Tensor]:

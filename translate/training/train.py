@@ -1,13 +1,10 @@
 """Training of a translator.
 
-    t2twin train resnet18 --data data/small --preset cpu --out runs/resnet18
     torchrun --nproc-per-node 2 -m t2twin.translate.training.train resnet18 data/small cpu
     runs/resnet18
 
-A stopped training resumes from its last saved state, with the result of an uninterrupted one:
-order, dropout and augmentation of each step depend on (seed, epoch, step). The number of threads
-changes the order of sums and thereby the last digits. On a GPU every training differs in these.
-The processes of torchrun share each batch, each on its own GPU if the machine has GPUs.
+A stopped training resumes with the result of an uninterrupted one: order, dropout and augmentation
+of each step depend on (seed, epoch, step). The number of threads changes the last digits.
 """
 
 import shutil
@@ -65,8 +62,8 @@ from t2twin.translate.training.frame_check import complete
 from t2twin.translate.training.trainer import Trainer, TrainingResult, stop_reason, training_result
 
 MIN_PAIRS = 8  # Minimum number of training pairs (assumed: batch norm needs several)
-# Learning rate after a warm start, divided by the preset's (assumed). With another sensor, another
-# force or fewer pairs, a trained translator needs a tenth of the steps of a new one
+# Learning rate after a warm start, divided by the preset's (assumed): a trained translator needs a
+# tenth of the steps of a new one
 WARM_START_SHARE = 0.3
 
 
@@ -88,19 +85,14 @@ def train(
     """Trains a translator on a dataset, or resumes a stopped training.
 
     model: "touch2touch", "resnet18" or "field". preset: a name (models.presets), or a Preset.
-    out_dir: folder of the run. epochs: maximum epochs, by default the preset's. minutes: maximum
-    minutes. The epochs are planned to fit if the learning rate's schedule depends on them; else the
-    epoch in which time is over is the last. steps: maximum steps in place of the preset's, rounded
-    to whole epochs; a larger number adapts the preset (`for_steps`). init_from: another run, whose
-    best weights are the initial weights, at a lower learning rate. direction: "source-to-target" of
-    the dataset, or "target-to-source"; for a gel camera and a taxel array also "image-to-counts"
-    and "counts-to-image". Images are validated by the RMSE of their pixels; from images they are
-    predicted in color, if the preset is a name. iou_weight: weight of the soft IoU loss
-    (models.touch2touch), by default the preset's. contact_alone: train only the contact's layers of
-    a field run, on those of init_from; all else stays. frame_check: whether a field run gets one.
-    Raises T2TwinError for arguments that are invalid or do not fit together, and an init_from of
-    another kind. It also does for an unreadable dataset, a folder with another run, and a loss that
-    is not finite.
+    out_dir: folder of the run. epochs, minutes, steps: maxima in place of the preset's; more steps
+    adapt the preset (`for_steps`). init_from: another run, whose best weights are the initial
+    weights, at a lower learning rate. direction: "source-to-target" of the dataset, or
+    "target-to-source"; for a gel camera and a taxel array also "image-to-counts" and
+    "counts-to-image". iou_weight: of the soft IoU loss (models.touch2touch). contact_alone: train
+    only the contact's layers of a field run, on those of init_from. frame_check: whether a field
+    run gets one. Raises T2TwinError for arguments that do not fit together, an unreadable dataset,
+    a folder with another run, and a loss that is not finite.
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     _check_limits(epochs, minutes, steps, seed)
@@ -135,11 +127,7 @@ def train(
 def _kept(
     contact_alone: bool, model: str, run: str | Path | None, info: DataInfo
 ) -> dict[str, Any]:
-    """The fields of the configuration of a training of the contact alone, on another run's layers.
-
-    Raises T2TwinError for another model than field, without a run, and for a dataset without
-    contact maps.
-    """
+    """The fields of the configuration that a training of the contact alone takes from its run."""
     if not arguments.flag(contact_alone, "contact_alone"):
         return {}
     if model != "field" or run is None:
@@ -216,7 +204,7 @@ def _check_folder(out_dir: Path) -> None:
 def _load_in_turn(
     data_dir: Path, out_dir: Path, config: RunConfig, rank: int, reverse: bool
 ) -> list[Pairs]:
-    """Training and validation pairs. The first process decodes them, the others wait for it."""
+    """Training and validation pairs; the first process decodes them, while the others wait."""
     cache = usable_cache(data_dir, out_dir)
     if rank > 0:
         distributed.wait()
@@ -241,34 +229,36 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
     if not (out_dir / CONFIG).is_file():
         return None
     earlier = load_config(out_dir)
-    for name, theirs, ours in (
-        ("model", earlier.model, config.model),
-        ("direction", earlier.data.direction, config.data.direction),
-        ("source", earlier.data.source.sensor, config.data.source.sensor),
-        ("IoU weight", earlier.preset.iou_weight, config.preset.iou_weight),
-        ("preset", earlier.preset, config.preset),
-        ("seed", earlier.seed, config.seed),
-        ("dataset", earlier.data.sha256, config.data.sha256),
-        ("dataset", earlier.contact_data, config.contact_data),
-        ("number of epochs", earlier.epochs, config.epochs),
-        ("number of steps", earlier.steps, config.steps),
-        ("limit in minutes", earlier.minutes, config.minutes),
-        ("number of processes", earlier.processes, config.processes),
-        ("warm start", earlier.init_from, config.init_from),
-    ):
-        if theirs != ours:
-            hidden = name in ("preset", "dataset", "warm start")
-            value = "" if hidden else f" ({theirs})"
-            raise T2TwinError(
-                f"{out_dir} holds a run with another {name}{value}; give the same again, or "
-                "another folder"
-            )
+    theirs, ours = _given(earlier), _given(config)
+    others = [name for name, value in ours.items() if theirs[name] != value]
+    if others:
+        raise T2TwinError(
+            f"{out_dir} holds a run with another {', '.join(others)}; give the same again, or "
+            "another folder"
+        )
     state = out_dir / LAST
     return (earlier, load_history(state)) if state.is_file() else None
 
 
+def _given(config: RunConfig) -> dict[str, Any]:
+    """What a resumed training has in common with the stopped one, by its names in messages."""
+    return {
+        "model": config.model,
+        "direction": config.direction,
+        "source": config.data.source.sensor,
+        "preset": config.preset,
+        "seed": config.seed,
+        "dataset": (config.data.sha256, config.contact_data),
+        "number of epochs": config.epochs,
+        "number of steps": config.steps,
+        "limit in minutes": config.minutes,
+        "number of processes": config.processes,
+        "warm start": config.init_from,
+    }
+
+
 def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
-    """Raises T2TwinError for limits and seeds that are out of range, and for epochs with steps."""
+    """Raises T2TwinError for limits and seeds out of range, and for epochs with steps."""
     for name, value, most in (("steps", steps, MAX_STEPS), ("epochs", epochs, MAX_EPOCHS)):
         if value is not None:
             arguments.whole_number(value, name, 1, most)
@@ -282,14 +272,11 @@ def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, 
 def for_steps(preset: Preset, steps: int | None) -> Preset:
     """The preset for a number of steps, None for its own.
 
-    With more steps than the preset's, the discriminator's learning rate is reduced in proportion.
-    With the full rate and three times the steps, the discriminator dominates in the second half,
-    and L1 and validation error increase.
+    The more steps, the slower the discriminator learns: otherwise it dominates in the second half.
     """
     if preset.l1_weight == 0.0 or not preset.steps or steps is None or steps <= preset.steps:
         return preset
-    share = preset.discriminator_share * preset.steps / steps
-    return replace(preset, discriminator_share=share)
+    return replace(preset, discriminator_share=preset.discriminator_share * preset.steps / steps)
 
 
 def _with_iou_weight(preset: Preset, weight: float | None, model: Model, info: DataInfo) -> Preset:
@@ -304,11 +291,7 @@ def _with_iou_weight(preset: Preset, weight: float | None, model: Model, info: D
 
 
 def find_weights(run: str | Path, model: str, preset: Preset, data: DataInfo) -> Path:
-    """The best weights of a run, as initial ones of a training with this model, preset and dataset.
-
-    run: its folder, or the name of a pretrained run. Raises T2TwinError for a folder that is not a
-    run, and for a run of another model, direction, image size, width, layout or dense counts.
-    """
+    """The best weights of a run, as initial ones of a training; T2TwinError if they do not fit."""
     run_dir, config = run_of_model(run, model)
     theirs, own = config.preset, config.data
     sides = ((own.source, data.source), (own.target, data.target))
@@ -333,10 +316,7 @@ def find_weights(run: str | Path, model: str, preset: Preset, data: DataInfo) ->
 
 
 def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
-    """The folder and configuration of a run. run: as for `find_weights`.
-
-    Raises T2TwinError for a folder that is not a run, and for a run of another model.
-    """
+    """The folder and configuration of a run; T2TwinError for a run of another model."""
     run_dir = resolve_run(run)
     config = load_config(run_dir)
     if config.model != model:
@@ -350,14 +330,9 @@ def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
 def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
     """Fits the calibration of a field run again; writes its best weights and its card.
 
-    Training calibrates on the validation presses of its own dataset, which may have one family of
-    shapes only; intervals of other presses then have too low a coverage.
-
     data_dirs: datasets with dense counts, of any recipe, including the run's own. Each contributes
     as many validation presses as the smallest has. Returns the total number of presses. Of a run
     whose contact alone was trained, the contact alone is calibrated.
-    Raises T2TwinError for a run of another model, a dataset without dense counts or validation
-    pairs, and if the run's own dataset is missing.
     """
     run_dir, folders = Path(run_dir), [Path(folder) for folder in data_dirs]
     config = load_config(run_dir)
@@ -372,13 +347,7 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
     with locked(run_dir):
         load_weights(run_dir / BEST, translator.predictor)
         sets = [
-            _load(
-                each,
-                "val",
-                config,
-                usable_cache(each, run_dir),
-                read_info(each).source.value != IMAGE,
-            )
+            _load(each, "val", config, usable_cache(each, run_dir), not _is_image_first(each))
             for each in folders
         ]
         number, rng = min(map(len, sets)), np.random.default_rng(0)
@@ -390,6 +359,10 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
         complete(run_dir, own[0])
         write_card(run_dir, own[0])
     return sum(map(len, samples))
+
+
+def _is_image_first(data_dir: Path) -> bool:
+    return read_info(data_dir).source.value == IMAGE
 
 
 if __name__ == "__main__":  # for torchrun, which starts a module

@@ -36,14 +36,10 @@ from t2twin.translate.uncertainty.ood import OODDetector, fit_ood_detector
 # Pairs in one batch of validation by the type of the device; bounds memory
 VALIDATION_BATCH = {"cpu": 64, "cuda": 256}
 # Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
-# the paper's dataset). With a large dataset an epoch is a part of the data, because the learning
-# rate's schedule and the choice of the best weights depend on epochs
+# the paper's dataset): learning rates and the choice of the best weights depend on epochs
 MIN_EPOCHS = 12
-# Minimum number of steps of a shortened epoch (assumed: with fewer, validation takes longer)
-MIN_STEPS = 100
-# Time between two saved states within an epoch, seconds (assumed: a state of the largest network
-# takes a few seconds to write)
-SAVE_SECONDS = 600.0
+MIN_STEPS = 100  # Of a shortened epoch (assumed: with fewer, validation takes longer)
+SAVE_SECONDS = 600.0  # Between two states within an epoch (assumed: one takes a few to write)
 TIMED_STEPS = 3  # Steps of the time estimate, after one that is not counted
 
 
@@ -51,9 +47,8 @@ TIMED_STEPS = 3  # Steps of the time estimate, after one that is not counted
 class TrainingResult:
     """Result of a finished training.
 
-    best_rmse_counts: RMSE on the validation split, counts, the root of the L3 of Grella et al.
-    2023. best_rmse_percent: the same in percent of full scale. best_rmse_grey: for a run that
-    predicts images, the RMSE of its pixels, grey levels; best_rmse_counts is None then.
+    best_rmse_counts: RMSE on the validation split, counts, or best_rmse_grey, grey levels of a run
+    that predicts images. best_rmse_percent: the same in percent of full scale.
     """
 
     run_dir: Path
@@ -112,8 +107,7 @@ class Batches:
     ) -> Examples:
         """The pairs with these indices, (B,); with rng, augmented as the preset defines.
 
-        Augmentation is for images of the source; counts and targets stay as they are. to_input: the
-        translator's.
+        Augmentation is for images of the source; counts and targets stay as they are.
         """
         batch, preset = np.sort(batch), self.preset  # the order on disk
         inputs, target = self.readings(batch)
@@ -136,8 +130,7 @@ class Batches:
         return Examples(to_input(pixels), target, *more)
 
     def readings(self, batch: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        """The stored pictures and targets of pairs with these indices, (B,): (B, S, S, c) uint8,
-        and (B, N) counts or (B, S, S, c) uint8."""
+        """The stored pictures and targets of pairs with these indices, (B,)."""
         return self._tensor(self.inputs[batch]), self._tensor(self.pairs.target[batch])
 
     def _tensor(self, values: np.ndarray) -> torch.Tensor:
@@ -159,14 +152,12 @@ class Trainer:
         rank: int,
         weights: Path | None = None,
     ) -> None:
-        self.config = config
-        self.out_dir = out_dir
+        self.config, self.out_dir = config, out_dir
+        self.rank, self.weights = rank, weights
         self.pairs, self.validation = pairs, validation
         self.data, self.validation_data = (
             Batches(each, config.preset, distributed.device()) for each in (pairs, validation)
         )
-        self.rank = rank
-        self.weights = weights
         most = min(config.preset.batch, len(pairs))
         self.batch = most - most % config.processes
         self.batches = len(pairs) // self.batch  # no smaller last batch: bad for batch norm
@@ -230,8 +221,7 @@ class Trainer:
             from torch.utils.tensorboard import SummaryWriter
 
             # Entries of an interrupted epoch are overwritten.
-            folder = str(self.out_dir / TENSORBOARD)
-            board = SummaryWriter(folder, purge_step=len(self.history) + 1)
+            board = SummaryWriter(str(self.out_dir / TENSORBOARD), purge_step=len(self.history) + 1)
         with Progress(
             total=total, initial=done, desc=self.config.model, unit="step",
             disable=self.rank > 0, mininterval=0.5,
@@ -368,32 +358,27 @@ class Trainer:
     def _announce(self, epoch_seconds: float) -> None:
         if self.rank > 0:
             return
-        config, done = self.config, len(self.history)
+        config, done, resumes = self.config, len(self.history), ""
         seconds = (config.planned_epochs - done) * epoch_seconds
         if config.minutes is not None:
             seconds = min(seconds, 60 * config.minutes + epoch_seconds)
-        resumes = ""
         if done or self.part.steps:
             resumes = f" resumes after step {self.part.steps:,} of epoch {done + 1:,};"
         direction = "" if config.is_image_to_counts else f" {config.direction}"
         print(
             f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
-            f"{counted(len(self.pairs), 'pair')}, "
-            f"validated on {len(self.validation)}, {counted(config.planned_epochs, 'epoch')} of "
-            f"{counted(self.steps, 'step')}, {config.precision} on {self.translator.device.type}, "
+            f"{counted(len(self.pairs), 'pair')}, validated on {len(self.validation)}, "
+            f"{counted(config.planned_epochs, 'epoch')} of {counted(self.steps, 'step')}, "
+            f"{config.precision} on {self.translator.device.type}, "
             f"{counted(config.processes, 'process', 'processes')} of "
-            f"{counted(torch.get_num_threads(), 'thread')}. "
-            f"At most {seconds / 60:.1f} minutes; it stops after "
-            f"{counted(config.preset.patience, 'epoch')} without a better validation.",
+            f"{counted(torch.get_num_threads(), 'thread')}. At most {seconds / 60:.1f} minutes; it "
+            f"stops after {counted(config.preset.patience, 'epoch')} without a better validation.",
             flush=True,
         )
 
 
 def load_initial_weights(path: Path, translator: Translator) -> None:
-    """Loads the weights of another run; those of shear and contact only if both networks have them.
-
-    Raises T2TwinError for a file with the weights of another network.
-    """
+    """Loads the weights of another run; of shear and contact only if both networks have them."""
     load_weights(path, translator.predictor, optional=(SHEAR, CONTACT))
     trained = next(iter(translator.networks.values()))
     if trained is not translator.predictor:  # the predictor is its weight average
@@ -405,17 +390,12 @@ def _numbers(losses: Mapping[str, float | torch.Tensor]) -> dict[str, float]:
 
 
 def steps_of_epoch(batches: int, budget: int) -> int:
-    """Steps per epoch: all batches of the data, or fewer with a large dataset.
-
-    batches: of the data. budget: maximum steps of the training, 0 for no limit, divided into at
-    least MIN_EPOCHS epochs.
-    """
+    """Steps per epoch: all batches, or with a budget of steps at most its share of an epoch."""
     return min(batches, max(budget // MIN_EPOCHS, MIN_STEPS)) if budget else batches
 
 
 def _learning_rate_share(config: RunConfig, epoch: int) -> float:
-    """Factor of the learning rate in an epoch (from 0): 1, or a half cosine that reaches zero after
-    the last epoch."""
+    """Factor of the learning rate in an epoch (from 0): 1, or a half cosine to zero."""
     if config.preset.schedule == FIXED:
         return 1.0
     return 0.5 * (1.0 + math.cos(math.pi * epoch / config.planned_epochs))

@@ -1,26 +1,14 @@
 """Calibration of predicted standard deviations on held-out presses.
 
-The network predicts a raw spread per place, which ranks errors well but has the wrong magnitude.
-The spread is multiplied by a factor that depends on the spread itself: a piecewise linear function
-in logarithms, given by knots. Each knot's factor makes 90 % intervals cover 90 % of the errors in
-its bin (temperature scaling by bins, Guo et al. 2017). The result is monotone, as in isotonic
-calibration. A second factor depends on the mean standard deviation of the press. The force has its
-own knots.
-
+A raw spread of the network ranks errors well, but has the wrong magnitude. First a small network,
+`SpreadScale`, multiplies the spreads of a press by factors of its light, force and place. It is
+fitted with the pinball loss of the 90 % quantile of the errors (Koenker and Bassett 1978), as in
+conformalized quantile regression (Romano et al. 2019). Then knots of each output give a factor that
+depends on the spread itself, so that 90 % intervals cover 90 % of the errors in each bin
+(temperature scaling by bins, Guo et al. 2017). The result is monotone, as in isotonic calibration.
 The correlation of the standardized errors between places is one matrix for all images.
 
-Factors of the press come first. A spread of the network ranks the errors within a press well, but
-hardly those of different presses. A network with two small layers predicts how much wider or
-narrower intervals must be. It knows the predicted counts and force, and the place relative to the
-view. It also knows the share of the contact at the view's edge and outside, the light, and whether
-there is a background frame. The light is the difference of the background frame, or without one of
-the image, from the mean frame, in cells: with its magnitude alone, intervals are too wide in the
-default light or too narrow in others. The network is fitted to held-out presses with the pinball
-loss of the 90 % quantile of the errors (Koenker and Bassett 1978), as in conformalized quantile
-regression (Romano et al. 2019). The knots then have little left to correct.
-
-Shape letters: P presses, F places of the dense counts, K knots, S image side, N
-features.
+Shape letters: P presses, F places of the dense counts, K knots, S image side.
 """
 
 from collections.abc import Sequence
@@ -41,34 +29,28 @@ HALF_WIDTH = 1.6448536  # Half the width of that interval of a Gaussian, standar
 # Share of all places in the bin of each knot, in ascending order of spread; the largest spreads
 # need the finest bins (assumed)
 PLACE_SHARES = (*(0.1,) * 8, 0.05, 0.05, 0.025, 0.025, 0.02, 0.01, 0.01, 0.005, 0.005)
-# Share of all presses in the bin of each knot of press and force (assumed)
-PRESS_SHARES = FORCE_SHARES = (0.125,) * 8
-# Share of all components of the shear force in the bin of each knot (assumed)
-SHEAR_SHARES = (0.125,) * 8
+PRESS_SHARES = (0.125,) * 8  # The same of presses, their forces and shear forces (assumed)
 # Smallest standard deviation, fraction of full scale (assumed: 10 counts, about the error where
 # nothing touches). The noise of readings is many times larger, and not contained
 MIN_STD = 10.0 / 40_000.0
-# Minimum number of errors in a bin (assumed: a 90 % quantile of fewer is unreliable)
-MIN_ERRORS = 100
-# Smallest distance of two knots' logarithms (assumed), so that slopes stay finite
-MIN_KNOT_DISTANCE = 1e-3
+MIN_ERRORS = 100  # In a bin (assumed: a 90 % quantile of fewer is unreliable)
+MIN_KNOT_DISTANCE = 1e-3  # Of the knots' logarithms (assumed), so that slopes stay finite
 MIN_FACTOR = 0.05  # Lower bound of a factor (assumed), for bins with tiny errors
-# Alternating fits of the factors of place and press (assumed: little changes afterwards)
-ROUNDS = 4
+ROUNDS = 4  # Alternating fits of place and press (assumed: little changes afterwards)
 # Shrinkage of the correlation towards the identity (assumed), so that its Cholesky factor exists
-# with fewer presses than places
 SHRINKAGE = 0.02
+# Of the t distribution of the likelihood. With a Gaussian, validation without the least certain
+# fifth gains a third as much; 3 and 8 are equally good (measured)
+DEGREES_OF_FREEDOM = 4.0
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors and predicted spreads on one dataset's presses.
+    """Errors and raw spreads on one dataset's presses.
 
-    dense_counts: (P, F), errors as a fraction of full scale. spread: (P, F), raw spreads of the
-    network. force: (P,), errors of the force's logarithm. force_spread: (P,), raw spreads of these.
-    of_place, of_press: features of places and presses, see SpreadScale. shear,
-    shear_spread: (M, 2), the same of the shear force of the M presses that have moved, if it is
-    predicted and known.
+    dense_counts, spread: (P, F), fractions of full scale. force, force_spread: (P,), of the force's
+    logarithm. of_place, of_press: `SpreadScale.features`. shear, shear_spread: (M, 2), of the
+    presses that have moved.
     """
 
     dense_counts: torch.Tensor
@@ -81,21 +63,19 @@ class Errors:
     shear_spread: torch.Tensor | None = None
 
 
-def fit_calibration(datasets: Sequence[Errors]) -> dict[str, torch.Tensor]:
-    """Fits the calibration to one or more datasets; every press has the same weight.
+# Names of the fields of all presses
+FIELDS = ("of_place", "of_press", "dense_counts", "spread", "force", "force_spread")
 
-    Returns by the names of FieldNet's buffers place_knots, press_knots, force_knots and, if it is
-    known, shear_knots, (2, K): ascending logarithms of spreads, and of their factors; and
-    correlation, (F, F), of the standardized errors of the dense counts.
-    """
-    dense, spread, force, force_spread = (
-        torch.cat([getattr(dataset, name) for dataset in datasets]).double()
-        for name in ("dense_counts", "spread", "force", "force_spread")
+
+def fit_calibration(datasets: Sequence[Errors]) -> dict[str, torch.Tensor]:
+    """The knots and the correlation, by the names of FieldNet's buffers."""
+    dense, spread, force, force_spread = _joined(
+        datasets, "dense_counts", "spread", "force", "force_spread"
     )
     place = press = identity_knots(len(PLACE_SHARES)).double()
     press_factor = torch.ones(len(dense), 1, dtype=torch.float64)
     for _ in range(ROUNDS):
-        place = fit_knots(spread, dense / press_factor, PLACE_SHARES, MIN_ERRORS)
+        place = fit_knots(spread, dense / press_factor, PLACE_SHARES)
         std = spread * interpolate_scale(spread.log(), place)
         level = std.mean(dim=1, keepdim=True)
         least = MIN_ERRORS * dense.shape[1]
@@ -106,23 +86,18 @@ def fit_calibration(datasets: Sequence[Errors]) -> dict[str, torch.Tensor]:
     inverse_std = moment.diagonal().clamp(min=1e-12).rsqrt()
     correlation = (1.0 - SHRINKAGE) * inverse_std[:, None] * moment * inverse_std
     correlation.fill_diagonal_(1.0)
-    found = {
-        "place_knots": place,
-        "press_knots": press,
-        "force_knots": fit_knots(force_spread, force, FORCE_SHARES, MIN_ERRORS),
-        "correlation": correlation,
-    }
-    shear = [(each.shear, each.shear_spread) for each in datasets if each.shear is not None]
-    if sum(len(errors) for errors, _ in shear):
-        errors, spread = (torch.cat(each).double() for each in zip(*shear, strict=True))
-        found["shear_knots"] = fit_knots(spread, errors, SHEAR_SHARES, MIN_ERRORS)
+    found = {"place_knots": place, "press_knots": press, "correlation": correlation}
+    found["force_knots"] = fit_knots(force_spread, force, PRESS_SHARES)
+    moving = [each for each in datasets if each.shear is not None and len(each.shear)]
+    if moving:
+        shear, shear_spread = _joined(moving, "shear", "shear_spread")
+        found["shear_knots"] = fit_knots(shear_spread, shear, PRESS_SHARES)
     return {name: each.float() for name, each in found.items()}
 
 
-# Of the t distribution of the likelihood. After 2,000 steps on fixed features, validation without
-# the least certain fifth has a 13 % lower RMSE, with a Gaussian 4 %; 3 and 8 are equally good
-# (measured)
-DEGREES_OF_FREEDOM = 4.0
+def _joined(datasets: Sequence[Errors], *names: str) -> list[torch.Tensor]:
+    """Fields of the errors of all presses, float64."""
+    return [torch.cat([getattr(each, name) for each in datasets]).double() for name in names]
 
 
 def negative_log_likelihood(error: torch.Tensor, log_spread: torch.Tensor) -> torch.Tensor:
@@ -135,10 +110,7 @@ def negative_log_likelihood(error: torch.Tensor, log_spread: torch.Tensor) -> to
 def standard_deviation(
     log_spread: torch.Tensor, place: torch.Tensor, press: torch.Tensor
 ) -> torch.Tensor:
-    """(B, F) standard deviations, fraction of full scale, at least MIN_STD.
-
-    log_spread: (B, F), logarithms of the raw spreads. place, press: (2, K) knots.
-    """
+    """(B, F) standard deviations of the dense counts, fraction of full scale, at least MIN_STD."""
     std = calibrated(log_spread, place)
     std = std * interpolate_scale(std.mean(dim=1, keepdim=True).log(), press)
     return std.clamp(min=MIN_STD)
@@ -150,10 +122,7 @@ def calibrated(log_spread: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
 
 
 def interpolate_scale(log_spread: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
-    """Factors of raw spreads: linear between the knots in logarithms, constant outside.
-
-    log_spread: any shape. knots: (2, K). Returns the shape of log_spread.
-    """
+    """Factors of raw spreads: linear between the knots in logarithms, constant outside."""
     at, factor = knots[0], knots[1]
     slope = (factor[1:] - factor[:-1]) / (at[1:] - at[:-1])
     distance = torch.minimum(torch.maximum(log_spread[..., None], at[:-1]), at[1:]) - at[:-1]
@@ -166,12 +135,11 @@ def identity_knots(number: int) -> torch.Tensor:
 
 
 def fit_knots(
-    spread: torch.Tensor, errors: torch.Tensor, shares: Sequence[float], least: int
+    spread: torch.Tensor, errors: torch.Tensor, shares: Sequence[float], least: int = MIN_ERRORS
 ) -> torch.Tensor:
-    """(2, K) knots of errors and their raw spreads, two tensors of one shape.
+    """(2, K) knots of errors and their raw spreads, two tensors of one shape, float64.
 
-    K is the number of shares; if there are few errors, the last knots repeat the last bin's factor.
-    least: minimum number of errors in a bin.
+    With few errors the last knots repeat the last bin's factor. least: of the errors in a bin.
     """
     log_spread, order = spread.flatten().log().sort()
     errors = errors.flatten().abs()[order]
@@ -182,15 +150,12 @@ def fit_knots(
         at.append(float(log_spread[part].mean()))
         log_std.append(at[-1] + float(factor.clamp(min=MIN_FACTOR).log()))
         weight.append(len(ratio))
-    monotone = isotonic_regression(log_std, weights=weight).x
-    knots = identity_knots(len(shares)).double()
-    last = len(at) - 1
-    for k in range(len(shares)):
-        knots[0, k] = at[min(k, last)] + max(0, k - last)
-        knots[1, k] = monotone[min(k, last)] - at[min(k, last)]
-        if 0 < k <= last:
-            knots[0, k] = max(float(knots[0, k]), float(knots[0, k - 1]) + MIN_KNOT_DISTANCE)
-    return knots
+    factors = isotonic_regression(log_std, weights=weight).x - at
+    for k in range(1, len(at)):
+        at[k] = max(at[k], at[k - 1] + MIN_KNOT_DISTANCE)
+    number = np.arange(len(shares))
+    own = np.minimum(number, len(at) - 1)
+    return torch.from_numpy(np.stack([np.array(at)[own] + number - own, factors[own]]))
 
 
 def _bins(number: int, shares: Sequence[float], least: int) -> list[slice]:
@@ -205,7 +170,7 @@ def _bins(number: int, shares: Sequence[float], least: int) -> list[slice]:
 
 SCALE_WIDTH = 24  # Width of the layers (assumed; 48 gains nothing)
 # Cells along each side of an image, whose mean colors are compared with the mean frame (assumed:
-# some are without contact)
+# some are without contact). With the light's magnitude alone, intervals of some lights are wrong
 SCALE_CELLS = 6
 # Added to predicted counts before their logarithm is taken, fraction of full scale (assumed: 20
 # counts, the error where nothing touches)
@@ -214,23 +179,16 @@ LEAST_COLOR = 0.01  # The same for differences of colors, in their standard devi
 # Largest difference, normalized, up to which a background frame is the mean frame, that is, none
 # was given (assumed: rounding errors)
 SAME_FRAME = 1e-3
-# Distance from the view's edge within which a place is at the edge, mm (assumed: most of the
-# distance of neighboring places)
-EDGE_MM = 1.5
+EDGE_MM = 1.5  # Distance from the view's edge of places at the edge (assumed: most of the spacing)
 FARTHEST_MM = 6.0  # Distance from the view's edge beyond which places are alike, mm (assumed)
-FEATURE_LIMIT = (
-    4.0  # Limit of a standardized feature (assumed), so that nothing is extrapolated far
-)
+FEATURE_LIMIT = 4.0  # Of a standardized feature (assumed), so that nothing is extrapolated far
 LOG_LIMITS = (-2.0, 3.0)  # Limits of a factor's logarithm (assumed)
-# Features of a place, and of a press without the cells of its background frame
-OF_PLACE, OF_PRESS = 5, 12
+OF_PLACE, OF_PRESS = 5, 12  # Features of a place, and of a press without the cells of its light
 # Errors below it count alike, fraction of full scale, or standard deviations of the force's
 # logarithm (assumed: 2.5 counts)
 LEAST_ERROR = 6e-5
-# Least standard deviation of a feature (assumed), for features that hardly vary
-LEAST_DEVIATION = 1e-3
-# Minimum number of held-out presses for a fit (assumed: fewer do not represent other presses)
-MIN_PRESSES = 500
+LEAST_DEVIATION = 1e-3  # Of a feature (assumed), for features that hardly vary
+MIN_PRESSES = 500  # For a fit (assumed: fewer do not represent other presses)
 # Presses of a block, which are often of the same shapes; one block of every three is held out
 # (assumed). Knots of the presses that the factors were fitted to would be too narrow for others
 # (split conformal prediction, Lei et al. 2018)
@@ -287,10 +245,9 @@ class SpreadScale(nn.Module):
         force: torch.Tensor,
         force_log_spread: torch.Tensor,
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """(P, F, OF_PLACE) features of the places and (P, N) of the press.
+        """(P, F, OF_PLACE) features of the places and (P, n) of the press.
 
-        images: (P, 6, S, S), each with its background frame. mean_frame: (3, S, S). The others are
-        outputs of the network.
+        images: (P, 6, S, S), each with its background frame. The last four: FieldOutputs.
         """
         share = mean.clamp(0.0, 1.0)
         total = share.sum(dim=1) + LEAST_SHARE * share.shape[1]
@@ -317,26 +274,18 @@ class SpreadScale(nn.Module):
     def forward(
         self, of_place: torch.Tensor, of_press: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Logarithms of the factors, of the dense counts, (P, F), and of the force, (P,).
-
-        of_place, of_press: the features.
-        """
-        both = torch.cat(
-            [of_place, of_press[:, None].expand(-1, of_place.shape[1], -1)], dim=2
-        ).float()
+        """Logarithms of the factors, of the dense counts, (P, F), and of the force, (P,)."""
+        repeated = of_press[:, None].expand(-1, of_place.shape[1], -1)
+        both = torch.cat([of_place, repeated], dim=2).float()
         known = ((both - self.center) / self.deviation).clamp(-FEATURE_LIMIT, FEATURE_LIMIT)
         of_places, of_force = self.place(known), self.force(known[:, 0, OF_PLACE:])
         return of_places[..., 0].clamp(*LOG_LIMITS), of_force[..., 0].clamp(*LOG_LIMITS)
 
 
 def fit_scale(scale: SpreadScale, datasets: Sequence[Errors]) -> None:
-    """Fits the factors to held-out presses, in place; with fewer than MIN_PRESSES they stay.
-
-    datasets: raw spreads and errors, with features.
-    """
+    """Fits the factors to held-out presses, in place; with fewer than MIN_PRESSES they stay."""
     of_place, of_press, error, spread, force_error, force_spread = (
-        torch.cat([getattr(each, name) for each in datasets])
-        for name in ("of_place", "of_press", "dense_counts", "spread", "force", "force_spread")
+        each.float() for each in _joined(datasets, *FIELDS)
     )
     if len(of_press) < MIN_PRESSES:
         return
@@ -367,19 +316,17 @@ def fit_scale(scale: SpreadScale, datasets: Sequence[Errors]) -> None:
 
 
 def part_of(errors: Errors, held_out: bool) -> Errors:
-    """The presses that the factors are fitted to, or those that are held out for the calibration.
-    Few presses are in both parts."""
+    """The presses that factors are fitted to, or those of the knots; few presses are in both."""
     presses = len(errors.force)
     if presses < MIN_PRESSES:
         return errors
     is_held_out = np.arange(presses) // BLOCK % HELD_OUT_EVERY == 0
     part = torch.from_numpy(np.flatnonzero(is_held_out == held_out))
-    names = ("dense_counts", "spread", "force", "force_spread", "of_place", "of_press")
-    return replace(errors, **{name: getattr(errors, name)[part] for name in names})
+    return replace(errors, **{name: getattr(errors, name)[part] for name in FIELDS})
 
 
 def scaled(scale: SpreadScale, errors: Errors) -> Errors:
-    """The errors with their spreads times the factors. errors: with features."""
+    """The errors with their spreads times the factors."""
     assert errors.of_place is not None and errors.of_press is not None
     device = scale.center.device
     found = scale(errors.of_place.to(device), errors.of_press.to(device))
@@ -399,13 +346,8 @@ def _layers(features: int) -> nn.Sequential:
     last = nn.Linear(SCALE_WIDTH, 1)
     nn.init.zeros_(last.weight)
     nn.init.zeros_(last.bias)
-    return nn.Sequential(
-        nn.Linear(features, SCALE_WIDTH),
-        nn.SiLU(),
-        nn.Linear(SCALE_WIDTH, SCALE_WIDTH),
-        nn.SiLU(),
-        last,
-    )
+    first, second = nn.Linear(features, SCALE_WIDTH), nn.Linear(SCALE_WIDTH, SCALE_WIDTH)
+    return nn.Sequential(first, nn.SiLU(), second, nn.SiLU(), last)
 
 
 def _cells(difference: torch.Tensor, side: int) -> torch.Tensor:

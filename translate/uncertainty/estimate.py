@@ -3,7 +3,7 @@
 Shape letters: B images, N taxels, F places of the dense counts.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from statistics import NormalDist
 from typing import Any
 
@@ -15,12 +15,6 @@ from t2twin.sim.taxels.reading import expected_reading
 from t2twin.sim.taxels.spec import CountsTable, Imperfections
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.uncertainty.ood import OODClass
-
-# Names of the predictions of an estimate
-VALUES = (
-    "counts", "counts_std", "dense_counts", "dense_counts_std", "force_n", "force_std_n",
-    "shear_n", "shear_std_n", "tactile_images", "tactile_std",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -56,10 +50,8 @@ class Estimate:
         parts = [f"counts {self.counts.shape}"]
         if self.dense_counts is not None:
             parts.append(f"dense_counts {self.dense_counts.shape}")
-        for name, value, std in (
-            ("force", self.force_n, self.force_std_n),
-            ("shear", self.shear_n, self.shear_std_n),
-        ):
+        for name in ("force", "shear"):
+            value, std = getattr(self, f"{name}_n"), getattr(self, f"{name}_std_n")
             if value is not None and std is not None:
                 is_single = self.counts.ndim == 1
                 parts.append(f"{name} {with_std(value, std) if is_single else value.shape} N")
@@ -72,9 +64,7 @@ class Estimate:
         """Lower and upper ends of the central intervals of the counts, clipped to full scale.
 
         level: probability, between 0 and 1. reading: whether of a reading of the array, with its
-        counts at rest and its noise, in place of the noiseless counts. Returns two arrays of the
-        shape of counts. Raises T2TwinError for another level, and for a reading of an array whose
-        noise is unknown.
+        counts at rest and its noise. Raises T2TwinError for a reading of an unknown noise.
         """
         if self.counts_std is None:
             raise T2TwinError("the run predicts no uncertainty; an interval needs a field run")
@@ -95,13 +85,18 @@ class Estimate:
         return replace(self, **{name: getattr(self, name)[0] for name in _arrays(self)})
 
 
+# Names of the predictions of an estimate
+VALUES = tuple(
+    each.name
+    for each in fields(Estimate)
+    if each.name not in ("full_scale_counts", "ood_class", "array")
+)
+
+
 def readings_of(
     estimate: Estimate, flaws: Imperfections, table: CountsTable
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Expected readings of an array and their standard deviations, float32, of an estimate's shape.
-
-    Counts at rest and noise are known properties of an array, which field runs do not predict.
-    """
+    """Expected readings of an array, with its counts at rest, and their standard deviations."""
     mean, noise = expected_reading(flaws, table, estimate.counts)
     std = np.hypot(estimate.counts_std, noise)
     return mean.astype(np.float32), std.astype(np.float32)
@@ -114,10 +109,7 @@ def with_std(value: np.ndarray, std: np.ndarray) -> str:
 
 
 def half_width(level: float) -> float:
-    """Half the width of a Gaussian's central interval, standard deviations.
-
-    Raises T2TwinError unless level lies between 0 and 1.
-    """
+    """Half the width of a Gaussian's central interval, standard deviations."""
     level = arguments.real(level, "level")
     if not 0.0 < level < 1.0:
         raise T2TwinError(f"level is {level:g}; it must lie between 0 and 1")

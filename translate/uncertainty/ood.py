@@ -1,12 +1,8 @@
 """Out-of-distribution detection for images of gel cameras.
 
-A translator returns counts for any image. A run therefore stores statistics of its training images.
-These are the mean and the standard deviation of each cell of a coarse grid, and the largest
-distance of a training image from the mean. A second check compares an image with the background
-frame of its sensor; it also works for datasets with many lights, where the training statistics are
-wide. It has two parts. Along the image's border, where most contacts change little, both have
-nearly the same grey levels. And both contain the fixed pattern of the same camera and gel. A third
-check is of a frame at its own size.
+A run stores statistics of the cells of its training images. A second check compares an image with
+the background frame of its sensor: along the border, where most contacts change little, and by the
+fixed pattern of camera and gel. A third check is of a frame at its own size.
 
 Shape letters: B images, S image side, c channels, K = CELLS * CELLS * c values.
 """
@@ -31,7 +27,6 @@ from t2twin.core.images import (
     is_colored,
     is_noise,
 )
-from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import ImageFile
 
 CELLS = 8  # Cells along each side of an image (assumed: a contact covers a few of them)
@@ -52,10 +47,8 @@ MAX_UNPATTERNED_GREY = 5.0
 # Correlation of the fixed patterns from which they are the same (assumed). Measured: at most 0.034
 # for another unit; at least 0.067 for 21 frames of a real unit; above in 98 % of the frames
 MIN_PATTERN = 0.04
-# Images of twice this side or more are averaged before patterns are compared (assumed)
-PATTERN_PX = 96
-# Largest relative deviation of an image's width over its height (assumed: 5 px of 240)
-ASPECT_TOLERANCE = 0.02
+PATTERN_PX = 96  # Images of twice this side or more are averaged before patterns are compared
+ASPECT_TOLERANCE = 0.02  # Relative, of an image's width over its height (assumed: 5 px of 240)
 # An image is transformed if undoing the transform reduces that difference below this share of it
 # (assumed), or if the fixed patterns are then the same. It is not if they are the same before
 TRANSFORMED_SHARE = 0.5
@@ -98,11 +91,7 @@ INVERSE_TRANSFORMS: dict[OODClass, Callable[[np.ndarray], np.ndarray]] = {
 
 
 class OODDetector(Struct, frozen=True):
-    """Statistics of a run's training images.
-
-    mean, std: (K,), grey levels, of the cells; mean_grey and std_grey in a run's config.json.
-    max_distance: the largest of their `distances`.
-    """
+    """Statistics of a run's training images: (K,) grey levels, and their largest distance."""
 
     mean: np.ndarray = field(name="mean_grey")
     std: np.ndarray = field(name="std_grey")
@@ -111,38 +100,26 @@ class OODDetector(Struct, frozen=True):
     def check(self, channels: int) -> None:
         """Raises ValueError for statistics that are not those of images with these channels."""
         values = CELLS * CELLS * channels
-        if not self.mean.size == self.std.size == values:
-            raise ValueError(f"ood_detector must have {values} values in mean_grey and in std_grey")
-        grey = np.concatenate([self.mean, self.std])
-        if grey.min() < 0 or self.std.min() == 0 or grey.max() > WHITE_GREY:
+        if not self.mean.size == self.std.size == values or self.std.min() <= 0:
             raise ValueError(
-                f"ood_detector: mean_grey must be from 0 to {WHITE_GREY:g}, and std_grey above 0"
+                f"ood_detector must have {values} values in mean_grey, and as many above 0 in "
+                "std_grey"
             )
 
     def distances(self, pixels: np.ndarray) -> np.ndarray:
-        """(B,) root mean square over the cells of their standardized differences from the mean.
-
-        pixels: (B, S, S, c) uint8.
-        """
+        """(B,) root mean squares of the cells' standardized differences from the mean."""
         return _distances(_cell_means(pixels), self.mean, self.std)
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
-        """(B,) classes of images, (B, S, S, c) uint8.
-
-        An image is in a class of INVERSE_TRANSFORMS if undoing that transform makes it
-        in-distribution; if several do, the one with the smallest distance.
-        """
+        """(B,) classes; of several transforms, that with the least distance."""
         limit, classes = MAX_DISTANCE_RATIO * self.max_distance, []
         colored = is_colored(self.mean.reshape(CELLS**2, -1))
         for image, distance in zip(pixels[:, None], self.distances(pixels), strict=True):
             found = OODClass(fault_of(image[0], colored) or OODClass.IN_DISTRIBUTION)
             if found == OODClass.IN_DISTRIBUTION and distance > limit:
-                distances = {
-                    kind: self.distances(undo(image))[0]
-                    for kind, undo in INVERSE_TRANSFORMS.items()
-                }
-                nearest = min(distances, key=lambda kind: distances[kind])
-                found = nearest if distances[nearest] <= limit else OODClass.OTHER
+                undone = ((self.distances(f(image))[0], k) for k, f in INVERSE_TRANSFORMS.items())
+                least, kind = min(undone, key=lambda each: each[0])
+                found = kind if least <= limit else OODClass.OTHER
             classes.append(found)
         return classes
 
@@ -150,10 +127,9 @@ class OODDetector(Struct, frozen=True):
 def classify_frame(
     frame: np.ndarray, aspect: float, background: np.ndarray | None = None
 ) -> OODClass:
-    """NOISE, OTHER_ASPECT or IN_DISTRIBUTION, for a frame at its own size.
+    """NOISE, OTHER_ASPECT or IN_DISTRIBUTION, for a frame at its own size, uint8.
 
-    frame: (h, w, c) or (h, w) uint8. aspect: width over height of the sensor's images. background:
-    its background frame; only its aspect is checked.
+    aspect: width over height of the sensor's images. Of the background frame only that is checked.
     """
     if is_noise(frame):
         return OODClass.NOISE
@@ -164,10 +140,7 @@ def classify_frame(
 
 
 def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) -> str | None:
-    """The warning for images that are out of distribution; None if there are none.
-
-    run: its name. names: of the images, for an example.
-    """
+    """The warning for images that are out of distribution; None if there are none."""
     found = [n for n, each in enumerate(classes) if each != OODClass.IN_DISTRIBUTION]
     if not found:
         return None
@@ -191,32 +164,28 @@ def combined(frame: OODClass, pixels: OODClass) -> OODClass:
 
 
 def compare_with_background(pixels: np.ndarray, frames: np.ndarray) -> list[OODClass]:
-    """(B,) classes of images by their difference from their own background frames.
-
-    pixels, frames: (B, S, S, c) uint8.
-    """
+    """(B,) classes of images by their difference from their own background frames."""
     return [_compare(*each) for each in zip(pixels[:, None], frames[:, None], strict=True)]
 
 
 def _compare(image: np.ndarray, frame: np.ndarray) -> OODClass:
     """image, frame: (1, S, S, c)."""
-    cells, pattern = _cells_and_pattern(image)
-    frame_cells, frame_pattern = _of_background(frame.tobytes(), frame.shape)
+    (cells, pattern), (of_frame, fixed) = (
+        _cells_and_pattern(image),
+        _of_background(frame.tobytes(), frame.shape),
+    )
     undone = [undo(cells) for undo in INVERSE_TRANSFORMS.values()]
-    difference, *others = _border_differences(np.concatenate([cells, *undone]), frame_cells)
+    difference, *others = _border_differences(np.concatenate([cells, *undone]), of_frame)
     differences = dict(zip(INVERSE_TRANSFORMS, others, strict=True))
-    has_pattern = _correlation(pattern, frame_pattern) >= MIN_PATTERN
+    has_pattern = _correlation(pattern, fixed) >= MIN_PATTERN
     if has_pattern:  # that of a grey gel is the same with blue before red
         differences = {OODClass.BLUE_FIRST: differences[OODClass.BLUE_FIRST]}
     else:
-        correlations = {
-            name: _correlation(undo(pattern), frame_pattern)
-            for name, undo in INVERSE_TRANSFORMS.items()
-        }
-        nearest = max(correlations, key=lambda name: correlations[name])
-        if correlations[nearest] >= MIN_PATTERN:
+        alike = {k: _correlation(undo(pattern), fixed) for k, undo in INVERSE_TRANSFORMS.items()}
+        nearest = max(alike, key=lambda kind: alike[kind])
+        if alike[nearest] >= MIN_PATTERN:
             return nearest
-    nearest = min(differences, key=lambda name: differences[name])
+    nearest = min(differences, key=lambda kind: differences[kind])
     if differences[nearest] < TRANSFORMED_SHARE * difference:
         return nearest
     limit = MAX_BORDER_GREY if has_pattern else MAX_UNPATTERNED_GREY
@@ -235,13 +204,12 @@ def fit_ood_detector(images: ImageFile | np.ndarray) -> OODDetector | None:
 
 
 def _distances(cells: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """(B,), see OODDetector.distances. cells: (B, K)."""
+    """(B,), see OODDetector.distances."""
     return np.sqrt(np.square((cells - mean) / std).mean(axis=1))
 
 
 def _border_differences(cells: np.ndarray, frame: np.ndarray) -> list[float]:
-    """Quantiles BORDER_SHARE of the root mean square differences, over the colors, of the cells
-    along the border. cells: (B, CELLS, CELLS, c) grey levels. frame: (1, CELLS, CELLS, c)."""
+    """(B,) quantiles BORDER_SHARE of the differences of the cells along the border."""
     difference = np.sqrt(np.square(cells - frame).mean(axis=-1))
     lines = [difference[:, [0, -1]], difference[:, 1:-1, [0, -1]]]
     border = np.concatenate([each.reshape(len(cells), -1) for each in lines], axis=1)
@@ -249,23 +217,19 @@ def _border_differences(cells: np.ndarray, frame: np.ndarray) -> list[float]:
 
 
 def _pattern(image: np.ndarray) -> np.ndarray:
-    """(1, s, s, c) float32: differences from the four neighbors, limited to three standard
-    deviations, which the edges of a contact exceed. image: (1, S, S, c)."""
+    """(1, s, s, c): differences from four neighbors, limited, as the edges of a contact exceed."""
     step = max(1, image.shape[1] // PATTERN_PX)
     side = image.shape[1] // step
     blocks = image[:, : side * step, : side * step].astype(np.float32)
     grey = blocks.reshape(1, side, step, side, step, -1).mean(axis=(2, 4))
-    inner = slice(1, -1)
-    pattern = 4.0 * grey[:, inner, inner]
-    for rows, columns in ((slice(2, None), inner), (slice(-2), inner), (inner, slice(2, None)),
-                          (inner, slice(-2))):  # fmt: skip
-        pattern -= grey[:, rows, columns]
+    pattern = 4.0 * grey[:, 1:-1, 1:-1] - grey[:, 2:, 1:-1] - grey[:, :-2, 1:-1]
+    pattern = pattern - grey[:, 1:-1, 2:] - grey[:, 1:-1, :-2]
     limit = 3.0 * 1.48 * np.median(np.abs(pattern), axis=(0, 1, 2))  # 1.48: of a Gaussian
     return np.clip(pattern, -limit, limit)
 
 
 def _cells_and_pattern(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(1, CELLS, CELLS, c) means of an image, (1, S, S, c) uint8, and its `_pattern`."""
+    """(1, CELLS, CELLS, c) means of an image, and its `_pattern`."""
     return _cell_means(image).reshape(1, CELLS, CELLS, -1), _pattern(image)
 
 
