@@ -41,8 +41,7 @@ def test_an_epoch_is_all_of_the_data_or_a_twelfth_of_the_steps(
 
 
 def test_short_epochs_go_through_all_pairs_before_any_comes_again(data_dir: Path) -> None:
-    """Three steps of four an epoch: four epochs are three passes, each in the order of its number;
-    and an epoch as long as the data is the pass of its own number, as it was before."""
+    """Three steps of four an epoch: four epochs are three passes in the order of their numbers."""
     preset, info = PRESETS["resnet18"]["smoke"], load_info(data_dir)
     pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
     config = RunConfig("resnet18", preset, 5, info, None, None, 1, False, 1)

@@ -1,5 +1,4 @@
-"""The translator that tells the dense counts: trained on a small recipe, read at any layout,
-calibrated."""
+"""The field translator: trained on a small recipe, read at any layout, calibrated."""
 
 import json
 import shutil
@@ -247,8 +246,7 @@ def test_intervals_hold_as_much_among_small_spreads_as_among_large() -> None:
 
 
 def test_intervals_hold_in_each_of_two_recipes() -> None:
-    """The presses of one are missed by half as much more than those of the other, whose spreads are
-    smaller as a whole; place by place they overlap."""
+    """The spreads of one are smaller as a whole; place by place they overlap."""
     generator = torch.Generator().manual_seed(0)
     recipes = []
     for middle, factor in ((0.007, 0.8), (0.014, 1.2)):
@@ -344,8 +342,7 @@ def test_drawn_fields_spread_as_is_said(run: TrainedTranslator, frame: np.ndarra
 
 
 def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: TrainedTranslator) -> None:
-    """Fully correlated errors of one size give the sum of the weights times it; independent ones
-    the root of the sum of squares."""
+    """Correlated errors give the sum of the weights, independent ones the root of squares."""
     translator = translator_of(run)
     dense = load_layout("cyskin-63")
     network = cast(FieldNet, translator.predictor)
@@ -484,9 +481,7 @@ def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) ->
     dense = load_layout("cyskin-63")
     run = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm).in_float32()
     assert export_onnx(run, tmp_path / "field.onnx") < 1.0
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 3
-    session = onnxruntime.InferenceSession(tmp_path / "field.onnx", options)
+    session = onnxruntime.InferenceSession(tmp_path / "field.onnx")
     pixels = run.pixels_of([frame, frame[::-1]])
     images = pixels.astype(np.float32).transpose(0, 3, 1, 2) / 255.0
     names = [output.name for output in session.get_outputs()]

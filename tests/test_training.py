@@ -69,8 +69,7 @@ def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
 def test_stopped_and_resumed_is_as_undisturbed(
     data_dir: Path, tmp_path: Path, model: Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Killed in its second epoch's validation, it goes on from the last state within this epoch and
-    ends with the same weights and the same log."""
+    """Killed in its second epoch's validation, it goes on from the last state within this epoch."""
     preset = replace(
         PRESETS[model]["smoke"], noise=0.05, brightness=0.05, contrast=0.1, weight_decay=0.05,
         averaged_part=0.25,

@@ -131,10 +131,9 @@ def _kept(
     if not arguments.flag(contact_alone, "contact_alone"):
         return {}
     if model != "field" or run is None:
-        given = "no run to start from" if run is None else f"the model {model}"
         raise T2TwinError(
-            f"the contact alone is trained on the layers of a field run; got {given}, expected "
-            "field with --init-from"
+            "the contact alone is trained on the layers of a field run; expected the model field, "
+            "with --init-from"
         )
     if not info.has_contact:
         raise T2TwinError(
@@ -346,10 +345,11 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
     translator = build(config)
     with locked(run_dir):
         load_weights(run_dir / BEST, translator.predictor)
-        sets = [
-            _load(each, "val", config, usable_cache(each, run_dir), not _is_image_first(each))
-            for each in folders
-        ]
+        sets = []
+        for folder in folders:
+            reverse = read_info(folder).source.value != IMAGE
+            cache = usable_cache(folder, run_dir)
+            sets.append(_load(folder, "val", config, cache, reverse))
         number, rng = min(map(len, sets)), np.random.default_rng(0)
         samples = [
             pairs.subset(np.sort(rng.choice(len(pairs), number, replace=False))) for pairs in sets
@@ -359,10 +359,6 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
         complete(run_dir, own[0])
         write_card(run_dir, own[0])
     return sum(map(len, samples))
-
-
-def _is_image_first(data_dir: Path) -> bool:
-    return read_info(data_dir).source.value == IMAGE
 
 
 if __name__ == "__main__":  # for torchrun, which starts a module
