@@ -141,7 +141,7 @@ def test_card_of_pairs_brought_in_gives_no_license_away(data_dir: Path, tmp_path
 
 def test_card_needs_an_epoch(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text((run_dir / "config.json").read_text())
-    with pytest.raises(T2TwinError, match="its first epoch is not finished"):
+    with pytest.raises(T2TwinError, match="the first is not finished"):
         write_card(tmp_path, data_dir)
 
 

@@ -125,7 +125,7 @@ def test_ranges_are_read_from_plain_values_and_held_to_their_bounds():
     draw = convert({"gamma": [1.0, 1.5], "specks": [0, 2]}, UnitRanges, "recipe.toml")
     assert draw == UnitRanges(gamma=(1.0, 1.5), specks=(0, 2))
     assert convert(msgspec.to_builtins(draw), UnitRanges, "recipe.toml") == draw
-    with pytest.raises(T2TwinError, match=r"recipe.toml: gamma.* must be .*at most 4"):
+    with pytest.raises(T2TwinError, match=r"recipe.toml: .*<= 4.*gamma"):
         convert({"gamma": [1.0, 9.0]}, UnitRanges, "recipe.toml")
     with pytest.raises(T2TwinError, match=r"gamma: Expected `float` <= 4"):
         UnitRanges(gamma=(1.0, 9.0))
