@@ -9,7 +9,6 @@ Exits with 1 if a benchmark fails or misses a limit, and if results are stale.
 """
 
 import argparse
-import os
 import subprocess
 import sys
 
@@ -31,12 +30,8 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     try:
         failure = _run(options)
-        sys.stdout.flush()
     except T2TwinError as error:
         sys.exit(str(error))
-    except BrokenPipeError:  # the reader, such as `head`, has ended
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return
     if failure:
         sys.exit(failure)
 

@@ -76,14 +76,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "gain_counts": full_scale / float(np.percentile(signals, PERCENTILE)),
         "gain_counts_in_use": counts.gain,
         "saturated_share_in_use": float(saturated),
-        "largest_pad_pressure_kpa": {
-            name: float(1e3 * np.percentile(pressures, percentile))
-            for name, percentile in (
-                ("percentile_5", 5), ("median", 50), ("percentile_95", 95),
-                ("percentile_99_5", PERCENTILE),
-            )
-        },
-    }  # fmt: skip
+    }
 
 
 if __name__ == "__main__":
