@@ -381,7 +381,8 @@ def places() -> Iterator[Case]:
     seeded = f"{WRITERS['simdata']} taken --seed 5"
     yield Case("simdata to another", seeded, laid({"taken": Copy("data")}), "another seed")
     export = WRITERS["export"]
-    yield Case("export to a folder", f"{export} taken", laid({"taken/x": "mine"}), "cannot be written")
+    taken = laid({"taken/x": "mine"})
+    yield Case("export to a folder", f"{export} taken", taken, "cannot be written")
     yield Case("export to a file", f"{export} file", laid(INPUTS), "already exists")
     for words in ("new/folders/x.onnx", "ü🖐.onnx", "file --force"):
         yield Case(words, f"{export} {words}", laid(INPUTS), fine=True)
