@@ -14,7 +14,6 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.friction import Friction
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.tables import read_rows
@@ -114,13 +113,13 @@ def touches_along(
     sensors: SensorPair,
     shape: Shape,
     commands: Sequence[PressCommand],
-    friction: float | Friction | None,
+    friction: float | None,
     rng: np.random.Generator | None,
     only: str | None = None,
 ) -> Iterator[Touch]:
     """The touches of a path, one for each command.
 
-    friction: or its coefficient. rng, only: as for `SensorPair.press`.
+    rng, only: as for `SensorPair.press`.
     Raises T2TwinError as `solve_contact` does, before the first slide if a row leaves a pad.
     """
     touch, is_checked = None, False
@@ -142,7 +141,7 @@ def slide_to(
     sensors: SensorPair,
     touch: Touch,
     command: PressCommand,
-    friction: float | Friction | dict[str, float] | None,
+    friction: float | dict[str, float] | None,
 ) -> Touch:
     """Slide the shape of a touch to another pose and force; without images and counts.
 

@@ -12,7 +12,7 @@ from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.friction import Friction, check_friction
+from t2twin.sim.contact.friction import check_friction
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.optical.image_renderer import Renderer
 from t2twin.sim.optical.markers import Markers
@@ -126,7 +126,7 @@ class Twin:
         dyaw_deg: float = 0.0,
         steps: int = 10,
         force_n: float | None = None,
-        friction: float | Friction | None = None,
+        friction: float | None = None,
         seed: int | None = None,
     ) -> list[Touch]:
         """Slide and turn the shape of a touch, with friction; each touch continues the one before.
@@ -167,7 +167,7 @@ class Twin:
         shape: str | Path | Shape,
         path: Sequence[Sequence[float]] | np.ndarray,
         *,
-        friction: float | Friction | None = None,
+        friction: float | None = None,
         tilt_x_deg: float = 0.0,
         tilt_y_deg: float = 0.0,
         seed: int | None = None,

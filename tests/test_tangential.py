@@ -21,7 +21,7 @@ from t2twin.sim.contact.closed_forms import shear_kernels, spectra
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.displacements import MAX_SHORTENING, unfolded
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.friction import Friction, solve_traction
+from t2twin.sim.contact.friction import solve_traction
 from t2twin.sim.contact.layer import DomedLayer, cached_shear_layer, domed_layer
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
@@ -259,7 +259,7 @@ def test_friction_does_not_increase_beyond_full_contact():
     for elastomer, most in ((COVER, 4.0), (replace(COVER, law="linear"), 8.0)):
         layer = domed_layer(elastomer, x, y, np.ones((20, 20)))
         expected = 0.7 * COVER.young_mpa * np.array([[0.5, 4.0, most]])
-        limit = Friction(0.7).limit_mpa(pressures, layer.max_mpa)
+        limit = layer.limit_mpa(0.7, pressures)
         assert limit == pytest.approx(expected)
 
 

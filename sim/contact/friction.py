@@ -17,8 +17,6 @@ length, mm. With u the displacement of a cell by a rigid motion, wrench . motion
 q . u.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, sqrt
 from typing import NamedTuple
@@ -51,39 +49,9 @@ RIDGE, LESS_RIDGE, MIN_RIDGE = 1e-4, 0.1, 1e-14
 ROUNDING = 1e-12  # relative increase of the potential that is due to rounding
 
 
-@dataclass(frozen=True)
-class Friction:
-    """Dry friction between a shape and a layer.
-
-    coefficient: of stick and slip at every speed, of the whole contact or of each cell, (ny, nx).
-    """
-
-    coefficient: float | np.ndarray
-
-    @classmethod
-    def of(cls, friction: "float | Friction") -> "Friction":
-        """The friction of a coefficient. Raises T2TwinError for a value out of range."""
-        if isinstance(friction, Friction):
-            return friction
-        return cls(arguments.number(friction, "friction", 0.0, MAX_FRICTION))
-
-    @classmethod
-    def of_cells(cls, frictions: "Sequence[Friction]", owner: np.ndarray) -> "Friction":
-        """That of each cell, from those of the bodies and the index of each cell's body."""
-        return cls(np.array([each.coefficient for each in frictions])[owner])
-
-    def limit_mpa(self, pressure_mpa: np.ndarray, max_mpa: float = np.inf) -> np.ndarray:
-        """The largest traction under a pressure, which counts up to max_mpa; (rows, columns)."""
-        return self.coefficient * np.minimum(pressure_mpa, max_mpa)
-
-    def limit_n(self, force_n: float | np.ndarray) -> float | np.ndarray:
-        """The largest tangential force under a normal force, N."""
-        return self.coefficient * force_n
-
-
-def check_friction(friction: float | Friction | None) -> Friction | None:
-    """As Friction.of; None for None."""
-    return None if friction is None else Friction.of(friction)
+def check_friction(friction: float | None) -> float | None:
+    """A coefficient of friction, None for None. Raises T2TwinError for a value out of range."""
+    return None if friction is None else arguments.number(friction, "friction", 0.0, MAX_FRICTION)
 
 
 @lru_cache(maxsize=256)

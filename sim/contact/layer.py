@@ -321,6 +321,10 @@ class DomedLayer:
     excess_mm: np.ndarray
     max_mpa: float = np.inf
 
+    def limit_mpa(self, friction: float | np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray:
+        """The largest traction under a pressure, (rows, columns); friction: also of each cell."""
+        return friction * np.minimum(pressure_mpa, self.max_mpa)
+
     def window(self, window: Window) -> "DomedLayer":
         """The same layer on a part of the grid."""
         return replace(self, excess_mm=self.excess_mm[window])

@@ -20,7 +20,6 @@ from t2twin.sim.contact.friction import (
     PREDICTION_TOLERANCE,
     TOLERANCE,
     Bodies,
-    Friction,
     balance,
     solve_traction,
 )
@@ -56,7 +55,7 @@ class Load:
     shear_n: tuple[float, float]
     torque_nmm: float
     motion: tuple[float, float, float] | None
-    friction: Friction
+    friction: float
 
     def __post_init__(self) -> None:
         arguments.number(self.force_n, "force_n")
@@ -111,7 +110,7 @@ def carry(
     start = replace(start, friction=frictions[0])
     found = step_contact(near, start, bodies, _drive(loads), prescribed=True)
     if len(loads) > 1 and found.motion is not None:
-        friction = Friction.of_cells(frictions, owner_of(found, names))
+        friction = np.array(frictions)[owner_of(found, names)]
         found = replace(found, motion=replace(found.motion, friction=friction))
     return _with_all_shapes(found, shapes)
 
@@ -189,8 +188,8 @@ def _drive(loads: Sequence[Load]) -> Drive:
             is_first, predicts = predicts, False
             if is_first:  # a prediction, from the pressure of the contact before
                 pressure = _rescaled(loads, pressure, owner, contact.pitch_mm)
-            friction = Friction.of_cells([load.friction for load in loads], owner)
-            limit = friction.limit_mpa(pressure, layer.max_mpa)
+            friction = np.array([load.friction for load in loads])[owner]
+            limit = layer.limit_mpa(friction, pressure)
             traction, follows = np.zeros_like(guess), lateral_mm.copy()
             if not limit.any():
                 return traction, follows, True

@@ -25,7 +25,6 @@ from t2twin.sim.contact.displacements import is_small, means, moved, unfolded
 from t2twin.sim.contact.friction import (
     PREDICTION_TOLERANCE,
     TOLERANCE,
-    Friction,
     solve_traction,
 )
 from t2twin.sim.contact.grid import Window, dilated, window_around, window_shape
@@ -75,14 +74,14 @@ def advance(
     dy_mm: float,
     dyaw_rad: float,
     force_n: float,
-    friction: float | Friction,
+    friction: float,
 ) -> Contact:
     """The contact after a small motion of the shape, with a force.
 
-    dx_mm, dy_mm: motion of the shape's origin. dyaw_rad: rotation about it. friction: or its
-    coefficient. The given contact does not change. Raises T2TwinError as solve_contact does.
+    dx_mm, dy_mm: motion of the shape's origin. dyaw_rad: rotation about it.
+    The given contact does not change. Raises T2TwinError as solve_contact does.
     """
-    command, step, dry = contact.command, (dx_mm, dy_mm, dyaw_rad), Friction.of(friction)
+    command, step, friction = contact.command, (dx_mm, dy_mm, dyaw_rad), float(friction)
     moved = replace(
         command,
         x_mm=command.x_mm + dx_mm,
@@ -101,7 +100,7 @@ def advance(
             normal: Contact, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray, bool]:
             nonlocal tolerance
-            limit = dry.limit_mpa(1e-3 * normal.pressure_kpa[window], layer.max_mpa)
+            limit = layer.limit_mpa(friction, 1e-3 * normal.pressure_kpa[window])
             traction, wanted = np.zeros_like(guess), follows - spread - dome
             if not limit.any():  # without friction
                 return traction, follows, True
@@ -116,7 +115,7 @@ def advance(
 
         return follows, solve
 
-    start = replace(contact.motion or still_motion(contact, dry), friction=dry)
+    start = replace(contact.motion or still_motion(contact, friction), friction=friction)
     found = step_contact(contact, start, [(contact.shape, moved)], drive)
     return replace(found, settled=contact.settled and found.settled)
 
@@ -334,7 +333,7 @@ def _response(
     return spread, parts
 
 
-def still_motion(contact: Contact, friction: Friction) -> Motion:
+def still_motion(contact: Contact, friction: float) -> Motion:
     """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
     return Motion(friction, np.zeros((2, *shape)), np.zeros(shape))

@@ -17,7 +17,7 @@ from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG, quaternion_of, tilted
 from t2twin.sim.contact.displacements import unfolded
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.friction import AT_LIMIT, Friction
+from t2twin.sim.contact.friction import AT_LIMIT
 from t2twin.sim.contact.grid import Window
 from t2twin.sim.contact.layer import DomedLayer, domed_layer
 
@@ -133,17 +133,16 @@ class PinState:
 class Motion:
     """What sliding and turning have done to a contact, on its grid.
 
-    friction: of the step. shear_mpa: (2, ny, nx) traction on the sensor along x and y. slip_mm:
-    (ny, nx) length of the shape's path over the surface so far.
+    friction: coefficient in the step, or of each cell, (ny, nx). shear_mpa: (2, ny, nx) traction on
+    the sensor along x and y. slip_mm: (ny, nx) length of the shape's path over the surface so far.
     The others are the response to the contact's pressure and traction in a window of the grid, from
-    which the next step starts; None before the first step. middle_mm: thickness of the layer that
-    responds, see DomedLayer. spread_mm: (2, rows, columns) displacement by the pressure. parts_mm:
-    (2, 3, rows, columns) by the traction, see DomedLayer.parts_mm. travel_mm: (2, rows, columns)
-    motion of the shape along the surface in the step, None where the forces were prescribed.
+    which the next step starts; None before the first step. middle_mm: see DomedLayer. spread_mm:
+    (2, rows, columns) displacement by the pressure. parts_mm: (2, 3, rows, columns) by the
+    traction. travel_mm: (2, rows, columns) motion of the shape, None where forces were prescribed.
     error_mm: (3, rows, columns) displacement by shear, less that predicted for the step.
     """
 
-    friction: Friction
+    friction: float | np.ndarray
     shear_mpa: np.ndarray
     slip_mm: np.ndarray
     window: Window | None = None
@@ -303,7 +302,7 @@ class Contact:
         if self.motion is None:
             return np.zeros(self.pressure_kpa.shape, bool)
         pressure_mpa = 1e-3 * self.pressure_kpa
-        limit = self.motion.friction.limit_mpa(pressure_mpa, self.shear_layer.max_mpa)
+        limit = self.shear_layer.limit_mpa(self.motion.friction, pressure_mpa)
         sizes = np.hypot(*self.motion.shear_mpa)
         return (self.pressure_kpa > 0) & (sizes >= (1 - AT_LIMIT) * limit)
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.friction import Friction
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import Survey
 from t2twin.sim.contact.sliding import advance
@@ -158,12 +157,12 @@ class SensorPair:
         self,
         touch: Touch,
         command: PressCommand,
-        friction: float | Friction | dict[str, float] | None,
+        friction: float | dict[str, float] | None,
     ) -> Touch:
         """Move the shape of a touch by a small step, with friction; without images and counts.
 
-        command: the new pose and force. friction: or its coefficient, of both sensors, or by their
-        names; None is each one's own. Raises T2TwinError as solve_contact does.
+        command: the new pose and force. friction: of both sensors, or by their names; None is each
+        one's own. Raises T2TwinError as solve_contact does.
         """
         before = touch.command
         dx_mm, dy_mm = command.x_mm - before.x_mm, command.y_mm - before.y_mm

@@ -11,7 +11,6 @@ from t2twin.attachment.geometry import covers_square
 from t2twin.primitives_cad.height_map import PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import MAX_FRICTION, Elastomer
-from t2twin.sim.contact.friction import Friction
 from t2twin.sim.contact.pin_layout import SURVEY_MM, OffPadError
 from t2twin.sim.contact.prescribed import Load, carry, owner_of
 from t2twin.sim.contact.types import FORCE_RANGE_N, SMALL, UNSETTLED, Contact
@@ -92,7 +91,7 @@ def _load(body: Body, shape: Shape, limit: float) -> Load:
         shear_n=(along_x, along_y),
         torque_nmm=limit * float(body.torque_nmm[2]),
         motion=body.motion,
-        friction=Friction(min(body.friction, MAX_FRICTION)),
+        friction=min(body.friction, MAX_FRICTION),
     )
 
 

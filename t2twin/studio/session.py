@@ -241,7 +241,7 @@ def _tangential(touch: Touch) -> dict[str, tuple[float, float, float]]:
         sensor: (
             float(np.hypot(*contact.shear_n)),
             contact.torque_nmm,
-            0.0 if motion is None else float(motion.friction.limit_n(contact.force_n)),
+            0.0 if motion is None else float(motion.friction * contact.force_n),
         )
         for sensor, contact in touch.contacts.items()
         for motion in [contact.motion]
