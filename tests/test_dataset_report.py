@@ -9,7 +9,7 @@ from pages import read_page
 
 from t2twin.cli import main
 from t2twin.report import dataset_report
-from t2twin.report.data import MIN_CONTACT_SHARE, read_dataset
+from t2twin.report.dataset_report import MIN_CONTACT_SHARE, read_dataset
 from t2twin.report.page import PAGE
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sensors.pair import SensorPair

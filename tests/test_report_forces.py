@@ -10,8 +10,7 @@ import pytest
 from pages import draw_only, read_page
 from spots import write_spots
 
-from t2twin.report.data import read_dataset
-from t2twin.report.dataset_report import write_data_report
+from t2twin.report.dataset_report import read_dataset, write_data_report
 from t2twin.report.run_report import write_report
 from t2twin.sim.dataset.store import read_info, sha256_of, write_info
 from t2twin.translate.evaluation import baselines

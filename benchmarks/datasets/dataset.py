@@ -29,7 +29,7 @@ from t2twin.sim.sensors.defaults import ROLES
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Page
 
-    from t2twin.report.data import Dataset
+    from t2twin.report.dataset_report import Dataset
 
 BENCHMARK = Benchmark(
     module="benchmarks.datasets.dataset",
@@ -62,7 +62,7 @@ SENSORS = {"digit": "source", "cyskin": "target"}
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.report.data import read_dataset
+    from t2twin.report.dataset_report import read_dataset
 
     dataset = read_dataset(options.folder)
     if not options.keep_nothing:

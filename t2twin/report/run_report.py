@@ -20,9 +20,8 @@ from t2twin.core.draw import COLORS, Panel, figure, panels_image, tactile_panel
 from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import cores, processor
 from t2twin.core.tables import Table
-from t2twin.primitives_cad import catalogue
 from t2twin.report import dataset_report
-from t2twin.report.data import Dataset, read_dataset
+from t2twin.report.dataset_report import Dataset, read_dataset
 from t2twin.report.page import (
     BASELINE_COLORS,
     SPLIT_COLORS,
@@ -359,15 +358,11 @@ def by_shape(report: ReportData) -> dict[str, Any]:
 
 
 def _grouped(evaluation: Evaluation) -> tuple[list[str], dict[str, list[float]]]:
-    """Shapes in the order of the catalogue, or the families with the most pairs; RMSE by model."""
-    row = evaluation.models[MEAN_ARRAY]
-    if 0 < len(row.by_shape) <= MAX_SHAPES:
-        order = {name: place for place, name in enumerate(catalogue.NAMES)}
-        names = sorted(row.by_shape, key=lambda name: order.get(name, len(order)))
-        groups = {model: one.by_shape for model, one in evaluation.models.items()}
-    else:
-        names = sorted(row.by_family, key=lambda name: -row.by_family[name].pairs)[:MAX_SHAPES]
-        groups = {model: one.by_family for model, one in evaluation.models.items()}
+    """Shapes, or the families with the most pairs; RMSE by model."""
+    few = 0 < len(evaluation.models[MEAN_ARRAY].by_shape) <= MAX_SHAPES
+    groups = {n: one.by_shape if few else one.by_family for n, one in evaluation.models.items()}
+    pairs = {name: figures.pairs for name, figures in groups[MEAN_ARRAY].items()}
+    names = [*pairs] if few else sorted(pairs, key=lambda name: -pairs[name])[:MAX_SHAPES]
     return names, {model: [one[name].counts for name in names] for model, one in groups.items()}
 
 
