@@ -41,8 +41,7 @@ def read(page: Path) -> Reader:
 def test_page_holds_every_section_in_order(page: Path, read: Reader) -> None:
     assert page.name == PAGE
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
-    # There is one force, and no run with uncertainty.
-    drawn = [name for name in SECTIONS if name not in ("by-force", "uncertainty")]
+    drawn = [name for name in SECTIONS if name != "uncertainty"]  # no run has it
     assert sections == drawn
     anchors = [attrs["href"] for tag, attrs in read.tags if tag == "a"]
     assert anchors == [f"#{name}" for name in drawn[2:]]

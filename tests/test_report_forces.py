@@ -58,12 +58,12 @@ def test_a_pairs_image_is_its_own_wherever_its_shape_lies(data_dir: Path) -> Non
 def test_the_page_of_runs_draws_the_error_by_force(
     runs: list[Path], data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    draw_only(monkeypatch, "summary", "about", "results", "by-force", "limits")
+    draw_only(monkeypatch, "summary", "about", "results", "limits")
     monkeypatch.setattr(baselines, "MIN_PRESSES", 18)
     page = write_report(tmp_path / "report", data_dir, runs)
     reader, text = read_page(page)
     sections = [attrs["id"] for tag, attrs in reader.tags if tag == "section"]
-    assert sections[2:5] == ["results", "by-force", "limits"]
+    assert sections[2:] == ["results", "limits"]
     evaluation = read_evaluation(page.parent / "evaluate-val")
     ours = evaluation.models["resnet18"].by_force
     assert f"{ours[3].rmse_counts:,.0f} ({100 * (ours[3].of_mean_array or 0):.0f} %)" in text

@@ -21,7 +21,7 @@ ROWS, COLUMNS = 24, 48
 FULL_SCALE = 1000
 LAYOUT_CSV = "x_mm,y_mm\n0,0\n8,0\n0,8\n8,8\n4,4\n"
 NAMES = ("$\\foo_{$", "<script>alert(1)</script>", "x" * 200, "two\nlines\x07")
-NOT_DRAWN = {"forces", "by-force", "uncertainty"}
+NOT_DRAWN = {"forces", "uncertainty"}
 """Imported pairs have no forces here, and these runs predict no uncertainty."""
 
 

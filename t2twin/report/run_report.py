@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -46,9 +47,7 @@ from t2twin.translate.evaluation.metrics import REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, read_evaluation
 from t2twin.translate.evaluation.table import (
     counts_form,
-    figures_tables,
-    force_tables,
-    outputs_table,
+    results_tables,
     training_data,
 )
 from t2twin.translate.inference.load import load_run
@@ -217,30 +216,16 @@ def _run(report: ReportData, name: str) -> dict[str, str]:
 
 
 def results(report: ReportData) -> dict[str, Any]:
-    """Tables of the figures of each split."""
-    each = report.evaluations.values()
-    tables = [table for one in each for table in figures_tables(one, name_of)]
-    return {"first": next(iter(each)), "tables": tables}
-
-
-def by_force(report: ReportData) -> dict[str, Any] | None:
-    """Tables of the splits with several forces; None without one."""
-    tables = force_tables(report.evaluations, name_of)
-    return {"tables": tables} if tables else None
+    """The tables of the evaluation."""
+    first = next(iter(report.evaluations.values()))
+    return {"first": first, "tables": results_tables(report.evaluations, name_of)}
 
 
 def uncertainty(report: ReportData) -> dict[str, Any] | None:
-    """Reliability diagram, risk-coverage curve, and metrics of further outputs.
-
-    None if no run predicts uncertainty.
-    """
-    tables = outputs_table(report.evaluations, name_of)
-    if not tables:
+    """Reliability diagram and risk-coverage curve; None if no run predicts uncertainty."""
+    if not any(run.has_uncertainty for run in report.runs.values()):
         return None
-    return {
-        "chart": figure("svg", WIDTH_IN, HEIGHT_IN, partial(_coverage, report)),
-        "tables": tables,
-    }
+    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, partial(_coverage, report))}
 
 
 def _coverage(report: ReportData, page: Figure) -> None:
@@ -373,11 +358,10 @@ def _shape_bars(
     rows: Mapping[str, Sequence[float]],
     high: float,
 ) -> None:
-    axes, colors = page.subplots(), report.colors
-    places, height = np.arange(len(names)), 0.8 / len(report.runs)
-    for i, run in enumerate(report.runs):
-        at = places + (i - (len(report.runs) - 1) / 2) * height
-        axes.barh(at, rows[run], height, color=colors[run], label=name_of(run))
+    axes, colors, table = page.subplots(), report.colors, pd.DataFrame(rows, index=list(names))
+    bars = table[list(report.runs)].rename(columns=name_of)
+    bars.plot.barh(ax=axes, width=0.8, color=[colors[run] for run in report.runs], legend=False)
+    places = np.arange(len(names))
     for baseline, style in MARKS.items():
         axes.plot(
             rows[baseline], places, color=colors[baseline], label=name_of(baseline),
@@ -403,7 +387,6 @@ SECTIONS: dict[str, tuple[str, Callable[[ReportData], Mapping[str, Any] | None]]
     "summary": ("", lambda _: {}),
     "about": ("", about),
     "results": ("Results", results),
-    "by-force": ("By force", by_force),
     "uncertainty": ("Uncertainty", uncertainty),
     "samples": ("Samples", samples),
     "pairs": ("Pairs", dataset_report.pairs),

@@ -11,7 +11,7 @@ Shape letters: P pairs, N taxels, S side and c channels of a picture.
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -59,7 +59,6 @@ from t2twin.translate.evaluation.baselines import (
 from t2twin.translate.evaluation.records import (
     FORMAT,
     Evaluation,
-    Figures,
     ModelRow,
     Values,
     write_evaluation,
@@ -146,15 +145,14 @@ def prepare(
         _check_sides(run, info, data_dir)
     trained = dict(zip(run_names(loaded), loaded, strict=True))
     applied = {name: _applied(run, info) for name, run in trained.items()}
+    source, frame = None, None
     if any(run.has_uncertainty for run in loaded):
-        source, frame = background_of(data_dir, background)
+        source, frame = _background(dataset, data_dir, background)
     elif background is not None:
         raise T2TwinError(
             f"{background} is a background frame, which only field runs use; none of the runs is "
             "one"
         )
-    else:
-        source, frame = None, None
     return EvaluationInputs(data_dir, dataset, info, trained, applied, source, frame, reverse)
 
 
@@ -193,17 +191,10 @@ def _applied(run: TrainedTranslator, info: DataInfo) -> TrainedTranslator:
     return run.at_layout(array.x_mm, array.y_mm, array.layout, array.pad_diameter_mm)
 
 
-def background_of(
-    data_dir: Path, file: str | Path | None = None
+def _background(
+    info: DatasetInfo, data_dir: Path, file: str | Path | None
 ) -> tuple[str | None, Image.Image | None]:
-    """Source of the background frames of a dataset, None if none are known, and the frame, None if
-    each pair has its own.
-
-    They are those of the pairs, if the pairs have them. Otherwise they are `file`, an image of the
-    sensor without contact, or the frame of its own light, if all images were made with it.
-    Raises T2TwinError for a file that is not an image, and for one with pairs that have their own.
-    """
-    info = read_info(data_dir)
+    """Source of the background frames, None if unknown; the frame, None if each pair has its own."""
     if has_backgrounds(info):
         if file is not None:
             raise T2TwinError(
@@ -610,16 +601,15 @@ def _row(values: pd.DataFrame, pairs: Pairs, full_scale: float) -> tuple[ModelRo
 
 
 def _paired(rows: dict[str, ModelRow], resampled: dict[str, pd.DataFrame]) -> dict[str, Values]:
-    """touch2touch minus ResNet18 in the figures that both have, with intervals from the same
-    resamples; empty without both."""
+    """touch2touch minus ResNet18, with intervals from the same resamples; empty without both."""
     if not {TOUCH2TOUCH, RESNET18} <= rows.keys():
         return {}
+    samples = resampled[TOUCH2TOUCH] - resampled[RESNET18]
     differences = {}
-    for figure in (each.name for each in fields(Figures) if each.name in resampled[RESNET18]):
+    for figure, span in metrics.intervals(samples).items():
         one, two = (getattr(rows[name].overall, figure) for name in (TOUCH2TOUCH, RESNET18))
         if one is not None and two is not None:
-            samples = resampled[TOUCH2TOUCH][figure] - resampled[RESNET18][figure]
-            low, high = metrics.interval(samples.to_numpy()) or (None, None)
+            low, high = span or (None, None)
             differences[figure] = {"difference": one - two, "low": low, "high": high}
     return differences
 

@@ -99,15 +99,17 @@ def results_markdown(evaluations: Evaluations) -> str:
     return "\n".join(map(markdown, results_tables(evaluations)))
 
 
-def results_tables(evaluations: Evaluations) -> list[Table]:
-    """The figures of each split, the errors by force, and the further outputs."""
-    tables = [table for one in evaluations.values() for table in figures_tables(one)]
-    return [*tables, *force_tables(evaluations), *outputs_table(evaluations)]
+def results_tables(evaluations: Evaluations, name: Callable[[str], str] = str) -> list[Table]:
+    """The figures of each split, the errors by force, and the further outputs. name: displayed name
+    of a row or a split."""
+    tables = [table for one in evaluations.values() for table in figures_tables(one, name)]
+    tables += [_force_table(one, name) for one in evaluations.values() if one.has_forces]
+    return [*tables, *_outputs_table(evaluations, name)]
 
 
 def figures_tables(evaluation: Evaluation, name: Callable[[str], str] = str) -> list[Table]:
     """The main figures of all rows with their intervals, and below those of the paper; for counts,
-    a second table of further figures. name: displayed name of a row or a split."""
+    a second table of further figures."""
     one, form = evaluation, counts_form(evaluation.full_scale_counts or np.inf)
     main, further = (
         [each._replace(form=form) if each.figure.endswith("_counts") else each for each in columns]
@@ -183,9 +185,8 @@ def training_data(row: ModelRow) -> str:
     return f"{row.trained_recipe or unnamed}, {pairs} pairs, {steps} steps"
 
 
-def outputs_table(evaluations: Evaluations, name: Callable[[str], str] = str) -> list[Table]:
-    """Uncertainty, motion, shear force and contact of the runs that predict them, one metric a
-    line; empty without."""
+def _outputs_table(evaluations: Evaluations, name: Callable[[str], str]) -> list[Table]:
+    """The further outputs of the runs that predict them, one metric a line; empty without."""
     lines = [
         [
             f"{name(run)}, {name(split)}",
@@ -223,15 +224,8 @@ def _short(value: float) -> str:
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
-def force_tables(evaluations: Evaluations, name: Callable[[str], str] = str) -> list[Table]:
-    """The errors by force of the splits that have several, with one line per force.
-
-    The noise floor, which does not depend on the force, is left out.
-    """
-    return [_force_table(one, name) for one in evaluations.values() if one.has_forces]
-
-
 def _force_table(evaluation: Evaluation, name: Callable[[str], str]) -> Table:
+    """A line for each force; without the noise floor, which does not depend on the force."""
     rows = {name(row): one for row, one in evaluation.models.items() if row != NOISE_FLOOR}
     bins = next(iter(rows.values())).by_force
     captions = [
