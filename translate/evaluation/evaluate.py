@@ -194,7 +194,7 @@ def _applied(run: TrainedTranslator, info: DataInfo) -> TrainedTranslator:
 def _background(
     info: DatasetInfo, data_dir: Path, file: str | Path | None
 ) -> tuple[str | None, Image.Image | None]:
-    """Source of the background frames, None if unknown; the frame, None if each pair has its own."""
+    """Source of the background frames, None if unknown, and the frame, None if of each pair."""
     if has_backgrounds(info):
         if file is not None:
             raise T2TwinError(
