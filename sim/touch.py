@@ -42,6 +42,11 @@ Reading = ImageReading | CountsReading
 
 VERSIONS = ("t2twin", "mujoco", "numpy")  # packages whose versions press.json contains
 PRESS_JSON = "press.json"  # the file that each saved touch has
+# Attributes of a contact that press.json contains.
+CONTACT_JSON = (
+    "force_n", "depth_mm", "settled", "smaller_than_grid", "bottomed", "contact_area_mm2",
+    "milliseconds",
+)  # fmt: skip
 MARKERS_CSV = "markers.csv"
 MARKER_COLUMNS = ("marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm")
 
@@ -310,33 +315,19 @@ def _write_contact(folder: Path, sensor: str, contact: Contact, mesh_file: str |
 
 
 def _press_json(touch: Touch) -> dict[str, Any]:
-    command = touch.command
-    to_world = touch.sensor_to_world
-    attached: dict[str, Any] = {}
-    if to_world is not None:
-        attached["sensor_to_world"] = to_world.tolist()
+    command, attached = touch.command, {}
+    if touch.sensor_to_world is not None:
+        attached["sensor_to_world"] = touch.sensor_to_world.tolist()
         attached["notices"] = [asdict(notice) for notice in touch.notices]
     return {
         **attached,
-        "shape": command.shape,
-        "x_mm": command.x_mm,
-        "y_mm": command.y_mm,
-        "yaw_rad": command.yaw_rad,
-        **{name: getattr(command, name) for name in TILT},
+        **{name: getattr(command, name) for name in ("shape", "x_mm", "y_mm", "yaw_rad", *TILT)},
         "commanded_force_n": command.force_n,
         "notes": [*command.tilted(touch.shape).notes, *touch.notes],
         "versions": {name: installed_version(name) for name in VERSIONS},
     } | {
-        sensor: {
-            "force_n": contact.force_n,
-            "depth_mm": contact.depth_mm,
-            "settled": bool(contact.settled),
-            "smaller_than_grid": contact.smaller_than_grid,
-            "bottomed": contact.bottomed,
-            "contact_area_mm2": contact.contact_area_mm2,
-            "milliseconds": contact.milliseconds,
-            "elastomer": elastomer_json(contact.elastomer),
-        }
+        sensor: {name: getattr(contact, name) for name in CONTACT_JSON}
+        | {"elastomer": elastomer_json(contact.elastomer)}
         | touch[sensor].setup
         for sensor, contact in touch.contacts.items()
     }

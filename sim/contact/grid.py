@@ -145,27 +145,3 @@ def _dilate(mask, cells, wider):
                 for k in range(max(i - cells, 0), min(i + cells + 1, rows)):
                     for m in range(max(j - cells, 0), min(j + cells + 1, columns)):
                         wider[k, m] = True
-
-
-@compiled("i8(b1[:, :])", nogil=True)
-def count_parts(mask):
-    """Number of parts of a mask whose cells are connected along rows and columns."""
-    rows, columns = mask.shape
-    seen, stack = np.zeros(mask.shape, np.bool_), np.empty(4 * mask.size + 1, np.int64)
-    parts = 0
-    for first in range(mask.size):
-        if not mask[first // columns, first % columns] or seen[first // columns, first % columns]:
-            continue
-        parts += 1
-        size, stack[0] = 1, first
-        while size > 0:
-            size -= 1
-            i, j = stack[size] // columns, stack[size] % columns
-            if seen[i, j]:
-                continue
-            seen[i, j] = True
-            for k, m in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
-                if 0 <= k < rows and 0 <= m < columns and mask[k, m] and not seen[k, m]:
-                    stack[size] = k * columns + m
-                    size += 1
-    return parts

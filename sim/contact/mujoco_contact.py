@@ -126,7 +126,7 @@ def _model(pins: int) -> mujoco.MjModel:
     with suppress(T2TwinError):  # a full disk: it is compiled the next time too
         content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
         mujoco.mj_saveModel(model, None, content)
-        write_once(path, lambda file: file.write(content))
+        write_once(path, lambda file: file.write(content.tobytes()))
         for older in set(path.parent.glob(f"{pins}-*.mjb")) - {path}:
             older.unlink(missing_ok=True)
     return model

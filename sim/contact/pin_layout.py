@@ -15,7 +15,6 @@ from t2twin.sim.contact.grid import (
     Window,
     block_means,
     center_values,
-    count_parts,
     dilated,
     refined,
     window_around,
@@ -332,9 +331,12 @@ def _first_touch_mm(
 
 def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:
     """FINER, with pins of half the size where separate parts of the expected contact are small."""
+    from scipy import ndimage  # slow to import
+
     window = window_around(expected)
     shares = survey.footprint.shares[window] * expected[window]
-    if shares.sum() * FINER[-1] ** 2 < PART_PINS * count_parts(shares > 0.0):
+    _, parts = ndimage.label(shares > 0.0)
+    if shares.sum() * FINER[-1] ** 2 < PART_PINS * parts:
         return *FINER, 2 * FINER[-1]
     return FINER
 

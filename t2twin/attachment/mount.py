@@ -7,9 +7,10 @@ together. The sensor's collision geom reaches behind its base, as far as its mou
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -124,7 +125,7 @@ def _place(
     return found
 
 
-def _device(source: str | Path, options: Mapping[str, object]) -> Sensor:
+def _device(source: str | Path, options: dict[str, Any]) -> Sensor:
     """The simulated sensor. Raises T2TwinError for an option that it does not have."""
     device = load_sensor(source)
     for option, value in options.items():
