@@ -95,12 +95,12 @@ def test_the_presses_that_are_missing_are_named():
     poses = np.column_stack([*(axis.ravel() for axis in grid), np.ones(grid[0].size)])
     everywhere = coverage_of(camera, gel, poses, np.full(len(poses), BALL_MM))
     assert everywhere.covered > 0.95 and not len(everywhere.next_mm)
-    assert coverage_sentences(everywhere, camera)[0].startswith("The presses cover the image")
+    assert coverage_sentences(everywhere)[0].startswith("The presses cover the image")
     left = poses[poses[:, 0] < 1]
     half = coverage_of(camera, gel, left, np.full(len(left), BALL_MM))
     assert 0.25 < half.covered < 0.65
     assert len(half.next_mm) and (half.next_mm[:, 0] > 0).all()
-    sentences = " ".join(coverage_sentences(half, camera))
+    sentences = " ".join(coverage_sentences(half))
     assert "right" in sentences and "left" not in sentences
     both = np.concatenate([left[:, :2], half.next_mm])
     added = np.column_stack([both, np.ones(len(both))])

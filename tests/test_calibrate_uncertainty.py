@@ -12,7 +12,7 @@ from msgspec import structs
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.calibrate import calibrate
-from t2twin.sim.calibrate.fit import BallFit, Geometry, State
+from t2twin.sim.calibrate.fit import BallFit, Geometry, State, Terms
 from t2twin.sim.calibrate.measurements import (
     FORCES,
     Tolerance,
@@ -20,7 +20,6 @@ from t2twin.sim.calibrate.measurements import (
     force_ratio,
     read_measurements,
 )
-from t2twin.sim.calibrate.ridge import Terms
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.illumination import Leds
@@ -214,7 +213,7 @@ def refused(folder, **numbers):
 def test_tolerances_that_cannot_be_are_refused(twin_frames):
     assert "ball_mm is -1" in refused(twin_frames, ball_mm=-1.0)
     assert "scale_px_per_mm is nan" in refused(twin_frames, scale_px_per_mm=float("nan"))
-    assert "the ball's diameter in mm is 0.7" in refused(twin_frames, ball_mm=4.0)
+    assert "within its tolerance, is 0.7" in refused(twin_frames, ball_mm=4.0)
     assert "beyond 9.6 to 38.4 px/mm" in refused(twin_frames, scale_px_per_mm=15.0)
     assert "must be less" in refused(twin_frames, young_mpa=0.5)
 

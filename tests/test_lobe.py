@@ -8,9 +8,8 @@ from ball_frames import BALL_MM, POSES
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.calibrate import score
-from t2twin.sim.calibrate.fit import BallFit, Geometry, Measurements, Presses
+from t2twin.sim.calibrate.fit import BallFit, Geometry, Measurements, Presses, Terms
 from t2twin.sim.calibrate.frames import clean_background, contact_patch, crop
-from t2twin.sim.calibrate.ridge import Terms
 from t2twin.sim.optical.illumination import LOBE_PLACES, LOBE_TERMS, Leds
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics

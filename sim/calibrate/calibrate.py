@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+from scipy.ndimage import shift
 from skimage.metrics import structural_similarity
 
 from t2twin.core import arguments
@@ -31,14 +32,16 @@ from t2twin.sim.calibrate.frames import (
     upright_frame,
 )
 from t2twin.sim.calibrate.measurements import (
+    DEEPEST_SIGN,
     FORCES,
+    SHALLOWEST_SIGN,
     Fit,
     OpticsUncertainty,
     Tolerance,
-    check_tolerance,
     estimate_uncertainty,
     fit_presses,
     read_measurements,
+    shifted,
 )
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera import Camera
@@ -168,8 +171,6 @@ def read_presses(
     for name, frame in zip([background.name, *names], [background_frame, *frames], strict=True):
         check_usable(frame, name, colored)
     measurements = read_measurements(presses, names, ball_diameter_mm, sensor)
-    if tolerance is not None:
-        check_tolerance(measurements, sensor, camera, tolerance.of(sensor))
     count = len(frames) // HELD_OUT_SHARE if held_out is None else held_out
     first: dict[bytes, int] = {}  # of each different frame
     for index, frame in enumerate(frames):
@@ -195,6 +196,9 @@ def read_presses(
             "presses"
         )
     found = Presses(sensor, background_frame, frames, np.array(patches), measurements, names)
+    if tolerance is not None:
+        for sign in (DEEPEST_SIGN, SHALLOWEST_SIGN):  # refuses too large ones
+            shifted(found, camera, tolerance.of(sensor), sign)
     return found, train, test
 
 
@@ -322,18 +326,15 @@ def cut_and_paste(
 
     from_px, to_px: (n, 2), (m, 2) rows and columns of the presses. Moves are whole pixels.
     """
-    rows, columns = background.shape[:2]
-    wide = np.zeros((3 * rows, 3 * columns, 3))
-    seen = np.zeros((3 * rows, 3 * columns, 1))
-    for frame, (row, column) in zip(training, np.rint(from_px).astype(int), strict=True):
-        top, left = rows + rows // 2 - row, columns + columns // 2 - column
-        wide[top : top + rows, left : left + columns] += frame.astype(float) - background
-        seen[top : top + rows, left : left + columns] += 1.0
-    mean = wide / np.maximum(seen, 1.0)
+    changes = np.concatenate(  # the last channel counts the presses that a pixel shows
+        [training.astype(float) - background, np.ones((*training.shape[:3], 1))], axis=-1
+    )
     pasted = []
-    for row, column in np.rint(to_px).astype(int):
-        top, left = rows + rows // 2 - row, columns + columns // 2 - column
-        pasted.append(background + mean[top : top + rows, left : left + columns])
+    for place in np.rint(to_px):
+        moves = place - np.rint(from_px)
+        moved = sum(shift(each, (*by, 0), order=0) for each, by in zip(changes, moves, strict=True))
+        change, count = np.split(np.asarray(moved), [3], axis=-1)
+        pasted.append(background + change / np.maximum(count, 1.0))
     return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
 
 

@@ -77,28 +77,21 @@ def _near(places: np.ndarray, presses: np.ndarray) -> np.ndarray:
     return np.hypot(*np.moveaxis(places[:, None] - presses, -1, 0)) <= COVER_MM
 
 
-def coverage_sentences(coverage: Coverage, camera: Camera) -> list[str]:
+def coverage_sentences(coverage: Coverage) -> list[str]:
     """Which part of the image no press covers, and where the next ones belong."""
     bare = 100.0 * (1.0 - coverage.covered)
     if not len(coverage.next_mm):
         return [f"The presses cover the image, except for {bare:.0f} % of it."]
-    places = [_named(place, camera) for place in coverage.next_mm]
+    places = [
+        f"{abs(x_mm):.1f} {'left' if x_mm < 0 else 'right'}, "
+        f"{abs(y_mm):.1f} {'up' if y_mm < 0 else 'down'}"
+        for x_mm, y_mm in coverage.next_mm.tolist()
+    ]
     return [
         f"No press lies within {COVER_MM:g} mm of {bare:.0f} % of the image. There, the light is "
         "extrapolated.",
         f"Press next, in mm from the middle of the image: {'; '.join(places)}.",
     ]
-
-
-def _named(place_mm: np.ndarray, camera: Camera) -> str:
-    """A place in words, such as "3.1 left, 0.2 down (left)"."""
-    (x_mm, y_mm), (half_x, half_y) = place_mm.tolist(), camera.seen_half_extent_mm()
-    third_x, third_y = (round(np.clip(1.5 * at / half, -1, 1))
-                        for at, half in ((x_mm, half_x), (y_mm, half_y)))  # fmt: skip
-    words = [{-1: "upper", 1: "lower"}.get(third_y), {-1: "left", 1: "right"}.get(third_x)]
-    part = " ".join(word for word in words if word) or "middle"
-    across, down = "left" if x_mm < 0 else "right", "up" if y_mm < 0 else "down"
-    return f"{abs(x_mm):.1f} {across}, {abs(y_mm):.1f} {down} ({part})"
 
 
 def coverage_picture(coverage: Coverage, optics: Optics, gel: Elastomer) -> Image.Image:

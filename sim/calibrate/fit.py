@@ -5,7 +5,16 @@ share, and the response of each LED in each color, which is linear. The geometry
 LEDs, and the gel's profile around a ball. All are fitted jointly to the grey levels around the
 contacts by the method of Levenberg and Marquardt (Marquardt 1963); the response is solved for after
 each step.
-Between two such fits ridge.select_terms selects the response's terms.
+Between two such fits select_terms selects the response's terms.
+
+The response is found by ridge regression. Its entries are (LED, place, power), in this order:
+polynomials of the place times powers of the cosine of incidence. High degrees need many presses, so
+degree and ridge are chosen by cross-validation.
+
+LEDs that the frames show are found by photometric stereo on surfaces of known normals, the balls,
+whose shadows count too. On a ring of LEDs around the gel, those are chosen whose Lambertian light
+explains the change of the background best. No color is presumed: an LED has any amount of each, in
+each press another one.
 
 A lobe can replace a tenth of the depths (measured on a real unit), so these are fitted without it.
 
@@ -13,25 +22,34 @@ A sample is a block of 2 x 2 pixels; an image has (rows / 2, columns / 2). A pre
 samples in a square around it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, nnls
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.calibrate.ridge import (
-    Sums,
-    Terms,
-    choose_leds,
-    select_terms,
-    solve_ridge,
-    solve_step,
-)
 from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
-from t2twin.sim.optical.illumination import COSINE_TERMS, Leds, Rays, lobe_columns, normal_terms
-from t2twin.sim.optical.optics import MAX_LEDS, PLACE_TERMS, Optics, led_columns, place_terms
+from t2twin.sim.optical.illumination import (
+    COSINE_TERMS,
+    LOBE_DEGREE,
+    LOBE_PLACES,
+    LOBE_TERMS,
+    Leds,
+    Rays,
+    lobe_columns,
+    normal_terms,
+)
+from t2twin.sim.optical.optics import (
+    MAX_LEDS,
+    PLACE_DEGREE,
+    PLACE_TERMS,
+    Optics,
+    led_columns,
+    place_degrees,
+    place_terms,
+)
 from t2twin.sim.optical.response import linear
 from t2twin.sim.optical.surface import ball_surface
 
@@ -47,6 +65,7 @@ MAX_UNEXPLAINED = 0.25
 (assumed). It is 0.01 to 0.11 on a real unit and sampled ones."""
 POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3
 """Step of the difference quotients of a pose, and its longest step in the fit, mm."""
+NUDGE = 0.1  # step of those of the geometry, in standard deviations of the prior
 PRIOR = 2e-5
 """Weight of the priors: one standard deviation of a parameter costs as much as this mean square
 error over one press, in (grey / 255)^2 (assumed)."""
@@ -61,6 +80,16 @@ SMALLEST_LED_MM = 0.3
 ELEVATIONS_DEG = (10.0, 18.0, 30.0)
 """Elevations of the rings of LEDs over the apex (assumed: from low light to half of the slopes)."""
 RING = MAX_LEDS  # number of LEDs of a ring
+
+GROWTH = 2.0  # factor of the ridge from one degree to the next (2 to 8 are equal on a real unit)
+DEGREES = (2, 3, PLACE_DEGREE)
+RIDGES = (1e-4, 3e-4, 1e-3, 3e-3)  # candidate degrees in the place and weights of the ridge
+TIE_DB = 0.15
+"""Difference in validation error that counts as a tie, dB (assumed): poses and LEDs were fitted to
+the left-out presses too, which favors weak ridges."""
+GROUPS = 4  # folds of the cross-validation: every fourth press is left out in turn (assumed)
+LEAST_IMPROVEMENT = 1e-6
+"""An LED is exchanged where this lowers the squared error by more than this part (assumed)."""
 
 Square = tuple[slice, slice]  # rows and columns of samples
 
@@ -116,6 +145,185 @@ class Presses:
 
 
 @dataclass(frozen=True)
+class Terms:
+    """leds: their number. degree: the highest in the place. ridge: weight of a term of degree zero,
+    in parts of the columns' mean square; GROWTH times as much for each further degree. lobe:
+    whether the response's entries are followed by those of the lobe, (LED, place, normal term) in
+    this order."""
+
+    leds: int
+    degree: int
+    ridge: float
+    lobe: bool = False
+
+    @classmethod
+    def first(cls, leds: int) -> "Terms":
+        """Terms of the first fit of poses and LEDs."""
+        return cls(leds, DEGREES[0], RIDGES[0])
+
+    @classmethod
+    def most(cls, leds: int) -> "Terms":
+        """Terms that contain all others."""
+        return cls(leds, DEGREES[-1], RIDGES[0], lobe=True)
+
+    @property
+    def place_degrees(self) -> np.ndarray:
+        """(places,) degree of each polynomial."""
+        return place_degrees(self.degree)
+
+    @property
+    def places(self) -> int:
+        return len(self.place_degrees)
+
+    @property
+    def entries(self) -> int:
+        of_lobe = self.leds * LOBE_PLACES * LOBE_TERMS if self.lobe else 0
+        return self.cosine_entries + of_lobe
+
+    @property
+    def cosine_entries(self) -> int:
+        """Number of the response's entries without the lobe."""
+        return self.leds * self.places * COSINE_TERMS
+
+    def penalty(self, squares: np.ndarray) -> np.ndarray:
+        """(entries, entries) diagonal matrix, added to the columns' squares."""
+        weights = np.tile(np.repeat(GROWTH**self.place_degrees, COSINE_TERMS), self.leds)
+        if self.lobe:
+            of_lobe = np.repeat(GROWTH ** place_degrees(LOBE_DEGREE), LOBE_TERMS)
+            weights = np.concatenate([weights, np.tile(of_lobe, self.leds)])
+        return np.diag(self.ridge * np.trace(squares) / len(squares) * weights)
+
+    def tables(self, response: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """A response (RGB, entries) as (RGB, LEDs, places, COSINE_TERMS), and its lobe as (RGB,
+        LEDs, LOBE_PLACES, LOBE_TERMS); None without."""
+        cosines, lobe = np.split(response, [self.cosine_entries], axis=1)
+        table = cosines.reshape(3, self.leds, self.places, COSINE_TERMS)
+        of_lobe = 3, self.leds, LOBE_PLACES, LOBE_TERMS
+        return table, lobe.reshape(of_lobe) if self.lobe else None
+
+    def among(self, all_terms: "Terms") -> np.ndarray:
+        """(entries,) indices of its entries among those of terms of a higher degree."""
+        is_own = np.arange(all_terms.places) < self.places
+        of_lobe = np.full(all_terms.entries - all_terms.cosine_entries, self.lobe)
+        cosines = np.tile(np.repeat(is_own, COSINE_TERMS), self.leds)
+        return np.flatnonzero(np.concatenate([cosines, of_lobe]))
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums over a press's samples for least squares: squares (entries, entries) and products
+    (entries, RGB) of the columns, and the sum of squares of the target."""
+
+    squares: np.ndarray
+    products: np.ndarray
+    target_square: float
+    samples: int
+
+    @classmethod
+    def of(cls, columns: np.ndarray, target: np.ndarray) -> "Sums":
+        """columns: (samples, entries). target: (samples, RGB) change of the light."""
+        total = float(np.sum(target**2))
+        return cls(columns.T @ columns, columns.T @ target, total, target.size)
+
+    def error(self, response: np.ndarray, entries: np.ndarray) -> float:
+        """Mean square error of a response (RGB, n), for n indices of entries."""
+        squares, products = self.squares[np.ix_(entries, entries)], self.products[entries]
+        fitted = np.sum((response @ squares) * response) - 2.0 * np.sum(response.T * products)
+        return max(float(fitted + self.target_square), 0.0) / self.samples
+
+    def explained(self, leds: Sequence[int]) -> float:
+        """Square of the change that some LEDs explain, each with any amount of each color, for
+        columns of one entry an LED."""
+        squares, products = self.squares[np.ix_(leds, leds)], self.products[leds]
+        floor = 1e-9 * max(float(np.trace(self.squares)), 1e-12)
+        factor = np.linalg.cholesky(squares + floor * np.eye(len(squares)))
+        wanted = np.linalg.solve(factor, products)
+        return float(sum(w @ w - nnls(factor.T, w)[1] ** 2 for w in wanted.T))
+
+
+def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.ndarray:
+    """(RGB, entries): the response with the least penalized error.
+
+    Raises T2TwinError where no LED's light changes, as that of LEDs which the gel hides.
+    """
+    try:
+        return np.linalg.solve(squares + terms.penalty(squares), products).T
+    except np.linalg.LinAlgError as error:
+        raise T2TwinError(
+            "no press changes the light of the LEDs in the sensor's file; give LEDs beside the "
+            "gel, on the camera's side of its surface"
+        ) from error
+
+
+def select_terms(presses: Sequence[Sums], leds: int) -> Terms:
+    """The terms with the least cross-validation error.
+
+    Among those within TIE_DB of the least error: the strongest ridge, and of it the best.
+    presses: with the entries of Terms.most.
+    """
+    candidates = [
+        Terms(leds, degree, ridge, lobe)
+        for ridge in reversed(RIDGES) for degree in DEGREES for lobe in (False, True)
+    ]  # fmt: skip
+    errors = {terms: cross_validation_error(presses, terms) for terms in candidates}
+    near = [terms for terms in candidates if errors[terms] <= min(errors.values()) + TIE_DB]
+    strongest = (each for each in near if each.ridge == near[0].ridge)
+    return min(strongest, key=lambda each: errors[each])
+
+
+def cross_validation_error(presses: Sequence[Sums], terms: Terms) -> float:
+    """Mean over the left-out presses of the mean square error in dB."""
+    entries = terms.among(Terms.most(terms.leds))
+    inner = np.ix_(entries, entries)
+    errors = []
+    for group in range(min(GROUPS, len(presses))):
+        left_out = presses[group::GROUPS]
+        fitted = [press for at, press in enumerate(presses) if at % GROUPS != group]
+        squares = sum(press.squares[inner] for press in fitted)
+        products = sum(press.products[entries] for press in fitted)
+        response = solve_ridge(np.asarray(squares), np.asarray(products), terms)
+        errors += [press.error(response, entries) for press in left_out]
+    return float(np.mean(10.0 * np.log10(np.maximum(errors, 1e-12))))
+
+
+def solve_step(matrix: np.ndarray, gradient: np.ndarray, radii_mm: np.ndarray) -> np.ndarray:
+    """The solution of the normal equations of a joint fit.
+
+    Raises T2TwinError where they are singular, which a depth at its limit causes.
+    """
+    try:
+        return np.linalg.solve(matrix, gradient)
+    except np.linalg.LinAlgError as error:
+        raise T2TwinError(
+            f"the ball of {2.0 * radii_mm.min():g} mm is too small for the contacts in the frames, "
+            "which are nearly as wide as the ball; give the diameter of the ball, the scale of the "
+            "image, and frames of one ball on the sensor of the background"
+        ) from error
+
+
+def choose_leds(presses: Sequence[Sums], count: int) -> list[int]:
+    """The LEDs of a ring that explain the presses best: one after the other, then exchanged."""
+    ring = range(len(presses[0].squares))
+
+    def explained(numbers: list[int]) -> float:
+        return sum(press.explained(numbers) for press in presses)
+
+    chosen: list[int] = []
+    for _ in range(count):
+        left = [number for number in ring if number not in chosen]
+        chosen.append(max(left, key=lambda number: explained([*chosen, number])))
+    best, before = explained(chosen), 0.0
+    while best > before * (1.0 + LEAST_IMPROVEMENT):
+        before = best
+        for place in range(count):
+            for number in set(ring).difference(chosen):
+                other = [*chosen[:place], number, *chosen[place + 1 :]]
+                if explained(other) > best * (1.0 + LEAST_IMPROVEMENT):
+                    chosen, best = other, explained(other)
+    return chosen
+
+
+@dataclass(frozen=True)
 class Geometry:
     """LEDs and the gel's profile, as a vector of parameters.
 
@@ -154,8 +362,10 @@ class Geometry:
 
     @property
     def spread(self) -> np.ndarray:
-        """Standard deviations of the prior (assumed)."""
-        return self._each(10.0, 6.0, 1.0, 0.5, 0.1, 0.3)
+        """Standard deviations of the prior (assumed): of azimuths, elevations, the distance, sizes,
+        hold and skirt."""
+        counts = [self.count, self.count, 1, self.count, 1, 1]
+        return np.repeat([10.0, 6.0, 1.0, 0.5, 0.1, 0.3], counts)
 
     @property
     def deviation(self) -> np.ndarray:
@@ -165,17 +375,6 @@ class Geometry:
     def moved(self, change: np.ndarray) -> "Geometry":
         """After a step of the fit, which has at most a standard deviation."""
         return replace(self, values=self.values + np.clip(change, -self.spread, self.spread))
-
-    def nudged(self) -> Iterator[tuple["Geometry", float]]:
-        """With each value changed by a step of its difference quotient, and the step."""
-        for number, step in enumerate(self._each(0.7, 0.5, 0.5, 0.05, 0.01, 0.03)):
-            values = self.values.copy()
-            values[number] += step
-            yield replace(self, values=values), step
-
-    def _each(self, *values: float) -> np.ndarray:
-        """Values of an azimuth, an elevation, the distance, a size, hold and skirt."""
-        return np.repeat(values, [self.count, self.count, 1, self.count, 1, 1])
 
     def rings(self) -> list["Geometry"]:
         """Geometries of LEDs all around, one for each of ELEVATIONS_DEG, of the mean distance and
@@ -466,63 +665,48 @@ class BallFit:
 
     def _step(self, state: State, damping: float) -> tuple[State, float]:
         """One step of the joint fit: the better state, or the same one, and the next damping."""
-        matrix, gradient = self._normal_equations(state)
-        linear_part = state.response.size
+        matrix, absorbed, gradient = self._normal_equations(state)
+        free = np.ones(len(gradient), dtype=bool)
+        free[2 : state.poses.size : 3] = not state.terms.lobe  # with a lobe the depths stay
+        move = np.zeros(len(gradient))
         for _ in range(4):
-            damped = matrix.copy()
-            rest = np.arange(linear_part, len(gradient))
-            damped[rest, rest] *= 1.0 + damping
-            move = -solve_step(damped, gradient, self.radii_mm)[linear_part:]
-            by_pose = move[: state.poses.size].reshape(-1, 3)
-            poses = state.poses + np.clip(by_pose, -POSE_REACH_MM, POSE_REACH_MM)
+            damped = matrix + damping * np.diag(np.diag(matrix)) - absorbed
+            move[free] = -solve_step(damped[np.ix_(free, free)], gradient[free], self.radii_mm)
+            by_pose, by_geometry = np.split(move, [state.poses.size])
+            reach_mm = np.clip(by_pose.reshape(-1, 3), -POSE_REACH_MM, POSE_REACH_MM)
+            poses = state.poses + reach_mm
             poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radii_mm)
-            geometry = state.geometry.moved(move[state.poses.size :])
-            moved = self._solved(geometry, poses, state.terms)
+            moved = self._solved(state.geometry.moved(by_geometry), poses, state.terms)
             if moved.error < state.error:
                 return moved, damping / 5.0
             damping *= 8.0
         return state, damping
 
-    def _normal_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix and gradient of the Gauss-Newton step over (response, poses, geometry)."""
-        count, entries = len(state.poses), state.response.shape[1]
-        parameters = state.geometry.values.size
-        size = 3 * entries + 3 * count + parameters
+    def _normal_equations(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the Gauss-Newton step over poses and geometry: the matrix, the part of it that the
+        response absorbs (a Schur complement), and the gradient."""
+        geometry, entries, first = state.geometry, state.response.shape[1], state.poses.size
+        size = first + geometry.values.size
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
-        of_geometry = np.arange(size - parameters, size)
-        samples = 0
-        for index in range(count):
+        squares, cross = np.zeros((entries, entries)), np.zeros((entries, 3, size))
+        samples, both = 0, ((0, 1), (0, 1))
+        for index in range(len(state.poses)):
             columns, residual, derivatives = self._linearized(state, index)
             samples = residual.size
-            at = np.concatenate([3 * entries + 3 * index + np.arange(3), of_geometry])
-            gram = columns.T @ columns
-            for c in range(3):
-                own = slice(c * entries, (c + 1) * entries)
-                by_parameter = derivatives[:, :, c].T
-                matrix[own, own] += gram
-                cross = columns.T @ by_parameter
-                matrix[own, at] += cross
-                matrix[at, own] += cross.T
-                matrix[np.ix_(at, at)] += by_parameter.T @ by_parameter
-                gradient[own] += columns.T @ residual[:, c]
-                gradient[at] += by_parameter.T @ residual[:, c]
-        for c in range(3):
-            own = slice(c * entries, (c + 1) * entries)
-            ridge = state.terms.penalty(matrix[own, own])
-            matrix[own, own] += ridge
-            gradient[own] += ridge @ state.response[c]
-        prior, spread = samples * PRIOR, state.geometry.spread
-        matrix[of_geometry, of_geometry] += prior / spread**2
-        gradient[of_geometry] += prior * state.geometry.deviation / spread
-        if state.terms.lobe:  # the depths stay
-            depths = 3 * entries + 3 * np.arange(count) + 2
-            matrix[depths], matrix[:, depths] = 0.0, 0.0
-            matrix[depths, depths], gradient[depths] = 1.0, 0.0
-        return matrix, gradient
+            at = np.r_[3 * index : 3 * index + 3, first:size]
+            squares += columns.T @ columns
+            cross[:, :, at] += np.tensordot(columns, derivatives, (0, 0))
+            matrix[np.ix_(at, at)] += np.tensordot(derivatives, derivatives, both)
+            gradient[at] += np.tensordot(derivatives, residual, both)
+        matrix[first:, first:] += samples * PRIOR * np.diag(1.0 / geometry.spread**2)
+        gradient[first:] += samples * PRIOR * geometry.deviation / geometry.spread
+        response = solve_ridge(squares, cross.reshape(entries, -1), state.terms)
+        absorbed = np.tensordot(cross, response.T.reshape(cross.shape), both)
+        return matrix, absorbed, gradient
 
     def _linearized(self, state: State, index: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Linearization of one press: columns (samples, entries), residual (samples, RGB), and
-        derivatives of the light (parameters, samples, RGB) by its pose and the geometry."""
+        derivatives of the light (samples, RGB, parameters) by its pose and the geometry."""
         fitted, pose = state.geometry, state.poses[index]
         columns = self._changed(fitted, index, pose, state.terms).astype(float)
         shown = columns @ state.response.T
@@ -531,7 +715,8 @@ class BallFit:
         derivatives = []
         for nudged in pose + POSE_NUDGE_MM * np.eye(3):
             derivatives.append((self._light(fitted, index, nudged, gain) - lit) / POSE_NUDGE_MM)
-        for geometry, nudge in fitted.nudged():
+        for step in np.diag(NUDGE * fitted.spread):
+            geometry = replace(fitted, values=fitted.values + step)
             moved, rest = (self._light(geometry, index, each, gain) for each in (pose, None))
-            derivatives.append((moved - rest - shown) / nudge)
-        return columns, shown - self._target(index), np.array(derivatives)
+            derivatives.append((moved - rest - shown) / step.sum())
+        return columns, shown - self._target(index), np.stack(derivatives, axis=-1)

@@ -233,28 +233,6 @@ class OpticsUncertainty:
     force_residual_n: float | None
 
 
-def check_tolerance(
-    measurements: Measurements, sensor: GelCamera, camera: Camera, tolerance: Tolerance
-) -> None:
-    """Raises T2TwinError if a ball, scale or modulus within its tolerance would be out of range."""
-    for diameter_mm in measurements.diameters_mm.tolist():
-        for error_mm in (-tolerance.ball_mm, tolerance.ball_mm):
-            check_ball(diameter_mm + error_mm, "the ball's diameter in mm", sensor)
-    scale, error, young_mpa = camera.scale_px_per_mm, tolerance.scale_px_per_mm, tolerance.young_mpa
-    assert error is not None and young_mpa is not None
-    low, high = scale_range(sensor)
-    if error and not low <= scale - error <= scale + error <= high:
-        raise T2TwinError(
-            f"a scale of {scale:g} px/mm, {error:g} either way, reaches beyond {low:g} to {high:g} "
-            "px/mm"
-        )
-    if not young_mpa < sensor.own_gel.young_mpa:
-        raise T2TwinError(
-            f"the tolerance of the modulus is {young_mpa:g} MPa; it must be less than the sensor's "
-            f"modulus, {sensor.own_gel.young_mpa:g} MPa"
-        )
-
-
 def estimate_uncertainty(
     presses: Presses,
     fit: Fit,
@@ -271,15 +249,15 @@ def estimate_uncertainty(
     estimates = [_estimate(presses, fit, own_mpa)]
     for sign, word in ((DEEPEST_SIGN, "deepest"), (SHALLOWEST_SIGN, "shallowest")):
         report(f"fitting within the tolerances, {word}")
-        shifted, camera = _shifted(presses, fit.model.camera, tolerance, sign)
+        moved, camera = shifted(presses, fit.model.camera, tolerance, sign)
         try:
-            shifted_fit = fit_presses(shifted, camera, fit.state)
+            moved_fit = fit_presses(moved, camera, fit.state)
         except T2TwinError as error:
             raise T2TwinError(
                 f"with all inputs at the end of their tolerances where presses are {word}, "
                 f"{error}; or give smaller tolerances"
             ) from error
-        estimates.append(_estimate(shifted, shifted_fit, own_mpa - sign * tolerance.young_mpa))
+        estimates.append(_estimate(moved, moved_fit, own_mpa - sign * tolerance.young_mpa))
     depths_mm, forces_n, scales, moduli_mpa = zip(*estimates, strict=True)
     press_bounds = (
         PressBounds(
@@ -304,20 +282,36 @@ def estimate_uncertainty(
     )
 
 
-def _shifted(
+def shifted(
     presses: Presses, camera: Camera, tolerance: Tolerance, sign: float
 ) -> tuple[Presses, Camera]:
-    """The presses and camera with every input at one end of its tolerance."""
-    given = presses.measurements
+    """The presses and camera with every input at one end of its tolerance, which is complete.
+
+    Raises T2TwinError if a ball, scale or modulus is then out of range.
+    """
+    assert tolerance.scale_px_per_mm is not None and tolerance.young_mpa is not None
+    given, own_mpa = presses.measurements, presses.sensor.own_gel.young_mpa
     measurements = Measurements(
         diameters_mm=given.diameters_mm + sign * tolerance.ball_mm,
         depths_mm=np.maximum(given.depths_mm - sign * tolerance.depth_mm, tolerance.depth_mm),
         forces_n=np.maximum(given.forces_n + sign * tolerance.force_n, FORCE_RANGE_N[0]),
     )
+    for diameter_mm in measurements.diameters_mm.tolist():
+        check_ball(diameter_mm, "the ball's diameter in mm, within its tolerance,", presses.sensor)
     if not given.has_depths:
-        assert tolerance.scale_px_per_mm is not None
         scale = camera.scale_px_per_mm + sign * tolerance.scale_px_per_mm
         camera = replace(camera, scale_px_per_mm=scale)
+        low, high = scale_range(presses.sensor)
+        if not low <= scale <= high:
+            raise T2TwinError(
+                f"the scale within its tolerance, {scale:g} px/mm, is beyond {low:g} to {high:g} "
+                "px/mm"
+            )
+    if not tolerance.young_mpa < own_mpa:
+        raise T2TwinError(
+            f"the tolerance of the modulus is {tolerance.young_mpa:g} MPa; it must be less than "
+            f"the sensor's modulus, {own_mpa:g} MPa"
+        )
     return replace(presses, measurements=measurements), camera
 
 

@@ -346,7 +346,7 @@ def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> O
         config.background, config.presses, config.ball_diameter_mm, config.held_out, config.camera,
         report, config.tolerance, config.sensor,
     )  # fmt: skip
-    for sentence in coverage_sentences(optics.coverage, optics.optics.camera):
+    for sentence in coverage_sentences(optics.coverage):
         report(sentence)
     write_ball(config.out / BALL, config.ball_diameter_mm)
     return write_fit(config.out, optics, config.sensor.own_gel, digest)

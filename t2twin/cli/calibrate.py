@@ -159,7 +159,7 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     write_fit(out, report, gel_camera.own_gel)
     unsure = report.uncertainty
     lines = [] if unsure is None else [text(uncertainty_table(unsure)), ""]
-    covered = coverage_sentences(report.coverage, report.optics.camera)
+    covered = coverage_sentences(report.coverage)
     for line in (*_score_lines(report), *lines, *covered, ""):
         print(line)
 
