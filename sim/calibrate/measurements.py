@@ -300,13 +300,13 @@ def shifted(
         check_ball(diameter_mm, "the ball's diameter in mm, within its tolerance,", presses.sensor)
     if not given.has_depths:
         scale = camera.scale_px_per_mm + sign * tolerance.scale_px_per_mm
-        camera = replace(camera, scale_px_per_mm=scale)
         low, high = scale_range(presses.sensor)
         if not low <= scale <= high:
             raise T2TwinError(
                 f"the scale within its tolerance, {scale:g} px/mm, is beyond {low:g} to {high:g} "
                 "px/mm"
             )
+        camera = replace(camera, scale_px_per_mm=scale)
     if not tolerance.young_mpa < own_mpa:
         raise T2TwinError(
             f"the tolerance of the modulus is {tolerance.young_mpa:g} MPa; it must be less than "
