@@ -305,9 +305,8 @@ def _draw_reading(page: Figure, axes: Axes, reading: Any, largest: float) -> Non
     tactile image of a taxel array. largest: count at the end of the color scale."""
     device = reading.sensor
     if getattr(reading, "image", None) is None:
-        layout = device.layout
-        places = device.phi.centers_mm, layout.x_mm, layout.y_mm
-        drawn = draw_tactile_image(axes, reading.tactile_image, *places, (0.0, largest))
+        image, limits = reading.tactile_image, (0.0, largest)
+        drawn = draw_tactile_image(axes, image, device.phi, device.layout, limits)
         axes.set_title(f"tactile image of {device.name}", loc="left")
         color_bar(page, drawn, axes, 0.07, "counts")
         return

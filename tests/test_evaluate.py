@@ -20,7 +20,6 @@ from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
-    mean_array,
     neighbors,
 )
 from t2twin.translate.evaluation.evaluate import (
@@ -57,22 +56,6 @@ def evaluated(runs: list[Path], data_dir: Path, tmp_path_factory: pytest.TempPat
     folder = tmp_path_factory.mktemp("evaluated")
     evaluate_splits(runs, data_dir, "both", folder)
     return folder
-
-
-def test_mean_array_is_the_best_constant(data_dir: Path) -> None:
-    pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
-    mean = mean_array(pairs)
-    np.testing.assert_allclose(mean, pairs.counts.mean(axis=0), rtol=1e-5)
-    error = np.square(pairs.counts - mean).mean()
-    for other in (0.98 * mean, 1.02 * mean):
-        assert np.square(pairs.counts - other).mean() > error
-
-
-def test_nearest_neighbor_of_the_training_images_is_themselves(data_dir: Path) -> None:
-    pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
-    assert np.array_equal(
-        pairs.counts[neighbors(pairs.images, pairs.images).index[:, 0]], pairs.counts
-    )
 
 
 def test_nearest_neighbor_is_by_euclid(data_dir: Path) -> None:

@@ -94,13 +94,6 @@ def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> No
         ]
 
 
-def test_the_summary_speaks_of_these_pairs(read: Reader) -> None:
-    said = read.text("summary")
-    assert "A gel camera, digit" in said and "the array's 5 counts" in said
-    assert "each from 0 to 1,000" in said and "were imported" in said
-    assert "Validation, 8 pairs" in said
-
-
 def test_names_from_outside_do_no_harm(page: Path, read: Reader) -> None:
     assert not {"script", "link", "iframe"} & {tag for tag, _ in read.tags}
     text = page.read_text(encoding="utf-8")

@@ -23,7 +23,7 @@ import pandas as pd
 from PIL import Image
 from skimage.measure import label
 
-from t2twin.core.draw import Panel, panels_image, tactile_panel
+from t2twin.core.draw import Panel, panels_image
 from t2twin.core.files import atomic_write
 from t2twin.core.tables import Table
 from t2twin.core.templates import render
@@ -362,7 +362,7 @@ def _figure(
     panels = [
         Panel(title, values)
         if values.ndim == 3
-        else tactile_panel(title, layout.phi(values), layout.phi, layout, "counts")
+        else Panel(title, layout.phi(values), layout.phi, layout, "counts")
         for title, values in (
             ("real frame", frame), ("translated", from_frame), ("simulated frame", simulated),
             ("translated", from_simulated), ("simulated target", truth),

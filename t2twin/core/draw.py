@@ -233,17 +233,12 @@ def draw_discs(
 
 
 def draw_tactile_image(
-    axes: Axes,
-    image: np.ndarray,
-    centers_mm: tuple[np.ndarray, np.ndarray],
-    x_mm: np.ndarray,
-    y_mm: np.ndarray,
-    limits: tuple[float, float],
+    axes: Axes, image: np.ndarray, phi: Any, layout: Any, limits: tuple[float, float]
 ) -> ScalarMappable:
     """Draws a tactile image, (R, C) counts, on axes in mm with y downwards, and taxels as rings.
 
-    centers_mm: of its columns and rows (`Phi.centers_mm`). x_mm, y_mm: (N,) of the taxels. limits:
-    counts at the ends of the color scale, which is one of differences where the lower is negative.
+    phi: the `Phi` of the layout. limits: counts at the ends of the color scale, which is one of
+    differences where the lower is negative.
     """
     from scipy.spatial import KDTree
 
@@ -252,12 +247,13 @@ def draw_tactile_image(
         spine.set(visible=True, linewidth=0.4, color="#aaaaaa")
     is_difference = limits[0] < 0
     color_map, rings = (DIFFERENCE_MAP, "#555555") if is_difference else (COLOR_MAP, "white")
-    extent = extent_mm(*centers_mm)
+    extent = extent_mm(*phi.centers_mm)
     drawn = axes.imshow(image, color_map, vmin=limits[0], vmax=limits[1], extent=extent)
-    places = np.column_stack([x_mm, y_mm])
+    places = np.column_stack([layout.x_mm, layout.y_mm])
     nearest_mm = KDTree(places).query(places, 2)[0][:, 1].min()
     size = np.full(len(places), min(RING_MM, RING_SHARE * nearest_mm))
-    draw_discs(axes, x_mm, y_mm, size, facecolors="none", edgecolors=rings, linewidths=0.5)
+    look = {"facecolors": "none", "edgecolors": rings, "linewidths": 0.5}
+    draw_discs(axes, layout.x_mm, layout.y_mm, size, **look)
     return drawn
 
 
@@ -314,21 +310,15 @@ class Panel(NamedTuple):
     """An image with its title: of a camera, (R, C, 3) uint8, or tactile, (R, C) counts.
 
     Of a tactile image: scale, the title of its color scale, which all panels with this title share;
-    centers_mm, x_mm, y_mm as for `draw_tactile_image`. A scale that starts with "difference" is one
-    of differences.
+    phi and layout as for `draw_tactile_image`. A scale that starts with "difference" is one of
+    differences.
     """
 
     title: str
     image: np.ndarray
+    phi: Any = None
+    layout: Any = None
     scale: str = ""
-    centers_mm: Any = None
-    x_mm: Any = None
-    y_mm: Any = None
-
-
-def tactile_panel(title: str, image: np.ndarray, phi: Any, layout: Any, scale: str) -> Panel:
-    """The panel of a tactile image of a layout. phi: its `Phi`."""
-    return Panel(title, image, scale, phi.centers_mm, layout.x_mm, layout.y_mm)
 
 
 def panels_image(panels: Sequence[Panel], width_in: float = 100.0) -> bytes:
@@ -351,8 +341,8 @@ def panels_image(panels: Sequence[Panel], width_in: float = 100.0) -> bytes:
                 continue
             peak = peaks[one.scale]
             limits = (-peak if one.scale.startswith("difference") else 0.0, peak)
-            places = one.centers_mm, one.x_mm, one.y_mm
-            last[one.scale] = axes, draw_tactile_image(axes, one.image, *places, limits)
+            drawn = draw_tactile_image(axes, one.image, one.phi, one.layout, limits)
+            last[one.scale] = axes, drawn
         for name in reversed(scales):
             axes, drawn = last[name]
             color_bar(page, drawn, axes, 0.12, name)

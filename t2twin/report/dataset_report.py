@@ -24,7 +24,6 @@ from t2twin.core.draw import (
     draw_image,
     figure,
     panels_image,
-    tactile_panel,
 )
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
@@ -223,7 +222,7 @@ class Dataset:
             array = self.arrays[role]
             scale = "counts" if len(self.arrays) == 1 else f"counts of {title}"
             image = array.phi(array.counts[place])
-            panels.append(tactile_panel(title, image, array.phi, array.layout, scale))
+            panels.append(Panel(title, image, array.phi, array.layout, scale))
         return panels_image(panels, width_in)
 
     def sample_in_turn(self, name: str, number: int, seed: int = 0) -> list[int]:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
-from t2twin.core.draw import COLORS, Panel, figure, panels_image, tactile_panel
+from t2twin.core.draw import COLORS, Panel, figure, panels_image
 from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import cores, processor
 from t2twin.core.tables import Table
@@ -291,13 +291,13 @@ def sample_image(report: ReportData, split: str, row: int) -> bytes:
         lines = f"{model}\n{shape_name(folder, MAX_TITLE)}" if folder else model
         if run.reads_any_layout:
             drawn = run.tactile_images([image])[0]
-            panels.append(tactile_panel(f"{lines}\ngenerated", drawn, phi, layout, "counts"))
+            panels.append(Panel(f"{lines}\ngenerated", drawn, phi, layout, "counts"))
         error = report.counts(predictions.rmse_counts(name)[row])
         title = f"φ(Ŷ) {lines}\n{error} counts"
-        panels.append(tactile_panel(title, predicted, phi, layout, "counts"))
+        panels.append(Panel(title, predicted, phi, layout, "counts"))
         off = predicted - truth
-        panels.append(tactile_panel("φ(Ŷ) − I\n", off, phi, layout, "difference, counts"))
-    panels.append(tactile_panel("I = φ(Y)\ntrue", truth, phi, layout, "counts"))
+        panels.append(Panel("φ(Ŷ) − I\n", off, phi, layout, "difference, counts"))
+    panels.append(Panel("I = φ(Y)\ntrue", truth, phi, layout, "counts"))
     return panels_image(panels)
 
 

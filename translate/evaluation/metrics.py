@@ -296,7 +296,7 @@ def by_force(
                 pairs=int(one["pairs"]),
                 rmse_counts=float(rmse),
                 rmse_percent=float(100.0 * rmse / full_scale),
-                interval=interval(resampled[one["low_n"]].to_numpy()),
+                interval=interval(np.asarray(resampled[one["low_n"]])),
                 of_mean_array=float(rmse / level) if touches and level else None,
                 mean_of=one["mean_of"] if touches else None,
                 phantom_counts=None if touches else float(one["total"]),
