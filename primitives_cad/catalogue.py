@@ -2,7 +2,7 @@
 
 `python -m maintenance.write_bundled` writes the bundled files from the CAD solids. Their arrays are
 byte planes of differences between neighbors, which compress well. NAME.npz of a primitive has its
-mesh and height map, TOOL.npz a tool's mesh in the tool's frame, and TOOL--KEYPOINT.npz a height map
+mesh and height map, TOOL.npz a tool's mesh in the tool's frame. TOOL--KEYPOINT.npz has a height map
 and the transform from the tool's frame to the shape frame.
 """
 

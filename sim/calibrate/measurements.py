@@ -9,8 +9,8 @@ gives the same image. So does the same ball pressed deeper at a smaller scale, e
 that LEDs and response absorb. A measured depth determines the scale: at a given contact width in
 pixels, a ball's depth is inversely proportional to the square of the scale.
 
-For bounds of depths and forces, all presses are fitted twice more: with all inputs at the end of
-their tolerances where presses come out deepest, and at the end where they come out shallowest.
+For bounds of depths and forces, all presses are fitted twice more. All inputs are then at the end
+of their tolerances where presses come out deepest, or shallowest.
 """
 
 from collections.abc import Callable, Sequence

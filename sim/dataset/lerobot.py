@@ -264,8 +264,8 @@ INDICES = (
 def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
     """The features of a dataset. present: names of the columns with a value in every row.
 
-    The type of a column decides: an image, a list and a flag are a feature each; numbers of a
-    sensor are components of its contact, those of the press of the action.
+    The type of a column decides: an image, a list and a flag are a feature each. Numbers of a
+    sensor are components of its contact; those of the press belong to the action.
     """
     features: list[Feature] = []
     components: dict[str, list[str]] = {f"observation.{role}_contact": [] for role in ROLES}

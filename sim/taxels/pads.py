@@ -2,8 +2,9 @@
 
 Dense counts are those of a pad at each place of a fine grid over the cover, through the array's
 first taxel. The best linear estimate of another pad is its covariance with them times the inverse
-of theirs (Wiener filter, simple kriging), for a pressure of white noise (assumed: contacts have
-edges): covariances are overlaps of the pads' kernels. The transducer's nonlinearity is neglected.
+of theirs (Wiener filter, simple kriging). The pressure is taken as white noise (assumed: contacts
+have edges), so that covariances are overlaps of the pads' kernels. The transducer's nonlinearity is
+neglected.
 
 Shape letters: N taxels, F places of the dense counts.
 """

@@ -38,8 +38,8 @@ class Phi:
     """phi and phi^-1 for one taxel layout and one image size.
 
     x_mm, y_mm: (N,) taxel positions in the sensor frame, mm; the image's center is its origin.
-    Attributes: matrix, A as a sparse (R*C, N) array; hull, (R, C) bool, whether a pixel lies inside
-    the convex hull; centers_mm, x of the columns and y of the rows. Raises T2TwinError as Layout
+    matrix: A as a sparse (R*C, N) array. hull: (R, C) bool, whether a pixel lies inside the convex
+    hull. centers_mm: x of the columns and y of the rows. Raises T2TwinError as Layout
     does, and for taxels on one line, outside the image or too close to be distinguished in it.
     """
 

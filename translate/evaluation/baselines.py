@@ -183,10 +183,9 @@ def second_reading(
 def force_bins(pairs: Pairs, train: Pairs) -> tuple[pd.DataFrame, np.ndarray]:
     """The bin of each pair, P rows, and the mean array of its force, (P, N) float32, counts.
 
-    Columns: low_n and high_n, edges, equal for a single force, 0 without contact and NaN for an
-    unknown force; mean_of, what the mean array is of: the "training" presses in this bin, or, with
-    fewer than MIN_PRESSES of them, the pairs of the "split" themselves. Of pairs without a bin it
-    is that of all training presses.
+    low_n, high_n: edges, equal for a single force, 0 without contact and NaN for an unknown force.
+    mean_of: the "training" presses in this bin, or the pairs of the "split" themselves where there
+    are fewer than MIN_PRESSES. Pairs without a bin have the mean of all training presses.
     """
     force_n = np.concatenate([pairs.force_n, train.force_n])
     single = np.unique(force_n[force_n > 0].round(DECIMALS)).size <= MAX_FORCES

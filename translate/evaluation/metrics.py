@@ -35,8 +35,8 @@ CONTACT_LEVEL = 0.1
 """Fraction of its image's maximum above which a pixel is in contact (assumed)."""
 
 CONTACT_GREY = 8.0
-"""Difference of a picture from the background frame above which a pixel is in contact, grey levels
-of the channel where it is largest (assumed: eight times the effect of a DIGIT's noise)."""
+"""Difference from the background frame above which a pixel is in contact, grey levels of the
+channel where it is largest (assumed: eight times a DIGIT's noise)."""
 
 MIN_SQUARE = 1e-3  # lower bound of the mean squared difference in a PSNR, grey levels^2 (assumed)
 WINDOW, HALF, K1, K2 = 7, 3, 0.01, 0.03
@@ -71,9 +71,9 @@ def compare(
 ) -> pd.DataFrame:
     """Values of each pair. predicted, true: (P, N), counts; full_scale: SSIM's data range.
 
-    Columns: squared_error, mean over the taxels, and of each of the taxel_groups, (N,) bool by
-    name; ssim of the tactile images and ssim_contact over the true contact; contact_iou;
-    centroid_error_mm; total_error and total, counts. Those of the contact are NaN without contact.
+    squared_error: mean over the taxels, and of each of the taxel_groups, (N,) bool by name. ssim:
+    of the tactile images. ssim_contact: over the true contact. Also contact_iou, centroid_error_mm,
+    total_error and total, counts. Columns of the contact are NaN without contact.
     """
     predicted, true = predicted.astype(float), true.astype(float)
     squares = np.square(predicted - true)

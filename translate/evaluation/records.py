@@ -38,7 +38,7 @@ class Figures:
     rmse_percent: RMSE in percent of full scale, and ssim: structural similarity of the predicted
     and the true picture, of any target. Of counts: rmse_counts; ssim_contact over the contact;
     contact_iou, intersection over union of the contacts; centroid_error_mm, distance of the images'
-    centroids; total_error_percent, mean absolute error of the summed counts relative to their mean;
+    centroids. total_error_percent: mean absolute error of the summed counts relative to their mean.
     RMSE of the taxels under the image's view, near, within one pitch of it, and beyond. Of images:
     rmse_grey, grey levels; mean PSNR over the picture and over its contact.
     """

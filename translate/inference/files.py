@@ -324,8 +324,8 @@ def translate_readings(
     """Translates files of any other pair; writes counts.csv, or a PNG file per predicted image.
 
     run: one that predicts images, or counts from counts. paths: CSV or NPY files of counts, (N,) or
-    (B, N), in the order of the run's layout, CSV files with the columns taxel_0, taxel_1 and so on;
-    or image files and folders as for `find_images`. png: whether tactile images of predicted counts
+    (B, N), in the order of the run's layout, or images as for `find_images`. CSV files have the
+    columns taxel_0, taxel_1 and so on. png: whether tactile images of predicted counts
     are written too. Returns (B, N) counts, or (B, rows, columns, 3) uint8 images. Warns with
     T2TwinWarning of images that are out of distribution. Raises T2TwinError, without output, for a
     run from images to counts, files that cannot be read, and counts that the source cannot measure.

@@ -8,7 +8,7 @@ and the clipping to full scale.
              tactile_images  (B, R, C) float32, counts, R x C = 396 x 240
 
 A field run also has the input background, (1, 3, S, S), a background frame of the same sensor, by
-default the mean frame of the run's dataset, and as outputs all that FieldTranslator.read returns.
+default the mean frame of the run's dataset. Its outputs are all that FieldTranslator.read returns.
 
 In place of PyTorch, ONNX Runtime takes half the time per frame. For predictions the file is written
 on first use, which takes seconds, and stored in the cache folder. Predictions that a call does not

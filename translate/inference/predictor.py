@@ -93,8 +93,8 @@ class TrainedTranslator:
     def predict(self, readings: Images, background: np.ndarray | None = None) -> np.ndarray:
         """What the target measures for one reading of the source or for several.
 
-        readings: of a gel camera one image, (h, w, 3) or (h, w); a batch, (B, h, w, 3) or
-        (B, h, w, 1); or a list or tuple of images, whose sizes may differ. All are NumPy arrays of
+        readings: of a gel camera one image, (h, w, 3) or (h, w), a batch, (B, h, w, 3) or
+        (B, h, w, 1), or a list of images. The sizes in a list may differ. All are NumPy arrays of
         uint8 of any h and w, channels red, green, blue. Of a taxel array counts, (N,) or (B, N),
         from zero to full scale, in the order of its layout. A batch and a list may be empty.
         background: the background frame of the same sensor, one image, for a field run; by default

@@ -3,8 +3,8 @@
 Each output has a mean and a spread. The spread has layers of its own and is trained on Student's
 likelihood of the detached residual, so that it does not change the mean (Seitzer et al. 2022). The
 calibration follows on validation presses (uncertainty.calibration). Shear and contact have layers
-and optimizers of their own. The shear's mean is trained on the likelihood at the predicted spread:
-without markers it is unknown, and squared errors of such touches would dominate (median magnitude
+and optimizers of their own. The shear's mean is trained on the likelihood at the predicted spread.
+Without markers it is unknown, and squared errors of such touches would dominate (median magnitude
 0.67 of the true one, measured).
 
 Shape letters: B batch, S image side, N taxels, F places of the dense counts, R rows and C columns
