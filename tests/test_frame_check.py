@@ -74,7 +74,7 @@ def test_wrong_frames_are_what_their_class_says():
         np.testing.assert_array_equal(undone[0], frame)
     kinds = {wrong_frame(frame, rng)[1] for _ in range(60)}
     assert kinds == {*INVERSE_TRANSFORMS, OODClass.OTHER}
-    for alter in ALTERATIONS:
+    for alter in ALTERATIONS.values():
         found = alter(frame, rng)
         assert found.dtype == np.uint8 and found.shape[-1] == 3
         assert found.shape != frame.shape or (found != frame).any()

@@ -10,7 +10,6 @@ from t2twin.cli import doctor
 from t2twin.core import machine
 from t2twin.primitives_cad import shape_cache
 from t2twin.sim.dataset import info, shard
-from t2twin.translate.models import distributed
 
 ABSENT = "no-such-package-of-t2twin"
 
@@ -42,11 +41,6 @@ def test_memory_is_in_bytes(macos, monkeypatch):
     assert shard.peak_memory() == 50_000_000 * 1024
     shard.STATUS.write_text("Name:\tpython\nVmHWM:\t    2048 kB\n")
     assert shard.peak_memory() == 2 * 2**20
-
-
-def test_macos_keeps_torchs_memory_as_it_is(macos, monkeypatch):
-    monkeypatch.setattr(distributed.ctypes, "CDLL", lambda name: pytest.fail("glibc's"))
-    distributed.keep_memory()
 
 
 def test_doctor_wants_no_egl_on_macos(macos, monkeypatch):

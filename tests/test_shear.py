@@ -212,8 +212,11 @@ def test_evaluation_separates_moving_touches(
     assert row.by_motion is not None and row.shear is not None
     still, moving = (row.by_motion[name] for name in ("still", "moving"))
     whole = row.overall.counts**2 * result.pairs
-    assert still["pairs"] + moving["pairs"] == result.pairs
-    parts = sum(each["pairs"] * each["rmse_counts"] ** 2 for each in (still, moving))
+    pairs, rmse_counts = (
+        np.array([each[key] for each in (still, moving)], float) for key in ("pairs", "rmse_counts")
+    )
+    assert pairs.sum() == result.pairs
+    parts = (pairs * rmse_counts**2).sum()
     assert parts == pytest.approx(whole)
     assert read_evaluation(tmp_path) == result
 

@@ -100,13 +100,10 @@ def kinds() -> dict[str, Alter]:
     def transform(undo: Callable[[np.ndarray], np.ndarray]) -> Alter:
         return lambda frame, _: np.ascontiguousarray(undo(frame[None])[0])
 
-    return {str(kind): transform(undo) for kind, undo in ways.FORWARD.items()} | {
-        "cropped": ways.cropped,
-        "grey": ways.grey,
-        "defocused": ways.blurred,
-        "saturated": ways.bright,
-        "noise": ways.noise,
-        "noise like photographs'": ways.spectral,
+    kinds = ("cropped", "grey", "defocused", "saturated", "noise", "noise like photographs'")
+    return {
+        **{str(kind): transform(undo) for kind, undo in ways.FORWARD.items()},
+        **{kind: ways.ALTERATIONS[kind] for kind in kinds},
         "dead leaves": _dead_leaves,
         "gradient": ways.gradient,
         "drawing": ways.drawing,

@@ -6,6 +6,7 @@ laid out under the estimated contact, finer at the shape's edges and where its s
 
 import time
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -335,8 +336,8 @@ def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:
 
     window = window_around(expected)
     shares = survey.footprint.shares[window] * expected[window]
-    _, parts = ndimage.label(shares > 0.0)
-    if shares.sum() * FINER[-1] ** 2 < PART_PINS * parts:
+    labels: Any = ndimage.label(shares > 0.0)
+    if shares.sum() * FINER[-1] ** 2 < PART_PINS * labels[1]:
         return *FINER, 2 * FINER[-1]
     return FINER
 

@@ -244,15 +244,15 @@ def _check(
         folders[INITIAL] = config.init_from
     runs = {name: load_run(folder) for name, folder in folders.items()}
     errors = {
-        name: [
-            evaluate_frames(run, images, references, still)
-            for images in (references.frames, references.simulated)
-        ]
+        name: (
+            evaluate_frames(run, references.frames, references, still),
+            evaluate_frames(run, references.simulated, references, still),
+        )
         for name, run in runs.items()
     }
     scores = {
-        name: RunScores(*(one.scores for one in errors[name]), background_counts(run, still))
-        for name, run in runs.items()
+        name: RunScores(real.scores, simulated.scores, background_counts(runs[name], still))
+        for name, (real, simulated) in errors.items()
     }
     kept = choose(scores)
     publish(folders[kept], kept, scores, config.out / config.model)

@@ -59,7 +59,7 @@ def wrong_frame(frame: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray
     if rng.random() < TRANSFORM_SHARE:
         kind = list(FORWARD)[rng.integers(len(FORWARD))]
         return np.ascontiguousarray(FORWARD[kind](frame[None])[0]), kind
-    alter = ALTERATIONS[rng.integers(len(ALTERATIONS))]
+    alter = list(ALTERATIONS.values())[rng.integers(len(ALTERATIONS))]
     return np.ascontiguousarray(alter(frame, rng)), OODClass.OTHER
 
 
@@ -133,20 +133,22 @@ def drawing(frame: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 # Channels exchanged, other than blue with red
 ORDERS = ((1, 0, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1))
 # Makers of other wrong frames; their limits are assumed: what a user would call another frame
-ALTERATIONS: tuple[Alter, ...] = (
-    cropped,
-    rolled,
-    lambda frame, rng: gaussian_filter(frame, rng.uniform(0.012, 0.04) * len(frame), axes=(0, 1)),
-    lambda frame, rng: np.clip(frame * rng.uniform(1.8, 4.0), 0, 255).astype(np.uint8),  # bright
-    lambda frame, rng: (frame * rng.uniform(0.08, 0.3)).astype(np.uint8),  # dark
-    lambda frame, _: np.repeat(frame.mean(axis=-1, keepdims=True), 3, axis=-1).astype(np.uint8),
-    lambda frame, _: 255 - frame,  # negative
-    lambda frame, rng: frame[..., ORDERS[rng.integers(len(ORDERS))]],
-    lambda frame, rng: rng.integers(0, 256, frame.shape, dtype=np.uint8),  # noise
-    spectral,
-    gradient,
-    drawing,
-)
+ALTERATIONS: dict[str, Alter] = {
+    "cropped": cropped,
+    "rolled": rolled,
+    "defocused": lambda frame, rng: gaussian_filter(
+        frame, rng.uniform(0.012, 0.04) * len(frame), axes=(0, 1)
+    ),
+    "saturated": lambda frame, rng: np.clip(frame * rng.uniform(1.8, 4.0), 0, 255).astype(np.uint8),
+    "dark": lambda frame, rng: (frame * rng.uniform(0.08, 0.3)).astype(np.uint8),
+    "grey": lambda frame, _: np.repeat(frame.mean(-1, keepdims=True), 3, axis=-1).astype(np.uint8),
+    "negative": lambda frame, _: 255 - frame,
+    "other channels": lambda frame, rng: frame[..., ORDERS[rng.integers(len(ORDERS))]],
+    "noise": lambda frame, rng: rng.integers(0, 256, frame.shape, dtype=np.uint8),
+    "noise like photographs'": spectral,
+    "gradient": gradient,
+    "drawing": drawing,
+}
 
 # Right frames that the check is trained on, at most (assumed: a few minutes of a core)
 MAX_FRAMES = 5000
