@@ -10,13 +10,13 @@ ROOT = Path(__file__).parents[1]
 PRODUCT = ("t2twin", "translate", "sim", "primitives_cad", "maintenance")
 
 BUDGET = {
-    "t2twin": 14_100,
-    "translate": 11_800,
-    "sim": 20_200,
-    "primitives_cad": 4_750,
-    "maintenance": 900,
-    "tests": 26_900,
-    "benchmarks": 12_450,
+    "t2twin": 10_200,
+    "translate": 9_100,
+    "sim": 16_800,
+    "primitives_cad": 2_970,
+    "maintenance": 670,
+    "tests": 21_000,
+    "benchmarks": 7_000,
 }
 """Lines of Python of each folder. A budget only falls: lower it when a folder shrinks."""
 
