@@ -332,14 +332,18 @@ def _first_touch_mm(
 
 def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:
     """FINER, with pins of half the size where separate parts of the expected contact are small."""
-    from scipy import ndimage  # slow to import
-
     window = window_around(expected)
     shares = survey.footprint.shares[window] * expected[window]
-    labels: Any = ndimage.label(shares > 0.0)
-    if shares.sum() * FINER[-1] ** 2 < PART_PINS * labels[1]:
-        return *FINER, 2 * FINER[-1]
-    return FINER
+    touched, pins = shares > 0.0, shares.sum() * FINER[-1] ** 2
+    corners = touched.copy()  # each part has a cell without neighbors above and on the left
+    corners[1:] &= ~touched[:-1]
+    corners[:, 1:] &= ~touched[:, :-1]
+    if pins >= PART_PINS * np.count_nonzero(corners):
+        return FINER
+    from scipy import ndimage  # slow to import
+
+    labels: Any = ndimage.label(touched)
+    return (*FINER, 2 * FINER[-1]) if pins < PART_PINS * labels[1] else FINER
 
 
 def _pins_per_cell(cells_in_contact: float) -> int:
