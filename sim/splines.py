@@ -35,11 +35,7 @@ class _Banded:
 
 
 def on_lines(
-    values: np.ndarray,
-    y: np.ndarray,
-    x: np.ndarray,
-    lines_y: np.ndarray,
-    lines_x: np.ndarray,
+    values: np.ndarray, y: np.ndarray, x: np.ndarray, lines_y: np.ndarray, lines_x: np.ndarray
 ) -> np.ndarray:
     """The bicubic spline through values (y.size, x.size) on the axes lines_y and lines_x, float32.
 

@@ -235,10 +235,7 @@ def test_counts_are_read_from_files(trained, tmp_path: Path, capsys) -> None:
     np.testing.assert_array_equal(found, run.predict(counts))
     assert (tmp_path / "out" / "counts.csv").is_file() == (info.target.value == "counts")
     (tmp_path / "bare.csv").write_text("\n".join(lines[1:]))
-    for name, said in (
-        ("bare.csv", "with the columns"),
-        ("some.txt", "there is no file"),
-    ):
+    for name, said in (("bare.csv", "with the columns"), ("some.txt", "there is no file")):
         with pytest.raises(T2TwinError, match=said):
             translate_readings(run_dir, [tmp_path / name], tmp_path / "nothing")
     assert not (tmp_path / "nothing").exists()

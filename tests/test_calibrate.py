@@ -19,11 +19,7 @@ from t2twin.sim.calibrate.calibrate import (
     score,
 )
 from t2twin.sim.calibrate.fit import BallFit, Sums, Terms, select_terms
-from t2twin.sim.calibrate.frames import (
-    clean_background,
-    contact_patch,
-    upright_frame,
-)
+from t2twin.sim.calibrate.frames import clean_background, contact_patch, upright_frame
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.pair import SensorPair

@@ -7,11 +7,7 @@ from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.calibrate import calibrate, cleaned, evaluate, guess_light
-from t2twin.sim.calibrate.coverage import (
-    coverage_of,
-    coverage_picture,
-    coverage_sentences,
-)
+from t2twin.sim.calibrate.coverage import coverage_of, coverage_picture, coverage_sentences
 from t2twin.sim.calibrate.fit import Measurements, Presses
 from t2twin.sim.calibrate.frames import contact_patch
 from t2twin.sim.calibrate.measurements import fit_presses

@@ -19,14 +19,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.shard import STAGES
-from t2twin.sim.dataset.store import (
-    LOG,
-    lists,
-    read_info,
-    read_split,
-    sha256_of,
-    verify_dataset,
-)
+from t2twin.sim.dataset.store import LOG, lists, read_info, read_split, sha256_of, verify_dataset
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair

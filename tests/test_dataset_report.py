@@ -40,11 +40,7 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
     "source, target, left_out, said",
     [
         pytest.param(
-            "gelsight-mini",
-            "flexitac",
-            (),
-            "gelsight-mini",
-            marks=pytest.mark.exhaustive,
+            "gelsight-mini", "flexitac", (), "gelsight-mini", marks=pytest.mark.exhaustive
         ),
         ("flexitac", "digit", (), "taxel array flexitac"),
         ("digit", "digit", ("saturation",), "digit (source)"),

@@ -18,10 +18,7 @@ from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.evaluation.baselines import (
-    FEATURE_SIZE,
-    neighbors,
-)
+from t2twin.translate.evaluation.baselines import FEATURE_SIZE, neighbors
 from t2twin.translate.evaluation.evaluate import (
     OF_OPTICS,
     PREDICTIONS,

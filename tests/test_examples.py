@@ -75,16 +75,7 @@ def test_gripper_lifts_holds_and_loses_a_tool(tmp_path):
     options = ["--tools", "allen-key", "--rate-hz", str(rate_hz), "--every", "4"]
     folders = [EXAMPLES, EXAMPLES.parent, tmp_path]
     ended = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            GRIPPER,
-            *options,
-            "--out",
-            str(file),
-            "--rerun",
-            str(recording),
-        ],
+        [sys.executable, "-c", GRIPPER, *options, "--out", str(file), "--rerun", str(recording)],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))},
         capture_output=True,
         text=True,

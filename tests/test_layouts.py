@@ -11,10 +11,7 @@ from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.translate.evaluation.baselines import (
-    LAYOUT_FLOOR,
-    representable,
-)
+from t2twin.translate.evaluation.baselines import LAYOUT_FLOOR, representable
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import TrainedTranslator

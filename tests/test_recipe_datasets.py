@@ -13,22 +13,10 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import SPLITS
-from t2twin.sim.dataset.store import (
-    LOG,
-    lists,
-    read_info,
-    read_split,
-    sha256_of,
-    verify_dataset,
-)
+from t2twin.sim.dataset.store import LOG, lists, read_info, read_split, sha256_of, verify_dataset
 from t2twin.sim.optical import pyrender_renderer
 from t2twin.sim.sampling import plan as planning
-from t2twin.sim.sampling.plan import (
-    MAX_ATTEMPTS,
-    plan,
-    sample_force,
-    sample_press,
-)
+from t2twin.sim.sampling.plan import MAX_ATTEMPTS, plan, sample_force, sample_press
 from t2twin.sim.sampling.recipe import ForceRange, bundled_recipes, load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 

@@ -19,12 +19,7 @@ from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config
-from t2twin.translate.runs.log import (
-    EpochRecord,
-    best_epoch,
-    read_log,
-    write_log,
-)
+from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log, write_log
 
 SHARD = "train/square-1.parquet"
 GONE = object()

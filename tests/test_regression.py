@@ -5,13 +5,7 @@ import json
 import pytest
 
 from benchmarks.evidence import read_results
-from benchmarks.networks.regression import (
-    BENCHMARK,
-    EPOCHS,
-    against,
-    make_data,
-    train_and_evaluate,
-)
+from benchmarks.networks.regression import BENCHMARK, EPOCHS, against, make_data, train_and_evaluate
 
 BASELINE = read_results(BENCHMARK.results).content
 

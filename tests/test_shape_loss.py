@@ -117,12 +117,7 @@ def test_the_generator_minimises_it_with_its_weight(data_dir: Path) -> None:
 @pytest.mark.parametrize(
     ("model", "direction", "weight", "said"),
     [
-        (
-            "resnet18",
-            "image-to-counts",
-            1.0,
-            "resnet18 image-to-counts run predicts no tactile",
-        ),
+        ("resnet18", "image-to-counts", 1.0, "resnet18 image-to-counts run predicts no tactile"),
         ("touch2touch", "counts-to-image", 1.0, "counts-to-image run predicts no tactile image"),
         ("touch2touch", "image-to-counts", -1.0, "is -1; expected a number"),
         ("touch2touch", "image-to-counts", float("nan"), "is nan; expected a finite"),

@@ -58,9 +58,7 @@ def test_each_tool_is_one_closed_solid(tool, solids):
 @pytest.mark.parametrize("tool", SOLIDS)
 def test_chordal_error_of_tools(tool, solids):
     import cadquery as cq
-    from OCP.BRepExtrema import (
-        BRepExtrema_DistShapeShape,  # pyright: ignore[reportAttributeAccessIssue]
-    )
+    from OCP.BRepExtrema import BRepExtrema_DistShapeShape  # pyright: ignore[reportAttributeAccessIssue]
 
     shell = cq.Compound.makeCompound(solids(tool).Faces()).wrapped
     mesh = catalogue.tool_mesh(tool)

@@ -147,9 +147,7 @@ def shape_references(sensor: GelCamera) -> list[Any]:
     return readings
 
 
-def ball_references(
-    folder: Path,
-) -> tuple[list[str], np.ndarray, np.ndarray, list[Any]]:
+def ball_references(folder: Path) -> tuple[list[str], np.ndarray, np.ndarray, list[Any]]:
     """Names and frames of all presses in a folder, the background frame, and the simulated readings
     of the balls at the places and depths that fitted optics find.
 

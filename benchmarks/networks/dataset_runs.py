@@ -40,11 +40,7 @@ BENCHMARK = Benchmark(
     figures=tuple(
         Figure(f"on.{part}.*.{name}", "%")
         for part in ("*.val", "paper.test", "forces.test")
-        for name in (
-            "overall.rmse_percent",
-            "coverage_percent",
-            "sparsification_gain_percent",
-        )
+        for name in ("overall.rmse_percent", "coverage_percent", "sparsification_gain_percent")
     ),
     arguments=(Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),),
 )
@@ -114,11 +110,7 @@ def _row(row: ModelRow) -> dict[str, Any]:
 
 
 def _trained(row: ModelRow) -> dict[str, Any]:
-    return {
-        "recipe": row.trained_recipe,
-        "pairs": row.trained_pairs,
-        "steps": row.trained_steps,
-    }
+    return {"recipe": row.trained_recipe, "pairs": row.trained_pairs, "steps": row.trained_steps}
 
 
 def _rankings(evaluation: Evaluation, predictions: Predictions) -> dict[str, dict[str, Any]]:

@@ -35,12 +35,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.networks.real",
     measures="Predictions of trained translators for frames of a real DIGIT.",
     minutes=2,
-    sources=(
-        "primitives_cad",
-        "sim",
-        "t2twin/adaptation/real_frame_evaluation.py",
-        "translate",
-    ),
+    sources=("primitives_cad", "sim", "t2twin/adaptation/real_frame_evaluation.py", "translate"),
     figures=(
         Figure("runs.*.real.rmse_percent", "%"),
         Figure("runs.*.real.interval_coverage_percent", "%"),

@@ -20,12 +20,7 @@ from PIL import Image
 
 from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.sim.calibrate.calibrate import calibrate
-from t2twin.sim.calibrate.measurements import (
-    FORCES,
-    Bounds,
-    OpticsUncertainty,
-    ball_forces_n,
-)
+from t2twin.sim.calibrate.measurements import FORCES, Bounds, OpticsUncertainty, ball_forces_n
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.pair import SensorPair
@@ -74,10 +69,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         stated = _certainty(background, frames, known)
         known |= {DEPTH: poses[:DISPLACEMENTS, 2], FORCE: forces_n}
         anchored = _certainty(background, frames, known)
-        content[name] = {
-            "stated": _beside(stated, poses),
-            "anchored": _beside(anchored, poses),
-        }
+        content[name] = {"stated": _beside(stated, poses), "anchored": _beside(anchored, poses)}
     return content
 
 

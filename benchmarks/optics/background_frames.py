@@ -42,14 +42,8 @@ BENCHMARK = Benchmark(
     module="benchmarks.optics.background_frames",
     measures="Accuracy of lights estimated from the background frame of a real DIGIT.",
     minutes=2,
-    sources=(
-        "sim/calibrate",
-        "sim/optical",
-    ),
-    figures=(
-        Figure("held_out_presses.*.psnr_db", "dB"),
-        Figure("held_out_presses.*.ssim"),
-    ),
+    sources=("sim/calibrate", "sim/optical"),
+    figures=(Figure("held_out_presses.*.psnr_db", "dB"), Figure("held_out_presses.*.ssim")),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
 )
 

@@ -14,12 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.evidence import Argument, Benchmark, Figure, main
-from t2twin.sim.calibrate.calibrate import (
-    Score,
-    calibrate,
-    mean_score,
-    score,
-)
+from t2twin.sim.calibrate.calibrate import Score, calibrate, mean_score, score
 from t2twin.sim.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -27,10 +22,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.optics.fitted_optics",
     measures="Accuracy of an optics file on frames of a real DIGIT that it was not fitted to.",
     minutes=4,
-    sources=(
-        "sim/calibrate",
-        "sim/optical",
-    ),
+    sources=("sim/calibrate", "sim/optical"),
     figures=(
         Figure("scores.calibrated.psnr_db", "dB", least=30.5),
         Figure("scores.calibrated.ssim", least=0.87),

@@ -30,10 +30,7 @@ BENCHMARK = Benchmark(
     module="benchmarks.optics.units",
     measures="A real DIGIT compared with randomly sampled units.",
     minutes=2,
-    sources=(
-        "sim/calibrate",
-        "sim/optical",
-    ),
+    sources=("sim/calibrate", "sim/optical"),
     figures=(Figure("parameters.*.real.percentile", "%"),),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
 )

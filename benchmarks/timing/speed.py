@@ -35,10 +35,7 @@ BENCHMARK = Benchmark(
     measures="Speed of a press, a slide, an image and a dataset, against another commit.",
     minutes=15,
     sources=("primitives_cad", "sim"),
-    figures=(
-        Figure("times_as_fast.*", "times", least=0.9),
-        Figure("ms.*", "ms"),
-    ),
+    figures=(Figure("times_as_fast.*", "times", least=0.9), Figure("ms.*", "ms")),
     arguments=(
         Argument("--against", "another commit; keeps nothing", default=None, partial=True),
         Argument("--turns", "of both; keeps nothing unless 5", int, 5, partial=True),

@@ -645,10 +645,7 @@ class BallFit:
     def _sums(self, geometry: Geometry, poses: np.ndarray, terms: Terms) -> list[Sums]:
         """Of each press, for the fit of the response."""
         return [
-            Sums.of(
-                self._changed(geometry, index, pose, terms).astype(float),
-                self._target(index),
-            )
+            Sums.of(self._changed(geometry, index, pose, terms).astype(float), self._target(index))
             for index, pose in enumerate(poses)
         ]
 

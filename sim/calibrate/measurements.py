@@ -234,10 +234,7 @@ class OpticsUncertainty:
 
 
 def estimate_uncertainty(
-    presses: Presses,
-    fit: Fit,
-    tolerance: Tolerance,
-    report: Callable[[str], object],
+    presses: Presses, fit: Fit, tolerance: Tolerance, report: Callable[[str], object]
 ) -> OpticsUncertainty:
     """Bounds around a fit to all presses.
 

@@ -384,8 +384,7 @@ def step_towards(q, gradient, limit, length, direction):
 
 
 @compiled(
-    "void(f4[:, :, ::1], f4[:, :, :], f8, f4[:, :, ::1], f4[:, ::1], f4[:, :, ::1])",
-    nogil=True,
+    "void(f4[:, :, ::1], f4[:, :, :], f8, f4[:, :, ::1], f4[:, ::1], f4[:, :, ::1])", nogil=True
 )
 def take_step(displacement, moved, fraction, wanted, limit, gradient):
     """Add a fraction of a displacement; write the energy's gradient, 0 outside the contact."""

@@ -133,8 +133,7 @@ def _model(pins: int) -> mujoco.MjModel:
 
 
 @compiled(
-    "void(f8[::1], f8, f8, f8[::1], f8[::1], f8[:], f8[::1], f8[::1], f8[::1], f8[::1])",
-    nogil=True,
+    "void(f8[::1], f8, f8, f8[::1], f8[::1], f8[:], f8[::1], f8[::1], f8[::1], f8[::1])", nogil=True
 )
 def _set_up(gap, depth, force, rest, stiffness, heights, springs, rests, places, motion):
     """Write the state before a step, and the expected motion upwards in it; see `step`."""

@@ -148,10 +148,7 @@ class Pins:
         """x and y of the pins' centers, each (n,), mm."""
         layer, (down, along) = self.layer, self.window
         half = (self.sides - 1) / 2 * layer.pitch_mm
-        return (
-            layer.x_mm[along][self.columns] + half,
-            layer.y_mm[down][self.rows] + half,
-        )
+        return (layer.x_mm[along][self.columns] + half, layer.y_mm[down][self.rows] + half)
 
 
 def place_pins(

@@ -22,11 +22,7 @@ from scipy import ndimage
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_bodies
 from t2twin.sim.contact.displacements import is_small, means, moved, unfolded
-from t2twin.sim.contact.friction import (
-    PREDICTION_TOLERANCE,
-    TOLERANCE,
-    solve_traction,
-)
+from t2twin.sim.contact.friction import PREDICTION_TOLERANCE, TOLERANCE, solve_traction
 from t2twin.sim.contact.grid import Window, dilated, window_around, window_shape
 from t2twin.sim.contact.layer import DomedLayer
 from t2twin.sim.contact.pin_layout import OffPadError
@@ -69,12 +65,7 @@ Drive = Callable[[Contact, DomedLayer, np.ndarray, Window], tuple[np.ndarray, Tr
 
 
 def advance(
-    contact: Contact,
-    dx_mm: float,
-    dy_mm: float,
-    dyaw_rad: float,
-    force_n: float,
-    friction: float,
+    contact: Contact, dx_mm: float, dy_mm: float, dyaw_rad: float, force_n: float, friction: float
 ) -> Contact:
     """The contact after a small motion of the shape, with a force.
 

@@ -23,14 +23,7 @@ from t2twin.core.machine import trim_memory
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.pin_layout import OffPadError
-from t2twin.sim.dataset.columns import (
-    BACKGROUND,
-    MARKERS,
-    UNIT,
-    Sample,
-    columns_of,
-    schema_of,
-)
+from t2twin.sim.dataset.columns import BACKGROUND, MARKERS, UNIT, Sample, columns_of, schema_of
 from t2twin.sim.dataset.info import Shard, versions
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.optical.markers import Markers

@@ -88,8 +88,7 @@ class Led(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
         float, Meta(ge=0.0, le=LARGEST_LED_MM, description="radius of the luminous disc")
     ]
     aim_mm: Annotated[
-        tuple[Coordinate, Coordinate, Coordinate],
-        Meta(description="a point on the beam's axis"),
+        tuple[Coordinate, Coordinate, Coordinate], Meta(description="a point on the beam's axis")
     ] = (0.0, 0.0, 0.0)
     beam_deg: Annotated[
         tuple[Beam, Beam], Meta(description="half angles between which the beam fades out")

@@ -164,10 +164,7 @@ class UnitRanges:
     noise_grey: tuple[Noise, Noise] = (1.5, 7.0)  # of one frame (2.8 measured; TACTO 7)
     # of units near an optics file, relative to it
     around_led_mm: tuple[OfLed, OfLed] = (-1.0, 1.0)
-    around_part: tuple[Around, Around] = (
-        -0.1,
-        0.1,
-    )  # half for gamma, a quarter for scale
+    around_part: tuple[Around, Around] = (-0.1, 0.1)  # half for gamma, a quarter for scale
     around_shift_px: tuple[Shift, Shift] = (-4.0, 4.0)
     around_tilt_deg: tuple[Tilt, Tilt] = (-0.5, 0.5)
 
@@ -333,10 +330,7 @@ def nodes(size: Size) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sample_unit(
-    rng: np.random.Generator,
-    spec: GelCameraSpec,
-    ranges: UnitRanges,
-    center: Optics | None = None,
+    rng: np.random.Generator, spec: GelCameraSpec, ranges: UnitRanges, center: Optics | None = None
 ) -> Unit:
     """A unit of a sensor, sampled from the ranges; with a center, one near those optics.
 

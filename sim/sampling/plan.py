@@ -21,16 +21,7 @@ from t2twin.primitives_cad.shape import RANDOM_PREFIX, Shape
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.optical.units import log_uniform
 from t2twin.sim.sampling import protocol
-from t2twin.sim.sampling.recipe import (
-    NAMED,
-    RANDOM,
-    ForceRange,
-    Motion,
-    Part,
-    Place,
-    Recipe,
-    Split,
-)
+from t2twin.sim.sampling.recipe import NAMED, RANDOM, ForceRange, Motion, Part, Place, Recipe, Split
 
 # Random streams of one seed: presses, forces on a grid, units, noise of their background frames,
 # kinds of the paths, their motions, friction of the shapes.

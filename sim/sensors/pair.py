@@ -154,10 +154,7 @@ class SensorPair:
             Survey(touch.shape, command, cached_layer(contact.elastomer, contact.pitch_mm))
 
     def advance(
-        self,
-        touch: Touch,
-        command: PressCommand,
-        friction: float | dict[str, float] | None,
+        self, touch: Touch, command: PressCommand, friction: float | dict[str, float] | None
     ) -> Touch:
         """Move the shape of a touch by a small step, with friction; without images and counts.
 

@@ -98,10 +98,7 @@ def kept_away(model: "mujoco.MjModel", sensor: int) -> list[str]:
 
 def check_state(model: "mujoco.MjModel", data: "mujoco.MjData") -> None:
     """Raises T2TwinError for a model or data that cannot be read."""
-    for value, name, kind in (
-        (model, "model", mujoco.MjModel),
-        (data, "data", mujoco.MjData),
-    ):
+    for value, name, kind in ((model, "model", mujoco.MjModel), (data, "data", mujoco.MjData)):
         if not isinstance(value, kind):
             raise T2TwinError(
                 f"{name} is {arguments.describe(value)}; expected a mujoco.{kind.__name__} "

@@ -125,10 +125,7 @@ def _wider(shape: Shape) -> Shape:
 
 
 def _notice(
-    contact: Contact | None,
-    body: Body,
-    known: list[str],
-    chosen: tuple[Load, float, bool] | None,
+    contact: Contact | None, body: Body, known: list[str], chosen: tuple[Load, float, bool] | None
 ) -> Notice | None:
     """What a contact lacks of a body's force. known: reasons so far. chosen: see `_choices`."""
     read_n = _read_n(contact, body.name)

@@ -85,9 +85,7 @@ def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
     elif options.source or options.target:
         loaded = load_recipe(recipe)
         recipe = structs.replace(
-            loaded,
-            source=options.source or loaded.source,
-            target=options.target or loaded.target,
+            loaded, source=options.source or loaded.source, target=options.target or loaded.target
         )
     folder = options.out or Path("data") / (options.scale or Path(options.recipe or "").stem)
     info = t2twin.make_dataset(
@@ -150,11 +148,7 @@ def import_pairs(
     print(f"{_pairs(info)} pairs in {out}")
 
 
-def convert(
-    dataset: tyro.conf.Positional[str],
-    to: Literal["lerobot"],
-    out: Path,
-) -> None:
+def convert(dataset: tyro.conf.Positional[str], to: Literal["lerobot"], out: Path) -> None:
     """Convert a dataset to the format of another project.
 
     Args:

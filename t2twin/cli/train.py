@@ -57,10 +57,7 @@ def train(
     )  # fmt: skip
 
 
-def calibrate_uncertainty(
-    run: tyro.conf.Positional[Path],
-    data: tuple[Path, ...],
-) -> None:
+def calibrate_uncertainty(run: tyro.conf.Positional[Path], data: tuple[Path, ...]) -> None:
     """Recalibrate the predicted uncertainty of a field run on validation presses of several
     datasets.
 

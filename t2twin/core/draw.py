@@ -179,10 +179,7 @@ def in_a_row(pictures: Iterable[Image.Image], height_px: int) -> Image.Image:
 
 
 def figure(
-    kind: Literal["svg", "png"],
-    width_in: float,
-    height_in: float,
-    draw: Callable[[Figure], None],
+    kind: Literal["svg", "png"], width_in: float, height_in: float, draw: Callable[[Figure], None]
 ) -> bytes:
     """File content of a figure of matplotlib. draw: fills the empty figure.
 

@@ -17,14 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
-from t2twin.core.draw import (
-    COLORS,
-    Panel,
-    draw_discs,
-    draw_image,
-    figure,
-    panels_image,
-)
+from t2twin.core.draw import COLORS, Panel, draw_discs, draw_image, figure, panels_image
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.report.page import (

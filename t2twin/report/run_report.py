@@ -45,11 +45,7 @@ from t2twin.translate.evaluation.evaluate import (
 )
 from t2twin.translate.evaluation.metrics import REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, read_evaluation
-from t2twin.translate.evaluation.table import (
-    counts_form,
-    results_tables,
-    training_data,
-)
+from t2twin.translate.evaluation.table import counts_form, results_tables, training_data
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.runs.config import BEST, load_config, resolve_run

@@ -72,12 +72,7 @@ SLIDERS = {
 }  # fmt: skip
 """Sliders by their field of PressState: label, range, step and hint."""
 
-FILES = {
-    "shape": SUFFIXES,
-    "layout": (".json", ".csv"),
-    "optics": (".npz",),
-    "sensor": (".toml",),
-}
+FILES = {"shape": SUFFIXES, "layout": (".json", ".csv"), "optics": (".npz",), "sensor": (".toml",)}
 """Suffixes of files by their kind."""
 
 Guard = Callable[[Callable[[], object]], None]

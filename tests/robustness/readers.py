@@ -10,20 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from cases import (
-    DAMAGES,
-    JPEG,
-    PNG,
-    Case,
-    Copy,
-    Files,
-    damaged,
-    edit,
-    encoded,
-    frame,
-    laid,
-    put,
-)
+from cases import DAMAGES, JPEG, PNG, Case, Copy, Files, damaged, edit, encoded, frame, laid, put
 from PIL import Image
 from safetensors.numpy import load_file, save
 from solids import SOLIDS

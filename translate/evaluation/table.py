@@ -12,13 +12,7 @@ import numpy as np
 from t2twin.core.tables import NONE, Table, markdown, text
 from t2twin.translate.evaluation.baselines import NOISE_FLOOR
 from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, REPORTED_SHARE
-from t2twin.translate.evaluation.records import (
-    Evaluation,
-    ForceFigures,
-    Interval,
-    ModelRow,
-    Values,
-)
+from t2twin.translate.evaluation.records import Evaluation, ForceFigures, Interval, ModelRow, Values
 
 Evaluations = Mapping[str, Evaluation]
 """Evaluations of one dataset by split."""

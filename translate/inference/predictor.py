@@ -313,11 +313,7 @@ class TrainedTranslator:
         return sensor.for_dataset() if isinstance(sensor, TaxelArray) else None
 
     def sample_dense_counts(
-        self,
-        images: Images,
-        number: int,
-        seed: int = 0,
-        background: np.ndarray | None = None,
+        self, images: Images, number: int, seed: int = 0, background: np.ndarray | None = None
     ) -> np.ndarray:
         """Dense counts sampled from the predicted distribution of a field run.
 

@@ -466,8 +466,7 @@ class FieldNet(nn.Module):
         with torch.autocast(images.device.type, enabled=False):
             place, force = self.scale(*self.scale.features(images, self.mean_frame, *outputs[:4]))
         return outputs._replace(
-            log_spread=outputs.log_spread + place,
-            force_log_spread=outputs.force_log_spread + force,
+            log_spread=outputs.log_spread + place, force_log_spread=outputs.force_log_spread + force
         )
 
     def _resample(self, view_map: torch.Tensor, places: torch.Tensor) -> torch.Tensor:

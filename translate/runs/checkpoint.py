@@ -30,23 +30,12 @@ from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
 from t2twin.translate.networks.field_net import CONTACT, SHEAR
 from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.card import CARD
-from t2twin.translate.runs.config import (
-    BEST,
-    CONFIG,
-    FRAME_CHECK,
-    LOG,
-    RunConfig,
-    load_config,
-)
+from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG, RunConfig, load_config
 from t2twin.translate.runs.log import EpochPart, EpochRecord
 
 # Translators by value of the target and by model; all take preset, dataset, device and bf16
 TRANSLATORS: dict[str, dict[str, Any]] = {
-    COUNTS: {
-        "touch2touch": Touch2Touch,
-        "resnet18": ResNet18Translator,
-        "field": FieldTranslator,
-    },
+    COUNTS: {"touch2touch": Touch2Touch, "resnet18": ResNet18Translator, "field": FieldTranslator},
     IMAGE: {"touch2touch": ImageTranslator},
 }
 # Processors with one of these compute faster in bfloat16 than in float32 (measured on one that has

@@ -18,15 +18,7 @@ import numpy as np
 from msgspec import Meta, Struct, field
 
 from t2twin.core.errors import counted
-from t2twin.core.images import (
-    BLACK,
-    COLORLESS,
-    NOISE,
-    OVEREXPOSED,
-    fault_of,
-    is_colored,
-    is_noise,
-)
+from t2twin.core.images import BLACK, COLORLESS, NOISE, OVEREXPOSED, fault_of, is_colored, is_noise
 from t2twin.translate.data.pairs import ImageFile
 
 CELLS = 8  # Cells along each side of an image (assumed: a contact covers a few of them)
