@@ -256,7 +256,7 @@ WIDE = content_of("digit")["camera"] | {"columns": 300}
         ("flexitac", ("layout", "pitch_mm"), 3.0, "taxel(s) off the cover"),
         ("flexitac", ("layout", "file"), "a.csv", "expected file, or all of rows, columns"),
         ("flexitac", ("transducer", "modulus_mpa"), 1.0, "is not of the law piezoresistive"),
-        ("flexitac", ("transducer", "law"), "capacitive", "modulus_mpa is missing"),
+        ("flexitac", ("transducer", "law"), "capacitive", "modulus_mpa is None"),
         ("flexitac", ("counts", "full_scale"), 256, "8 bits hold at most 255"),
         ("flexitac", ("tactile_image", "rows"), 40, "tactile_image.rows is 40"),
         ("flexitac", ("dense", "spacing_mm"), 0.2, "use a larger spacing_mm"),

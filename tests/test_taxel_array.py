@@ -40,10 +40,8 @@ def test_pads_that_tile_the_cover_feel_the_whole_force(sensor):
 def test_counts_rise_with_force_and_flatten_at_saturation(sensor):
     pressure = np.linspace(0.0, 5.0, 200)
     read = np.rint(sensor.counts_of(pressure)).astype(int)
-    assert read[0] == 0 and read[-1] == sensor.full_scale
-    below = read < sensor.full_scale
-    assert (np.diff(read[below]) > 0).all()
-    assert (read <= sensor.full_scale).all()
+    assert read[0] == 0 and read[-1] == read.max() == sensor.full_scale
+    assert (np.diff(read[read < sensor.full_scale]) > 0).all()
 
 
 def test_untouched_readings_scatter_as_the_real_ones_do(sensor):
@@ -89,7 +87,7 @@ def test_the_denser_layout_holds_the_default_one():
 def test_taxels_outside_the_cover_are_an_error(sensor):
     far = Layout("far", np.array([0.0, 5.0, 40.0]), np.zeros(3), np.full(3, 4.0))
     contact = sensor.press(ball(5.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0))
-    with pytest.raises(T2TwinError, match="outside the cover"):
+    with pytest.raises(T2TwinError, match="off the cover"):
         pads.pad_pressure_mpa(contact, far)
 
 
@@ -101,14 +99,8 @@ def test_a_force_within_a_cell_acts_at_its_center_of_pressure(sensor):
         moved = replace(layout, x_mm=layout.x_mm + off_mm, y_mm=layout.y_mm + 0.5 * off_mm)
         command = PressCommand("punch", off_mm, 0.5 * off_mm, 0.0, 2.0)
         contact = sensor.press(punch(0.5), command)
-        center_mm = contact.moments_kpa_mm.sum(axis=(1, 2)) + np.array(
-            [
-                (contact.pressure_kpa * contact.x_mm).sum(),
-                (contact.pressure_kpa * contact.y_mm[:, None]).sum(),
-            ]
-        )
-        assert center_mm / contact.pressure_kpa.sum() == pytest.approx(
-            [off_mm, 0.5 * off_mm], abs=0.02
-        )
+        pressure, places = contact.pressure_kpa, (contact.x_mm, contact.y_mm[:, None])
+        moment = contact.moments_kpa_mm.sum(axis=(1, 2)) + [(pressure * at).sum() for at in places]
+        assert moment / pressure.sum() == pytest.approx([off_mm, 0.5 * off_mm], abs=0.02)
         found.append(pads.pad_pressure_mpa(contact, moved))
     assert np.abs(np.array(found) - found[0]).max() < 0.02 * found[0].max()

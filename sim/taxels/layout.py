@@ -12,21 +12,17 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.records import REMARKS, check_names, convert, read_json
 from t2twin.sim.tables import read_rows
 
+# Diameter of the disc with the area of a square, over its side. A square pad is computed as this
+# disc (assumed: the cover blurs the difference).
+SQUARE_TO_ROUND = 2.0 / np.sqrt(np.pi)
 LAYOUTS = Path(__file__).parent / "layouts"
 DEFAULT_LAYOUT = "cyskin-20"
 
-SQUARE_TO_ROUND = 2.0 / np.sqrt(np.pi)
-"""Diameter of the disc with the area of a square, over its side. A square pad is computed as this
-disc (assumed: the cover blurs the difference)."""
-
 PAD_DIAMETER_MM = 4.0  # default diameter of a taxel's pad, mm (assumed)
-
 LARGEST_PAD_MM = 50.0  # largest diameter of a pad, mm (assumed: more than the cover is wide)
-
 CLOSEST_MM = 0.1  # least distance between taxels, mm
-
-MAX_TAXELS = 2000
-"""Limit on the taxels of a layout (assumed: more than any published array of this size)."""
+# Limits on the taxels of a layout (assumed: more than any published array of this size)
+MIN_TAXELS, MAX_TAXELS = 3, 2000
 
 
 @dataclass(frozen=True)
@@ -36,13 +32,6 @@ class _Taxel:
     x_mm: float
     y_mm: float
     pad_diameter_mm: Annotated[float, Meta(gt=0, le=LARGEST_PAD_MM)] = PAD_DIAMETER_MM
-
-
-@dataclass(frozen=True)
-class _File:
-    """Content of a JSON layout file."""
-
-    taxels: tuple[_Taxel, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,29 +52,38 @@ class Layout:
 
     def __post_init__(self) -> None:
         arguments.text(self.name, "the layout's name")
-        n = None
+        size = arguments.vector(self.x_mm, f"x_mm of layout {self.name}").size
         for name in ("x_mm", "y_mm", "pad_diameter_mm"):
-            values = arguments.vector(getattr(self, name), f"{name} of layout {self.name}", n)
+            values = arguments.vector(getattr(self, name), f"{name} of layout {self.name}", size)
             object.__setattr__(self, name, values)
-            n = values.size
-        assert n is not None
-        if n < 3:
-            raise T2TwinError(f"layout {self.name} has {n} taxels; it needs at least 3")
-        if n > MAX_TAXELS:
-            raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MAX_TAXELS} can be")
+        if not MIN_TAXELS <= size <= MAX_TAXELS:
+            raise T2TwinError(
+                f"layout {self.name} has {size} taxels; expected at least {MIN_TAXELS}, at most "
+                f"{MAX_TAXELS}"
+            )
         if not 0 < self.pad_diameter_mm.min() <= self.pad_diameter_mm.max() <= LARGEST_PAD_MM:
             raise T2TwinError(
                 f"layout {self.name} has a pad that is not larger than 0 and at most "
                 f"{LARGEST_PAD_MM:g} mm"
             )
-        apart = self.distances_mm(self)
-        apart[np.diag_indices(n)] = np.inf
+        apart = self.distances_mm(self) + np.diag(np.full(size, np.inf))
         if apart.min() < CLOSEST_MM:
             first, second = np.unravel_index(apart.argmin(), apart.shape)
             raise T2TwinError(
                 f"layout {self.name} has taxels {first} and {second} in one place; they must be "
                 f"at least {CLOSEST_MM:g} mm apart"
             )
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the taxels are the same; names may differ."""
+        return isinstance(other, Layout) and self._content == other._content
+
+    def __hash__(self) -> int:
+        return hash(self._content)
+
+    @property
+    def _content(self) -> tuple[bytes, ...]:
+        return self.x_mm.tobytes(), self.y_mm.tobytes(), self.pad_diameter_mm.tobytes()
 
     @property
     def size(self) -> int:
@@ -117,28 +115,14 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None)
             f"no taxel layout {source}; known are {', '.join(layout_names())}, or a path to .json "
             "or .csv"
         )
+    names = [field.name for field in fields(_Taxel)]
     if path.suffix.lower() == ".csv":
         rows = read_rows(path, _Taxel)
     else:
         content = read_json(path, dict, 1)
-        rows = convert(content, _File, path).taxels
         # unknown keys would have no effect, such as a gain
         check_names(content, ["taxels", "format", *REMARKS], path, what="key")
+        rows = convert(content.get("taxels"), tuple[_Taxel, ...], f"{path}, taxels")
         given = sorted({key for taxel in content["taxels"] for key in taxel})
-        known = [*(field.name for field in fields(_Taxel)), *REMARKS]
-        check_names(given, known, f"{path}: a taxel", what="key")
-    return Layout(
-        path.stem,
-        np.array([row.x_mm for row in rows], dtype=float),
-        np.array([row.y_mm for row in rows], dtype=float),
-        np.array([row.pad_diameter_mm for row in rows], dtype=float),
-    )
-
-
-def grid_layout(
-    name: str, rows: int, columns: int, pitch_mm: float, pad_diameter_mm: float
-) -> Layout:
-    """A rectangular grid of taxels around the sensor's axis, row by row from the smallest y."""
-    y, x = ((np.arange(count) - (count - 1) / 2) * pitch_mm for count in (rows, columns))
-    x, y = (each.ravel() for each in np.meshgrid(x, y))
-    return Layout(name, x, y, np.full(x.size, pad_diameter_mm))
+        check_names(given, [*names, *REMARKS], f"{path}: a taxel", what="key")
+    return Layout(path.stem, *(np.array([getattr(row, name) for row in rows]) for name in names))

@@ -11,13 +11,13 @@ Shape letters: N taxels, F places of the dense counts.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from scipy import special
 
-from t2twin.core.cache_dir import cached_array
+from t2twin.core.cache_dir import cached_array, short_digest
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.sim.contact.closed_forms import spectra
@@ -34,8 +34,8 @@ SAME_MM = 1e-3
 # Variance of the error of a place's count over its own (assumed): predicted counts are less smooth
 # than true ones, which the weights would amplify.
 NOISE_SHARE = 1e-2
-
-WAVENUMBERS = 2000  # points of the Hankel transform, up to where the cover transmits 1e-4
+# points of a Hankel transform, up to where the cover transmits 1e-4, of responses and covariances
+RESPONSE_POINTS, COVARIANCE_POINTS = 3000, 2000
 RADII = 600  # distances at which the transform is computed; it is interpolated between them
 
 
@@ -45,11 +45,8 @@ def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
     A cell's force acts at its center of pressure; shear raises the stress in front of a slide.
     Raises T2TwinError for a layout that extends beyond the contact's grid.
     """
-    key = (
-        contact.elastomer.thickness_mm, contact.elastomer.poisson,
-        tuple(contact.x_mm), tuple(contact.y_mm),
-        tuple(layout.x_mm), tuple(layout.y_mm), tuple(layout.pad_diameter_mm),
-    )  # fmt: skip
+    cover = contact.elastomer
+    key = cover.thickness_mm, cover.poisson, tuple(contact.x_mm), tuple(contact.y_mm), layout
     loads: dict[Force, np.ndarray] = {
         "normal": 1e-3 * contact.pressure_kpa.astype(np.float64),
         "moment": 1e-3 * contact.moments_kpa_mm,
@@ -76,64 +73,43 @@ def _add_stress(weights, values, stress):
 @lru_cache(maxsize=16)
 def _weights(
     thickness_mm: float, poisson: float, x_mm: tuple[float, ...], y_mm: tuple[float, ...],
-    taxel_x_mm: tuple[float, ...], taxel_y_mm: tuple[float, ...], diameter_mm: tuple[float, ...],
-    force: Force,
+    layout: Layout, force: Force,
 ) -> np.ndarray:  # fmt: skip
     """(1 or 2 directions, cells, n) mean stress on each pad per unit of load on each cell."""
-    taxel_x, taxel_y = np.array(taxel_x_mm), np.array(taxel_y_mm)
-    reach_x, reach_y = max(x_mm), max(y_mm)
-    if (np.abs(taxel_x) > reach_x).any() or (np.abs(taxel_y) > reach_y).any():
-        raise T2TwinError(
-            f"the layout has taxels outside the cover, which reaches {reach_x:g} mm in x and "
-            f"{reach_y:g} mm in y from its center"
-        )
+    check_within(layout, max(x_mm), max(y_mm))
     x, y = np.meshgrid(x_mm, y_mm)
     pitch = x_mm[1] - x_mm[0]
-    ahead = np.stack([taxel_x - x.ravel()[:, None], taxel_y - y.ravel()[:, None]])
+    ahead = np.stack([layout.x_mm - x.ravel()[:, None], layout.y_mm - y.ravel()[:, None]])
     distance = np.hypot(*ahead)
-    weights = pitch**2 * _pad_responses(distance, pitch, thickness_mm, poisson, diameter_mm, force)
+    k = np.linspace(1e-4, 25.0 / thickness_mm, RESPONSE_POINTS)
+    layer = spectra(k, thickness_mm, 1.0, poisson)
+    spectrum, bessel = {
+        "normal": (layer.base_pressure, special.j0),
+        # per mm nearer to the pad, 1/mm^3; the derivative of J0 is -J1
+        "moment": (k * layer.base_pressure, special.j1),
+        "shear": (layer.base_shear, special.j1),  # along the line from the force to the pad
+    }[force]
+    # a cell is a Gaussian with the second moment of the square, p^2 / 12 along each axis
+    cell = np.exp(-((k * pitch) ** 2) / 24)
+    weights = np.empty_like(distance)
+    for diameter in set(layout.pad_diameter_mm):
+        same = layout.pad_diameter_mm == diameter
+        of_pad = spectrum * disc_transform(k, diameter) * cell * k / (2 * np.pi)
+        weights[:, same] = pitch**2 * _at_distances(distance[:, same], of_pad, k, bessel)
     return weights[None] if force == "normal" else weights * ahead / np.maximum(distance, 1e-9)
 
 
-def _pad_responses(
-    distance_mm: np.ndarray, pitch_mm: float, thickness_mm: float, poisson: float,
-    diameter_mm: tuple[float, ...], force: Force,
-) -> np.ndarray:  # fmt: skip
-    """Mean stress on n round pads by a unit force on a cell at a distance, both (m, n), 1/mm^2."""
-    responses = np.empty_like(distance_mm)
-    for diameter in set(diameter_mm):
-        same = np.array(diameter_mm) == diameter
-        r = np.linspace(0.0, float(distance_mm[:, same].max()) + 0.1, 600)
-        key = repr((force, pitch_mm, thickness_mm, poisson, diameter, float(r[-1])))
-        compute = partial(_hankel, r, pitch_mm, thickness_mm, poisson, diameter, force)
-        profile = cached_array("taxels", key, __file__, compute)
-        responses[:, same] = np.interp(distance_mm[:, same], r, profile)
-    return responses
-
-
-def _hankel(
-    r_mm: np.ndarray, pitch_mm: float, thickness_mm: float, poisson: float, diameter_mm: float,
-    force: Force,
-) -> np.ndarray:  # fmt: skip
-    """`_pad_responses` at distances (n,), 1/mm^2: stress at the base, times a disc and a cell."""
-    k = np.linspace(1e-4, 25.0 / thickness_mm, 3000)
-    layer = spectra(k, thickness_mm, 1.0, poisson)
-    if force == "normal":
-        spectrum, bessel = layer.base_pressure, special.j0
-    elif force == "moment":  # per mm nearer to the pad, 1/mm^3; the derivative of J0 is -J1
-        spectrum, bessel = k * layer.base_pressure, special.j1
-    else:  # along the line from the force to the pad
-        spectrum, bessel = layer.base_shear, special.j1
-    # a cell is a Gaussian with the second moment of the square, p^2 / 12 along each axis
-    disc, cell = disc_transform(k, diameter_mm), np.exp(-((k * pitch_mm) ** 2) / 24)
-    return _transformed(spectrum * disc * cell * k / (2 * np.pi), k, r_mm, bessel)
-
-
-def _transformed(
-    spectrum: np.ndarray, k: np.ndarray, r_mm: np.ndarray, bessel: Callable = special.j0
+def _at_distances(
+    distance_mm: np.ndarray, spectrum: np.ndarray, k: np.ndarray, bessel: Callable = special.j0
 ) -> np.ndarray:
-    """(n,) Hankel transform of a spectrum over wavenumbers at distances."""
-    return np.trapezoid(spectrum * bessel(r_mm[:, None] * k), k, axis=1)
+    """Hankel transform of a spectrum over wavenumbers, at distances of any shape."""
+    r_mm = np.linspace(0.0, float(distance_mm.max()) + 0.1, RADII)
+    key = repr((short_digest(spectrum.tobytes() + k.tobytes()), bessel.__name__, float(r_mm[-1])))
+    profile = cached_array(
+        "taxels", key, __file__,
+        lambda: np.trapezoid(spectrum * bessel(r_mm[:, None] * k), k, axis=1),
+    )  # fmt: skip
+    return np.interp(distance_mm, r_mm, profile)
 
 
 def disc_transform(wavenumber: np.ndarray, diameter_mm: float) -> np.ndarray:
@@ -146,26 +122,12 @@ def disc_transform(wavenumber: np.ndarray, diameter_mm: float) -> np.ndarray:
 class DenseGrid:
     """The dense counts of an array."""
 
-    cover: Elastomer
-    table: DenseTable
-    taxels_mm: tuple[tuple[float, float], ...]  # the grid passes through the first one
-    pad_diameter_mm: float  # at the places
-    pitch_mm: float = 0.0  # of the contact's grid
-
-    @property
-    def cell_mm2(self) -> float:
-        """Area of the surface for each place, mm^2."""
-        share = np.sqrt(0.75) if self.table.grid == "triangular" else 1.0
-        return float(self.table.spacing_mm**2 * share)
-
-    @property
-    def layout(self) -> Layout:
-        """The places as a layout of pads, column by column, rising in y."""
-        return _places(self)
+    layout: Layout  # of pads at the places, column by column, rising in y
+    cell_mm2: float  # area of the surface for each place
 
     def tractions(self, contact: Contact) -> np.ndarray:
         """Normal pressure and traction along x and y, (3, F) float32, kPa: force over cell_mm2."""
-        nearest = _nearest(self, tuple(contact.x_mm), tuple(contact.y_mm))
+        nearest = _nearest_place(self.layout, tuple(contact.x_mm), tuple(contact.y_mm))
         share = contact.pitch_mm**2 / self.cell_mm2
         stresses = (contact.pressure_kpa, *contact.shear_kpa)
         size = self.layout.size
@@ -173,70 +135,18 @@ class DenseGrid:
         return np.stack(found).astype(np.float32)
 
 
-def reading_matrix(places: Layout, layout: Layout, cover: Elastomer) -> np.ndarray:
-    """The matrix (N, F) from dense counts at places to the counts of a layout's taxels.
-
-    places: with pads of one diameter. Raises T2TwinError for taxels that do not lie on the cover.
-    """
-    check_on_cover(layout, cover)
-    pad_mm = float(places.pad_diameter_mm[0])
-    inverse = _inverse(tuple(places.x_mm), tuple(places.y_mm), pad_mm, cover)
-    matrix = np.empty((layout.size, places.size))
-    distances = layout.distances_mm(places)
-    for diameter in set(layout.pad_diameter_mm):
-        same = layout.pad_diameter_mm == diameter
-        matrix[same] = _covariance(distances[same], diameter, pad_mm, cover) @ inverse
-    same = (distances.min(axis=1) < SAME_MM) & (layout.pad_diameter_mm == pad_mm)
-    matrix[same] = np.eye(places.size)[distances[same].argmin(axis=1)]
-    return matrix
-
-
-def _covariance(
-    distance_mm: np.ndarray, diameter_mm: float, pad_mm: float, cover: Elastomer
-) -> np.ndarray:
-    """Covariance, for a white pressure, of a pad and one of the dense counts at distances."""
-    k = np.linspace(1e-4, 25.0 / cover.thickness_mm, WAVENUMBERS)
-    transmission = spectra(k, cover.thickness_mm, 1.0, cover.poisson).base_pressure ** 2
-    own, other = disc_transform(k, diameter_mm), disc_transform(k, pad_mm)
-    spectrum = transmission * own * other * k / (2 * np.pi)
-    radii = np.linspace(0.0, float(distance_mm.max()) + 0.1, RADII)
-    return np.interp(distance_mm, radii, _transformed(spectrum, k, radii))
-
-
-def check_on_cover(layout: Layout, cover: Elastomer, pitch_mm: float = 0.0) -> None:
-    """Raises T2TwinError for a layout with taxels beyond reach_mm."""
-    half_x, half_y = reach_mm(cover, pitch_mm)
-    outside = (np.abs(layout.x_mm) > half_x) | (np.abs(layout.y_mm) > half_y)
-    if outside.any():
-        n = int(np.flatnonzero(outside)[0])
-        raise T2TwinError(
-            f"the layout {layout.name} has {int(outside.sum())} taxel(s) off the cover, such as "
-            f"taxel {n} at x {layout.x_mm[n]:g} mm, y {layout.y_mm[n]:g} mm; it reaches {half_x:g} "
-            f"mm in x and {half_y:g} mm in y from its center"
-        )
-
-
-def reach_mm(cover: Elastomer, pitch_mm: float) -> tuple[float, float]:
-    """x and y of the outermost cells' centers of a contact's grid, mm; of the edges for pitch 0."""
-    halves = cover.width_mm / 2, cover.length_mm / 2
-    if pitch_mm == 0.0:
-        return halves
-    x_mm, y_mm = (int(half / pitch_mm + 1e-9) * pitch_mm - pitch_mm / 2 for half in halves)
-    return x_mm, y_mm
-
-
 @lru_cache(maxsize=8)
-def _places(grid: DenseGrid) -> Layout:
-    """The places of a grid on its cover."""
-    spacing, cover = grid.table.spacing_mm, grid.cover
-    is_triangular = grid.table.grid == "triangular"
+def dense_grid(cover: Elastomer, table: DenseTable, taxels: Layout, pitch_mm: float) -> DenseGrid:
+    """The places on a cover, of a grid through the first taxel. pitch_mm: of the contact's grid."""
+    spacing, is_triangular = table.spacing_mm, table.grid == "triangular"
     across = (spacing * np.sqrt(0.75), spacing / 2) if is_triangular else (spacing, 0.0)
     steps_mm = np.array([across, (0.0, spacing)])
-    reach_x, reach_y = reach_mm(cover, grid.pitch_mm)
+    reach_x, reach_y = reach_mm(cover, pitch_mm)
     most = int(np.ceil((cover.width_mm + 2 * cover.length_mm) / spacing))
     steps = np.arange(-most, most + 1)
     i, j = (each.ravel() for each in np.meshgrid(steps, steps, indexing="ij"))
-    x, y = np.array(grid.taxels_mm[0])[:, None] + steps_mm.T @ np.stack([i, j])
+    taxels_mm = np.column_stack([taxels.x_mm, taxels.y_mm])
+    x, y = taxels_mm[0][:, None] + steps_mm.T @ np.stack([i, j])
     on = (np.abs(x) <= min(reach_x, cover.width_mm / 2 - EDGE_MM)) & (
         np.abs(y) <= min(reach_y, cover.length_mm / 2 - EDGE_MM)
     )
@@ -247,24 +157,21 @@ def _places(grid: DenseGrid) -> Layout:
         )
     x, y = x[on], y[on]
     # Layouts are rounded to 0.1 um; their places replace the computed ones.
-    taxels = np.array(grid.taxels_mm)
-    distance, nearest = _nearest_of(x, y, taxels)
+    distance, nearest = _nearest(x, y, taxels_mm)
     same = distance < SAME_MM
-    x[nearest[same]], y[nearest[same]] = taxels[same].T
-    return Layout("dense", x, y, np.full(count, grid.pad_diameter_mm))
+    x[nearest[same]], y[nearest[same]] = taxels_mm[same].T
+    places = Layout("dense", x, y, np.full(count, taxels.pad_diameter_mm[0]))
+    return DenseGrid(places, float(spacing**2 * (np.sqrt(0.75) if is_triangular else 1.0)))
 
 
 @lru_cache(maxsize=8)
-def _nearest(grid: DenseGrid, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> np.ndarray:
+def _nearest_place(places: Layout, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> np.ndarray:
     """(rows * columns,) the place nearest to each cell of a contact's grid."""
-    places = grid.layout
     cells = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-    return _nearest_of(places.x_mm, places.y_mm, cells)[1]
+    return _nearest(places.x_mm, places.y_mm, cells)[1]
 
 
-def _nearest_of(
-    x_mm: np.ndarray, y_mm: np.ndarray, to_mm: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(x_mm: np.ndarray, y_mm: np.ndarray, to_mm: np.ndarray) -> tuple[np.ndarray, ...]:
     """Distance to the nearest of the places (x, y) from each point, mm, and its index."""
     from scipy.spatial import KDTree  # slow to import, and not needed for counts
 
@@ -272,11 +179,58 @@ def _nearest_of(
     return np.asarray(distance), np.asarray(index)
 
 
+def reading_matrix(places: Layout, layout: Layout, cover: Elastomer) -> np.ndarray:
+    """The matrix (N, F) from dense counts at places to the counts of a layout's taxels.
+
+    places: with pads of one diameter. Raises T2TwinError for taxels that do not lie on the cover.
+    """
+    check_within(layout, *reach_mm(cover))
+    pad_mm = float(places.pad_diameter_mm[0])
+    inverse = _inverse(places, cover)
+    matrix = np.empty((layout.size, places.size))
+    distances = layout.distances_mm(places)
+    for diameter in set(layout.pad_diameter_mm):
+        same = layout.pad_diameter_mm == diameter
+        matrix[same] = _covariance(distances[same], diameter, pad_mm, cover) @ inverse
+    same = (distances.min(axis=1) < SAME_MM) & (layout.pad_diameter_mm == pad_mm)
+    matrix[same] = np.eye(places.size)[distances[same].argmin(axis=1)]
+    return matrix
+
+
 @lru_cache(maxsize=8)
-def _inverse(
-    x_mm: tuple[float, ...], y_mm: tuple[float, ...], pad_mm: float, cover: Elastomer
-) -> np.ndarray:
+def _inverse(places: Layout, cover: Elastomer) -> np.ndarray:
     """Inverse of the covariance of the places of the dense counts, (F, F)."""
-    places = Layout("dense", np.array(x_mm), np.array(y_mm), np.full(len(x_mm), pad_mm))
+    pad_mm = float(places.pad_diameter_mm[0])
     covariance = _covariance(places.distances_mm(places), pad_mm, pad_mm, cover)
     return np.linalg.inv(covariance + NOISE_SHARE * covariance[0, 0] * np.eye(places.size))
+
+
+def _covariance(
+    distance_mm: np.ndarray, diameter_mm: float, pad_mm: float, cover: Elastomer
+) -> np.ndarray:
+    """Covariance, for a white pressure, of a pad and one of the dense counts at distances."""
+    k = np.linspace(1e-4, 25.0 / cover.thickness_mm, COVARIANCE_POINTS)
+    transmission = spectra(k, cover.thickness_mm, 1.0, cover.poisson).base_pressure ** 2
+    own, other = disc_transform(k, diameter_mm), disc_transform(k, pad_mm)
+    return _at_distances(distance_mm, transmission * own * other * k / (2 * np.pi), k)
+
+
+def check_within(layout: Layout, reach_x_mm: float, reach_y_mm: float) -> None:
+    """Raises T2TwinError for a layout with taxels farther from the cover's center."""
+    outside = (np.abs(layout.x_mm) > reach_x_mm) | (np.abs(layout.y_mm) > reach_y_mm)
+    if outside.any():
+        n = int(np.flatnonzero(outside)[0])
+        raise T2TwinError(
+            f"the layout {layout.name} has {int(outside.sum())} taxel(s) off the cover, such as "
+            f"taxel {n} at x {layout.x_mm[n]:g} mm, y {layout.y_mm[n]:g} mm; it reaches "
+            f"{reach_x_mm:g} mm in x and {reach_y_mm:g} mm in y from its center"
+        )
+
+
+def reach_mm(cover: Elastomer, pitch_mm: float = 0.0) -> tuple[float, float]:
+    """x and y of the outermost cells' centers of a contact's grid, mm; of the edges for pitch 0."""
+    halves = cover.width_mm / 2, cover.length_mm / 2
+    if pitch_mm == 0.0:
+        return halves
+    x_mm, y_mm = (int(half / pitch_mm + 1e-9) * pitch_mm - pitch_mm / 2 for half in halves)
+    return x_mm, y_mm

@@ -7,33 +7,18 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from msgspec import structs
 from scipy.special import ndtr, ndtri
 
-from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.spec import CountsTable, Imperfections, Percentiles
 
 SAME_LINE_MM = 1e-3  # tolerance of the places of a row or a column, mm
-
+NEIGHBORS = 1.2  # largest distance of neighbors, divided by the layout's least distance
 FAR_FROM_ZERO = 40.0  # level over its deviation at which clipping to 0 has no effect in float64
 ARRAY_STREAM = 19  # random stream of an array's seed: the taxels' noise, offsets and memory
-Presets = dict[str, Imperfections]  # imperfections of an array by name
 NONE = "none"  # name of the preset without imperfections, which every array has
 WHITE = "white"  # name of the preset that an array has unless another is given, if its file has it
 DATASET_DEFAULT = "recorded"  # imperfections of datasets that name none, if the array has them
-
-
-def chosen(presets: Presets, name: str, dead: tuple[int, ...], taxels: int) -> Imperfections:
-    """A preset by name, with dead taxels added. taxels: number of them."""
-    if arguments.text(name, "imperfections") not in presets and name != NONE:
-        allowed = ", ".join(dict.fromkeys((NONE, *presets)))
-        raise T2TwinError(f"no imperfections called {name!r}; allowed are {allowed}")
-    flaws = presets.get(name, Imperfections())
-    flaws = structs.replace(flaws, dead=tuple(dict.fromkeys((*flaws.dead, *dead))))
-    flaws.check_dead(taxels)
-    return flaws
 
 
 def read_after(
@@ -50,9 +35,15 @@ def read_after(
     n, readings = layout.size, readings or counts.readings
     seconds = counts.sample_s if seconds is None else seconds
     gains = 1 + flaws.gain_spread * np.random.default_rng(array_seed).standard_normal(n)
-    mixed = true_counts + flaws.crosstalk * (_neighbors(layout) @ true_counts)
+    mixed = true_counts
+    if flaws.crosstalk:
+        apart = layout.distances_mm(layout) + np.diag(np.full(n, np.inf))
+        neighbors = (apart < NEIGHBORS * apart.min()).astype(float)
+        mixed = mixed + flaws.crosstalk * (neighbors @ true_counts)
     if flaws.line_crosstalk:
-        mixed = mixed + flaws.line_crosstalk * (_lines(layout) @ true_counts)
+        same = [np.abs(v[:, None] - v) < SAME_LINE_MM for v in (layout.x_mm, layout.y_mm)]
+        lines = ((same[0] | same[1]) & ~np.eye(n, dtype=bool)).astype(float)
+        mixed = mixed + flaws.line_crosstalk * (lines @ true_counts)
     signal = gains * mixed
     signal *= 1 - flaws.hysteresis * rng.random(n)
     signal[list(flaws.dead)] = 0.0
@@ -62,7 +53,11 @@ def read_after(
     signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n)
     found = signals + _deviation(flaws, taxels, levels) * rng.standard_normal((readings, n))
     if flaws.offset_counts:
-        found += taxels.at_rest(rng.standard_normal((readings, n)))
+        # lognormal of mean m and deviation d: s^2 = ln(1 + d^2/m^2) and ln m - s^2/2
+        m, d = taxels.offset_counts, taxels.noise_counts
+        variance = np.log1p(np.divide(d, m, where=m > 0, out=np.zeros(n)) ** 2)
+        scores = rng.standard_normal((readings, n))
+        found += m * np.exp(np.sqrt(variance) * scores - variance / 2)
     mean = np.clip(found, 0, counts.full_scale).mean(axis=0)
     return np.rint(mean).astype(np.uint16), memory
 
@@ -102,14 +97,6 @@ class _Taxels:
     load_noise_counts: np.ndarray
     memory: np.ndarray
 
-    def at_rest(self, scores: np.ndarray) -> np.ndarray:
-        """Readings without contact, (R, N), of standard normal numbers of that shape."""
-        # lognormal of mean m and deviation d: s^2 = ln(1 + d^2/m^2) and ln m - s^2/2
-        mean = self.offset_counts
-        ratio = np.divide(self.noise_counts, mean, where=mean > 0, out=np.zeros_like(mean))
-        variance = np.log1p(ratio**2)
-        return mean * np.exp(np.sqrt(variance) * scores - variance / 2)
-
 
 @lru_cache(maxsize=64)
 def _taxels(flaws: Imperfections, n: int, array_seed: int) -> _Taxels:
@@ -118,16 +105,16 @@ def _taxels(flaws: Imperfections, n: int, array_seed: int) -> _Taxels:
     at_rest, loaded, memory = ((rng.permutation(n) + rng.random(n)) / n for _ in range(3))
     is_alive = np.ones(n)
     is_alive[list(flaws.dead)] = 0.0
+
+    def percentiles(at: Percentiles) -> np.ndarray:
+        return is_alive * np.interp(100 * at_rest, *np.transpose(at)) if at else np.zeros(n)
+
     return _Taxels(
-        is_alive * _percentiles(at_rest, flaws.noise_counts),
-        is_alive * _percentiles(at_rest, flaws.offset_counts),
+        percentiles(flaws.noise_counts),
+        percentiles(flaws.offset_counts),
         is_alive * flaws.load_noise_counts * np.exp(flaws.load_noise_spread * ndtri(loaded)),
         np.exp(flaws.memory_spread * ndtri(memory)),
     )
-
-
-def _percentiles(ranks: np.ndarray, at: Percentiles) -> np.ndarray:
-    return np.interp(100 * ranks, *np.transpose(at)) if at else np.zeros(ranks.size)
 
 
 def _remember(
@@ -145,18 +132,3 @@ def _remember(
     decayed = ahead * np.exp(-times_s / time_s)
     levels = signal + taxels.memory * (shares * decayed).sum(axis=1)
     return levels, signal + decayed[-1]
-
-
-def _neighbors(layout: Layout) -> np.ndarray:
-    """(n, n), 1 for nearest neighbors: taxels within 1.2 times the layout's least distance."""
-    distance = layout.distances_mm(layout)
-    distance[np.diag_indices(layout.size)] = np.inf
-    return (distance < 1.2 * distance.min()).astype(float)
-
-
-def _lines(layout: Layout) -> np.ndarray:
-    """(n, n), 1 for other taxels of the same row or column, by their places."""
-    same = [np.abs(v[:, None] - v[None]) < SAME_LINE_MM for v in (layout.x_mm, layout.y_mm)]
-    lines = (same[0] | same[1]).astype(float)
-    lines[np.diag_indices(layout.size)] = 0.0
-    return lines

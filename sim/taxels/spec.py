@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta, Struct
 
+from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import LayerTable, MountTable, SensorName
 from t2twin.sim.taxels.layout import (
@@ -13,12 +14,10 @@ from t2twin.sim.taxels.layout import (
     MAX_TAXELS,
     SQUARE_TO_ROUND,
     Layout,
-    grid_layout,
     load_layout,
 )
 
 KIND = "taxel-array"
-
 MAX_BITS = 16  # largest number of bits of a count
 
 Line = Annotated[int, Meta(ge=1, le=MAX_TAXELS)]
@@ -64,7 +63,10 @@ class LayoutTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
             return load_layout(self.file, Path(folder))
         assert self.rows and self.columns and self.pitch_mm and self.pad_mm
         pad_mm = self.pad_mm * (SQUARE_TO_ROUND if self.pad == "square" else 1.0)
-        return grid_layout(name, self.rows, self.columns, self.pitch_mm, float(pad_mm))
+        counts = self.columns, self.rows
+        x, y = ((np.arange(count) - (count - 1) / 2) * self.pitch_mm for count in counts)
+        x, y = (each.ravel() for each in np.meshgrid(x, y))
+        return Layout(name, x, y, np.full(x.size, pad_mm))
 
 
 class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -99,9 +101,8 @@ class TransducerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defa
                 if law != self.law and value is not None:
                     raise T2TwinError(f"{name} is not of the law {self.law}; leave it out")
                 if law == self.law and (value is None or not low <= value <= high):
-                    given = "missing" if value is None else f"{value:g}"
                     raise T2TwinError(
-                        f"{name} is {given}; the law {law} needs it, from {low:g} to {high:g}"
+                        f"{name} is {value}; the law {law} needs it, from {low:g} to {high:g}"
                     )
 
     def signal(self, pressure_mpa: np.ndarray) -> np.ndarray:
@@ -200,10 +201,7 @@ class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
     def check_dead(self, taxels: int) -> None:
         """Raises T2TwinError for a dead taxel that is not one of this number."""
         for index in self.dead:
-            if not (isinstance(index, int) and 0 <= index < taxels):
-                raise T2TwinError(
-                    f"dead contains taxel {index!r}; the layout has taxels 0 to {taxels - 1}"
-                )
+            arguments.whole_number(index, "dead taxel", 0, taxels - 1)
 
 
 class TaxelArraySpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):

@@ -2,11 +2,12 @@
 
 import json
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from msgspec import structs
 from PIL import Image
 
 from t2twin.core import arguments
@@ -18,7 +19,7 @@ from t2twin.sim.contact.elastomer import Elastomer, MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.taxels import reading
 from t2twin.sim.taxels.layout import Layout, load_layout
-from t2twin.sim.taxels.pads import DenseGrid, check_on_cover, pad_pressure_mpa
+from t2twin.sim.taxels.pads import DenseGrid, check_within, dense_grid, pad_pressure_mpa, reach_mm
 from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.spec import DenseTable, Imperfections, TaxelArraySpec
 
@@ -50,14 +51,17 @@ class TaxelArray:
         else:
             layout = load_layout(self.layout_source)
         object.__setattr__(self, "layout", layout)
-        check_on_cover(layout, self.elastomer, self.pitch_mm)
+        check_within(layout, *reach_mm(self.elastomer, self.pitch_mm))
         if (self.layout_source, self.cover) == (None, None):
             self._check_file()
-        presets = self.spec.imperfections
-        if self.imperfections is None:
-            own = reading.WHITE if reading.WHITE in presets else reading.NONE
-            object.__setattr__(self, "imperfections", own)
-        flaws = reading.chosen(presets, self.imperfections or "", tuple(self.dead), layout.size)
+        presets, name = self.spec.imperfections, self.imperfections
+        if name is None:
+            name = reading.WHITE if reading.WHITE in presets else reading.NONE
+        arguments.choice(name, "imperfections", list(dict.fromkeys((reading.NONE, *presets))))
+        flaws = presets.get(name, Imperfections())
+        flaws = structs.replace(flaws, dead=tuple(dict.fromkeys((*flaws.dead, *self.dead))))
+        flaws.check_dead(layout.size)
+        object.__setattr__(self, "imperfections", name)
         object.__setattr__(self, "flaws", flaws)
 
     def _check_file(self) -> None:
@@ -78,7 +82,7 @@ class TaxelArray:
                     f"middle; the taxels reach {most_mm:.4g} mm"
                 )
         if self.spec.dense is not None:
-            _ = self.dense.layout
+            _ = self.dense
 
     @property
     def name(self) -> str:
@@ -124,17 +128,13 @@ class TaxelArray:
         """The grid of the dense counts, through the first taxel of the sensor's file."""
         own = self.spec.layout.layout(self.name, self.folder)
         table = self.spec.dense or DenseTable(max(0.2, self.elastomer.thickness_mm))
-        places = tuple(zip(own.x_mm.tolist(), own.y_mm.tolist(), strict=True))
-        return DenseGrid(
-            self.elastomer, table, places, float(own.pad_diameter_mm[0]), self.pitch_mm
-        )
+        return dense_grid(self.elastomer, table, own, self.pitch_mm)
 
-    @property
+    @cached_property
     def phi(self) -> Phi:
         """phi of the taxels, in the size and scale of the sensor's tactile image."""
-        table = self.spec.tactile_image
-        places = tuple(self.layout.x_mm.tolist()), tuple(self.layout.y_mm.tolist())
-        return _phi(*places, (table.rows, table.columns), table.px_per_mm)
+        rows, columns, px_per_mm = self.tactile_image_size
+        return Phi(self.layout.x_mm, self.layout.y_mm, (rows, columns), px_per_mm)
 
     def with_options(self, options: dict[str, Any]) -> "TaxelArray":
         """The same sensor with some of OPTIONS, by name; None keeps the present value."""
@@ -167,7 +167,7 @@ class TaxelArray:
             content |= {
                 f"dense_{name}": tuple(getattr(places, name).tolist()) for name in lists[:2]
             }
-            content["dense_pad_mm"] = self.dense.pad_diameter_mm
+            content["dense_pad_mm"] = float(places.pad_diameter_mm[0])
             content["dense_cell_mm2"] = self.dense.cell_mm2
         return content
 
@@ -190,9 +190,14 @@ class TaxelArray:
         noiseless = self.noiseless(contact, self.layout)
         if rng is None:
             return CountsReading(self, contact, np.rint(noiseless).astype(np.uint16), None)
-        memory, table = self._memory(before), self.spec.counts
+        memory = None  # that of another array is not used
+        if before is not None and before.memory is not None:
+            layouts = (self.layout, before.sensor.layout)
+            own, other = (np.stack([each.x_mm, each.y_mm]) for each in layouts)
+            if np.array_equal(own, other) and len(before.memory) == len(self.flaws.memory_shares):
+                memory = before.memory
         found = reading.read_after(
-            memory, noiseless, self.layout, self.flaws, table, rng, seconds=seconds
+            memory, noiseless, self.layout, self.flaws, self.spec.counts, rng, seconds=seconds
         )
         return CountsReading(self, contact, *found)
 
@@ -206,15 +211,6 @@ class TaxelArray:
         """Noiseless counts of mean pressures on pads, any shape, before rounding."""
         signal = self.spec.transducer.signal(pressure_mpa)
         return np.minimum(self.spec.counts.gain * signal, self.full_scale)
-
-    def _memory(self, before: "CountsReading | None") -> np.ndarray | None:
-        """The memory of a reading; None for one of another array."""
-        if before is None or before.memory is None:
-            return None
-        layouts = (self.layout, before.sensor.layout)
-        own, other = (np.stack([each.x_mm, each.y_mm]) for each in layouts)
-        is_own = np.array_equal(own, other) and len(before.memory) == len(self.flaws.memory_shares)
-        return before.memory if is_own else None
 
 
 @dataclass(frozen=True)
@@ -285,10 +281,3 @@ class CountsReading:
     def without_value(self) -> "CountsReading":
         """The same without the counts, which a moving contact does not need."""
         return replace(self, counts=None)
-
-
-@lru_cache(maxsize=4)
-def _phi(
-    x_mm: tuple[float, ...], y_mm: tuple[float, ...], shape: tuple[int, int], px_per_mm: float
-) -> Phi:
-    return Phi(np.array(x_mm), np.array(y_mm), shape, px_per_mm)
