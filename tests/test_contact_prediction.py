@@ -42,7 +42,7 @@ from t2twin.translate.models.contact import (
     fit_contact_limits,
     read_contact,
 )
-from t2twin.translate.networks.field_net import CONTACT, LIMITS, SCALE, ContactOutputs, FieldNet
+from t2twin.translate.networks.field_net import CONTACT, LIMITS, SCALE, FieldNet
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, HOME, load_config
 from t2twin.translate.training.train import train
@@ -337,16 +337,20 @@ def small_network() -> FieldNet:
     return FieldNet(x, y, VIEW_MM, 64, 16, predicts_contact=True)
 
 
-@pytest.mark.parametrize("alone", [False, True])
-def test_the_decoder_trains_the_encoder_unless_it_is_trained_alone(alone: bool) -> None:
+def test_the_decoder_trains_the_encoder() -> None:
     network, images = small_network(), torch.randn(2, 6, 64, 64)
-    contact = network.contact_outputs(images) if alone else network(images, True).contact
-    assert {each.shape for each in contact} == {(2, 32, 32)}
+    plain, outputs = network(images), network(images, True)
+    contact = [outputs[name] for name in outputs.keys() - plain.keys()]
+    assert [each.shape for each in contact] == [(2, 32, 32)] * 5
     torch.stack([each.sum() for each in contact]).sum().backward()
-    trained = (CONTACT,) if alone else (CONTACT, "encoder")
     for name, weight in network.named_parameters():
-        assert (weight.grad is not None) == name.startswith(trained), name
-    assert network(images).contact is None
+        assert (weight.grad is not None) == name.startswith((CONTACT, "encoder")), name
+
+
+def contact_outputs(*values: torch.Tensor) -> dict[str, torch.Tensor]:
+    """The outputs of a network without a limit of contact."""
+    names = ("depth", "depth_spread", "pressure", "pressure_spread", "contact", "contact_limit")
+    return dict(zip(names, (*values, torch.zeros(())), strict=True))
 
 
 def test_calibrated_intervals_cover_what_they_promise() -> None:
@@ -358,9 +362,9 @@ def test_calibrated_intervals_cover_what_they_promise() -> None:
     true = torch.rand(40, 2, 32, 32, generator=rng)
     scaled = true / network.contact_scale[:, None, None]
     depth, pressure = (scaled[:, n] + error[n] for n in range(2))
-    outputs = ContactOutputs(depth, log_spread, pressure, log_spread, torch.full_like(depth, 9.0))
+    outputs = contact_outputs(depth, log_spread, pressure, log_spread, torch.full_like(depth, 9.0))
     fit_contact_knots(network, VIEW_MM, [(outputs, true)])
-    found = read_contact(network, outputs, torch.tensor(True), VIEW_MM)
+    found = read_contact(network, outputs, VIEW_MM)
     covered = (found["depth_mm"] - true[:, 0]).abs() <= 1.645 * found["depth_std_mm"]
     assert covered.float().mean() == pytest.approx(0.9, abs=0.01)
 
@@ -375,8 +379,9 @@ def test_below_its_limit_an_image_has_no_contact() -> None:
     logit = torch.full((2, 32, 32), -5.0)
     logit[0, 3, 3], logit[1, 3, 3] = 1.0, 1.1
     zero = torch.zeros_like(logit)
-    outputs = ContactOutputs(zero, zero, zero + 1.0, zero, logit)
-    found = (read_contact(network, outputs, torch.tensor(n), VIEW_MM) for n in (False, True))
+    outputs = contact_outputs(zero, zero, zero + 1.0, zero, logit)
+    limits = ({"contact_limit": limit} for limit in network.contact_limits)
+    found = (read_contact(network, outputs | limit, VIEW_MM) for limit in limits)
     largest = [each["probability"].amax(dim=(1, 2)) for each in found]
     assert (torch.stack(largest) > 0.5).tolist() == [[False, True], [True, True]]
 

@@ -181,11 +181,11 @@ def test_the_spread_takes_nothing_from_the_mean(data_dir: Path) -> None:
     """Its gradient ends in its own layers; and the mean has one in all the rest."""
     translator = FieldTranslator(PRESETS["field"]["smoke"], load_info(data_dir), CPU, False)
     said = translator.network(torch.randn(4, 6, 64, 64))
-    (said.log_spread.sum() + said.force_log_spread.sum()).backward()
+    (said["field_spread"].sum() + said["force_spread"].sum()).backward()
     touched = {n for n, p in translator.network.named_parameters() if p.grad is not None}
     assert touched and all("spread" in name for name in touched)
     said = translator.network(torch.randn(4, 6, 64, 64))
-    (said.mean.sum() + said.force.sum()).backward()
+    (said["field"].sum() + said["force"].sum()).backward()
     own = {n for n, p in translator.network.named_parameters() if p.grad is not None} - touched
     weights = [n for n, _ in translator.network.named_parameters() if not n.startswith(SCALE)]
     rest = {n for n in weights if "spread" not in n}
@@ -351,8 +351,7 @@ def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: TrainedTr
     _ = together._factor
     network.correlation.copy_(torch.eye(216))
     apart = translator.read_at(dense)
-    said = network(torch.zeros(1, 6, 64, 64))
-    said = said._replace(log_spread=torch.full((1, 216), -4.0))
+    said = network(torch.zeros(1, 6, 64, 64)) | {"field_spread": torch.full((1, 216), -4.0)}
     sizes = [
         each.read(said)["counts_std"][0] / each.read(said)["dense_counts_std"][0, 0]
         for each in (together, apart)

@@ -139,9 +139,8 @@ def test_a_step_trains_the_shear_force(moving_dataset: Path, tmp_path: Path) -> 
     )
     assert {"shear", "shear_spread"} <= losses.keys()
     assert not torch.equal(translator.network.shear.weights.weight, before)
-    error = translator.shear_error(pairs)
-    assert error is not None and error > 0.0
-    assert translator_of(moving_dataset, pairs, shear=False).shear_error(pairs) is None
+    assert translator.further_errors(pairs)["val_shear_error"] > 0.0
+    assert not translator_of(moving_dataset, pairs, shear=False).further_errors(pairs)
 
 
 def test_overfits_one_batch() -> None:

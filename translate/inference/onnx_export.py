@@ -39,7 +39,7 @@ from t2twin.core.files import atomic_write
 from t2twin.core.machine import installed_version
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.inference.predictor import COUNTS, TrainedTranslator
-from t2twin.translate.models.base import TACTILE_IMAGES
+from t2twin.translate.models.base import TACTILE_IMAGES, FromPixels
 from t2twin.translate.models.contact import CENTER, MAPS
 from t2twin.translate.runs.config import BEST
 
@@ -90,8 +90,11 @@ def _write(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> None:
     """Traces the run on pixels, (B, S, S, c) uint8, and writes the file."""
     import onnx
 
-    module: Any = run.translator.as_module().eval()
-    frame = [module.mean_frame] if run.has_uncertainty else []
+    module = FromPixels(run.translator).eval()
+    frame = []
+    if run.has_uncertainty:
+        mean_frame: Any = module.network.mean_frame
+        frame = [(mean_frame * module.std + module.mean)[None]]
     given = (torch.from_numpy(_to_input(pixels)), *frame)
     with torch.no_grad():
         module(*given)  # makes what is constant, and the names

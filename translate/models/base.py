@@ -5,12 +5,11 @@ of a tactile image.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy, deepcopy
 from functools import cached_property
 from typing import Any, Self
 
-import numpy as np
 import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel
@@ -18,7 +17,7 @@ from torch.optim.swa_utils import AveragedModel
 from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD, WHITE_GREY, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
-from t2twin.translate.models.distributed import average_gradients
+from t2twin.translate.models import distributed
 from t2twin.translate.models.presets import Preset
 
 # Predictions for B pictures by name: "counts", (B, N), or "image", (B, S, S, c) in grey levels
@@ -30,26 +29,21 @@ class Translator(ABC):
     """The networks of one model with their optimizers, losses and predictions.
 
     networks: all trained networks by name, the predicting one first. average: its weight average,
-    if the preset has one, which predicts then. is_contact_alone: whether only the contact's layers
-    are trained. mean, std: of the pictures, which the network gets normalized.
+    if the preset has one, which predicts then.
     """
 
-    learns_dense_counts = reads_any_layout = is_contact_alone = False
+    reads_any_layout = is_contact_alone = False  # the second: only the contact's layers are trained
+    # The network's input, (B, c, S, S), of pictures, (B, S, S, c) float32 in [0, 1], and the mean
+    # and standard deviation that it normalizes with
+    to_input = staticmethod(to_input)
     mean, std = RGB_MEAN, RGB_STD
 
     def __init__(
-        self,
-        preset: Preset,
-        info: DataInfo,
-        device: torch.device,
-        bf16: bool,
+        self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool,
         networks: dict[str, nn.Module],
-    ) -> None:
-        self.preset = preset
-        self.info = info
+    ) -> None:  # fmt: skip
+        self.preset, self.info, self.device, self.bf16 = preset, info, device, bf16
         self.full_scale = info.target.full_scale
-        self.device = device
-        self.bf16 = bf16
         self.networks = networks
         for network in networks.values():
             network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
@@ -58,24 +52,27 @@ class Translator(ABC):
         self.predictor: nn.Module = self.average.module if self.average else first
 
     @cached_property
+    @abstractmethod
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """By name; made on first use, for which torch imports its compiler."""
-        return self.make_optimizers()
 
     @abstractmethod
-    def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """New optimizers of all weights that are trained."""
-
-    def step(self, examples: Examples) -> dict[str, torch.Tensor]:
+    def step(self, examples: Examples) -> Outputs:
         """Takes one step on a batch of pairs. Returns the losses by name."""
-        losses = self.optimize(examples)
-        if self.average is not None:
-            self.average.update_parameters(next(iter(self.networks.values())))
-        return losses
 
     @abstractmethod
-    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
-        """The part of a step before the weight average. Returns the losses by name."""
+    def read(self, outputs: Any) -> Outputs:
+        """The predictions from the outputs of the predictor."""
+
+    def tactile_images(self, found: Outputs) -> Outputs:
+        """Tactile images, (B, R, C), counts, of predictions with counts, by TACTILE_IMAGES."""
+        raise NotImplementedError
+
+    def outputs(self, inputs: torch.Tensor, *wanted: bool) -> Any:
+        """The predictor's outputs in evaluation mode. wanted: of a field run, see FieldNet."""
+        self.predictor.eval()
+        with torch.inference_mode(), self.precision():
+            return self.predictor(inputs.to(self.device), *wanted)
 
     def predict_all(
         self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
@@ -83,14 +80,6 @@ class Translator(ABC):
         """The predictions of one pass of `to_input`; the flags are for field runs."""
         with torch.inference_mode():
             return self.read(self.outputs(images))
-
-    @abstractmethod
-    def read(self, outputs: Any) -> Outputs:
-        """The predictions from the outputs of the predictor."""
-
-    @abstractmethod
-    def tactile_images(self, found: Outputs) -> Outputs:
-        """Tactile images, (B, R, C), counts, of predictions with counts, by TACTILE_IMAGES."""
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
         """Counts within zero and full scale, or images, of `to_input`."""
@@ -101,10 +90,6 @@ class Translator(ABC):
         predicted = self.predict(self.to_input(pixels.float() / WHITE_GREY))
         return (predicted - truth.to(self.device)).flatten(1)
 
-    def to_input(self, pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
-        """The network's input, (B, c, S, S), of pictures, (B, S, S, c) float32 in [0, 1]."""
-        return to_input(pixels)
-
     def prepare(self, pairs: Pairs) -> None:
         """Sets buffers from the training pairs before the first step; by default none."""
         return
@@ -113,13 +98,9 @@ class Translator(ABC):
         """Fits the uncertainty of the predictor to held-out pairs; by default there is none."""
         return
 
-    def shear_error(self, pairs: Pairs) -> float | None:
-        """Geometric mean of the relative error of pairs that have moved; None without."""
-        return None
-
-    def contact_error(self, pairs: Pairs) -> float | None:
-        """Mean over the presses of the RMSE of the depth in the contact, mm; None without."""
-        return None
+    def further_errors(self, pairs: Pairs) -> dict[str, float]:
+        """Errors of pairs, by their names in EpochRecord, of which the best epoch has least too."""
+        return {}
 
     def read_at(self, layout: Layout) -> Self:
         """The same networks with counts of another layout, if `reads_any_layout`."""
@@ -131,66 +112,49 @@ class Translator(ABC):
         other.bf16 = False
         return other
 
-    def outputs(self, inputs: torch.Tensor) -> Any:
-        """The predictor's outputs in evaluation mode."""
-        return self.evaluate(self.predictor, inputs.to(self.device))
-
-    def evaluate(self, function: Callable[..., Any], *inputs: Any) -> Any:
-        """The result of the predictor, or of a part of it, in evaluation mode."""
-        self.predictor.eval()
-        with torch.inference_mode(), self.precision():
-            return function(*inputs)
-
     def descend(self, loss: torch.Tensor, network: nn.Module, *optimizers: str) -> None:
         """Takes a step of some optimizers of a network's weights down a loss."""
         for name in optimizers:
             self.optimizers[name].zero_grad()
         loss.backward()
-        average_gradients(network)
+        distributed.average([p.grad for p in network.parameters() if p.grad is not None])
         for name in optimizers:
             self.optimizers[name].step()
-
-    def set_rates(self, share: float) -> None:
-        """Sets the learning rates to a share of the initial ones."""
-        for optimizer in self.optimizers.values():
-            for group in optimizer.param_groups:
-                group["lr"] = share * optimizer.defaults["lr"]
+        if self.average is not None and network is next(iter(self.networks.values())):
+            self.average.update_parameters(network)
 
     def precision(self) -> torch.autocast:
         """Context in which the networks compute; losses are computed outside, in float32."""
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16)
 
-    def as_module(self) -> "FromPixels":
-        """The whole prediction as one module in float32 on the CPU, ready for tracing."""
-        return FromPixels(self._on_cpu())
-
-    def _on_cpu(self) -> Self:
-        """A copy that predicts in float32 on the CPU."""
-        other = self.in_float32()
-        other.device, other.predictor = torch.device("cpu"), deepcopy(self.predictor).cpu()
-        return other
+    def traced(self, *inputs: torch.Tensor) -> Outputs:
+        """The predictions of normalized pixels, and a background frame in a field run."""
+        return self.read(self.predictor(*inputs))
 
 
 class FromPixels(nn.Module):
-    """From pixels in [0, 1], (B, c, S, S), to the predictions in `names`."""
+    """A whole prediction in float32 on the CPU, ready for tracing.
+
+    From pixels in [0, 1], (B, c, S, S), and the background frame of a field run, (1, 3, S, S), to
+    the counts, the tactile images and the other predictions, which `names` then names.
+    """
 
     mean: torch.Tensor
     std: torch.Tensor
 
     def __init__(self, translator: Translator) -> None:
         super().__init__()
-        self.translator, self.network = translator, translator.predictor
         self.names: list[str] = []
+        self.network = deepcopy(translator.predictor).cpu()
+        self.translator = translator.in_float32()
+        self.translator.device, self.translator.predictor = torch.device("cpu"), self.network
         self.register_buffer("mean", torch.from_numpy(translator.mean).view(-1, 1, 1))
         self.register_buffer("std", torch.from_numpy(translator.std).view(-1, 1, 1))
 
-    def forward(self, pixels: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        return self.in_order(self.translator.read(self.network((pixels - self.mean) / self.std)))
-
-    def in_order(self, found: Outputs) -> tuple[torch.Tensor, ...]:
-        """The counts, the tactile images and the other predictions, which `names` then names."""
-        tactile = self.translator.tactile_images(found)
-        every = {"counts": found["counts"]} | tactile | found
+    def forward(self, *pixels: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        inputs = [(each.expand_as(pixels[0]) - self.mean) / self.std for each in pixels]
+        found = self.translator.traced(*inputs)
+        every = {"counts": found["counts"]} | self.translator.tactile_images(found) | found
         self.names = list(every)
         return tuple(every.values())
 

@@ -9,8 +9,7 @@ import torch
 from torch.nn import functional
 
 from t2twin.translate.data.pairs import ImageFile
-from t2twin.translate.models.base import Outputs
-from t2twin.translate.networks.field_net import CONTACT_KNOTS, ContactOutputs, FieldNet
+from t2twin.translate.networks.field_net import CONTACT_KNOTS, FieldNet, Outputs
 from t2twin.translate.uncertainty.calibration import (
     MIN_ERRORS,
     calibrated,
@@ -45,59 +44,44 @@ def contact_scale(maps: ImageFile) -> torch.Tensor:
     return torch.stack(values).maximum(torch.tensor(MIN_SCALES))
 
 
-def contact_losses(
-    network: FieldNet, outputs: ContactOutputs, maps: torch.Tensor
-) -> dict[str, torch.Tensor]:
-    """The losses of a batch by name. maps: (B, 2, H, H) depth, mm, and pressure, kPa."""
+def contact_errors(network: FieldNet, outputs: Outputs, maps: torch.Tensor) -> Outputs:
+    """Outputs minus targets, of the scales. maps: (B, 2, H, H) depth, mm, and pressure, kPa."""
+    scaled = zip(SPREADS, maps.unbind(dim=1), network.contact_scale, strict=True)
+    return {name: outputs[name] - values / scale for name, values, scale in scaled}
+
+
+def contact_losses(network: FieldNet, outputs: Outputs, maps: torch.Tensor) -> Outputs:
+    """The losses of a batch by name. maps: as for `contact_errors`."""
     inside = (maps[:, 1] > CONTACT_KPA).float()
     weight = 1.0 + (IN_CONTACT_WEIGHT - 1.0) * inside
     weight = weight / weight.mean()
-    scale = network.contact_scale.clamp(min=1e-3)
     losses = {}
-    for number, name in enumerate(SPREADS):
-        error = getattr(outputs, name) - maps[:, number] / scale[number]
+    for name, error in contact_errors(network, outputs, maps).items():
         rounded = (error.square() + ROUNDING**2).sqrt() - ROUNDING
         losses[f"contact_{name}"] = (weight * (rounded + SQUARED_WEIGHT * error.square())).mean()
-        spread = getattr(outputs, f"{name}_log_spread")
-        likelihood = negative_log_likelihood(error.detach(), spread)
+        likelihood = negative_log_likelihood(error.detach(), outputs[f"{name}_spread"])
         losses[f"contact_{name}_spread"] = likelihood.mean()
-    losses["contact_mask"] = functional.binary_cross_entropy_with_logits(outputs.logit, inside)
+    losses["contact_mask"] = functional.binary_cross_entropy_with_logits(outputs["contact"], inside)
     return losses
 
 
-def depth_errors_mm(
-    scale: torch.Tensor, outputs: ContactOutputs, maps: torch.Tensor
-) -> torch.Tensor:
-    """(b,) RMSE of the depth in the contact of each press that has one, mm."""
-    inside = maps[:, 1] > CONTACT_KPA
-    squares = (outputs.depth * scale[0] - maps[:, 0]).square() * inside
-    cells = inside.sum(dim=(1, 2))
-    return (squares.sum(dim=(1, 2))[cells > 0] / cells[cells > 0]).sqrt()
-
-
-def read_contact(
-    network: FieldNet,
-    outputs: ContactOutputs,
-    has_background: torch.Tensor,
-    view_mm: tuple[float, float],
-) -> Outputs:
+def read_contact(network: FieldNet, outputs: Outputs, view_mm: tuple[float, float]) -> Outputs:
     """The calibrated predictions, by the names in MAPS, (B, H, H), and in CENTER, (B, 2).
 
     The pressure is 0 where the probability of contact is below one half. The center of pressure is
     from the middle of the view; not a number without contact. view_mm: half the width and height.
     """
-    depth_std = calibrated(outputs.depth_log_spread, network.contact_depth_knots)
-    std = calibrated(outputs.pressure_log_spread, network.contact_pressure_knots)
-    limits = network.contact_limits
-    limit = torch.where(has_background, limits[1], limits[0])
-    largest = outputs.logit.amax(dim=(1, 2), keepdim=True)
-    probability = torch.sigmoid(outputs.logit)
-    probability = torch.where(largest > limit, probability, probability.clamp(max=EVEN))
-    pressure = torch.where(probability > EVEN, outputs.pressure.clamp(min=0.0), 0.0)
+    depth_std = calibrated(outputs["depth_spread"], network.contact_depth_knots)
+    std = calibrated(outputs["pressure_spread"], network.contact_pressure_knots)
+    largest = outputs["contact"].amax(dim=(1, 2), keepdim=True)
+    probability = torch.sigmoid(outputs["contact"])
+    has_contact = largest > outputs["contact_limit"]
+    probability = torch.where(has_contact, probability, probability.clamp(max=EVEN))
+    pressure = torch.where(probability > EVEN, outputs["pressure"].clamp(min=0.0), 0.0)
     center, spread = center_of_pressure(pressure, std, view_mm)
     center_std = calibrated(spread.log(), network.contact_center_knots)
     mm, kpa = network.contact_scale[0], network.contact_scale[1]  # a trace cannot iterate
-    maps = (mm * outputs.depth, mm * depth_std, kpa * pressure, kpa * std, probability)
+    maps = (mm * outputs["depth"], mm * depth_std, kpa * pressure, kpa * std, probability)
     return dict(zip((*MAPS, *CENTER), (*maps, center, center_std), strict=True))
 
 
@@ -136,22 +120,19 @@ def center_of_pressure(
 
 
 def fit_contact_knots(
-    network: FieldNet,
-    view_mm: tuple[float, float],
-    parts: Iterable[tuple[ContactOutputs, torch.Tensor]],
+    network: FieldNet, view_mm: tuple[float, float], parts: Iterable[tuple[Outputs, torch.Tensor]]
 ) -> None:
     """Sets the knots of the contact from outputs and maps of held-out presses."""
-    parts = list(parts)
+    names = ("depth", "depth_spread", "pressure", "pressure_spread", "contact")
+    parts = [({name: outputs[name] for name in names}, maps) for outputs, maps in parts]
     if not parts:
         return
-    columns = zip(*(each for each, _ in parts), strict=True)
-    outputs = ContactOutputs(*map(torch.cat, columns))
+    outputs = {name: torch.cat([each[name] for each, _ in parts]) for name in names}
     maps = torch.cat([each for _, each in parts])
-    for number, name in enumerate(SPREADS):
-        error = getattr(outputs, name) - maps[:, number] / network.contact_scale[number]
-        _set_knots(network, name, getattr(outputs, f"{name}_log_spread").exp(), error)
+    for name, error in contact_errors(network, outputs, maps).items():
+        _set_knots(network, name, outputs[f"{name}_spread"].exp(), error)
     network.contact_center_knots.copy_(identity_knots(len(CONTACT_KNOTS["contact_center_knots"])))
-    found = read_contact(network, outputs, torch.tensor(True), view_mm)
+    found = read_contact(network, outputs | {"contact_limit": network.contact_limits[1]}, view_mm)
     true, _ = center_of_pressure(maps[:, 1], torch.zeros_like(maps[:, 1]), view_mm)
     error = found["center_mm"] - true
     known = error.isfinite().all(dim=1)

@@ -6,10 +6,10 @@ Gradients are averaged with gloo, which supports several processes on one GPU, a
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Literal
 
 import torch
 import torch.distributed as dist
-from torch import nn
 
 from t2twin.core.machine import cores
 
@@ -52,42 +52,23 @@ def use_all_cores() -> None:
     torch.set_num_threads(int(threads))
 
 
-def average_gradients(network: nn.Module) -> None:
-    """Replaces each gradient by its mean over the processes."""
-    _average([p.grad for p in network.parameters() if p.grad is not None])
-
-
-def average_statistics(network: nn.Module) -> None:
-    """Replaces batch norm's running statistics by their mean over the processes."""
-    _average([b for b in network.buffers() if b.is_floating_point()])
-
-
-def total(value: float) -> float:
-    """Sum over the processes."""
-    return _reduced(value, dist.ReduceOp.SUM)
-
-
-def largest(value: float) -> float:
-    """Maximum over the processes, so that all of them take the same decision."""
-    return _reduced(value, dist.ReduceOp.MAX)
-
-
 def wait() -> None:
     """Waits for all processes."""
     if dist.is_initialized():
         dist.barrier()
 
 
-def _reduced(value: float, how: dist.ReduceOp.RedOpType) -> float:
+def reduced(value: float, how: Literal["SUM", "MAX"]) -> float:
+    """Sum or maximum over the processes; with a maximum all of them take the same decision."""
     if not dist.is_initialized():
         return value
     tensor = torch.tensor(value, dtype=torch.float64)
-    dist.all_reduce(tensor, how)
+    dist.all_reduce(tensor, getattr(dist.ReduceOp, how))
     return float(tensor)
 
 
-def _average(tensors: list[torch.Tensor]) -> None:
-    """Averages tensors in place, in one message, which is faster than one per tensor."""
+def average(tensors: list[torch.Tensor]) -> None:
+    """Averages tensors over the processes, in one message, which is faster than one per tensor."""
     if not dist.is_initialized():
         return
     flat = torch.cat([tensor.detach().reshape(-1) for tensor in tensors])

@@ -27,27 +27,18 @@ from t2twin.sim.taxels.pads import reading_matrix
 from t2twin.sim.taxels.phi import barycentric
 from t2twin.translate.data.images import COLORS, WHITE_GREY, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
-from t2twin.translate.models.base import TACTILE_IMAGES, FromPixels, Outputs, Translator, adamw
+from t2twin.translate.models.base import TACTILE_IMAGES, Outputs, Translator, adamw
 from t2twin.translate.models.contact import (
     CONTACT_KPA,
     contact_losses,
     contact_scale,
-    depth_errors_mm,
     fit_contact_knots,
     fit_contact_limits,
     read_contact,
 )
 from t2twin.translate.models.presets import Preset
-from t2twin.translate.networks.field_net import (
-    CONTACT,
-    SCALE,
-    SHEAR,
-    ContactOutputs,
-    FieldNet,
-    FieldOutputs,
-)
+from t2twin.translate.networks.field_net import CONTACT, SCALE, SHEAR, FieldNet
 from t2twin.translate.uncertainty.calibration import (
-    SAME_FRAME,
     Errors,
     calibrated,
     fit_calibration,
@@ -85,53 +76,16 @@ BATCH_SIZE = 64  # Images in one batch of prediction; bounds memory
 FEATURES = "frame_features"  # Name of the features for the frame check among the predictions
 
 
-def training_losses(
-    network: FieldNet, outputs: FieldOutputs, targets: Examples, full_scale: float
-) -> dict[str, torch.Tensor]:
-    """The losses of a batch by name: of errors divided by their scales, or in nats."""
-    device = outputs.mean.device
-    assert targets.dense_counts is not None and targets.force_n is not None
-    error = outputs.mean - targets.dense_counts.to(device) / full_scale
-    relative = error / network.field_variance.sqrt()
-    losses = {
-        "field": relative.square().mean(),
-        "field_absolute": (relative.square() + ROUNDING**2).sqrt().mean(),
-        "spread": negative_log_likelihood(error.detach(), outputs.log_spread).mean(),
-    }
-    if network.predicts_force:
-        error = outputs.force - _force_target(network, targets.force_n.to(device))
-        likelihood = negative_log_likelihood(error.detach(), outputs.force_log_spread)
-        losses |= {"force": error.square().mean(), "force_spread": likelihood.mean()}
-    if outputs.shear is not None and outputs.shear_log_spread is not None:
-        assert targets.shear_n is not None
-        shear_n = targets.shear_n.to(device)
-        error, log_spread = outputs.shear - shear_n / network.shear_scale, outputs.shear_log_spread
-        losses["shear"] = negative_log_likelihood(error, log_spread.detach()).mean()
-        likelihood = negative_log_likelihood(error.detach(), log_spread).mean(dim=1)
-        moving = shear_n.any(dim=1).float()  # without markers, others have no error
-        losses["shear_spread"] = likelihood @ moving / moving.sum().clamp(min=1.0)
-    if outputs.contact is not None:
-        assert targets.contact is not None
-        losses |= contact_losses(network, outputs.contact, targets.contact.to(device))
-    return losses
-
-
 def log_force(force_n: torch.Tensor) -> torch.Tensor:
     """The shifted logarithm of forces, N, the target of training."""
     return torch.log(force_n + FORCE_OFFSET_N)
-
-
-def _force_target(network: FieldNet, force_n: torch.Tensor) -> torch.Tensor:
-    """The standardized logarithm of forces."""
-    mean, std = network.force_scale
-    return (log_force(force_n) - mean) / std.clamp(min=1e-3)
 
 
 class FieldTranslator(Translator):
     """One network of images, (B, 3, S, S), or with background frames, (B, 6, S, S)."""
 
     predictor: FieldNet
-    learns_dense_counts = reads_any_layout = True
+    reads_any_layout = True
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         array = info.array
@@ -146,91 +100,132 @@ class FieldTranslator(Translator):
         )  # fmt: skip
         super().__init__(preset, info, device, bf16, {"field": self.network})
 
-    def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
+    @cached_property
+    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """See Translator."""
         network, found = self.network, {}
-        heads = {SHEAR: network.predicts_shear and not self.is_contact_alone}
-        heads[CONTACT] = network.predicts_contact
-        for name, is_trained in heads.items():
-            if is_trained:
-                weights = getattr(network, name).parameters()
-                found[name] = adamw(weights, self.preset, NEW_RATE_SHARE)
-        if self.is_contact_alone:
-            return found
-        others = (SHEAR, CONTACT, SCALE)
-        own = [each for name, each in network.named_parameters() if not name.startswith(others)]
-        return {"field": adamw(own, self.preset)} | found
+        if not self.is_contact_alone:
+            others = (SHEAR, CONTACT, SCALE)
+            own = [each for name, each in network.named_parameters() if not name.startswith(others)]
+            found["field"] = adamw(own, self.preset)
+            if network.predicts_shear:
+                found[SHEAR] = adamw(network.shear.parameters(), self.preset, NEW_RATE_SHARE)
+        if network.predicts_contact:
+            found[CONTACT] = adamw(network.contact.parameters(), self.preset, NEW_RATE_SHARE)
+        return found
 
     def prepare(self, pairs: Pairs) -> None:
         """Sets the mean frame, and the scales of the outputs if loaded weights lack them."""
-        network = self.network
+        network, frames = self.network, pairs.backgrounds
         if network.predicts_contact and not network.contact_scale.any():
             assert pairs.contact is not None
             network.contact_scale.copy_(contact_scale(pairs.contact))
         if not self.is_contact_alone:
-            self._prepare_field(pairs)
+            if frames is None:
+                frame = pairs.images[:MEAN_FRAME_IMAGES].mean(axis=0, dtype=np.float32)
+            else:
+                frame = frames.mean()
+            network.mean_frame.copy_(to_input(frame[None] / WHITE_GREY)[0])
+            if not network.field_mean.any():
+                assert pairs.dense_counts is not None
+                field = pairs.dense_counts / np.float32(self.full_scale)
+                network.field_mean.copy_(torch.from_numpy(field.mean(axis=0)))
+                network.field_variance.fill_(float(field.var(axis=0).mean()))
+            if not network.predicts_force:
+                forces = log_force(torch.tensor(pairs.force_n))
+                network.force_scale.copy_(torch.stack([forces.mean(), forces.std(correction=0)]))
+            if network.predicts_shear and not network.shear_scale:
+                assert pairs.shear_n is not None
+                rms_n = float(np.sqrt(np.square(pairs.shear_n).mean()))
+                network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
         for name, values in network.named_buffers():  # the same in the weight average
             self.predictor.get_buffer(name).copy_(values)
 
-    def _prepare_field(self, pairs: Pairs) -> None:
-        network, frames = self.network, pairs.backgrounds
-        if frames is None:
-            frame = pairs.images[:MEAN_FRAME_IMAGES].mean(axis=0, dtype=np.float32)
-        else:
-            frame = frames.mean()
-        network.mean_frame.copy_(to_input(frame[None] / WHITE_GREY)[0])
-        if not network.field_mean.any():
-            assert pairs.dense_counts is not None
-            field = pairs.dense_counts / np.float32(self.full_scale)
-            network.field_mean.copy_(torch.from_numpy(field.mean(axis=0)))
-            network.field_variance.fill_(float(field.var(axis=0).mean()))
-        if not network.predicts_force:
-            forces = log_force(torch.tensor(pairs.force_n))
-            network.force_scale.copy_(torch.stack([forces.mean(), forces.std(correction=0)]))
-        if network.predicts_shear and not network.shear_scale:
-            assert pairs.shear_n is not None
-            rms_n = float(np.sqrt(np.square(pairs.shear_n).mean()))
-            network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
-
-    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
+    def step(self, examples: Examples) -> Outputs:
         """One step on the errors of all outputs and the likelihoods of their spreads."""
-        network, images = self.network, self._training_input(examples.images).to(self.device)
+        network, images = self.network, examples.images
         if self.is_contact_alone:
+            network.eval().requires_grad_(False).contact.train().requires_grad_(True)
+        image, frame = images[:, :COLORS], network.mean_frame.expand_as(images[:, :COLORS])
+        if images.shape[1] > COLORS:
+            replaced = torch.rand(len(images), 1, 1, 1) < MEAN_FRAME_SHARE
+            frame = torch.where(replaced.to(images.device), frame, images[:, COLORS:])
+        inputs = torch.cat([image, frame], dim=1).contiguous(memory_format=torch.channels_last)
+        with self.precision():
+            outputs = network(inputs, network.predicts_contact)
+        losses = {} if self.is_contact_alone else self._losses(outputs, examples)
+        if network.predicts_contact:
             assert examples.contact is not None
-            network.eval()
-            network.contact.train()
-            with self.precision():
-                contact = network.contact_outputs(images)
-            losses = contact_losses(network, contact, examples.contact.to(self.device))
-        else:
-            with self.precision():
-                outputs = network(images, network.predicts_contact)
-            losses = training_losses(network, outputs, examples, self.full_scale)
+            losses |= contact_losses(network, outputs, examples.contact)
         weighted = [WEIGHTS.get(name, 1.0) * each for name, each in losses.items()]
         self.descend(torch.stack(weighted).sum(), network, *self.optimizers)
         return {name: each.detach() for name, each in losses.items()}
+
+    def _errors(self, outputs: Outputs, examples: Examples) -> Outputs:
+        """Outputs minus targets, but for those of the contact. The predictor has the same scales as
+        the trained network."""
+        network = self.predictor
+        assert examples.dense_counts is not None and examples.force_n is not None
+        mean, std = network.force_scale
+        found = {
+            "field": outputs["field"] - examples.dense_counts / self.full_scale,
+            "force": outputs["force"] - (log_force(examples.force_n) - mean) / std.clamp(min=1e-3),
+        }
+        if "shear" in outputs and examples.shear_n is not None:
+            found["shear"] = outputs["shear"] - examples.shear_n / network.shear_scale
+        return found
+
+    def _losses(self, outputs: Outputs, examples: Examples) -> Outputs:
+        """The losses of a batch by name: of errors divided by their scales, or in nats."""
+        errors = self._errors(outputs, examples)
+        likelihoods = {
+            name: negative_log_likelihood(each.detach(), outputs[f"{name}_spread"])
+            for name, each in errors.items()
+        }
+        relative = errors["field"] / self.predictor.field_variance.sqrt()
+        losses = {
+            "field": relative.square().mean(),
+            "field_absolute": (relative.square() + ROUNDING**2).sqrt().mean(),
+            "spread": likelihoods["field"].mean(),
+        }
+        if self.predictor.predicts_force:
+            losses["force"] = errors["force"].square().mean()
+            losses["force_spread"] = likelihoods["force"].mean()
+        if "shear" in errors:
+            assert examples.shear_n is not None
+            spread = outputs["shear_spread"].detach()
+            losses["shear"] = negative_log_likelihood(errors["shear"], spread).mean()
+            moving = examples.shear_n.any(dim=1).float()  # without markers, others have no error
+            likelihood = likelihoods["shear"].mean(dim=1)
+            losses["shear_spread"] = likelihood @ moving / moving.sum().clamp(min=1.0)
+        return losses
+
+    def outputs(
+        self, inputs: torch.Tensor, with_contact: bool = False, with_features: bool = False
+    ) -> Outputs:
+        """See Translator."""
+        return super().outputs(self._with_frame(inputs), with_contact, with_features)
 
     def predict_all(
         self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
     ) -> Outputs:
         """See Translator."""
-        inputs = self._with_frame(images)
-        outputs = self.evaluate(self.predictor, inputs, with_contact, with_features)
-        has_frame = torch.tensor(images.shape[1] > COLORS, device=self.device)
         with torch.inference_mode():
-            return self.read(outputs, has_frame)
+            return self.read(self.outputs(images, with_contact, with_features))
 
-    def read(self, outputs: FieldOutputs, has_frame: torch.Tensor | None = None) -> Outputs:
-        """The calibrated predictions: values and standard deviations.
+    def traced(self, *inputs: torch.Tensor) -> Outputs:
+        """See Translator."""
+        network = self.predictor
+        return self.read(network(torch.cat(inputs, dim=1), network.predicts_contact, True))
 
-        has_frame: () bool, whether images have background frames, for the contact.
-        """
+    def read(self, outputs: Outputs) -> Outputs:
+        """See Translator: the calibrated values and their standard deviations."""
         network, full_scale = self.predictor, self.full_scale
-        dense_counts = (outputs.mean * full_scale).clamp(0.0, full_scale)
-        std = standard_deviation(outputs.log_spread, network.place_knots, network.press_knots)
-        dense_counts_std = full_scale * std
-        reading, factor = self._reading, self._factor
+        dense_counts = (outputs["field"] * full_scale).clamp(0.0, full_scale)
+        knots = network.place_knots, network.press_knots
+        dense_counts_std = full_scale * standard_deviation(outputs["field_spread"], *knots)
         # A taxel averages several places, whose errors are correlated.
+        reading, factor = (each.to(dense_counts.device) for each in (self._reading, self._factor))
         parts = (dense_counts_std[:, None, :] * reading) @ factor
         found = {
             "counts": (dense_counts @ reading.T).clamp(0.0, full_scale),
@@ -238,27 +233,21 @@ class FieldTranslator(Translator):
             "dense_counts": dense_counts,
             "dense_counts_std": dense_counts_std,
         }
-        if self._has_force:
+        if network.predicts_force:
             mean, scale = network.force_scale[0], network.force_scale[1]  # a trace cannot iterate
-            shifted = torch.exp(outputs.force * scale + mean)
-            spread = calibrated(outputs.force_log_spread, network.force_knots) * scale
+            shifted = torch.exp(outputs["force"] * scale + mean)
             found["force_n"] = (shifted - FORCE_OFFSET_N).clamp(min=0.0)
+            spread = calibrated(outputs["force_spread"], network.force_knots) * scale
             found["force_std_n"] = shifted * spread
-        if outputs.shear is not None and outputs.shear_log_spread is not None:
-            found["shear_n"] = network.shear_scale * outputs.shear
-            spread = calibrated(outputs.shear_log_spread, network.shear_knots)
+        if network.predicts_shear:
+            found["shear_n"] = network.shear_scale * outputs["shear"]
+            spread = calibrated(outputs["shear_spread"], network.shear_knots)
             found["shear_std_n"] = network.shear_scale * spread
-        if outputs.features is not None:
-            found[FEATURES] = outputs.features
-        if outputs.contact is not None:
-            assert has_frame is not None
-            view_mm = self.info.camera.view_mm
-            found |= read_contact(network, outputs.contact, has_frame, view_mm)
+        if "features" in outputs:
+            found[FEATURES] = outputs["features"]
+        if "contact" in outputs:
+            found |= read_contact(network, outputs, self.info.camera.view_mm)
         return found
-
-    @cached_property
-    def _has_force(self) -> bool:
-        return self.predictor.predicts_force
 
     @cached_property
     def _reading(self) -> torch.Tensor:
@@ -266,17 +255,12 @@ class FieldTranslator(Translator):
         array = self.info.array
         assert array.dense is not None
         matrix = reading_matrix(array.dense, self.layout, array.elastomer)
-        return torch.from_numpy(matrix).float().to(self.device)
+        return torch.from_numpy(matrix).float()
 
     @cached_property
     def _factor(self) -> torch.Tensor:
         """(F, F): Cholesky factor of the correlation."""
-        correlation = self.predictor.correlation
-        return torch.linalg.cholesky(correlation.cpu().double()).float().to(correlation.device)
-
-    def _forget(self, *names: str) -> None:
-        for name in names:
-            vars(self).pop(name, None)
+        return torch.linalg.cholesky(self.predictor.correlation.cpu().double()).float()
 
     def sample(
         self, dense_counts: torch.Tensor, std: torch.Tensor, number: int, seed: int
@@ -285,19 +269,8 @@ class FieldTranslator(Translator):
         generator = torch.Generator().manual_seed(seed)
         shape = (dense_counts.shape[0], number, dense_counts.shape[1])
         normal = torch.randn(shape, generator=generator).to(dense_counts.device)
-        deviation = std[:, None] * (normal @ self._factor.T)
+        deviation = std[:, None] * (normal @ self._factor.T.to(std.device))
         return (dense_counts[:, None] + deviation).clamp(0.0, self.full_scale)
-
-    def frame_features(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, n) features for the frame check, by the encoder alone."""
-        network = self.predictor
-        return self.evaluate(
-            lambda inputs: network.frame_features(network.encoded(inputs)), self._with_frame(images)
-        )
-
-    def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
-        """The outputs of the contact's layers."""
-        return self.evaluate(self.predictor.contact_outputs, self._with_frame(images))
 
     def tactile_images(self, found: Outputs) -> Outputs:
         """See Translator: those of the dense counts, zero outside their places' convex hull."""
@@ -332,62 +305,59 @@ class FieldTranslator(Translator):
         """See Translator: sets the knots and the correlation of the predictor."""
         network, chosen = self.predictor, [_mostly_new_shapes(pairs) for pairs in sets]
         if network.predicts_contact:
-            parts = [each for pairs in chosen for each in self._contacts_on(pairs)]
+            with_maps = [pairs for pairs in chosen if pairs.contact is not None]
+            batches = (each for pairs in with_maps for each in self._outputs_on(pairs, True))
+            parts = ((outputs, examples.contact) for examples, outputs in batches)
             fit_contact_knots(network, self.info.camera.view_mm, parts)
             fit_contact_limits(network, *self._largest_logits(sets))
         if self.is_contact_alone:
             return
         network.scale.reset()
-        errors = [self._errors_on(pairs) for pairs in chosen]
         plain = [replace(pairs, backgrounds=None, shear_n=None) for pairs in chosen
                  if pairs.backgrounds is not None]  # fmt: skip
-        errors += [self._errors_on(pairs) for pairs in plain]
+        errors = [self._errors_on(pairs) for pairs in (*chosen, *plain)]
         fit_scale(network.scale, [part_of(each, held_out=False) for each in errors])
         held_out = (part_of(each, held_out=True) for each in errors)
         found = fit_calibration([scaled(network.scale, each) for each in held_out])
         for name, values in found.items():
             getattr(network, name).copy_(values)
-        self._forget("_factor", "_has_force")
+        vars(self).pop("_factor", None)
 
-    def shear_error(self, pairs: Pairs) -> float | None:
-        """See Translator. The geometric mean counts touches with and without markers alike."""
-        if pairs.shear_n is None or not pairs.shear_n.any() or not self.predictor.predicts_shear:
-            return None
-        logs = []
-        for part, _, outputs in self._outputs_on(pairs):
-            shear_n = self._tensor(pairs.shear_n[part])
-            assert outputs.shear is not None
-            error = outputs.shear * self.predictor.shear_scale - shear_n
-            size = shear_n.square().sum(dim=1) + MIN_RELATIVE_SHEAR_N**2
-            relative = error.square().sum(dim=1) / size
-            logs.append(relative[shear_n.any(dim=1)].log())
-        return float(torch.cat(logs).mean().div(2.0).exp())
-
-    def contact_error(self, pairs: Pairs) -> float | None:
-        """See Translator."""
-        if not self.predictor.predicts_contact or pairs.contact is None:
-            return None
-        scale = self.predictor.contact_scale
-        errors = [depth_errors_mm(scale, *each) for each in self._contacts_on(pairs)]
-        return float(torch.cat(errors).mean())
-
-    def _contacts_on(self, pairs: Pairs) -> Iterator[tuple[ContactOutputs, torch.Tensor]]:
-        """The outputs for pairs, and their contact maps, batch by batch; none without maps."""
-        if pairs.contact is None:
-            return
-        for part in _parts(len(pairs)):
-            yield (
-                self.contact_outputs(_input(pairs.inputs[part])),
-                self._tensor(pairs.contact[part]),
-            )
-
-    def _tensor(self, values: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(values.astype(np.float32)).to(self.device)
+    def further_errors(self, pairs: Pairs) -> dict[str, float]:
+        """See Translator: the geometric mean of the relative error of the shear force of touches
+        that have moved, and the mean over the presses of the RMSE of the depth in the contact."""
+        network = self.predictor
+        has_shear = network.predicts_shear and pairs.shear_n is not None and pairs.shear_n.any()
+        has_contact = network.predicts_contact and pairs.contact is not None
+        shear_logs, depths_mm, found = [], [], {}
+        for examples, outputs in self._outputs_on(pairs, has_contact):
+            if has_shear and examples.shear_n is not None:
+                error = outputs["shear"] * network.shear_scale - examples.shear_n
+                size = examples.shear_n.square().sum(dim=1) + MIN_RELATIVE_SHEAR_N**2
+                relative = error.square().sum(dim=1) / size
+                shear_logs.append(relative[examples.shear_n.any(dim=1)].log())
+            if has_contact and examples.contact is not None:
+                true_mm, pressure = examples.contact.unbind(dim=1)
+                inside = pressure > CONTACT_KPA
+                error = outputs["depth"] * network.contact_scale[0] - true_mm
+                squares, cells = (error.square() * inside).sum(dim=(1, 2)), inside.sum(dim=(1, 2))
+                depths_mm.append((squares[cells > 0] / cells[cells > 0]).sqrt())
+        if has_shear:  # counts touches with and without markers alike
+            found["val_shear_error"] = float(torch.cat(shear_logs).mean().div(2.0).exp())
+        if has_contact:
+            found["val_contact_error_mm"] = float(torch.cat(depths_mm).mean())
+        return found
 
     def _largest_logits(
         self, sets: Sequence[Pairs]
     ) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
         """Largest logits of pairs without and with a contact, as for `fit_contact_limits`."""
+
+        def largest(pixels: np.ndarray) -> torch.Tensor:
+            inputs = (_input(pixels[part]) for part in _parts(len(pixels)))
+            found = [self.outputs(each, True)["contact"].amax(dim=(1, 2)).cpu() for each in inputs]
+            return torch.cat([torch.empty(0), *found])
+
         without_contact, with_contact = [torch.empty(0)] * 2, [torch.empty(0)] * 2
         for pairs in sets:
             if pairs.contact is None:
@@ -399,100 +369,56 @@ class FieldTranslator(Translator):
             for found, rows in ((without_contact, none), (with_contact, some)):
                 pixels = pairs.inputs[rows]
                 for mode, inputs in enumerate((pixels[..., :COLORS], pixels)):
-                    found[mode] = torch.cat([found[mode], self._largest_logit(inputs)])
+                    found[mode] = torch.cat([found[mode], largest(inputs)])
                 if found is with_contact and pixels.shape[-1] > COLORS:
-                    frames = self._largest_logit(pixels[..., COLORS:])
+                    frames = largest(pixels[..., COLORS:])
                     without_contact[0] = torch.cat([without_contact[0], frames])
         return without_contact, with_contact
 
-    def _largest_logit(self, pixels: np.ndarray) -> torch.Tensor:
-        """(B,) largest logit of contact of pixels, (B, S, S, c) uint8."""
-        inputs = (_input(pixels[part]) for part in _parts(len(pixels)))
-        found = [self.contact_outputs(each).logit.amax(dim=(1, 2)).cpu() for each in inputs]
-        return torch.cat([torch.empty(0), *found])
+    def _errors_on(self, pairs: Pairs) -> Errors:
+        """The errors of pairs, for the calibration."""
+        parts = []
+        for examples, outputs in self._outputs_on(pairs):
+            outputs["field"] = outputs["field"].clamp(0.0, 1.0)
+            errors = self._errors(outputs, examples)
+            spreads = {name: outputs[f"{name}_spread"].exp() for name in errors}
+            values = [each[name] for name in ("field", "force") for each in (errors, spreads)]
+            values += self.predictor.scale_features(examples.images, outputs)
+            if "shear" in errors:
+                assert examples.shear_n is not None
+                moving = examples.shear_n.any(dim=1)  # others have errors near zero without markers
+                values += [errors["shear"][moving], spreads["shear"][moving]]
+            parts.append(values)
+        return Errors(*(torch.cat(part).cpu() for part in zip(*parts, strict=True)))
+
+    def _outputs_on(
+        self, pairs: Pairs, with_contact: bool = False
+    ) -> Iterator[tuple[Examples, Outputs]]:
+        """Pairs and their outputs, batch by batch."""
+        contact = pairs.contact if with_contact else None
+        for part in _parts(len(pairs)):
+            images = self._with_frame(_input(pairs.inputs[part]))
+            targets = (pairs.target, pairs.dense_counts, pairs.force_n, pairs.shear_n, contact)
+            known = (None if each is None else each[part].astype(np.float32) for each in targets)
+            tensors = (
+                each if each is None else torch.from_numpy(each).to(images) for each in known
+            )
+            yield Examples(images, *tensors), self.outputs(images, with_contact)
+
+    def _with_frame(self, inputs: torch.Tensor) -> torch.Tensor:
+        """(B, 6, S, S): images, each with a background frame, by default the mean frame."""
+        images = inputs.to(self.device)
+        if images.shape[1] > COLORS:
+            return images
+        return torch.cat([images, self.predictor.mean_frame.expand_as(images)], dim=1)
 
     def read_at(self, layout: Layout) -> Self:
         """See Translator. Takes any layout on the cover, with its pad sizes."""
         other = copy(self)
         other.layout = layout
-        other._forget("_reading")
+        vars(other).pop("_reading", None)
         _ = other._reading  # raises for taxels outside the cover
         return other
-
-    def as_module(self) -> FromPixels:
-        """See Translator. It also takes a background frame, (1, 3, S, S)."""
-        return _FieldFromPixels(self._on_cpu())
-
-    def _on_cpu(self) -> Self:
-        other = super()._on_cpu()
-        other._forget("_reading", "_factor")
-        return other
-
-    def _errors_on(self, pairs: Pairs) -> Errors:
-        assert pairs.dense_counts is not None
-        parts, network = [], self.predictor
-        for part, inputs, outputs in self._outputs_on(pairs):
-            dense_counts = self._tensor(pairs.dense_counts[part])
-            error = dense_counts / self.full_scale - outputs.mean.clamp(0.0, 1.0)
-            force_error = _force_target(network, self._tensor(pairs.force_n[part])) - outputs.force
-            spreads = outputs.log_spread.exp(), outputs.force_log_spread.exp()
-            features = network.scale.features(inputs, network.mean_frame, *outputs[:4])
-            values = [error, spreads[0], force_error, spreads[1], *features]
-            if pairs.shear_n is not None and outputs.shear is not None:
-                assert outputs.shear_log_spread is not None
-                shear = self._tensor(pairs.shear_n[part])
-                moving = shear.any(dim=1)  # others have errors near zero without markers
-                values.append((shear / network.shear_scale - outputs.shear)[moving])
-                values.append(outputs.shear_log_spread[moving].exp())
-            parts.append(values)
-        return Errors(*(torch.cat(part).cpu() for part in zip(*parts, strict=True)))
-
-    def _outputs_on(self, pairs: Pairs) -> Iterator[tuple[slice, torch.Tensor, FieldOutputs]]:
-        """The inputs, each with its background frame, and the outputs for pairs, batch by batch."""
-        for part in _parts(len(pairs)):
-            inputs = self._with_frame(_input(pairs.inputs[part]))
-            yield part, inputs, self.outputs(inputs)
-
-    def outputs(self, inputs: torch.Tensor) -> FieldOutputs:
-        """See Translator."""
-        return super().outputs(self._with_frame(inputs))
-
-    def _with_frame(self, inputs: torch.Tensor) -> torch.Tensor:
-        """(B, 6, S, S): images, each with a background frame, by default the mean frame."""
-        images = inputs.to(self.device)
-        if images.shape[1] == COLORS:
-            images = torch.cat([images, self.predictor.mean_frame.expand_as(images)], dim=1)
-        return images
-
-    def _training_input(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, 6, S, S): images with background frames, a share of them the mean frame."""
-        image, mean_frame = images[:, :COLORS], self.network.mean_frame.to(images.device)
-        if images.shape[1] == COLORS:
-            frame = mean_frame.expand_as(image)
-        else:
-            replaced = torch.rand(images.shape[0], 1, 1, 1) < MEAN_FRAME_SHARE
-            frame = torch.where(replaced.to(images.device), mean_frame, images[:, COLORS:])
-        both = torch.cat([image, frame], dim=1)
-        return both.contiguous(memory_format=torch.channels_last)
-
-
-class _FieldFromPixels(FromPixels):
-    """From pixels and a background frame, (1, 3, S, S), both in [0, 1]."""
-
-    translator: FieldTranslator
-    network: FieldNet
-
-    @property
-    def mean_frame(self) -> torch.Tensor:
-        """(1, 3, S, S) in [0, 1]: the dataset's mean background frame."""
-        return (self.network.mean_frame * self.std + self.mean)[None]
-
-    def forward(self, pixels: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        both = [(each - self.mean) / self.std for each in (pixels, background.expand_as(pixels))]
-        network = self.network
-        outputs = network(torch.cat(both, dim=1), network.predicts_contact, True)
-        is_own = (both[1] - network.mean_frame).abs().amax() > SAME_FRAME
-        return self.in_order(self.translator.read(outputs, is_own))
 
 
 def _parts(number: int) -> list[slice]:

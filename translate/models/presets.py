@@ -5,7 +5,7 @@ are those of Grella et al. 2023 or pix2pix (Isola et al. 2017).
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal, cast, get_args
 
 from msgspec import Meta
 
@@ -13,16 +13,11 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 
 Model = Literal["touch2touch", "resnet18", "field"]
-MODELS: tuple[Model, ...] = ("touch2touch", "resnet18", "field")
-
+MODELS: tuple[Model, ...] = get_args(Model)
 # The models of Grella et al. 2023, which need no dense counts in the dataset
 PAPER_MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
-Direction = Literal["source-to-target", "target-to-source", "image-to-counts", "counts-to-image"]
-
-SOURCE_TO_TARGET: Direction = "source-to-target"
-TARGET_TO_SOURCE: Direction = "target-to-source"
-IMAGE_TO_COUNTS: Direction = "image-to-counts"
-COUNTS_TO_IMAGE: Direction = "counts-to-image"
+SOURCE_TO_TARGET, TARGET_TO_SOURCE = "source-to-target", "target-to-source"
+IMAGE_TO_COUNTS, COUNTS_TO_IMAGE = "image-to-counts", "counts-to-image"
 # Of a training: the first two are for any dataset, the others for a gel camera and a taxel array
 DIRECTIONS = (SOURCE_TO_TARGET, TARGET_TO_SOURCE, IMAGE_TO_COUNTS, COUNTS_TO_IMAGE)
 GENERATES = "touch2touch"  # The model of any direction: its inputs and targets are pictures
@@ -44,47 +39,34 @@ Decay = Annotated[float, Meta(ge=0, lt=1)]
 
 @dataclass(frozen=True)
 class Preset:
-    """All settings of a training except its data and seed.
-
-    size: side of the square pictures, pixels. grey: whether images are converted to grey.
-    filters: base width of the networks. batch: pairs per step, over all processes.
-    learning_rate, beta1, beta2: Adam's. weight_decay: AdamW's (Loshchilov and Hutter 2019); 0 is
-        Adam. schedule: "fixed", or "cosine" to zero over the epochs.
-    l1_weight, iou_weight: of these losses relative to the adversarial one; touch2touch only.
-    discriminator_share: learning rate of the discriminator relative to the generator's.
-    epochs, steps: maxima; 0 steps for no limit. patience: epochs without a better validation
-        before training stops.
-    averaged_part: share of the steps so far in the weight average used for prediction
-        (base.weight_average); 0 for the last weights. bf16: train in bfloat16 if the processor can.
-    background_share: share of the pairs of a field run whose image is replaced by its background
-        frame. drift: standard deviation of relative changes of each color's level and gradients
-        since the background frame was taken.
-    brightness, contrast, noise: augmentation of the image, standard deviations: offset and
-        noise as fractions of full scale, relative gain.
-    """
+    """All settings of a training except its data and seed."""
 
     name: str
-    size: Annotated[int, Meta(ge=1, le=2048)]
-    grey: bool
-    filters: Annotated[int, Meta(ge=1, le=1024)]
-    batch: Annotated[int, Meta(ge=1, le=MAX_BATCH)]
-    learning_rate: Positive
+    size: Annotated[int, Meta(ge=1, le=2048)]  # side of the square pictures, pixels
+    grey: bool  # whether images are converted to grey
+    filters: Annotated[int, Meta(ge=1, le=1024)]  # base width of the networks
+    batch: Annotated[int, Meta(ge=1, le=MAX_BATCH)]  # pairs per step, over all processes
+    learning_rate: Positive  # this and the next: Adam's
     beta1: Decay
-    epochs: Annotated[int, Meta(ge=1, le=MAX_EPOCHS)]
-    patience: Annotated[int, Meta(ge=0)]
-    steps: Annotated[int, Meta(ge=0)] = 0
-    beta2: Decay = 0.999
-    schedule: Literal["fixed", "cosine"] = FIXED
-    l1_weight: NotNegative = 0.0
-    iou_weight: NotNegative = 0.0
-    discriminator_share: NotNegative = 1.0
-    weight_decay: NotNegative = 0.0
-    averaged_part: Share = 0.0
-    bf16: bool = False
+    epochs: Annotated[int, Meta(ge=1, le=MAX_EPOCHS)]  # maximum
+    patience: Annotated[int, Meta(ge=0)]  # epochs without a better validation before it stops
+    steps: Annotated[int, Meta(ge=0)] = 0  # maximum; 0 for no limit
+    beta2: Decay = 0.999  # Adam's
+    schedule: Literal["fixed", "cosine"] = FIXED  # of the rate: "cosine" to zero over the epochs
+    l1_weight: NotNegative = 0.0  # of this loss relative to the adversarial one; touch2touch only
+    iou_weight: NotNegative = 0.0  # the same of the soft IoU loss
+    discriminator_share: NotNegative = 1.0  # its learning rate relative to the generator's
+    weight_decay: NotNegative = 0.0  # AdamW's (Loshchilov and Hutter 2019); 0 is Adam
+    averaged_part: Share = 0.0  # see base.weight_average; 0 predicts with the last weights
+    bf16: bool = False  # train in bfloat16 if the processor can
+    # Augmentation of the image, standard deviations: offset as a fraction of full scale, relative
+    # gain, and noise as a fraction of full scale
     brightness: NotNegative = 0.0
     contrast: NotNegative = 0.0
     noise: NotNegative = 0.0
-    background_share: Share = 0.0
+    background_share: Share = 0.0  # of a field run's images that become their background frames
+    # Standard deviation of relative changes of each color's level and gradients since the
+    # background frame was taken
     drift: NotNegative = 0.0
 
 
@@ -107,22 +89,12 @@ RESNET18_CPU = Preset(
     contrast=0.05,
     noise=0.01,
 )
+# With a size of 32 the last stage has one pixel, too few for batch norm
 RESNET18_SMOKE = Preset(
-    name="smoke",
-    size=64,  # with 32 the last stage has one pixel, too few for batch norm
-    grey=False,
-    filters=16,
-    batch=8,
-    learning_rate=2e-3,
-    beta1=0.9,
-    epochs=10,
+    "smoke", size=64, grey=False, filters=16, batch=8, learning_rate=2e-3, beta1=0.9, epochs=10,
     patience=10,
-)
-FIELD_CPU = replace(
-    RESNET18_CPU,
-    steps=15_900,
-    background_share=0.08,  # assumed
-)
+)  # fmt: skip
+FIELD_CPU = replace(RESNET18_CPU, steps=15_900, background_share=0.08)  # both assumed
 
 PRESETS: dict[Model, dict[str, Preset]] = {
     "touch2touch": {

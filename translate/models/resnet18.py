@@ -22,11 +22,12 @@ class ResNet18Translator(Translator):
         self.network = ResNet18(info.array.x_mm.size, preset.filters)
         super().__init__(preset, info, device, bf16, {"resnet18": self.network})
 
-    def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
+    @cached_property
+    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """See Translator."""
         return {"resnet18": adamw(self.network.parameters(), self.preset)}
 
-    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
+    def step(self, examples: Examples) -> Outputs:
         """One step on L3, the mean squared error of the counts as a fraction of full scale."""
         with self.precision():
             predicted = self.network(examples.images.to(self.device))

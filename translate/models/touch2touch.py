@@ -64,6 +64,7 @@ def _membership(images: torch.Tensor) -> torch.Tensor:
 class Pix2Pix(Translator):
     """The generator, which predicts, and the discriminator."""
 
+    to_input = staticmethod(to_scaled)
     mean = std = np.array([0.5], np.float32)
 
     def __init__(
@@ -75,7 +76,8 @@ class Pix2Pix(Translator):
         networks = {"generator": self.generator, "discriminator": self.discriminator}
         super().__init__(preset, info, device, bf16, networks)
 
-    def make_optimizers(self) -> dict[str, torch.optim.Optimizer]:
+    @cached_property
+    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
         """See Translator."""
         shares = {"generator": 1.0, "discriminator": self.preset.discriminator_share}
         return {
@@ -83,15 +85,11 @@ class Pix2Pix(Translator):
             for name, share in shares.items()
         }
 
-    def to_input(self, pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
-        """See Translator. (B, c, S, S) in [-1, 1]."""
-        return to_scaled(pixels)
-
     @abstractmethod
     def target_pictures(self, targets: torch.Tensor) -> torch.Tensor:
         """(B, c', S, S) in [-1, 1], of the targets of Examples."""
 
-    def optimize(self, examples: Examples) -> dict[str, torch.Tensor]:
+    def step(self, examples: Examples) -> Outputs:
         """One step of the discriminator, then one of the generator."""
         inputs = examples.images.to(self.device)
         targets = self.target_pictures(examples.targets.to(self.device))
@@ -206,7 +204,3 @@ class ImageTranslator(Pix2Pix):
     def read(self, outputs: torch.Tensor) -> Outputs:
         """See Translator. Grey levels, not rounded."""
         return {"image": (outputs.float().permute(0, 2, 3, 1) + 1.0) * (WHITE_GREY / 2.0)}
-
-    def tactile_images(self, found: Outputs) -> Outputs:
-        """See Translator: none."""
-        raise NotImplementedError

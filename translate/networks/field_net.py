@@ -21,9 +21,6 @@ Shape letters: B batch, S image side, H side after a reduction, W windows along 
 D columns of E places, G numbers of the vector. F = D * E.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
 import numpy as np
 import torch
 from torch import nn
@@ -35,6 +32,7 @@ from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
 from t2twin.translate.uncertainty.calibration import (
     PLACE_SHARES,
     PRESS_SHARES,
+    SAME_FRAME,
     SpreadScale,
     identity_knots,
 )
@@ -58,6 +56,7 @@ MIN_TEXTURE = 1e-4
 # Limit of a displacement, pixels of its scale (assumed: larger ones are errors)
 MAX_DISPLACEMENT = 3.0
 WIDTH = 32  # Channels of the network that predicts the weights (assumed)
+Outputs = dict[str, torch.Tensor]  # Of a network by name, see FieldNet
 
 
 def averaged(maps: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
@@ -142,7 +141,16 @@ class ShearHead(nn.Module):
         axes = [axis for axis, each in zip((3, 2), mirrored, strict=True) if each]
         if axes:
             image, frame = image.flip(axes), frame.flip(axes)
-        moved, roots = self._measured(image, frame)
+        measured = []
+        with torch.autocast(image.device.type, enabled=False):
+            greys = [each.float().mean(dim=1, keepdim=True) for each in (image, frame)]
+            for scale in SCALES:
+                means, blur = (getattr(self, f"{name}_{scale}") for name in ("means", "blur"))
+                small = [functional.avg_pool2d(each, self.part * scale) for each in greys]
+                flat = [each - averaged(each, blur) for each in small]
+                measured.append(displacements(flat[0], flat[1], means))
+        # x and y of one scale after the other
+        moved, roots = (torch.cat(each, dim=1) for each in zip(*measured, strict=True))
         features = self.normalize(torch.cat([moved, roots], dim=1))
         mixed = self.mix(self.windows(features) + self.vector(vector)[:, :, None, None])
         weighted = (1.0 + self.weights(mixed).float()) * moved
@@ -153,21 +161,6 @@ class ShearHead(nn.Module):
         known = torch.cat([mixed.float().mean(dim=(2, 3)), shear.abs()], dim=1).detach()
         return shear, self.spread(known).float()
 
-    def _measured(
-        self, image: torch.Tensor, frame: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """What `displacements` returns at all scales, x and y of one after the other, float32."""
-        found = []
-        with torch.autocast(image.device.type, enabled=False):
-            greys = [each.float().mean(dim=1, keepdim=True) for each in (image, frame)]
-            for scale in SCALES:
-                means, blur = (getattr(self, f"{name}_{scale}") for name in ("means", "blur"))
-                small = [functional.avg_pool2d(each, self.part * scale) for each in greys]
-                flat = [each - averaged(each, blur) for each in small]
-                found.append(displacements(flat[0], flat[1], means))
-        moved, roots = (torch.cat(each, dim=1) for each in zip(*found, strict=True))
-        return moved, roots
-
 
 def with_minimum(least: float, log_spread: torch.Tensor) -> torch.Tensor:
     """The logarithm of the sum of a spread and its minimum; a hard bound has no gradient."""
@@ -177,20 +170,6 @@ def with_minimum(least: float, log_spread: torch.Tensor) -> torch.Tensor:
 # Minimum spreads, fractions of the scales of depth and pressure (assumed: a micrometer)
 MIN_DEPTH_SPREAD, MIN_PRESSURE_SPREAD = 2e-3, 1e-3
 PLANES = 3  # Outputs of the mean: depth, pressure, and the logit of contact
-
-
-class ContactOutputs(NamedTuple):
-    """Outputs of the decoder, not calibrated, (B, H, H) each.
-
-    depth, pressure: fractions of their scales. depth_log_spread, pressure_log_spread: logarithms of
-    their raw spreads. logit: of the probability of contact.
-    """
-
-    depth: torch.Tensor
-    depth_log_spread: torch.Tensor
-    pressure: torch.Tensor
-    pressure_log_spread: torch.Tensor
-    logit: torch.Tensor
 
 
 def side_of_maps(size: int) -> int:
@@ -223,8 +202,8 @@ class ContactHead(nn.Module):
             nn.Conv2d(filters, filters // 2, 3, 1, 1), nn.ReLU(), nn.Conv2d(filters // 2, 2, 1)
         )
 
-    def forward(self, inputs: torch.Tensor, maps: tuple[torch.Tensor, ...]) -> ContactOutputs:
-        """inputs: (B, 6, S, S), of the encoder. maps: its outputs, S / 2 to S / 32 wide."""
+    def forward(self, inputs: torch.Tensor, maps: tuple[torch.Tensor, ...]) -> Outputs:
+        """The outputs of the contact. inputs: of the encoder. maps: S / 2 to S / 32 wide."""
         *skips, found = maps
         pixels = self.pixels(inputs)
         fine = self.fine(pixels + self.place(_places(pixels)))
@@ -239,13 +218,13 @@ class ContactHead(nn.Module):
         depth, pressure, logit = self.mean(found).float().unbind(dim=1)
         # Detached: the spread's loss does not change the features of the mean.
         spread = self.spread(found.detach()).float()
-        return ContactOutputs(
-            depth,
-            with_minimum(MIN_DEPTH_SPREAD, spread[:, 0]),
-            pressure,
-            with_minimum(MIN_PRESSURE_SPREAD, spread[:, 1]),
-            logit,
-        )
+        return {
+            "depth": depth,
+            "depth_spread": with_minimum(MIN_DEPTH_SPREAD, spread[:, 0]),
+            "pressure": pressure,
+            "pressure_spread": with_minimum(MIN_PRESSURE_SPREAD, spread[:, 1]),
+            "contact": logit,
+        }
 
 
 def _places(maps: torch.Tensor) -> torch.Tensor:
@@ -285,80 +264,42 @@ CONTACT_KNOTS = {
 KNOTS = {"place_knots": PLACE_SHARES, "press_knots": PRESS_SHARES, "force_knots": PRESS_SHARES}
 
 
-class FieldOutputs(NamedTuple):
-    """Outputs of the network, not calibrated.
-
-    mean, log_spread: (B, F), field as a fraction of full scale, and logarithm of its raw spread.
-    force, force_log_spread: (B,), standardized logarithm of the force, and the same of its spread.
-    shear, shear_log_spread: (B, 2), standardized shear force along x and y, and logarithm of its
-    raw spread; None if it is not predicted. contact, and features, (B, n), for the frame check:
-    only if they are wanted.
-    """
-
-    mean: torch.Tensor
-    log_spread: torch.Tensor
-    force: torch.Tensor
-    force_log_spread: torch.Tensor
-    shear: torch.Tensor | None = None
-    shear_log_spread: torch.Tensor | None = None
-    contact: ContactOutputs | None = None
-    features: torch.Tensor | None = None
-
-
 class FieldNet(nn.Module):
     """The network of one grid of dense counts and image size.
 
     x_mm, y_mm: (F,) the places of the dense counts, column by column, mm. view_mm: half the width
     and half the height of the view, mm. size: S. filters: base width of the ResNet18.
     predicts_shear: whether it predicts the shear force on the gel camera. predicts_contact: whether
-    it has a decoder of the contact.
+    it has a decoder of the contact. Raises T2TwinError for places that form no such columns, and
+    for too few filters.
 
-    Buffers:
-
-    - mean_frame, (3, S, S), the mean of the dataset's background frames, normalized;
-    - field_mean, (F,), and field_variance, its mean over the places, fractions of full scale and of
-      its square;
-    - force_scale, (2,), mean and standard deviation of the forces' logarithms;
-    - place_knots, press_knots, force_knots, (2, K), and correlation, (F, F), the calibration, to
-      which the factors of `scale` belong, which the spreads have in evaluation mode;
-    - shear_scale, (), root mean square of the training presses' shear force, N, and shear_knots,
-      if it is predicted;
-    - contact_scale, (2,), root mean squares of depth, mm, and pressure, kPa, in the training
-      presses' contacts, and those of CONTACT_KNOTS, if the contact is predicted;
-    - contact_limits, (2,), without and with a background frame: an image has a contact if its
-      largest logit is above.
-
-    Raises T2TwinError for places that form no such columns, and for too few filters.
+    The calibration sets all knots, (2, K), the correlation, the limits, and the weights of `scale`,
+    the factors that the spreads have in evaluation mode.
     """
 
     fine_places: torch.Tensor
     coarse_places: torch.Tensor
-    mean_frame: torch.Tensor
-    field_mean: torch.Tensor
-    field_variance: torch.Tensor
-    force_scale: torch.Tensor
+    mean_frame: torch.Tensor  # (3, S, S), mean of the dataset's background frames, normalized
+    field_mean: torch.Tensor  # (F,), fraction of full scale
+    field_variance: torch.Tensor  # (), its mean over the places
+    force_scale: torch.Tensor  # (2,), mean and standard deviation of the forces' logarithms
     place_knots: torch.Tensor
     press_knots: torch.Tensor
     force_knots: torch.Tensor
-    correlation: torch.Tensor
-    shear_scale: torch.Tensor
+    correlation: torch.Tensor  # (F, F)
+    shear_scale: torch.Tensor  # (), root mean square in the training presses, N
     shear_knots: torch.Tensor
-    contact_scale: torch.Tensor
-    contact_limits: torch.Tensor
+    contact_scale: torch.Tensor  # (2,), the same of depth, mm, and pressure, kPa, in the contacts
     contact_depth_knots: torch.Tensor
     contact_pressure_knots: torch.Tensor
     contact_center_knots: torch.Tensor
+    # (2,), without and with a background frame: an image with a larger logit has a contact
+    contact_limits: torch.Tensor
 
     def __init__(
-        self,
-        x_mm: np.ndarray,
-        y_mm: np.ndarray,
-        view_mm: tuple[float, float],
-        size: int,
-        filters: int,
-        predicts_shear: bool = False,
-        predicts_contact: bool = False,
-    ) -> None:
+        self, x_mm: np.ndarray, y_mm: np.ndarray, view_mm: tuple[float, float], size: int,
+        filters: int, predicts_shear: bool = False, predicts_contact: bool = False,
+    ) -> None:  # fmt: skip
         super().__init__()
         self.grid = grid_of(x_mm)
         self.encoder = ResNet18(0, filters, channels=6)
@@ -412,27 +353,20 @@ class FieldNet(nn.Module):
         """Whether the network was trained on presses of several forces."""
         return float(self.force_scale[1]) > MIN_FORCE_SCALE
 
-    def encoded(self, images: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """The encoder's maps. images: as for `forward`."""
-        return self.encoder.maps(_encoder_input(images))
-
-    def frame_features(self, maps: Sequence[torch.Tensor]) -> torch.Tensor:
-        """(B, n) features for the frame check. maps: the encoder's."""
-        return features_of(maps, self.first_side)
-
-    def contact_outputs(self, images: torch.Tensor) -> ContactOutputs:
-        """The contact alone. images: as for `forward`."""
-        with torch.no_grad():
-            inputs = _encoder_input(images)
-            maps = self.encoder.maps(inputs)
-        return self.contact(inputs, maps)
-
     def forward(
         self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
-    ) -> FieldOutputs:
-        """images: (B, 6, S, S), normalized, each with its background frame. with_contact,
-        with_features: whether the outputs contain these."""
-        inputs = _encoder_input(images)
+    ) -> Outputs:
+        """The outputs by name, not calibrated, and under NAME_spread the logarithm of their spread.
+
+        images: (B, 6, S, S), normalized, each with its background frame. "field": (B, F), fraction
+        of full scale. "force": (B,), standardized logarithm. "shear": (B, 2), along x and y, of
+        shear_scale, if it is predicted. with_contact: whether with "depth" and "pressure", of
+        contact_scale, and the logit of the probability, "contact", (B, H, H); in evaluation mode
+        also with its limit, "contact_limit", (B, 1, 1). with_features: whether with "features" for
+        the frame check, (B, n).
+        """
+        image, frame = images.split(3, dim=1)
+        inputs = torch.cat([image, DIFFERENCE_SCALE * (image - frame)], dim=1)
         maps = self.encoder.maps(inputs)
         fine, coarse, last = maps[-3:]
         vector = self.gather(self.pool(last).flatten(1)).relu()
@@ -445,40 +379,43 @@ class FieldNet(nn.Module):
         decoded, detached = decoded.detach(), vector.detach()
         spread = (self.spread(decoded).flatten(1) + self.spread_of_all(detached)).float()
         scale = self.field_variance.sqrt()
-        outputs = FieldOutputs(
-            self.field_mean + scale * mean,
-            with_minimum(MIN_SPREAD, scale.log() + spread),
-            self.force(vector).float()[:, 0],
-            with_minimum(MIN_FORCE_SPREAD, self.force_spread(detached).float()[:, 0]),
-            contact=self.contact(inputs, maps) if with_contact else None,
-            features=self.frame_features(maps) if with_features else None,
-        )
+        outputs = {
+            "field": self.field_mean + scale * mean,
+            "field_spread": with_minimum(MIN_SPREAD, scale.log() + spread),
+            "force": self.force(vector).float()[:, 0],
+            "force_spread": with_minimum(
+                MIN_FORCE_SPREAD, self.force_spread(detached).float()[:, 0]
+            ),
+        }
+        if with_contact:
+            outputs |= self.contact(inputs, maps)
+        if with_features:
+            outputs["features"] = features_of(maps, self.first_side)
         if not self.training:
-            outputs = self._scaled(outputs, images)
-        if not self.predicts_shear:
-            return outputs
-        shear, spread = self.shear(*images.split(3, dim=1), detached)
-        least = with_minimum(MIN_SHEAR_SPREAD, spread)
-        return outputs._replace(shear=shear, shear_log_spread=least)
+            with torch.autocast(images.device.type, enabled=False):
+                place, force = self.scale(*self.scale_features(images, outputs))
+            outputs["field_spread"] = outputs["field_spread"] + place
+            outputs["force_spread"] = outputs["force_spread"] + force
+        if with_contact and not self.training:
+            is_given = (frame - self.mean_frame).abs().amax(dim=(1, 2, 3)) > SAME_FRAME
+            limits = torch.where(is_given, self.contact_limits[1], self.contact_limits[0])
+            outputs["contact_limit"] = limits[:, None, None]
+        if self.predicts_shear:
+            outputs["shear"], spread = self.shear(image, frame, detached)
+            outputs["shear_spread"] = with_minimum(MIN_SHEAR_SPREAD, spread)
+        return outputs
 
-    def _scaled(self, outputs: FieldOutputs, images: torch.Tensor) -> FieldOutputs:
-        """The outputs with the spreads of dense counts and force times their factors."""
-        with torch.autocast(images.device.type, enabled=False):
-            place, force = self.scale(*self.scale.features(images, self.mean_frame, *outputs[:4]))
-        return outputs._replace(
-            log_spread=outputs.log_spread + place, force_log_spread=outputs.force_log_spread + force
-        )
+    def scale_features(
+        self, images: torch.Tensor, outputs: Outputs
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """The features of `scale` of outputs for images."""
+        known = (outputs[name] for name in ("field", "field_spread", "force", "force_spread"))
+        return self.scale.features(images, self.mean_frame, *known)
 
     def _resample(self, view_map: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
         """A map of the view at the places of the dense counts, (B, C, D, E), zero outside the
         view."""
         return (view_map.flatten(2) @ places.to(view_map.dtype)).unflatten(2, self.grid)
-
-
-def _encoder_input(images: torch.Tensor) -> torch.Tensor:
-    """(B, 6, S, S): images and their differences from the background frames."""
-    image, frame = images.split(3, dim=1)
-    return torch.cat([image, DIFFERENCE_SCALE * (image - frame)], dim=1)
 
 
 def grid_of(x_mm: np.ndarray) -> tuple[int, int]:
@@ -503,14 +440,10 @@ def resampling_weights(
 
     Bilinear between the centers of the cells; zero from half a cell outside the view.
     """
+    cells = np.arange(side)
     across, down = (
-        _hat((at / (2 * half) + 0.5) * side - 0.5, side)
+        np.maximum(0.0, 1.0 - np.abs((at / (2 * half) + 0.5) * side - 0.5 - cells[:, None]))
         for at, half in zip((x_mm, y_mm), view_mm, strict=True)
     )
     weights = down[:, None, :] * across[None, :, :]  # rows, columns, places
     return weights.reshape(side * side, -1).astype(np.float32)
-
-
-def _hat(at: np.ndarray, cells: int) -> np.ndarray:
-    """(cells, F): linear interpolation weights at these places, in cells."""
-    return np.maximum(0.0, 1.0 - np.abs(at[None, :] - np.arange(cells)[:, None]))

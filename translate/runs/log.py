@@ -24,8 +24,8 @@ class EpochRecord(Struct, frozen=True, omit_defaults=True):
     epoch: its number, from 1. train: the model's losses, averaged over the steps of the epoch.
     val_rmse_percent: RMSE on the validation split, percent of full scale; val_rmse_counts, or
     val_rmse_grey of a run that predicts images: the same in counts or grey levels. seconds:
-    duration. val_shear_error: of a run that predicts the shear force, Translator.shear_error on the
-    validation split; val_contact_error_mm: the same of Translator.contact_error.
+    duration. val_shear_error, val_contact_error_mm: of a run that predicts the shear force or the
+    contact, FieldTranslator.further_errors on the validation split.
     """
 
     epoch: Annotated[int, Meta(ge=1)]

@@ -267,7 +267,7 @@ def _drifted(
 def _features(translator: FieldTranslator, pixels: np.ndarray) -> torch.Tensor:
     parts = [pixels[start : start + BATCH_SIZE] for start in range(0, len(pixels), BATCH_SIZE)]
     inputs = (to_input(part.astype(np.float32) / 255.0) for part in parts)
-    return torch.cat([translator.frame_features(each).cpu() for each in inputs])
+    return torch.cat([translator.outputs(each, False, True)["features"].cpu() for each in inputs])
 
 
 def _trained(parts: Sequence[_Part], seed: int) -> FrameCheck:

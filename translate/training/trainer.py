@@ -265,7 +265,9 @@ class Trainer:
         started = time.perf_counter() - self.part.seconds
         config, translator = self.config, self.translator
         share = _learning_rate_share(config, epoch)
-        translator.set_rates(share)
+        for optimizer in translator.optimizers.values():
+            for group in optimizer.param_groups:
+                group["lr"] = share * optimizer.defaults["lr"]
         for network in translator.networks.values():
             network.train()
         sums: dict[str, float | torch.Tensor] = dict(self.part.losses)
@@ -284,27 +286,23 @@ class Trainer:
                 save_state(self.out_dir / LAST, translator, self.history, part)
                 saved = now
         for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
-            distributed.average_statistics(network)
+            distributed.average([each for each in network.buffers() if each.is_floating_point()])
         rmse, exact, losses = self._validate(), translator.in_float32(), _numbers(sums)
         if not all(map(math.isfinite, (rmse, *losses.values()))):
             raise T2TwinError(
                 f"the loss is not finite in epoch {epoch + 1}; train again with a preset of a "
                 "lower learning rate"
             )
-        shear, contact = (
-            None if error is None else distributed.largest(error)
-            for error in (exact.shear_error(self.validation), exact.contact_error(self.validation))
-        )
+        further = exact.further_errors(self.validation)
         return EpochRecord(
             epoch=epoch + 1,
             learning_rate=share * config.preset.learning_rate,
             train={name: total / self.steps for name, total in losses.items()},
             val_rmse_counts=None if config.predicts_images else rmse,
             val_rmse_percent=100.0 * rmse / config.full_scale,
-            seconds=distributed.largest(time.perf_counter() - started),
+            seconds=distributed.reduced(time.perf_counter() - started, "MAX"),
             val_rmse_grey=rmse if config.predicts_images else None,
-            val_shear_error=shear,
-            val_contact_error_mm=contact,
+            **{name: distributed.reduced(error, "MAX") for name, error in further.items()},
         )
 
     def _batches(self, epoch: int) -> Iterator[np.ndarray]:
@@ -332,7 +330,8 @@ class Trainer:
             errors = self._errors(self.translator, mine[start : start + batch])
             squares += float(errors.square().sum(dtype=torch.float64))
             values += errors.numel()
-        return math.sqrt(distributed.total(squares) / distributed.total(values))
+        squares, total = (distributed.reduced(each, "SUM") for each in (squares, values))
+        return math.sqrt(squares / total)
 
     def _errors(self, translator: Translator, index: np.ndarray) -> torch.Tensor:
         """(b, n) errors of predictions in float32, of the validation pairs with these indices."""
@@ -353,7 +352,7 @@ class Trainer:
         self._errors(translator, few)
         image_seconds = (time.perf_counter() - started) / len(few)
         validate_seconds = image_seconds * len(self.validation) / self.config.processes
-        return distributed.largest(self.steps * step_seconds + validate_seconds)
+        return distributed.reduced(self.steps * step_seconds + validate_seconds, "MAX")
 
     def _announce(self, epoch_seconds: float) -> None:
         if self.rank > 0:
