@@ -18,7 +18,6 @@ from safetensors.torch import load_file, save_file
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.templates import environment
-from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, REPORTED_SHARE
 from t2twin.translate.evaluation.records import ModelRow, read_evaluation
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.checkpoint import AVERAGE
@@ -87,7 +86,7 @@ def _with_figures(card: str, rows: Sequence[tuple[str, ModelRow]]) -> str:
     if not rows:
         return card
     template = environment().from_string(TABLE.read_text(encoding="utf-8"))
-    table = template.render(rows=rows, level=REPORTED_LEVEL, share=REPORTED_SHARE)
+    table = template.render(rows=rows)
     before, limits, after = card.partition(LIMITS)
     return before + table + limits + after
 

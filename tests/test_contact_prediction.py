@@ -22,7 +22,7 @@ from t2twin.studio.translators import Translators
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.table import results_text
+from t2twin.translate.evaluation.table import results_tables
 from t2twin.translate.inference.contact import (
     EDGE_NOTE,
     EMPTY_NOTE,
@@ -392,4 +392,5 @@ def test_the_evaluation_has_the_errors_of_the_contact(alone, few, tmp_path) -> N
     contact: Any = evaluation.models["field"].contact
     assert contact is not None and contact["pairs"] == 4
     assert 0.0 < contact["depth_rmse_mm"] < 3.0 and 0.0 <= contact["iou"] <= 1.0
-    assert "RMSE of the depth, median, mm" in results_text({"val": evaluation})
+    *_, outputs = results_tables({"val": evaluation})
+    assert "RMSE of the depth, median, mm" in [line[3] for line in outputs.groups[""]]

@@ -17,7 +17,7 @@ from t2twin.translate.evaluation.baselines import (
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics import by_force, interval, resampled_means
 from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.table import results_text
+from t2twin.translate.evaluation.table import results_tables
 
 FULL_SCALE = 40000.0
 
@@ -134,9 +134,9 @@ def test_one_force_has_one_entry_that_is_the_whole(
     for row in evaluation.models.values():
         (only,) = row.by_force
         assert (only.low_n, only.high_n, only.mean_n) == (8.0, 8.0, 8.0)
-        assert only.pairs == row.overall.pairs
-        assert only.rmse_counts == row.overall.counts
-        assert only.rmse_percent == row.overall.rmse_percent
+        assert only.pairs == row.overall["pairs"]
+        assert only.rmse_counts == row.overall["rmse_counts"]
+        assert only.rmse_percent == row.overall["rmse_percent"]
 
 
 def test_several_forces_have_an_entry_each_and_a_row_of_their_mean_arrays(
@@ -144,22 +144,23 @@ def test_several_forces_have_an_entry_each_and_a_row_of_their_mean_arrays(
 ) -> None:
     evaluation = evaluate(runs, forces_dir, "val", tmp_path)
     assert read_evaluation(tmp_path) == evaluation and evaluation.has_forces
-    text = results_text({"val": evaluation})
-    assert "no contact, 8 pairs" in text and "0.5 N, 8 pairs" in text
-    assert "resnet18 was trained on smoke, 32 pairs, 12 steps." in text
+    main, *_, by_force = results_tables({"val": evaluation})
+    titles = [line[0] for line in by_force.groups[""]]
+    assert titles[:2] == ["no contact, 8 pairs", "0.5 N, 8 pairs"]
+    assert "resnet18 was trained on smoke, 32 pairs, 12 steps." in main.notes
     assert list(evaluation.models)[:3] == ["mean-array", MEAN_ARRAY_OF_FORCE, "nearest-neighbour"]
     for name, row in evaluation.models.items():
         assert [one.low_n for one in row.by_force] == [0.0, 0.5, 1.0, 2.0, 8.0]
         assert sum(one.pairs for one in row.by_force) == evaluation.pairs == 40
         squares = [one.pairs * one.rmse_counts**2 for one in row.by_force]
-        assert np.sqrt(sum(squares) / 40) == pytest.approx(row.overall.counts)
+        assert np.sqrt(sum(squares) / 40) == pytest.approx(row.overall["rmse_counts"])
         for one in row.by_force[1:]:
             assert one.mean_of == "training" and one.phantom_counts is None
             if name == MEAN_ARRAY_OF_FORCE:
                 assert one.of_mean_array == pytest.approx(1.0, rel=1e-6)
         assert row.by_force[0].phantom_counts is not None
     known, blind = (evaluation.models[name] for name in (MEAN_ARRAY_OF_FORCE, "mean-array"))
-    assert known.overall.counts < blind.overall.counts
+    assert known.overall["rmse_counts"] < blind.overall["rmse_counts"]
     run = evaluation.models["resnet18"]
     assert (run.same_data, run.trained_recipe, run.trained_pairs) == (False, "smoke", 32)
     assert run.trained_steps == 3 * 4  # epochs of 32 pairs in batches of 8

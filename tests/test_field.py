@@ -23,7 +23,7 @@ from t2twin.sim.taxels.pads import reading_matrix
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate, read_predictions
-from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, uncertainty_metrics
+from t2twin.translate.evaluation.metrics import uncertainty_metrics
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.inference.files import translate_files
 from t2twin.translate.inference.load import load, load_run
@@ -295,17 +295,20 @@ def test_certainty_of_what_is_right_by_half() -> None:
     right, bold = (uncertainty_metrics(estimate(part), truth, force) for part in (1.0, 0.5))
     for level, held in zip(right.levels, right.coverage, strict=True):
         assert held == pytest.approx(level, abs=0.015)
-    assert bold.coverage_at(REPORTED_LEVEL) == pytest.approx(0.589, abs=0.015)
-    assert right.predicted_rmse_counts == pytest.approx(right.retained_rmse_counts[0], rel=0.03)
-    assert right.force_median_error_percent == pytest.approx(10.0)
-    assert right.force_coverage_percent == 100.0
+    assert bold.figures["coverage_percent"] == pytest.approx(58.9, abs=1.5)
+    figures = right.figures
+    assert figures["predicted_rmse_counts"] == pytest.approx(
+        right.retained_rmse_counts[0], rel=0.03
+    )
+    assert figures["force_median_error_percent"] == pytest.approx(10.0)
+    assert figures["force_coverage_percent"] == 100.0
     rising = np.tile(np.arange(500.0)[:, None] + 1, (1, 20))
     off = replace(
         estimate(1.0), counts=truth + rising * rng.standard_normal(std.shape), counts_std=rising
     )
     by_press = uncertainty_metrics(off, truth, force)
     # Errors as large as 1 to 500: the root mean square of the lower four fifths is 0.8 of all.
-    assert by_press.sparsification_gain(0.8) == pytest.approx(0.2, abs=0.02)
+    assert by_press.figures["gain_percent"] == pytest.approx(20.0, abs=2.0)
 
 
 def test_estimates(run: TrainedTranslator, frame: np.ndarray) -> None:
@@ -506,13 +509,13 @@ def test_an_evaluation_says_how_right_it_is_in_that(
     evaluation = evaluate([run_dir], data_dir, "val", tmp_path / "val")
     assert read_evaluation(tmp_path / "val") == evaluation
     sure = evaluation.models["field"].uncertainty
-    assert sure is not None and sure.force_median_error_percent is not None
+    assert sure is not None and "force_median_error_percent" in sure.figures
     assert evaluation.models["mean-array"].uncertainty is None
     kept = read_predictions(tmp_path / "val")
     off = np.abs(kept.truth - kept.by_model["field"])
     held = (off <= 1.6448536 * kept.std_by_model["field"]).mean()
-    assert sure.coverage_at(0.9) == pytest.approx(held)
+    assert sure.figures["coverage_percent"] == pytest.approx(100.0 * held)
     assert sure.retained_rmse_counts[0] == pytest.approx(
-        evaluation.models["field"].overall.rmse_counts
+        evaluation.models["field"].overall["rmse_counts"]
     )
     assert "std of field" not in kept.by_model

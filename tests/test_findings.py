@@ -28,7 +28,6 @@ from t2twin.translate.evaluation.baselines import (
     predict_baselines,
     second_reading,
 )
-from t2twin.translate.evaluation.evaluate import _paired, _row
 
 FULL_SCALE = 40000.0
 
@@ -132,19 +131,19 @@ def test_interval_is_that_of_the_mean_of_shapes() -> None:
 
 
 def test_resamples_of_one_shape_are_no_interval() -> None:
-    drawn = resampled(values_of(np.array([3.0, 4.0])), np.array(["a", "a"]))
-    assert all(span is None for span in metrics.intervals(drawn).values())
-    np.testing.assert_allclose(drawn["rmse_counts"], math.sqrt(12.5))
+    values, shapes = values_of(np.array([3.0, 4.0])), np.array(["a", "a"])
+    assert not any(metrics.intervals(values, FULL_SCALE, shapes).values())
+    np.testing.assert_allclose(resampled(values, shapes)["rmse_counts"], math.sqrt(12.5))
 
 
 def test_figures_are_of_the_pairs_that_have_them() -> None:
     values = values_of(np.array([0.0, 100.0, 300.0]))
     found = metrics.by_name(values, FULL_SCALE, np.array(["a", "b", "a"]))["a"]
-    assert found.pairs == 2
-    assert found.rmse_counts == pytest.approx(math.sqrt((0 + 9e4) / 2))
-    assert found.centroid_error_mm == pytest.approx(0.3)  # the pair that has one
-    assert found.total_error_percent == pytest.approx(100 * 300 / 2e4)
-    assert found.rmse_near_counts is None
+    assert found["pairs"] == 2
+    assert found["rmse_counts"] == pytest.approx(math.sqrt((0 + 9e4) / 2))
+    assert found["centroid_error_mm"] == pytest.approx(0.3)  # the pair that has one
+    assert found["total_error_percent"] == pytest.approx(100 * 300 / 2e4)
+    assert "rmse_near_counts" not in found
 
 
 def test_differences_have_a_paired_interval() -> None:
@@ -153,14 +152,10 @@ def test_differences_have_a_paired_interval() -> None:
     shapes = np.repeat([f"s{n}" for n in range(12)], 5)
     base = np.repeat(rng.uniform(500, 3000, 12), 5)  # shapes differ far more than the models
     sign = np.repeat(np.where(np.arange(12) % 2 == 0, 1.0, -1.0), 5)
-    pairs = pairs_with(np.zeros((60, 20)), shapes)
     for off, signs in ((20.0, (1, 1)), (-20.0, (-1, -1)), (200.0 * sign, (-1, 1))):
-        rows, drawn = {}, {}
-        for name, errors in (("touch2touch", base + off), ("resnet18", base)):
-            rows[name], drawn[name] = _row(values_of(errors), pairs, FULL_SCALE)
-        found = _paired(rows, drawn)
+        found = metrics.paired(values_of(base + off), values_of(base), FULL_SCALE, shapes)
         for figure, factor in (("rmse_counts", 1), ("ssim", -1)):
-            ends = sorted(factor * (found[figure][end] or 0) for end in ("low", "high"))
+            ends = sorted(factor * found[figure][end] for end in ("low", "high"))
             assert tuple(np.sign(np.array(ends))) == signs
 
 

@@ -171,4 +171,4 @@ def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
             assert (pixels[0] == pixels[1]).all()
     train("resnet18", data, "smoke", tmp_path / "run", epochs=1)
     result = evaluate([tmp_path / "run"], data, "val", tmp_path / "out")
-    assert result.pairs == 12 and result.models["resnet18"].overall.counts > 0
+    assert result.pairs == 12 and result.models["resnet18"].overall["rmse_counts"] > 0

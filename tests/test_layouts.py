@@ -118,8 +118,8 @@ def test_evaluation_on_a_denser_layout(
     assert stored["touch2touch"].shape == stored["truth"].shape == (4, dense[0].size)
     kept = representable(run.config.data.array, *dense)
     np.testing.assert_allclose(stored[LAYOUT_FLOOR], stored["truth"] @ kept.T, rtol=1e-5, atol=0.1)
-    floor = evaluation.models[LAYOUT_FLOOR].overall.counts
-    assert 0 < floor < evaluation.models["touch2touch"].overall.counts
+    floor = evaluation.models[LAYOUT_FLOOR].overall["rmse_counts"]
+    assert 0 < floor < evaluation.models["touch2touch"].overall["rmse_counts"]
 
 
 TAXELS = [{"x_mm": -6.0, "y_mm": -6.0}, {"x_mm": 6.0, "y_mm": -6.0}, {"x_mm": 0.0, "y_mm": 6.0}]

@@ -2,22 +2,21 @@
 
 import numpy as np
 import pytest
-from skimage.metrics import structural_similarity
 
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.sim.taxels.phi import Phi
-from t2twin.translate.evaluation.metrics import compare, image_scores, overall
+from t2twin.translate.evaluation.metrics import compare, overall
 
 FULL_SCALE = 40000.0
 
 
 def test_perfect_prediction(phi: Phi, true: np.ndarray) -> None:
     summary = overall(compare(true, true, phi, FULL_SCALE), FULL_SCALE)
-    assert summary.pairs == 6
-    assert summary.rmse_counts == summary.rmse_percent == 0.0
-    assert summary.ssim == summary.ssim_contact == pytest.approx(1.0)
-    assert summary.contact_iou == 1.0
-    assert summary.centroid_error_mm == summary.total_error_percent == 0.0
+    assert summary["pairs"] == 6
+    assert summary["rmse_counts"] == summary["rmse_percent"] == 0.0
+    assert summary["ssim"] == summary["ssim_contact"] == pytest.approx(1.0)
+    assert summary["contact_iou"] == 1.0
+    assert summary["centroid_error_mm"] == summary["total_error_percent"] == 0.0
 
 
 def test_rmse_is_over_samples_and_taxels(phi: Phi, true: np.ndarray) -> None:
@@ -25,8 +24,8 @@ def test_rmse_is_over_samples_and_taxels(phi: Phi, true: np.ndarray) -> None:
     off = true.copy()
     off[2, 7] += 12000.0
     summary = overall(compare(off, true, phi, FULL_SCALE), FULL_SCALE)
-    assert summary.rmse_counts == pytest.approx(12000.0 / np.sqrt(120))
-    assert summary.rmse_percent == pytest.approx(30.0 / np.sqrt(120))
+    assert summary["rmse_counts"] == pytest.approx(12000.0 / np.sqrt(120))
+    assert summary["rmse_percent"] == pytest.approx(30.0 / np.sqrt(120))
 
 
 def test_error_of_a_group_of_the_taxels(phi: Phi, true: np.ndarray) -> None:
@@ -35,31 +34,17 @@ def test_error_of_a_group_of_the_taxels(phi: Phi, true: np.ndarray) -> None:
     some = np.arange(20) < 8
     groups = {"under": some, "near": ~some, "beyond": np.zeros(20, bool)}
     summary = overall(compare(off, true, phi, FULL_SCALE, taxel_groups=groups), FULL_SCALE)
-    assert summary.rmse_under_counts == pytest.approx(12000.0 / np.sqrt(6 * 8))
-    assert summary.rmse_near_counts == 0.0
-    assert summary.rmse_beyond_counts is None
-
-
-def test_ssim_is_scikit_images(phi: Phi, true: np.ndarray) -> None:
-    """Over the image and over the contact, of tactile images and of noise up to the rim."""
-    rng = np.random.default_rng(1)
-    images = list(zip(phi(0.7 * true + 500.0), phi(true), strict=True))
-    images += [tuple(rng.uniform(0, 30000, (2, 9, 23)).astype(np.float32)) for _ in range(3)]
-    for a, b in images:
-        ssim, local, *_ = structural_similarity(a, b, data_range=FULL_SCALE, full=True)
-        contact_a, contact_b = a > 0.1 * a.max(), b > 0.1 * b.max()
-        iou = (contact_a & contact_b).sum() / (contact_a | contact_b).sum()
-        expected = ssim, local[contact_b].mean(), iou
-        assert image_scores(a, b, FULL_SCALE) == pytest.approx(expected, abs=1e-6)
+    assert summary["rmse_under_counts"] == pytest.approx(12000.0 / np.sqrt(6 * 8))
+    assert summary["rmse_near_counts"] == 0.0
+    assert "rmse_beyond_counts" not in summary
 
 
 def test_weaker_response_keeps_its_shape(phi: Phi, true: np.ndarray) -> None:
     summary = overall(compare(0.8 * true, true, phi, FULL_SCALE), FULL_SCALE)
-    assert summary.total_error_percent == pytest.approx(20.0)
-    assert summary.contact_iou == pytest.approx(1.0, abs=1e-3)
-    assert summary.centroid_error_mm == pytest.approx(0.0, abs=1e-6)
-    assert summary.ssim_contact is not None
-    assert summary.ssim_contact < summary.ssim < 1.0
+    assert summary["total_error_percent"] == pytest.approx(20.0)
+    assert summary["contact_iou"] == pytest.approx(1.0, abs=1e-3)
+    assert summary["centroid_error_mm"] == pytest.approx(0.0, abs=1e-6)
+    assert summary["ssim_contact"] < summary["ssim"] < 1.0
 
 
 def test_centroid_and_contact_of_single_taxels(phi: Phi) -> None:
@@ -82,10 +67,10 @@ def test_no_contact_leaves_the_contacts_figures_out(phi: Phi, true: np.ndarray) 
     nothing = np.zeros_like(true[:1])
     figures = compare(np.vstack([nothing, true]), np.vstack([nothing, true]), phi, FULL_SCALE)
     assert np.isnan([figures.contact_iou[0], figures.centroid_error_mm[0]]).all()
-    assert overall(figures, FULL_SCALE).contact_iou == 1.0
+    assert overall(figures, FULL_SCALE)["contact_iou"] == 1.0
     alone = overall(compare(nothing, nothing, phi, FULL_SCALE), FULL_SCALE)
-    assert alone.ssim == 1.0
-    assert alone.contact_iou is None
+    assert alone["ssim"] == 1.0
+    assert "contact_iou" not in alone
     missed = compare(np.zeros_like(true), true, phi, FULL_SCALE)
     assert (missed.contact_iou == 0.0).all()
     assert np.isfinite(missed.centroid_error_mm).all()

@@ -18,7 +18,7 @@ from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import as_readings, evaluate
-from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, uncertainty_metrics
+from t2twin.translate.evaluation.metrics import uncertainty_metrics
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.runs import config as run_config
 from t2twin.translate.runs.checkpoint import average_runs
@@ -127,8 +127,6 @@ def test_the_card_says_what_is_measured(name: str, products: Products) -> None:
     off = said.counts - pairs.counts
     percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.array.full_scale_counts
     assert percent == pytest.approx(float(row[1]), rel=0.1)
-    held = 100.0 * uncertainty_metrics(said, pairs.counts, pairs.force_n).coverage_at(
-        REPORTED_LEVEL
-    )
+    held = uncertainty_metrics(said, pairs.counts, pairs.force_n).figures["coverage_percent"]
     assert held == pytest.approx(float(row[3]), abs=3.0)
     print(percent, held, row.groups())

@@ -5,21 +5,18 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from pages import Reader, read_page
 
 from t2twin.cli import main
+from t2twin.core.files import write_json
 from t2twin.report import dataset_report, run_report
 from t2twin.report.page import PAGE, name_of, render_section
 from t2twin.report.run_report import SECTIONS, ReportData, read_report_data, write_report
-from t2twin.translate.evaluation.evaluate import read_predictions, write_predictions
-from t2twin.translate.evaluation.records import (
-    METRICS,
-    Evaluation,
-    read_evaluation,
-    write_evaluation,
-)
+from t2twin.translate.evaluation.evaluate import read_predictions
+from t2twin.translate.evaluation.records import METRICS, Evaluation, read_evaluation
 from t2twin.translate.evaluation.table import PAPER, figures_tables
 
 
@@ -77,15 +74,15 @@ def test_table_has_the_numbers_of_metrics(evaluations: dict[str, Evaluation], re
         for split, cells in zip(("val", "test"), rows[name_of(name)][::2], strict=True):
             overall = evaluations[split].models[name].overall
             assert [cell.split(" (")[0] for cell in cells] == [
-                f"{overall.rmse_counts:,.0f}",
-                f"{overall.rmse_percent:.2f}",
-                f"{overall.ssim:.3f}",
+                f"{overall['rmse_counts']:,.0f}",
+                f"{overall['rmse_percent']:.2f}",
+                f"{overall['ssim']:.3f}",
             ]
     assert rows[f"touch2touch, {PAPER}"] == [["4,007", "10.01", "0.96"], ["6,072", "15.18", "–"]]
     assert rows[f"ResNet18, {PAPER}"] == [["3,931", "9.83", "0.95"], ["4,867", "12.17", "–"]]
     for evaluation, cells in zip(evaluations.values(), rows["ResNet18"][1::2], strict=True):
         one = evaluation.models["resnet18"].overall
-        counts = (one.rmse_under_counts, one.rmse_near_counts, one.rmse_beyond_counts)
+        counts = [one[f"rmse_{part}_counts"] for part in ("under", "near", "beyond")]
         assert cells[4:7] == [f"{count:,.0f}" for count in counts]
 
 
@@ -93,7 +90,7 @@ def test_counts_of_a_small_full_scale_have_a_decimal(evaluations: dict[str, Eval
     small = replace(evaluations["val"], full_scale_counts=255.0)
     for one, form in ((evaluations["val"], "{:,.0f}"), (small, "{:,.1f}")):
         rows = {row[0]: row[1] for row in figures_tables(one)[0].groups[""]}
-        expected = form.format(one.models["resnet18"].overall.counts)
+        expected = form.format(one.models["resnet18"].overall["rmse_counts"])
         assert rows["resnet18"].split(" (")[0] == expected
 
 
@@ -128,7 +125,7 @@ def test_summary_says_what_the_evaluation_found(read: Reader, report_data: Repor
     for evaluation in report_data.evaluations.values():
         rows = evaluation.models
         for name in ("touch2touch", "resnet18", "mean-array"):
-            assert f"{rows[name].overall.rmse_percent:.2f} % for {name_of(name)}" in said
+            assert f"{rows[name].overall['rmse_percent']:.2f} % for {name_of(name)}" in said
     assert "A simulated gel camera, digit (" in said and "All data are simulated" in said
 
 
@@ -235,8 +232,8 @@ def test_an_evaluation_of_something_else_is_not_drawn(
         "format": replace(evaluation, format=2),
     }
     if spoilt == "predictions":
-        write_predictions(own, replace(predictions, truth=predictions.truth[1:]))
+        replace(predictions, truth=predictions.truth[1:]).save(own)
     else:
-        write_evaluation(own, others[spoilt])
+        write_json(own / METRICS, msgspec.to_builtins(others[spoilt]))
     with pytest.raises(AssertionError, match="evaluated again"):
         read_report_data(tmp_path, data_dir, runs)

@@ -89,8 +89,8 @@ def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> No
     for name, title in (("resnet18", "ResNet18"), ("nearest-neighbour", "nearest neighbor")):
         overall = evaluation.models[name].overall
         assert [cell.split(" (")[0] for cell in rows[title][:2]] == [
-            f"{overall.rmse_counts:,.0f}",
-            f"{overall.rmse_percent:.2f}",
+            f"{overall['rmse_counts']:,.0f}",
+            f"{overall['rmse_percent']:.2f}",
         ]
 
 

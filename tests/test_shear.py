@@ -204,7 +204,7 @@ def test_evaluation_separates_moving_touches(
     row = result.models["field"]
     assert row.by_motion is not None and row.shear is not None
     still, moving = (row.by_motion[name] for name in ("still", "moving"))
-    whole = row.overall.counts**2 * result.pairs
+    whole = row.overall["rmse_counts"] ** 2 * result.pairs
     pairs, rmse_counts = (
         np.array([each[key] for each in (still, moving)], float) for key in ("pairs", "rmse_counts")
     )

@@ -103,7 +103,7 @@ def _name_of(name: str, row: ModelRow) -> str:
 
 def _row(row: ModelRow) -> dict[str, Any]:
     return {
-        "overall": msgspec.to_builtins(row.overall),
+        "overall": row.overall,
         "interval": msgspec.to_builtins(row.interval),
         "by_force": [msgspec.to_builtins(each) for each in row.by_force],
     }
@@ -115,7 +115,7 @@ def _trained(row: ModelRow) -> dict[str, Any]:
 
 def _rankings(evaluation: Evaluation, predictions: Predictions) -> dict[str, dict[str, Any]]:
     """Coverage and sparsification gains of each run that predicts its uncertainty."""
-    from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, REPORTED_SHARE
+    from t2twin.translate.evaluation.metrics import REPORTED_LEVEL
     from t2twin.translate.uncertainty.estimate import half_width
 
     rankings: dict[str, dict[str, Any]] = {}
@@ -128,10 +128,9 @@ def _rankings(evaluation: Evaluation, predictions: Predictions) -> dict[str, dic
         tenths = np.array_split(np.argsort(std, axis=None), TENTHS)
         rmse = predictions.rmse_counts(name)
         rankings[name] = {
-            "coverage_percent": 100.0 * row.uncertainty.coverage_at(REPORTED_LEVEL),
+            "coverage_percent": row.uncertainty.figures["coverage_percent"],
             "tenths_coverage_percent": [100.0 * float(covered[part].mean()) for part in tenths],
-            "sparsification_gain_percent": 100.0
-            * row.uncertainty.sparsification_gain(REPORTED_SHARE),
+            "sparsification_gain_percent": row.uncertainty.figures["gain_percent"],
             "largest_gain_percent": _gain_percent(rmse, rmse),
             "uncertainty": msgspec.to_builtins(row.uncertainty),
         }

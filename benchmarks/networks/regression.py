@@ -82,9 +82,7 @@ def train_and_evaluate(data: Path, folder: Path, models: Iterable[str] = EPOCHS)
     for split in ("val", "test"):
         rows = evaluate([*runs.values()], data, split, folder / split).models
         for figure, which in (("rmse_percent", tuple(rows)), ("contact_iou", tuple(runs))):
-            measured[figure][split] = {
-                name: round(float(getattr(rows[name].overall, figure)), 3) for name in which
-            }
+            measured[figure][split] = {name: round(rows[name].overall[figure], 3) for name in which}
     return measured
 
 

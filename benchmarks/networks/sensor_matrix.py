@@ -104,17 +104,15 @@ def _figures(evaluation: Evaluation) -> dict[str, Any]:
     models = evaluation.models
     mean, *_, network = models.values()
     rows = {"network": network, "nearest": models[NEAREST], "mean": mean}
-    errors = {name: row.overall.rmse_percent for name, row in rows.items()}
+    errors = {name: row.overall["rmse_percent"] for name, row in rows.items()}
     return {"of_nearest": errors["network"] / errors["nearest"]} | {
         name: _row(row) for name, row in rows.items()
     }
 
 
 def _row(row: ModelRow) -> dict[str, Any]:
-    overall = {name: getattr(row.overall, name) for name in FIGURES}
-    return {name: value for name, value in overall.items() if value is not None} | {
-        "interval": row.interval["rmse_percent"]
-    }
+    overall = {name: row.overall[name] for name in FIGURES if name in row.overall}
+    return overall | {"interval": row.interval["rmse_percent"]}
 
 
 if __name__ == "__main__":

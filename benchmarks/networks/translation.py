@@ -95,7 +95,7 @@ def on_layout(folder: Path) -> dict[str, Any]:
 
     evaluations = {split: read_evaluation(folder / split) for split in SHOWN}
     return {"layout": evaluations["val"].layout} | {
-        split: {name: msgspec.to_builtins(row.overall) for name, row in evaluation.models.items()}
+        split: {name: row.overall for name, row in evaluation.models.items()}
         for split, evaluation in evaluations.items()
     }
 

@@ -30,8 +30,9 @@ def evaluate(
             pair's own, or that of the sensor's own light, if the dataset was made with either.
     """
     from t2twin.core.errors import T2TwinError
+    from t2twin.core.tables import text
     from t2twin.translate.evaluation.evaluate import evaluate_splits
-    from t2twin.translate.evaluation.table import results_text
+    from t2twin.translate.evaluation.table import results_tables
     from t2twin.translate.models.distributed import use_all_cores
 
     if not runs:
@@ -40,7 +41,8 @@ def evaluate(
         )
     folder = out or Path("runs/evaluate") / ("" if split == "both" else split)
     use_all_cores()
-    print(results_text(evaluate_splits(runs, data, split, folder, background)))
+    evaluations = evaluate_splits(runs, data, split, folder, background)
+    print("\n\n".join(map(text, results_tables(evaluations))), end="\n\n")
     print(f"written to {folder}")
 
 

@@ -318,8 +318,8 @@ def _epochs(report: ReportData, page: Figure) -> None:
     evaluation = report.evaluations.get("val")
     if evaluation is not None and all(row.same_data for row in evaluation.runs.values()):
         for name in (MEAN_ARRAY, NEAREST_NEIGHBOR):
-            level, label = evaluation.models[name].overall.counts, f"{name_of(name)}, validation"
-            axes.axhline(level, color=colors[name], label=label, **DASHED)
+            level = evaluation.models[name].overall["rmse_counts"]
+            axes.axhline(level, color=colors[name], label=f"{name_of(name)}, validation", **DASHED)
     axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
     axes.yaxis.set_major_formatter("{x:,g}")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -342,9 +342,10 @@ def _grouped(evaluation: Evaluation) -> tuple[list[str], dict[str, list[float]]]
     """Shapes, or the families with the most pairs; RMSE by model."""
     few = 0 < len(evaluation.models[MEAN_ARRAY].by_shape) <= MAX_SHAPES
     groups = {n: one.by_shape if few else one.by_family for n, one in evaluation.models.items()}
-    pairs = {name: figures.pairs for name, figures in groups[MEAN_ARRAY].items()}
+    pairs = {name: figures["pairs"] for name, figures in groups[MEAN_ARRAY].items()}
     names = [*pairs] if few else sorted(pairs, key=lambda name: -pairs[name])[:MAX_SHAPES]
-    return names, {model: [one[name].counts for name in names] for model, one in groups.items()}
+    rows = {model: [one[name]["rmse_counts"] for name in names] for model, one in groups.items()}
+    return names, rows
 
 
 def _shape_bars(

@@ -1,14 +1,5 @@
 """Trivial predictors, error floors, bins of force, groups of taxels, and the paper's results.
 
-The trivial predictors are the mean array and the nearest neighbor. The noise floor is the
-difference of two readings of one press. The layout floor is the error of a layout's counts after
-interpolation from the taxels of another layout. Taxels are divided by their position: under the
-image's view, within one pitch of it, and beyond.
-
-A few different forces have one bin each; many forces have bins of equal width in the logarithm.
-Presses without contact, of force 0, have a bin of their own. Imported pairs with unknown forces are
-in no bin.
-
 Shape letters: P pairs or queries, M stored pairs or training taxels, N taxels.
 """
 
@@ -27,7 +18,7 @@ from t2twin.sim.taxels.phi import barycentric
 from t2twin.sim.taxels.reading import expected_reading, read_after
 from t2twin.translate.data.pairs import Pairs, Readings
 from t2twin.translate.data.sides import ArraySide
-from t2twin.translate.evaluation.records import Values
+from t2twin.translate.evaluation.records import Figures
 
 MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR, MEAN_IMAGE, NOISE_FLOOR, LAYOUT_FLOOR = (
     "mean-array", "mean-array-of-force", "nearest-neighbour", "mean-image", "noise-floor",
@@ -39,7 +30,7 @@ FEATURE_SIZE = 32  # side of the RGB images for the search of neighbors, pixels 
 NEIGHBORS = 8  # nearest images of each press, which are ordered by their exact distances
 BATCH_SIZE = 256  # images compared together; bounds memory to 100 MB with 20,000 pairs
 
-PAPER: dict[str, dict[str, Values]] = {
+PAPER: dict[str, dict[str, Figures]] = {
     "val": {
         "touch2touch": {"rmse_counts": 4007, "rmse_percent": 10.01, "ssim": 0.96},
         "resnet18": {"rmse_counts": 3931, "rmse_percent": 9.83, "ssim": 0.95},
@@ -71,14 +62,10 @@ the presses' standard deviation)."""
 
 
 class Neighbors(NamedTuple):
-    """The nearest stored images of each query, in ascending order of distance.
+    """The nearest stored images of each query, in ascending order of distance."""
 
-    index: (P, k) indices of stored images. distance_grey: (P, k) root mean square difference of the
-    images at FEATURE_SIZE, grey levels; infinite if there are fewer than k.
-    """
-
-    index: np.ndarray
-    distance_grey: np.ndarray
+    index: np.ndarray  # (P, k), of stored images
+    distance_grey: np.ndarray  # (P, k), RMS difference at FEATURE_SIZE; infinite beyond the last
 
 
 def mean_array(train: Pairs) -> np.ndarray:
@@ -120,7 +107,7 @@ def neighbors(
 
 def view_on(
     x_mm: np.ndarray, y_mm: np.ndarray, view_mm: tuple[float, float]
-) -> tuple[Values, dict[str, np.ndarray]]:
+) -> tuple[Figures, dict[str, np.ndarray]]:
     """The view of `Evaluation`, and the taxels of a layout by their distance from the rectangle of
     the image, (N,) bool by the names in TAXEL_GROUPS.
 
@@ -137,7 +124,7 @@ def view_on(
     near = distance_mm <= pitch * (1.0 + SLACK)
     masks = (distance_mm == 0.0, near & (distance_mm > 0.0), ~near)
     groups: dict[str, np.ndarray] = dict(zip(TAXEL_GROUPS, masks, strict=True))
-    view: Values = {"width_mm": 2 * half_width, "height_mm": 2 * half_height, "pitch_mm": pitch}
+    view: Figures = {"width_mm": 2 * half_width, "height_mm": 2 * half_height, "pitch_mm": pitch}
     return view | {name: int(mask.sum()) for name, mask in groups.items()}, groups
 
 
@@ -155,14 +142,11 @@ def representable(trained: ArraySide, x_mm: np.ndarray, y_mm: np.ndarray) -> np.
 def second_reading(
     counts: np.ndarray, info: DatasetInfo, seed: int = SEED, role: str = ROLES[1]
 ) -> np.ndarray | None:
-    """A second reading of each press, with the imperfections of the dataset: (P, N) float32.
+    """A second reading of each press, (P, N) float32; None without known imperfections.
 
-    counts: (P, N), the readings of the dataset's sensor of a role. None for a dataset without known
-    imperfections, such as imported pairs.
-
-    A dataset has no noiseless counts. Two readings of each stored one are simulated, as if it were
-    noiseless, and their difference is added to it. The result differs from the stored reading like
-    two independent readings of one press. Permanent imperfections, such as gains, cancel.
+    counts: (P, N), the readings of the dataset's sensor of a role. Two readings of each are
+    simulated, as if it were noiseless, and their difference is added to it. The result differs from
+    the stored reading like two readings of one press; permanent imperfections cancel.
     """
     array = info.sensors[role]
     if array.imperfections is None:

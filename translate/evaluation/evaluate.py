@@ -1,10 +1,5 @@
 """Evaluation of trained runs: the paper's table, with baselines, error floors and intervals.
 
-The steps are: load the inputs, predict, score (module metrics), write (records, table). The file
-predictions.npz has the array "truth", one array per row under its name, and the arrays "shape",
-"family", "x_mm", "y_mm", "yaw_rad" and "force_n" of the pairs. For a model with uncertainty there
-is another array, "std of " and the name.
-
 Shape letters: P pairs, N taxels, S side and c channels of a picture.
 """
 
@@ -16,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pandas as pd
 import torch
@@ -23,7 +19,8 @@ from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, locked
+from t2twin.core.files import atomic_write, locked, write_json
+from t2twin.core.tables import markdown
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.info import DatasetInfo, SensorInfo
 from t2twin.sim.dataset.store import read_info, sha256_of
@@ -56,14 +53,8 @@ from t2twin.translate.evaluation.baselines import (
     predict_baselines,
     view_on,
 )
-from t2twin.translate.evaluation.records import (
-    FORMAT,
-    Evaluation,
-    ModelRow,
-    Values,
-    write_evaluation,
-)
-from t2twin.translate.evaluation.table import results_markdown
+from t2twin.translate.evaluation.records import FORMAT, METRICS, Evaluation, Figures, ModelRow
+from t2twin.translate.evaluation.table import results_tables
 from t2twin.translate.inference.load import load_torch
 from t2twin.translate.inference.predictor import TrainedTranslator, parts_of
 from t2twin.translate.models.contact import CONTACT_KPA, EVEN, center_of_pressure
@@ -87,8 +78,11 @@ OF_PAIRS, OF_OPTICS = "each pair's own", "that of the default optics"
 """Sources of frames that are not files."""
 
 PREDICTIONS, TRUTH, STD = "predictions.npz", "truth", "std of "
+"""File of the predictions; in it, the name of the truth, and the start of the names of standard
+deviations. Each model's predictions have its name."""
+
 PAIR_ARRAYS = ("shape", "family", "x_mm", "y_mm", "yaw_rad", "force_n")
-"""Arrays that are not of models."""
+"""Further arrays of the file."""
 
 MIN_CELLS = 4
 """Least number of cells of a contact (assumed: smaller ones are not resolved)."""
@@ -99,22 +93,16 @@ Found = tuple[dict[str, pd.DataFrame], dict[str, dict[str, Any]], "Predictions",
 
 @dataclass(frozen=True)
 class EvaluationInputs:
-    """What an evaluation reads.
-
-    trained: runs by name, at their own layouts. applied: the same at the dataset's layout.
-    background: source of the background frames of field runs, None if unknown; frame: one for all
-    pairs, None if each pair has its own. reverse: whether source and target of the runs exchange
-    those of the dataset.
-    """
+    """What an evaluation reads."""
 
     data_dir: Path
     dataset: DatasetInfo
     info: DataInfo
-    trained: dict[str, TrainedTranslator]
-    applied: dict[str, TrainedTranslator]
-    background: str | None
-    frame: Image.Image | None
-    reverse: bool = False
+    trained: dict[str, TrainedTranslator]  # runs by name, at their own layouts
+    applied: dict[str, TrainedTranslator]  # the same at the dataset's layout
+    background: str | None  # source of the background frames of field runs, None if unknown
+    frame: Image.Image | None  # one for all pairs, None if each has its own
+    reverse: bool  # whether source and target of the runs exchange those of the dataset
 
     @property
     def target_role(self) -> str:
@@ -142,9 +130,19 @@ def prepare(
     reverse = _is_reverse(loaded, dataset)
     info = load_info(data_dir, reverse)
     for run in loaded:
-        _check_sides(run, info, data_dir)
+        own = run.config.data
+        gives = run.config.is_image_to_counts or own.target.fits(info.target)
+        if own.direction != info.direction or not own.source.fits(info.source) or not gives:
+            raise T2TwinError(
+                f"{run.run_dir} predicts {own.target.words} from {own.source.words}; "
+                f"{data_dir} has {info.source.words} and {info.target.words}"
+            )
     trained = dict(zip(run_names(loaded), loaded, strict=True))
-    applied = {name: _applied(run, info) for name, run in trained.items()}
+    applied = trained
+    if loaded[0].config.is_image_to_counts:
+        array = info.array
+        place = (array.x_mm, array.y_mm, array.layout, array.pad_diameter_mm)
+        applied = {name: run.at_layout(*place) for name, run in trained.items()}
     source, frame = None, None
     if any(run.has_uncertainty for run in loaded):
         source, frame = _background(dataset, data_dir, background)
@@ -169,26 +167,6 @@ def _is_reverse(runs: Sequence[TrainedTranslator], dataset: DatasetInfo) -> bool
         return first.source.value != source.value
     names = (first.source.sensor, first.target.sensor)
     return names == (target.name, source.name) and source.name != target.name
-
-
-def _check_sides(run: TrainedTranslator, info: DataInfo, data_dir: Path) -> None:
-    """Raises T2TwinError for a dataset whose readings a run neither takes nor predicts."""
-    trained = run.config.data
-    takes = trained.source.fits(info.source)
-    gives = run.config.is_image_to_counts or trained.target.fits(info.target)
-    if trained.direction != info.direction or not takes or not gives:
-        raise T2TwinError(
-            f"{run.run_dir} predicts {trained.target.words} from {trained.source.words}; "
-            f"{data_dir} has {info.source.words} and {info.target.words}"
-        )
-
-
-def _applied(run: TrainedTranslator, info: DataInfo) -> TrainedTranslator:
-    """The run at the dataset's layout."""
-    if not run.config.is_image_to_counts:
-        return run
-    array = info.array
-    return run.at_layout(array.x_mm, array.y_mm, array.layout, array.pad_diameter_mm)
 
 
 def _background(
@@ -260,7 +238,7 @@ def splits_with_pairs(data_dir: Path) -> tuple[str, ...]:
 
 def predict_runs(
     inputs: EvaluationInputs, split: str, cache: Path
-) -> tuple[dict[str, np.ndarray], dict[str, Estimate], dict[str, Values]]:
+) -> tuple[dict[str, np.ndarray], dict[str, Estimate], dict[str, Figures]]:
     """(P, N) counts or (P, S, S, c) images that each run predicts, and estimates of field runs.
 
     Also the errors of runs that predict the contact, if the pairs have contact maps.
@@ -310,7 +288,7 @@ def contact_metrics(
     contact: ImageFile,
     force_n: np.ndarray,
     progress: str | None = None,
-) -> Values:
+) -> Figures:
     """The errors of a run that predicts the contact, in the cells of its maps.
 
     pictures: inputs of P pairs, as for `estimate_pixels`. contact: their contact maps. force_n:
@@ -326,60 +304,62 @@ def contact_metrics(
         maps = torch.from_numpy(contact[part].astype(np.float32)).to(found.depth_mm.device)
         depth, pressure = maps.unbind(dim=1)
         inside, mask = pressure > CONTACT_KPA, found.probability > EVEN
-        cells = inside.sum(dim=(1, 2))
-        error = found.depth_mm - depth
-        deepest = (depth * inside).amax(dim=(1, 2))
+        cells, total = inside.sum(dim=(1, 2)), pressure.sum(dim=(1, 2))
+        error, deepest = found.depth_mm - depth, (depth * inside).amax(dim=(1, 2))
         center, _ = center_of_pressure(pressure, pressure, view_mm)
-        total = pressure.sum(dim=(1, 2))
-        values = [
-            ((error.square() * inside).sum(dim=(1, 2)) / cells).sqrt(),
-            ((found.depth_mm * inside).amax(dim=(1, 2)) - deepest).abs() / deepest,
-            (inside & mask).sum(dim=(1, 2)) / (inside | mask).sum(dim=(1, 2)),
-            (found.pressure_kpa.sum(dim=(1, 2)) - total).abs() / total,
-            (found.center_mm - center).square().sum(dim=1).sqrt(),
-            ((error.abs() <= half * found.depth_std_mm) & inside).sum(dim=(1, 2)) / cells,
-            ((found.center_mm - center).abs() <= half * found.center_std_mm).float().mean(dim=1),
-        ]
-        with_contact = (cells >= MIN_CELLS).cpu()
-        parts.append(torch.stack(values, dim=1).cpu()[with_contact])
-        without_contact = torch.from_numpy(force_n[part] == 0.0)
-        false_contacts.append(mask.any(dim=2).any(dim=1).cpu()[without_contact])
-    depth, deepest, iou, force, center, covered, centered = torch.cat(parts).double().numpy().T
-    false = torch.cat(false_contacts).double().numpy()
-    missed = np.isnan(center)
-    return {
-        "pairs": len(depth),
-        "depth_rmse_mm": float(np.median(depth)),
-        "depth_mean_rmse_mm": float(depth.mean()),
-        "deepest_error_percent": 100.0 * float(np.median(deepest)),
-        "deepest_worst_percent": 100.0 * float(deepest.max()),
-        "iou": float(iou.mean()),
-        "force_in_view_error_percent": 100.0 * float(np.median(force)),
-        "center_error_mm": float(np.median(center[~missed])) if not missed.all() else None,
-        "depth_coverage_percent": 100.0 * float(covered.mean()),
-        "center_coverage_percent": 100.0 * float(centered.mean()),
-        "missed_percent": 100.0 * float(missed.mean()),
-        "false_percent": 100.0 * float(false.mean()) if len(false) else None,
-    }
+        off_mm = found.center_mm - center
+        values = {
+            "depth_mm": ((error.square() * inside).sum(dim=(1, 2)) / cells).sqrt(),
+            "deepest": ((found.depth_mm * inside).amax(dim=(1, 2)) - deepest).abs() / deepest,
+            "iou": (inside & mask).sum(dim=(1, 2)) / (inside | mask).sum(dim=(1, 2)),
+            "force": (found.pressure_kpa.sum(dim=(1, 2)) - total).abs() / total,
+            "center_mm": off_mm.square().sum(dim=1).sqrt(),
+            "covered": ((error.abs() <= half * found.depth_std_mm) & inside).sum(dim=(1, 2))
+            / cells,
+            "centered": (off_mm.abs() <= half * found.center_std_mm).float().mean(dim=1),
+        }
+        table = pd.DataFrame({name: each.double().cpu() for name, each in values.items()})
+        parts.append(table[(cells >= MIN_CELLS).cpu().numpy()])
+        false_contacts.append(mask.flatten(1).any(dim=1).cpu().numpy()[force_n[part] == 0.0])
+    errors, false = pd.concat(parts), np.concatenate(false_contacts)
+    middle, mean = errors.median(), errors.mean()
+    return metrics.known(
+        {
+            "pairs": len(errors),
+            "depth_rmse_mm": middle.depth_mm,
+            "depth_mean_rmse_mm": mean.depth_mm,
+            "deepest_error_percent": 100.0 * middle.deepest,
+            "deepest_worst_percent": 100.0 * errors.deepest.max(),
+            "iou": mean.iou,
+            "force_in_view_error_percent": 100.0 * middle.force,
+            "center_error_mm": middle.center_mm,
+            "depth_coverage_percent": 100.0 * mean.covered,
+            "center_coverage_percent": 100.0 * mean.centered,
+            "missed_percent": 100.0 * errors.center_mm.isna().mean(),
+            "false_percent": 100.0 * pd.Series(false).mean(),
+        }
+    )
 
 
 @dataclass(frozen=True)
 class Predictions:
-    """Predicted and true counts or images of P pairs.
+    """Predicted and true counts or images of P pairs."""
 
-    truth: (P, N), counts, or (P, S, S, c) uint8 images. by_model: the same by the model's name.
-    presses: (P,) arrays by the names in PAIR_ARRAYS. std_by_model: (P, N), counts, the standard
-    deviations of models that predict them.
-    """
-
-    truth: np.ndarray
-    by_model: dict[str, np.ndarray]
-    presses: dict[str, np.ndarray]
-    std_by_model: dict[str, np.ndarray]
+    truth: np.ndarray  # (P, N), counts, or (P, S, S, c) uint8 images
+    by_model: dict[str, np.ndarray]  # the same by the model's name
+    presses: dict[str, np.ndarray]  # (P,) arrays by the names in PAIR_ARRAYS
+    std_by_model: dict[str, np.ndarray]  # (P, N), counts, of models that predict it
 
     def rmse_counts(self, model: str) -> np.ndarray:
         """RMSE of each pair, over its taxels: (P,), counts."""
         return np.sqrt(np.square(self.by_model[model] - self.truth).mean(axis=1, dtype=float))
+
+    def save(self, folder: Path) -> None:
+        """Writes folder/predictions.npz."""
+        stds = {f"{STD}{name}": each for name, each in self.std_by_model.items()}
+        arrays = {TRUTH: self.truth} | self.by_model | stds | self.presses
+        with atomic_write(folder / PREDICTIONS) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def read_predictions(folder: Path) -> Predictions:
@@ -397,14 +377,6 @@ def read_predictions(folder: Path) -> Predictions:
         raise T2TwinError(f"{path} is missing or damaged; evaluate the runs again") from None
     stds = {n.removeprefix(STD): models.pop(n) for n in list(models) if n.startswith(STD)}
     return Predictions(truth, models, presses, stds)
-
-
-def write_predictions(folder: Path, predictions: Predictions) -> None:
-    """Writes folder/predictions.npz."""
-    stds = {f"{STD}{name}": each for name, each in predictions.std_by_model.items()}
-    arrays = {TRUTH: predictions.truth} | predictions.by_model | stds | predictions.presses
-    with atomic_write(folder / PREDICTIONS) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def evaluate(
@@ -449,22 +421,20 @@ def evaluate_splits(
     is_both = split == BOTH
     splits = splits_with_pairs(data_dir) if is_both else (split,)
     inputs = prepare(runs, data_dir, splits, background)
-    evaluations = {
-        each: _evaluate_split(inputs, each, out_dir / each if is_both else out_dir)
-        for each in splits
-    }
+    evaluations = {}
+    for each in splits:
+        folder = out_dir / each if is_both else out_dir
+        with locked(folder):
+            evaluations[each], predictions = _evaluate(
+                inputs, each, usable_cache(inputs.data_dir, folder)
+            )
+            predictions.save(folder)
+            write_json(folder / METRICS, msgspec.to_builtins(evaluations[each]))
     if is_both:
         with atomic_write(out_dir / RESULTS) as temporary:
-            temporary.write_text(results_markdown(evaluations), encoding="utf-8")
+            tables = map(markdown, results_tables(evaluations))
+            temporary.write_text("\n".join(tables), encoding="utf-8")
     return evaluations
-
-
-def _evaluate_split(inputs: EvaluationInputs, split: str, out_dir: Path) -> Evaluation:
-    with locked(out_dir):
-        evaluation, predictions = _evaluate(inputs, split, usable_cache(inputs.data_dir, out_dir))
-        write_predictions(out_dir, predictions)
-        write_evaluation(out_dir, evaluation)
-    return evaluation
 
 
 def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evaluation, Predictions]:
@@ -475,12 +445,27 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
     )
     find = _counts if isinstance(info.target, ArraySide) else _images
     tables, more, predictions, fields_of_target = find(inputs, split, cache, pairs, train)
-    rows, resampled = {}, {}
+    full_scale, shapes = info.target.full_scale, pairs.shapes
+    few, moving, rows = np.unique(shapes).size <= MAX_SHAPES, pairs.is_moving, {}
     for name, values in tables.items():
-        row, resampled[name] = _row(values, pairs, info.target.full_scale)
-        run = inputs.trained.get(name)
-        of_run = {} if run is None else _run_fields(run, info)
-        rows[name] = replace(row, **more.get(name, {}), **of_run)
+        groups = [shapes if few else None, pairs.families]
+        groups.append(None if moving is None else np.where(moving, "moving", "still"))
+        by_shape, by_family, by_motion = (
+            None if names is None else metrics.by_name(values, full_scale, names)
+            for names in groups
+        )
+        rows[name] = ModelRow(
+            overall=metrics.overall(values, full_scale),
+            by_shape=by_shape or {},
+            by_family=by_family or {},
+            interval=metrics.intervals(values, full_scale, shapes),
+            by_motion=by_motion,
+            **more.get(name, {}),
+            **(_run_fields(inputs.trained[name], info) if name in inputs.trained else {}),
+        )
+    paired = {}
+    if {TOUCH2TOUCH, RESNET18} <= tables.keys():
+        paired = metrics.paired(tables[TOUCH2TOUCH], tables[RESNET18], full_scale, shapes)
     # The paper's rows are those of its protocol, sensors and direction.
     sensors = (info.source.sensor, info.target.sensor)
     is_papers = inputs.dataset.is_protocol and sensors == (SOURCE, TARGET)
@@ -493,12 +478,12 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         models=rows,
         bootstrap={
             "over": "shapes",
-            "shapes": int(np.unique(pairs.shapes).size),
+            "shapes": int(np.unique(shapes).size),
             "resamples": metrics.RESAMPLES,
             "seed": metrics.SEED,
             "confidence": metrics.CONFIDENCE,
         },
-        paired=_paired(rows, resampled),
+        paired=paired,
         paper=PAPER.get(split, {}) if is_papers else {},
         recipe=info.recipe,
         source=info.source.sensor,
@@ -506,7 +491,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         **fields_of_target,
     )
     presses = {name: getattr(pairs, name) for name in ("x_mm", "y_mm", "yaw_rad", "force_n")}
-    presses |= {"shape": pairs.shapes, "family": pairs.families}
+    presses |= {"shape": shapes, "family": pairs.families}
     return evaluation, replace(predictions, presses=presses)
 
 
@@ -526,25 +511,28 @@ def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
     if isinstance(source, CameraSide):
         view, groups = view_on(array.x_mm, array.y_mm, source.view_mm)
     tables, more = {}, {}
+    stds = {name: each.counts_std for name, each in estimates.items()}
     for name, counts in predictions.items():
-        title, estimate = f"figures of {name}", estimates.get(name)
-        values = metrics.compare(counts, pairs.counts, array.phi, full_scale, title, groups)
+        values = metrics.compare(
+            counts, pairs.counts, array.phi, full_scale, f"figures of {name}", groups,
+            stds.get(name),
+        )  # fmt: skip
         tables[name] = values
-        more[name] = {
-            "by_force": metrics.by_force(counts, values, pairs, bins, full_scale),
-            "by_motion": metrics.by_motion(values, pairs, full_scale, estimate),
-        }
-        if estimate is not None:
-            sure = metrics.uncertainty_metrics(estimate, pairs.counts, pairs.force_n)
-            shear = metrics.shear_metrics(estimate, pairs)
-            more[name] |= {"uncertainty": sure, "shear": shear, "contact": contacts.get(name)}
+        more[name] = {"by_force": metrics.by_force(counts, values, pairs, bins, full_scale)}
+        if name in estimates:
+            more[name] |= {
+                "uncertainty": metrics.uncertainty_metrics(
+                    estimates[name], pairs.counts, pairs.force_n
+                ),
+                "shear": metrics.shear_metrics(estimates[name], pairs),
+                "contact": contacts.get(name),
+            }
     of_evaluation = {
         "full_scale_counts": full_scale,
         "layout": array.layout,
         "view": view,
         "background": inputs.background,
     }
-    stds = {name: each.counts_std for name, each in estimates.items()}
     return tables, more, Predictions(pairs.counts, predictions, {}, stds), of_evaluation
 
 
@@ -585,33 +573,6 @@ def _resized(images: np.ndarray, size: int, grey: bool) -> np.ndarray:
         return images
     shown = (each if each.shape[-1] == COLORS else each[..., 0] for each in images)
     return np.stack([to_pixels(Image.fromarray(each), size, grey) for each in shown])
-
-
-def _row(values: pd.DataFrame, pairs: Pairs, full_scale: float) -> tuple[ModelRow, pd.DataFrame]:
-    """The row of a model, and its figures in each resample of the shapes."""
-    few = np.unique(pairs.shapes).size <= MAX_SHAPES
-    resampled = metrics.figures_of(metrics.resampled_means(values, pairs.shapes), full_scale)
-    row = ModelRow(
-        overall=metrics.overall(values, full_scale),
-        by_shape=metrics.by_name(values, full_scale, pairs.shapes) if few else {},
-        by_family=metrics.by_name(values, full_scale, pairs.families),
-        interval=metrics.intervals(resampled),
-    )
-    return row, resampled
-
-
-def _paired(rows: dict[str, ModelRow], resampled: dict[str, pd.DataFrame]) -> dict[str, Values]:
-    """touch2touch minus ResNet18, with intervals from the same resamples; empty without both."""
-    if not {TOUCH2TOUCH, RESNET18} <= rows.keys():
-        return {}
-    samples = resampled[TOUCH2TOUCH] - resampled[RESNET18]
-    differences = {}
-    for figure, span in metrics.intervals(samples).items():
-        one, two = (getattr(rows[name].overall, figure) for name in (TOUCH2TOUCH, RESNET18))
-        if one is not None and two is not None:
-            low, high = span or (None, None)
-            differences[figure] = {"difference": one - two, "low": low, "high": high}
-    return differences
 
 
 def _run_fields(run: TrainedTranslator, info: DataInfo) -> dict[str, Any]:

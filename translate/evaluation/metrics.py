@@ -1,33 +1,26 @@
 """Errors of predictions in groups of pairs, with intervals; errors of uncertainty and shear force.
 
 A table of values has a row for each pair and a column for each quantity. The figures of a group of
-pairs follow from the means of the columns over its pairs that have them. So do the figures of each
-resample of the bootstrap.
-
-RMSE is the root of the mean squared error over pairs and taxels. Its square, as a fraction of full
-scale, is the loss that Grella et al. 2023 call L3. Presses of one shape are similar, so the
-bootstrap resamples whole shapes. Percentile intervals (Efron and Tibshirani 1993) of few shapes are
-too narrow: with eight shapes they are a guide only.
-
-Uncertainty has two metrics. Reliability: observed coverage of intervals by their nominal coverage.
-Sparsification (risk against coverage, El-Yaniv and Wiener 2010): RMSE over the most certain presses
-by their share.
+pairs, or of a resample of the bootstrap, follow from the means over the pairs that have a value.
+Presses of one shape are similar, so whole shapes are resampled (percentile intervals of Efron and
+Tibshirani 1993). Sparsification is El-Yaniv and Wiener's (2010) risk against coverage.
 
 Shape letters: P pairs, N taxels, S side and c channels of a picture, B resamples.
 """
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from skimage.metrics import structural_similarity
 
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import COLORS, WHITE_GREY
 from t2twin.translate.data.pairs import Pairs
-from t2twin.translate.evaluation.baselines import TAXEL_GROUPS
 from t2twin.translate.evaluation.records import Figures, ForceFigures, Interval, Uncertainty
 from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
@@ -39,10 +32,6 @@ CONTACT_GREY = 8.0
 channel where it is largest (assumed: eight times a DIGIT's noise)."""
 
 MIN_SQUARE = 1e-3  # lower bound of the mean squared difference in a PSNR, grey levels^2 (assumed)
-WINDOW, HALF, K1, K2 = 7, 3, 0.01, 0.03
-"""Side of SSIM's window, pixels, half of it, and its constants (Wang et al. 2004, scikit-image)."""
-
-SAMPLE = WINDOW**2 / (WINDOW**2 - 1)  # of a sample covariance
 LUMA = (0.299, 0.587, 0.114)  # weights of a grey picture (ITU-R BT.601, as Pillow's)
 BATCH_SIZE = 64  # pairs whose tactile images are computed together; bounds memory to 50 MB
 
@@ -68,12 +57,14 @@ def compare(
     full_scale: float,
     progress: str | None = None,
     taxel_groups: Mapping[str, np.ndarray] | None = None,
+    std: np.ndarray | None = None,
 ) -> pd.DataFrame:
     """Values of each pair. predicted, true: (P, N), counts; full_scale: SSIM's data range.
 
-    squared_error: mean over the taxels, and of each of the taxel_groups, (N,) bool by name. ssim:
+    squared_error: mean over the taxels, and over each of the taxel_groups, (N,) bool by name. ssim:
     of the tactile images. ssim_contact: over the true contact. Also contact_iou, centroid_error_mm,
-    total_error and total, counts. Columns of the contact are NaN without contact.
+    total_error and total, counts. Columns of the contact are NaN without contact. std: (P, N),
+    predicted standard deviations, for the column coverage_percent.
     """
     predicted, true = predicted.astype(float), true.astype(float)
     squares = np.square(predicted - true)
@@ -83,11 +74,11 @@ def compare(
         "total_error": np.abs(predicted.sum(axis=1) - true.sum(axis=1)),
         "total": true.sum(axis=1),
     }
-    for name in TAXEL_GROUPS:
-        inside = (taxel_groups or {}).get(name)
-        known = inside is not None and inside.any()
-        mean = squares[:, inside].mean(axis=1) if known else np.full(len(true), np.nan)
-        values[f"squared_error_{name}"] = mean
+    for name, inside in (taxel_groups or {}).items():
+        if inside.any():
+            values[f"squared_error_{name}"] = squares[:, inside].mean(axis=1)
+    if std is not None:
+        values["coverage_percent"] = 100.0 * _covered(predicted - true, std).mean(axis=1)
     scores = []
     with (
         ThreadPoolExecutor(cores()) as pool,
@@ -107,40 +98,12 @@ def image_scores(a: np.ndarray, b: np.ndarray, data_range: float) -> tuple[float
 
     A pixel above CONTACT_LEVEL of its image's maximum is in contact; NaN without contact.
     """
-    local = local_ssim(a, b, data_range)
+    shares = (np.float32(each / data_range) for each in (a, b))
+    ssim, local = structural_similarity(*shares, data_range=1.0, full=True)
     one, other = (image > CONTACT_LEVEL * max(image.max(), 0.0) for image in (a, b))
     either = (one | other).sum()
     in_contact = local[other].mean(dtype=float) if other.any() else np.nan
-    return _inner_mean(local), in_contact, (one & other).sum() / either if either else np.nan
-
-
-def local_ssim(a: np.ndarray, b: np.ndarray, data_range: float) -> np.ndarray:
-    """The SSIM around each pixel of two images, (R, C), as of scikit-image's defaults.
-
-    In float32, and with one average for both squares, it takes less than half as long.
-    """
-    a, b = (np.pad(np.float32(each / data_range), HALF, "symmetric") for each in (a, b))
-    mean_a, mean_b = _averages(a), _averages(b)
-    product, squares = mean_a * mean_b, mean_a**2 + mean_b**2
-    covariance = SAMPLE * (_averages(a * b) - product)
-    variances = SAMPLE * (_averages(a**2 + b**2) - squares)
-    return ((2 * product + K1**2) * (2 * covariance + K2**2)) / (
-        (squares + K1**2) * (variances + K2**2)
-    )
-
-
-def _averages(image: np.ndarray) -> np.ndarray:
-    """Averages over WINDOW x WINDOW pixels: sums of 2, 4 and 7 pixels along each axis."""
-    for _ in range(2):
-        two = image[:-1] + image[1:]
-        four = two[:-2] + two[2:]
-        image = (four[:-3] + two[4:-1] + image[6:]).T
-    return image / WINDOW**2
-
-
-def _inner_mean(local: np.ndarray) -> float:
-    """The mean without the border, where windows are mirrored."""
-    return float(local[HALF:-HALF, HALF:-HALF].mean(dtype=float))
+    return float(ssim), in_contact, (one & other).sum() / either if either else np.nan
 
 
 def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.ndarray:
@@ -169,7 +132,7 @@ def compare_images(
     rows = []
     for ours, theirs in zip(predicted, true, strict=True):
         squares = np.square(ours.astype(np.float32) - theirs).mean(axis=-1, dtype=float)
-        ssim = _inner_mean(local_ssim(_grey(ours), _grey(theirs), WHITE_GREY))
+        ssim = structural_similarity(_grey(ours), _grey(theirs), data_range=WHITE_GREY)
         in_contact = np.nan
         if background is not None:
             change = np.abs(theirs.astype(np.float32) - background).max(axis=-1) > CONTACT_GREY
@@ -179,9 +142,7 @@ def compare_images(
 
 
 def _grey(picture: np.ndarray) -> np.ndarray:
-    return (
-        picture @ np.array(LUMA) if picture.shape[-1] == COLORS else picture[..., 0].astype(float)
-    )
+    return picture @ np.array(LUMA if picture.shape[-1] == COLORS else (1.0,))
 
 
 def _psnr_db(square: float) -> float:
@@ -189,33 +150,33 @@ def _psnr_db(square: float) -> float:
 
 
 def figures_of(means: pd.DataFrame, full_scale: float) -> pd.DataFrame:
-    """The figures of `records.Figures` from the means of the values, a row for each group.
+    """The figures from the means of the values, a row for each group.
 
-    full_scale: of the target, counts or grey levels.
+    full_scale: of the target, counts or grey levels. A column that is not an error or a total of
+    counts is a figure itself.
     """
-    rmse = np.sqrt(means["squared_error"])
-    found = {"rmse_percent": 100.0 * rmse / full_scale, "ssim": means["ssim"]}
-    if "psnr_db" in means:
-        found |= {"rmse_grey": rmse} | {n: means[n] for n in ("psnr_db", "psnr_contact_db")}
-        return pd.DataFrame(found)
-    found |= {"rmse_counts": rmse}
-    found |= {name: means[name] for name in ("ssim_contact", "contact_iou", "centroid_error_mm")}
-    total = means["total"].where(means["total"] > 0)
-    found["total_error_percent"] = 100.0 * means["total_error"] / total
-    for name in TAXEL_GROUPS:
-        found[f"rmse_{name}_counts"] = np.sqrt(means[f"squared_error_{name}"])
-    return pd.DataFrame(found)
+    rmse = np.sqrt(means.filter(like="squared_error"))
+    unit = "grey" if "psnr_db" in means else "counts"
+    figures = rmse.rename(columns=lambda name: f"{name.replace('squared_error', 'rmse')}_{unit}")
+    figures["rmse_percent"] = 100.0 * rmse["squared_error"] / full_scale
+    if "total" in means:
+        total = means["total"].where(means["total"] > 0)
+        figures["total_error_percent"] = 100.0 * means["total_error"] / total
+    others = means.columns.difference([*rmse, "total", "total_error"], sort=False)
+    return figures.join(means[others])
 
 
 def by_name(values: pd.DataFrame, full_scale: float, names: np.ndarray) -> dict[str, Figures]:
     """Figures over the pairs of each name. names: (P,), as of shapes."""
     groups = values.groupby(names)
-    figures, pairs = figures_of(groups.mean(), full_scale), groups.size()
-    found = {}
-    for name, row in figures.iterrows():
-        known = {str(key): float(value) for key, value in row.items() if not np.isnan(value)}
-        found[str(name)] = Figures(pairs=int(pairs[name]), **known)  # pyright: ignore
-    return found
+    figures = figures_of(groups.mean(), full_scale).assign(pairs=groups.size())
+    return {str(name): known(row) for name, row in figures.to_dict("index").items()}
+
+
+def known(figures: Mapping[Any, float]) -> Figures:
+    """The figures that are not NaN."""
+    numbers = {name: value for name, value in figures.items() if not np.isnan(value)}
+    return {n: value if isinstance(value, int) else float(value) for n, value in numbers.items()}
 
 
 def overall(values: pd.DataFrame, full_scale: float) -> Figures:
@@ -252,12 +213,29 @@ def interval(values: np.ndarray) -> Interval | None:
     if known.size < values.size / 2 or np.ptp(known) == 0:
         return None
     low, high = np.quantile(known, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return Interval(float(low), float(high))
+    return float(low), float(high)
 
 
-def intervals(resampled: pd.DataFrame) -> dict[str, Interval | None]:
-    """The interval of each figure in the resamples."""
-    return {str(name): interval(values.to_numpy()) for name, values in resampled.items()}
+def intervals(
+    values: pd.DataFrame, full_scale: float, shapes: np.ndarray
+) -> dict[str, Interval | None]:
+    """The interval of each figure over resamples of the shapes. Arguments as for `by_name`."""
+    resampled = figures_of(resampled_means(values, shapes), full_scale)
+    return {str(name): interval(each.to_numpy()) for name, each in resampled.items()}
+
+
+def paired(
+    one: pd.DataFrame, two: pd.DataFrame, full_scale: float, shapes: np.ndarray
+) -> dict[str, Figures]:
+    """Differences of the figures of two models, with intervals from the same resamples."""
+    first, second = (overall(each, full_scale) for each in (one, two))
+    drawn = [figures_of(resampled_means(each, shapes), full_scale) for each in (one, two)]
+    differences: dict[str, Figures] = {}
+    for name, samples in (drawn[0] - drawn[1]).items():
+        if name in first and name in second:
+            ends = dict(zip(("low", "high"), interval(samples.to_numpy()) or (), strict=False))
+            differences[str(name)] = {"difference": first[name] - second[name]} | ends
+    return differences
 
 
 def by_force(
@@ -280,62 +258,33 @@ def by_force(
         return ()
     squares = table.pivot(columns="low_n", values="square")
     resampled = np.sqrt(resampled_means(squares, pairs.shapes[squares.index]))
-    means = table.groupby("low_n").agg(
-        pairs=("square", "size"), square=("square", "mean"), of_mean=("of_mean", "mean"),
-        total=("total", "mean"), mean_n=("force_n", "mean"), high_n=("high_n", "first"),
-        mean_of=("mean_of", "first"),
-    )  # fmt: skip
+    groups = table.groupby("low_n")
+    first = groups[["high_n", "mean_of"]].first().assign(pairs=groups.size())
+    means = groups[["square", "of_mean", "total", "force_n"]].mean()
     rows = []
-    for one in means.reset_index().to_dict("records"):
+    for one in first.join(means).reset_index().to_dict("records"):
         rmse, level, touches = np.sqrt(one["square"]), np.sqrt(one["of_mean"]), one["high_n"] > 0
         rows.append(
             ForceFigures(
-                low_n=float(one["low_n"]),
-                high_n=float(one["high_n"]),
-                mean_n=float(one["mean_n"]),
-                pairs=int(one["pairs"]),
+                low_n=one["low_n"],
+                high_n=one["high_n"],
+                mean_n=one["force_n"],
+                pairs=one["pairs"],
                 rmse_counts=float(rmse),
                 rmse_percent=float(100.0 * rmse / full_scale),
                 interval=interval(np.asarray(resampled[one["low_n"]])),
                 of_mean_array=float(rmse / level) if touches and level else None,
                 mean_of=one["mean_of"] if touches else None,
-                phantom_counts=None if touches else float(one["total"]),
+                phantom_counts=None if touches else one["total"],
             )
         )
     return tuple(rows)
 
 
-def by_motion(
-    values: pd.DataFrame, pairs: Pairs, full_scale: float, estimate: Estimate | None
-) -> dict[str, dict[str, float | None]] | None:
-    """RMSE of the "still" and "moving" pairs, and coverage of the 90 % intervals of an estimate.
-
-    None for a dataset without motion. A touch moves if it follows the press that its path started
-    with.
-    """
-    if pairs.is_moving is None:
-        return None
-    found = {}
-    for name, which in (("still", ~pairs.is_moving), ("moving", pairs.is_moving)):
-        if not which.any():
-            continue
-        coverage = None
-        if estimate is not None:
-            errors = np.abs(pairs.counts - estimate.counts.astype(float))[which]
-            coverage = _covered_percent(errors, estimate.counts_std[which])
-        rmse = float(np.sqrt(values["squared_error"][which].mean()))
-        found[name] = {
-            "pairs": int(which.sum()),
-            "rmse_counts": rmse,
-            "rmse_percent": 100.0 * rmse / full_scale,
-            "coverage_percent": coverage,
-        }
-    return found
-
-
-def _covered_percent(errors: np.ndarray, std: np.ndarray) -> float:
-    """Share of the errors within the intervals of REPORTED_LEVEL, percent."""
-    return float(100.0 * (errors <= half_width(REPORTED_LEVEL) * std).mean())
+def _covered(errors: np.ndarray, std: np.ndarray, level: float = REPORTED_LEVEL) -> np.ndarray:
+    """Whether errors are within the intervals of a level, which are not clipped: counts of zero and
+    full scale lie on the ends of clipped ones."""
+    return np.abs(errors) <= half_width(level) * std
 
 
 def uncertainty_metrics(estimate: Estimate, counts: np.ndarray, force_n: np.ndarray) -> Uncertainty:
@@ -343,48 +292,54 @@ def uncertainty_metrics(estimate: Estimate, counts: np.ndarray, force_n: np.ndar
 
     The uncertainty of a press is the root mean square of its taxels' standard deviations.
     """
-    errors, std = np.abs(counts - estimate.counts.astype(float)), estimate.counts_std
+    errors, std = counts - estimate.counts.astype(float), estimate.counts_std
     squares = np.square(errors).mean(axis=1)
     uncertainty = np.sqrt(np.square(std.astype(float)).mean(axis=1))
     order = np.argsort(uncertainty, kind="stable")
     numbers = [max(1, round(share * order.size)) for share in RETAINED]
-    median, covered, touching = None, None, force_n > 0
+    coverage = [float(_covered(errors, std, level).mean()) for level in LEVELS]
+    rmse = [float(np.sqrt(squares[order[:n]].mean())) for n in numbers]
+    part = rmse[RETAINED.index(REPORTED_SHARE)]
+    figures = {
+        "coverage_percent": 100.0 * coverage[LEVELS.index(REPORTED_LEVEL)],
+        "gain_percent": 100.0 * (1.0 - part / rmse[0]) if rmse[0] else 0.0,
+        "predicted_rmse_counts": float(np.sqrt(np.square(uncertainty).mean())),
+    }
+    touching = force_n > 0
     if estimate.force_n is not None and estimate.force_std_n is not None and touching.any():
         off_n = np.abs(estimate.force_n - force_n)[touching]
-        median = float(100.0 * np.median(off_n / force_n[touching]))
-        covered = _covered_percent(off_n, estimate.force_std_n[touching])
-    return Uncertainty(
-        levels=LEVELS,
-        # Unclipped intervals: counts of zero and full scale lie on the ends of clipped ones.
-        coverage=tuple(float((errors <= half_width(level) * std).mean()) for level in LEVELS),
-        retained=RETAINED,
-        retained_rmse_counts=tuple(float(np.sqrt(squares[order[:n]].mean())) for n in numbers),
-        predicted_rmse_counts=float(np.sqrt(np.square(uncertainty).mean())),
-        force_median_error_percent=median,
-        force_coverage_percent=covered,
-    )
+        figures |= {
+            "force_median_error_percent": float(100.0 * np.median(off_n / force_n[touching])),
+            "force_coverage_percent": float(
+                100.0 * _covered(off_n, estimate.force_std_n[touching]).mean()
+            ),
+        }
+    return Uncertainty(figures, LEVELS, tuple(coverage), RETAINED, tuple(rmse))
 
 
-def shear_metrics(estimate: Estimate, pairs: Pairs) -> dict[str, float | None] | None:
+def shear_metrics(estimate: Estimate, pairs: Pairs) -> Figures | None:
     """Errors of the predicted shear force on the moving pairs, None where there are none.
 
-    Medians of direction and magnitude are over the pairs above min_shear_n, None without.
+    Medians of direction and magnitude are over the pairs above min_shear_n, missing without.
     """
     if estimate.shear_n is None or estimate.shear_std_n is None or pairs.shear_n is None:
         return None
-    assert pairs.is_moving is not None
-    if not pairs.is_moving.any():
+    moving = pairs.is_moving
+    assert moving is not None
+    if not moving.any():
         return None
-    true, found = pairs.shear_n[pairs.is_moving], estimate.shear_n[pairs.is_moving].astype(float)
-    covered = _covered_percent(np.abs(found - true), estimate.shear_std_n[pairs.is_moving])
+    true, found = pairs.shear_n[moving], estimate.shear_n[moving].astype(float)
+    covered = _covered(found - true, estimate.shear_std_n[moving])
     large = np.hypot(*true.T) > MIN_SHEAR_N
     true, found = true[large], found[large]
     turn = np.arctan2(true[:, 0] * found[:, 1] - true[:, 1] * found[:, 0], (true * found).sum(1))
     error = np.abs(np.hypot(*found.T) / np.hypot(*true.T) - 1.0)
-    return {
-        "pairs": int(large.sum()),
-        "min_shear_n": MIN_SHEAR_N,
-        "direction_error_deg": float(np.degrees(np.median(np.abs(turn)))) if large.any() else None,
-        "magnitude_error_percent": float(100.0 * np.median(error)) if large.any() else None,
-        "coverage_percent": covered,
-    }
+    return known(
+        {
+            "pairs": int(large.sum()),
+            "min_shear_n": MIN_SHEAR_N,
+            "direction_error_deg": np.degrees(pd.Series(np.abs(turn)).median()),
+            "magnitude_error_percent": 100.0 * pd.Series(error).median(),
+            "coverage_percent": float(100.0 * covered.mean()),
+        }
+    )

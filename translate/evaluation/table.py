@@ -1,29 +1,42 @@
-"""The tables of evaluations: figures of all rows, errors by force, further outputs of the runs.
-
-Each is a `core.tables.Table`: the command prints it as text, results.md has it in Markdown, and the
-report shows it in HTML.
-"""
+"""The tables of evaluations: figures of all rows, errors by force, further outputs of the runs."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from t2twin.core.tables import NONE, Table, markdown, text
+from t2twin.core.tables import NONE, Table
 from t2twin.translate.evaluation.baselines import NOISE_FLOOR
-from t2twin.translate.evaluation.metrics import REPORTED_LEVEL, REPORTED_SHARE
-from t2twin.translate.evaluation.records import Evaluation, ForceFigures, Interval, ModelRow, Values
+from t2twin.translate.evaluation.metrics import REPORTED_LEVEL
+from t2twin.translate.evaluation.records import (
+    Evaluation,
+    Figures,
+    ForceFigures,
+    Interval,
+    ModelRow,
+)
 
 Evaluations = Mapping[str, Evaluation]
 """Evaluations of one dataset by split."""
 
 
 class Column(NamedTuple):
-    """A figure with the title of its column and its number format."""
+    """A column of a table: a figure, its title and its number format."""
 
     figure: str
     title: str
     form: str
+
+    def cell(self, values: Figures, intervals: Mapping[str, Interval | None]) -> str:
+        """The figure and its interval, as in "47 (12–95)"."""
+        value, span = values.get(self.figure), intervals.get(self.figure)
+        if value is None:
+            return NONE
+        shown = self.form.format(value)
+        if span is not None:
+            low, high = map(self.form.format, span)
+            shown = f"{shown} ({low}–{high})"
+        return shown.replace("-", "−")
 
 
 MAIN = (
@@ -83,67 +96,64 @@ VIEW = (
 DIFFERENCE = "touch2touch minus resnet18"
 
 
-def results_text(evaluations: Evaluations) -> str:
-    """All tables of a dataset for the terminal."""
-    return "\n\n".join(map(text, results_tables(evaluations))) + "\n"
-
-
-def results_markdown(evaluations: Evaluations) -> str:
-    """The same in Markdown."""
-    return "\n".join(map(markdown, results_tables(evaluations)))
-
-
 def results_tables(evaluations: Evaluations, name: Callable[[str], str] = str) -> list[Table]:
     """The figures of each split, the errors by force, and the further outputs. name: displayed name
     of a row or a split."""
     tables = [table for one in evaluations.values() for table in figures_tables(one, name)]
     tables += [_force_table(one, name) for one in evaluations.values() if one.has_forces]
-    return [*tables, *_outputs_table(evaluations, name)]
+    lines = [
+        [
+            f"{name(run)}, {name(split)}",
+            part,
+            f"{values['pairs']:,}",
+            OUTPUTS[metric],
+            _short(value),
+        ]
+        for split, one in evaluations.items()
+        for run, row in one.runs.items()
+        for part, values in _outputs(row).items()
+        for metric, value in values.items()
+        if metric in OUTPUTS
+    ]
+    if lines:
+        tables.append(Table(["", "output", "pairs", "metric", ""], {"": lines}))
+    return tables
 
 
-def figures_tables(evaluation: Evaluation, name: Callable[[str], str] = str) -> list[Table]:
+def figures_tables(one: Evaluation, name: Callable[[str], str] = str) -> list[Table]:
     """The main figures of all rows with their intervals, and below those of the paper; for counts,
     a second table of further figures."""
-    one, form = evaluation, counts_form(evaluation.full_scale_counts or np.inf)
     main, further = (
-        [each._replace(form=form) if each.figure.endswith("_counts") else each for each in columns]
+        [
+            column._replace(form=counts_form(one.full_scale_counts or np.inf))
+            if column.figure.endswith("_counts")
+            else column
+            for column in columns
+        ]
         for columns in ((MAIN, FURTHER) if one.pictures is None else (OF_IMAGES, ()))
     )
-    figures = {name(row): vars(each.overall) for row, each in one.models.items()}
     rows = [
-        [name(row), *(_cell(figures[name(row)], each.interval, column) for column in main)]
+        [name(row), *(column.cell(each.overall, each.interval) for column in main)]
         for row, each in one.models.items()
     ]
     if one.paired:
         values = {figure: each["difference"] for figure, each in one.paired.items()}
-        spans = {figure: _span(each["low"], each["high"]) for figure, each in one.paired.items()}
-        rows.append([DIFFERENCE, *(_cell(values, spans, column) for column in main)])
+        spans = {n: (each["low"], each["high"]) for n, each in one.paired.items() if "low" in each}
+        rows.append([DIFFERENCE, *(column.cell(values, spans) for column in main)])
     for row, values in one.paper.items():
-        cells = (_cell(values, {}, column) for column in (*main[:2], SSIM_OF_PAPER))
+        cells = (column.cell(values, {}) for column in (*main[:2], SSIM_OF_PAPER))
         rows.append([f"{name(row)}, {PAPER}", *cells])
     heads, title = ["", *(column.title for column in main)], name(one.split)
     tables = [Table(heads, {"": rows}, f"{title}, {one.pairs:,} pairs", [*_notes(one, name)])]
     if further:
-        rows = [[row, *(_cell(values, {}, c) for c in further)] for row, values in figures.items()]
+        rows = [
+            [name(row), *(column.cell(each.overall, {}) for column in further)]
+            for row, each in one.models.items()
+        ]
         heads = ["", *(column.title for column in further)]
         notes = [] if one.view is None else [VIEW.format_map(one.view)]
         tables.append(Table(heads, {"": rows}, f"{title}, further figures", notes))
     return tables
-
-
-def _span(low: float | None, high: float | None) -> Interval | None:
-    return None if low is None or high is None else Interval(low, high)
-
-
-def _cell(
-    values: Mapping[str, float | None], intervals: Mapping[str, Interval | None], column: Column
-) -> str:
-    """A figure and its interval, as in "47 (12–95)"."""
-    value, span = values.get(column.figure), intervals.get(column.figure)
-    if value is None:
-        return NONE
-    ends = "" if span is None else f" ({column.form.format(span[0])}–{column.form.format(span[1])})"
-    return f"{column.form.format(value)}{ends}".replace("-", "−")
 
 
 def counts_form(full_scale: float) -> str:
@@ -179,38 +189,13 @@ def training_data(row: ModelRow) -> str:
     return f"{row.trained_recipe or unnamed}, {pairs} pairs, {steps} steps"
 
 
-def _outputs_table(evaluations: Evaluations, name: Callable[[str], str]) -> list[Table]:
-    """The further outputs of the runs that predict them, one metric a line; empty without."""
-    lines = [
-        [
-            f"{name(run)}, {name(split)}",
-            part,
-            f"{values['pairs']:,}",
-            OUTPUTS[metric],
-            _short(value),
-        ]
-        for split, one in evaluations.items()
-        for run, row in one.runs.items()
-        for part, values in _outputs(row).items()
-        for metric, value in values.items()
-        if metric in OUTPUTS and value is not None
-    ]
-    return [Table(["", "output", "pairs", "metric", ""], {"": lines})] if lines else []
-
-
-def _outputs(row: ModelRow) -> dict[str, Values]:
-    found: dict[str, Values] = {}
-    if (sure := row.uncertainty) is not None:
-        found["uncertainty"] = {
-            "pairs": row.overall.pairs,
-            "coverage_percent": 100.0 * sure.coverage_at(REPORTED_LEVEL),
-            "gain_percent": 100.0 * sure.sparsification_gain(REPORTED_SHARE),
-            "force_median_error_percent": sure.force_median_error_percent,
-            "force_coverage_percent": sure.force_coverage_percent,
-        }
-    found |= {f"{kind} pairs": values for kind, values in (row.by_motion or {}).items()}
-    found |= {} if row.shear is None else {"shear force": row.shear}
-    return found | ({} if row.contact is None else {"contact in the view": row.contact})
+def _outputs(row: ModelRow) -> dict[str, Figures]:
+    """The figures of the further outputs of a run, by output."""
+    sure = row.uncertainty and {"pairs": row.overall["pairs"]} | row.uncertainty.figures
+    by_motion = {f"{kind} pairs": values for kind, values in (row.by_motion or {}).items()}
+    found = {"uncertainty": sure, **by_motion, "shear force": row.shear}
+    found["contact in the view"] = row.contact
+    return {name: values for name, values in found.items() if values is not None}
 
 
 def _short(value: float) -> str:
@@ -233,18 +218,15 @@ def _force_table(evaluation: Evaluation, name: Callable[[str], str]) -> Table:
             f"Training has too few presses at {', '.join(own)}; the mean array there is that of "
             "the evaluated presses."
         )
-    by_force = zip(*(row.by_force for row in rows.values()), strict=True)
+
+    def cell(one: ForceFigures) -> str:
+        if one.phantom_counts is not None:
+            return f"{one.rmse_counts:,.0f} ({one.phantom_counts:,.0f})"
+        of_mean = one.of_mean_array
+        return f"{one.rmse_counts:,.0f}" + ("" if of_mean is None else f" ({100 * of_mean:.0f} %)")
+
     lines = [
-        [f"{one.title}, {one.pairs:,} pairs", *map(_force_cell, figures)]
-        for one, figures in zip(bins, by_force, strict=True)
+        [f"{one.title}, {one.pairs:,} pairs", *(cell(row.by_force[n]) for row in rows.values())]
+        for n, one in enumerate(bins)
     ]
     return Table(["", *rows], {"": lines}, title=" ".join(captions))
-
-
-def _force_cell(one: ForceFigures) -> str:
-    """As in "812 (31 %)", relative to the mean array, or "5 (60)" without contact."""
-    if one.phantom_counts is not None:
-        return f"{one.rmse_counts:,.0f} ({one.phantom_counts:,.0f})"
-    if one.of_mean_array is None:
-        return f"{one.rmse_counts:,.0f}"
-    return f"{one.rmse_counts:,.0f} ({100 * one.of_mean_array:.0f} %)"
