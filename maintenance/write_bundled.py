@@ -49,7 +49,7 @@ def build(name: str, tool: trimesh.Trimesh | None = None) -> Shape:
         assert tool is not None
         mesh = tool.copy().apply_transform(keypoint_transform(name))
     mesh, heights = height_map.aligned(mesh)
-    return Shape(name=name, mesh=mesh, surface=heights, **catalogue.properties(name))
+    return Shape(name, mesh, heights, **catalogue.properties(name))
 
 
 def tool_mesh(tool: str) -> trimesh.Trimesh:

@@ -7,7 +7,11 @@ and the transform from the tool's frame to the shape frame.
 """
 
 import difflib
+import hashlib
 import os
+import pickle
+import re
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,16 +19,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2twin.core import arguments
-from t2twin.core.cache_dir import cache_dir
+from t2twin.core.cache_dir import cache_dir, short_digest
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad import mesh_files, primitive_parameters
+from t2twin.core.files import atomic_write
+from t2twin.core.machine import installed_version
+from t2twin.primitives_cad import primitive_parameters
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
-from t2twin.primitives_cad.shape import HeightMap, LazyShape, Shape, seed_of
+from t2twin.primitives_cad.shape import SUFFIXES, HeightMap, Shape, seed_of
 
 if TYPE_CHECKING:
     import trimesh
 
 BUNDLED = Path(__file__).parent / "bundled"  # folder of the bundled shapes
+MAKERS = ("cadquery", "cadquery-ocp", "trimesh")  # distributions whose versions affect meshes
 KEYPOINTS: dict[str, tuple[str, ...]] = {
     "pliers": ("jaw-tip", "teeth", "pivot", "handle"),
     "clamp": ("screw", "pad", "frame", "handle"),
@@ -32,7 +39,7 @@ KEYPOINTS: dict[str, tuple[str, ...]] = {
     "allen-key": ("long-arm", "bend", "short-end", "ridge"),
     "wrench": ("ring", "open-end", "shank", "jaw-end"),
 }
-"""Names of the tools' keypoints; the module of each tool defines the points."""
+"""Names of the tools' keypoints; the module `tools` defines the points."""
 
 TOOLS = tuple(KEYPOINTS)
 OBJECTS = tuple(f"{tool}/{keypoint}" for tool in TOOLS for keypoint in KEYPOINTS[tool])
@@ -54,48 +61,37 @@ def split(name: str) -> str:
 
 def load(
     name_or_path: str | Path,
-    cache_dir: str | Path | None = None,
+    kept: str | Path | None = None,
     scale: float | None = None,
     center: bool = False,
-    hints: mesh_files.Hints | None = None,
 ) -> Shape:
     """A shape by its name (`square-2`, `pliers/jaw-tip`, `random-17`), or from a file.
 
-    cache_dir: folder for the prepared shapes of files, None for `shapes` in the cache directory.
+    kept: folder for the prepared shapes of files, None for `shapes` in the cache directory.
     scale: see mesh_files.read_solid. center: whether the press axis passes through the middle of a
-    file's highest part instead of that of its bounding box. hints: how messages name both.
+    file's highest part instead of that of its bounding box.
     Raises T2TwinError for an unknown name, a file that cannot be pressed, and options without one.
     """
     name = str(name_or_path)
     arguments.instance(center, "center", bool)
     if name in NAMES:
         check_not_of_file(f"{name} is a shape of the catalogue", scale, center)
-        surface, make = read_surface(name), partial(read_mesh, name)
-        return LazyShape(make, name=name, surface=surface, **properties(name))
+        return Shape(name, partial(read_mesh, name), read_surface(name), **properties(name))
     if (seed := seed_of(name)) is not None:
         check_not_of_file(f"{name} is a random shape", scale, center)
         from t2twin.primitives_cad.random_shapes import random_shape  # slow to import
 
         return random_shape(seed)
-    from t2twin.primitives_cad import shape_cache
-
     path = Path(name_or_path)
-    if path.suffix.lower() not in mesh_files.SUFFIXES and not path.is_file():
+    if path.suffix.lower() not in SUFFIXES and not path.is_file():
         raise T2TwinError(_unknown(name))
-    return shape_cache.fetch(
-        cache_folder(cache_dir),
-        path,
-        f"{scale} {center}",
-        lambda: _file(path, scale, center, hints or mesh_files.COMMAND_HINTS),
-    )
+    return _kept(cache_folder(kept), path, scale, center)
 
 
 def check_not_of_file(shape: str, scale: float | None, center: bool) -> None:
     """Raises T2TwinError for options of files. shape: a clause about what is no file."""
-    if scale is not None:
-        raise T2TwinError(f"{shape}, in mm; a scale is for files only")
-    if center:
-        raise T2TwinError(f"{shape}, which has its place; center is for files only")
+    if scale is not None or center:
+        raise T2TwinError(f"{shape}, in mm and in its place; scale and center are for files only")
 
 
 def cache_folder(folder: str | Path | None) -> Path | None:
@@ -115,10 +111,6 @@ def tool_mesh(tool: str) -> "trimesh.Trimesh":
 
 def _unknown(name: str) -> str:
     """The message for an unknown name."""
-    also = f"a path to a file of {', '.join(mesh_files.SUFFIXES)} is also allowed"
-    if name in TOOLS:
-        choices = ", ".join(f"{name}/{keypoint}" for keypoint in KEYPOINTS[name])
-        return f"{name!r} is a tool and is pressed at a keypoint: {choices}; {also}"
     # Names of families and tools are not shapes; their members are listed instead.
     groups = {
         group: [n for n in NAMES if group in (primitive_parameters.family(n), n.partition("/")[0])]
@@ -129,7 +121,8 @@ def _unknown(name: str) -> str:
     hint = "names are like square-2, pliers/jaw-tip or random-17; see `t2twin shapes`"
     if named:
         hint = f"near names are {', '.join(named)}"
-    return f"there is no shape {name!r}; {hint}; {also}"
+    files = ", ".join(SUFFIXES)
+    return f"there is no shape {name!r}; {hint}; a path to a file of {files} is also allowed"
 
 
 def spacing_mm(name: str) -> tuple[float, float]:
@@ -138,7 +131,7 @@ def spacing_mm(name: str) -> tuple[float, float]:
 
 
 def properties(name: str) -> dict[str, Any]:
-    """Fields of a catalogue shape besides its name, mesh and surface."""
+    """Fields of a catalogue shape besides its name, solid and surface."""
     if name in OBJECTS:
         return {"spacing_mm": OBJECT_SPACING_MM}
     return {
@@ -166,12 +159,10 @@ def read_surface(name: str) -> HeightMap:
 def read_mesh(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3), mm, and faces (m, 3) of a shape in the shape frame, of a tool in its own."""
     with np.load(path_of(name), allow_pickle=False) as file:
-        if "transform" in file:
-            transform = file["transform"]
-        else:
+        if "transform" not in file:
             vertices = unpacked(file["vertices"], np.uint64).view(np.float64).reshape(-1, 3)
-            faces = unpacked(file["faces"], np.uint32).view(np.int32).reshape(-1, 3)
-            return vertices, faces
+            return vertices, unpacked(file["faces"], np.uint32).view(np.int32).reshape(-1, 3)
+        transform = file["transform"]
     vertices, faces = read_mesh(name.partition("/")[0])
     return vertices @ transform[:3, :3].T + transform[:3, 3], faces
 
@@ -182,17 +173,46 @@ def unpacked(planes: np.ndarray, kind: type[np.unsignedinteger]) -> np.ndarray:
     return np.cumsum(differences, dtype=kind)
 
 
-def _file(path: Path, scale: float | None, center: bool, hints: mesh_files.Hints) -> Shape:
-    from t2twin.primitives_cad import height_map
+def _kept(folder: Path | None, file: Path, scale: float | None, center: bool) -> Shape:
+    """The shape of a file, kept in a folder with one shape of each file; None for no folder."""
+    from t2twin.primitives_cad import mesh_files  # slow to import
 
-    mesh, notes = mesh_files.read_solid(path, scale, hints)
+    content = mesh_files.read_bytes(file)
+    if folder is None:
+        return _prepared(file, scale, center)
+    # Two folders may have files of one name.
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", file.stem)
+    stem = f"{stem}-{short_digest(os.fsencode(file.absolute()))}"
+    made_by = f"{file.suffix.lower()} {scale} {center} {code_digest()}".encode()
+    path = folder / f"{stem}.{short_digest(made_by + hashlib.sha256(content).digest())}.pickle"
+    with suppress(OSError):
+        return pickle.loads(path.read_bytes())
+    shape = _prepared(file, scale, center)
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(pickle.dumps(shape))
+    for stale in set(folder.glob(f"{stem}.*.pickle")) - {path}:
+        stale.unlink(missing_ok=True)
+    return shape
+
+
+def code_digest() -> str:
+    """Digest of this folder's sources and of the versions of MAKERS."""
+    content = b"".join(source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py")))
+    return short_digest(content + "".join(map(installed_version, MAKERS)).encode())
+
+
+def _prepared(path: Path, scale: float | None, center: bool) -> Shape:
+    """The shape of a file."""
+    from t2twin.primitives_cad import height_map, mesh_files
+
+    mesh, notes = mesh_files.read_solid(path, scale)
     if center:
         x, y = height_map.highest_place(mesh)
         mesh.apply_translation((-x, -y, 0.0))
     try:
         mesh, heights = height_map.aligned(mesh, of_file=True)
     except T2TwinError as error:
-        hint = "" if center else f"; {hints.center} presses its highest part"
+        hint = "" if center else "; the option center presses its highest part"
         raise T2TwinError(f"{path} cannot be pressed: {error}{hint}") from error
     narrow, wide = mesh_files.NARROWEST_MM, mesh_files.SMALLEST_MM
     if narrow_mm := height_map.narrow_mm(mesh, heights, (narrow, wide)):
@@ -203,7 +223,7 @@ def _file(path: Path, scale: float | None, center: bool, hints: mesh_files.Hints
     spacing = min(primitive_parameters.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(
         name=os.fsencode(path.stem).decode(errors="replace"),  # a file name may be invalid text
-        mesh=mesh,
+        solid=mesh,
         surface=heights,
         spacing_mm=(spacing, spacing),
         base_mm=height_map.base_mm(heights),

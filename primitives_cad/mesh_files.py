@@ -1,7 +1,7 @@
-"""Reads solids from STL, OBJ, PLY, 3MF, GLB and STEP files, and writes binary STL.
+"""Reads solids from STL, OBJ, PLY, 3MF, GLB and STEP files, and closes small holes of their meshes.
 
-OBJ and 3MF are read here: trimesh 5.2 returns wrong faces of OBJ without an error (notches, corners
-counted back), and needs lxml for 3MF. A reader returns the mesh and its unit, mm.
+OBJ, 3MF and holes have own code: trimesh 5.2 returns wrong faces of OBJ without an error (notches,
+corners counted back), needs lxml for 3MF, and closes holes that touch at corners wrongly.
 """
 
 import json
@@ -10,26 +10,24 @@ import re
 import zipfile
 from array import array
 from codecs import BOM_UTF8
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
+import trimesh
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
+from t2twin.primitives_cad.shape import STL_HEADER_BYTES, STL_RECORD, SUFFIXES
 
-if TYPE_CHECKING:
-    import trimesh
-
-    Read = tuple[trimesh.Trimesh, float]
+Read = tuple[trimesh.Trimesh, float]  # a mesh and its unit, mm
 
 MAX_BYTES = 500_000_000  # size limit of files, bytes (assumed: about 2 million triangles as text)
 MAX_TRIANGLES = 2_000_000  # of a file (assumed: finer than any print, and minutes of computing)
-MAX_PLACES = 10_000  # placements of parts of a 3MF file, which may refer to themselves (assumed)
 # largest coordinate, in the file's units (assumed: corners lose precision beyond it)
 FARTHEST = 1e10
 FLAT = 1e-9  # share of a face's area below which one of its triangles counts as a line (assumed)
@@ -37,7 +35,6 @@ FOLD_RAD = math.pi - 1e-3  # least angle between neighboring triangles of a fold
 # Least sides of a solid seen from above. The contact solver missed posts of 0.3 mm and blades of
 # 0.1 mm at some of ten poses, and none of these; the contact area on a gel was within 3 %.
 SMALLEST_MM, NARROWEST_MM = 0.5, 0.2
-
 LARGEST_MM = 1000.0  # largest size of a solid, mm (assumed: larger ones are in other units)
 # largest size of what a hand holds (assumed); files up to half a unit are likely in meters
 HAND_MM = 500.0
@@ -45,22 +42,18 @@ METER_MM, INCH_MM = 1000.0, 25.4
 
 INCHES = re.compile(rb"\binch(es)?\b", re.IGNORECASE)  # words of a file for its unit
 HEAD_BYTES = 2000  # bytes from the start of a file in which its unit may be named (assumed)
-STL_HEADER_BYTES = 84  # of binary STL: 80 of text, then the number of triangles
-# one triangle of binary STL
-STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 STL_CORNER = re.compile(rb"^\s*vertex\b", re.IGNORECASE | re.MULTILINE)  # a corner in text STL
 PLY_FACES = re.compile(rb"^element face (\d+)", re.MULTILINE)  # the number of faces in PLY
 UPRIGHT = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # from glTF's y up (glTF 2.0, 3.4) to z up
 GLTF_FAN = 6  # mode of fans of triangles, which trimesh skips (glTF 2.0, 3.7.2)
 # starts of the names of extensions of glTF that leave triangles as they are
 APPEARANCE = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "MSFT_texture_")
+
 # Units of a 3MF model; the default is millimeter (3MF Core Specification 1.3, 3.4).
 UNITS_MM = {"micron": 0.001, "millimeter": 1.0, "centimeter": 10.0, "inch": 25.4, "foot": 304.8,
             "meter": 1000.0}  # fmt: skip
-
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
 PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
-
 KNOWN_EXTENSIONS = (  # that a 3MF model may require: the others change its triangles
     PRODUCTION,
     "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
@@ -70,16 +63,12 @@ PRESSED = ("model", "surface")  # types of 3MF objects that are part of the shap
 START = "3D/3dmodel.model"  # name of the 3MF model with the build instructions
 NOT_READ = "it requires the extension {}, which is not read; export it without"
 
-
-@dataclass(frozen=True)
-class Hints:
-    """How hints name a scale and the option that centers a shape."""
-
-    scale: str = "--scale {:g}"
-    center: str = "--center"
-
-
-COMMAND_HINTS = Hints()
+# decimals of a mm of the corners of an open mesh (assumed; STL is single precision)
+LOOSE_DIGITS = 4
+HOLES_SHARE = 0.01  # largest share of the surface that closes holes (assumed: less than a face)
+MAX_RIM_EDGES = 2000  # around closed holes (assumed: more is a surface, not a solid)
+THINNEST_MM = 1e-6  # least volume over half the surface; thinner bodies are sheets (assumed)
+UPPER = "its upper surface is pressed"
 
 
 def read_bytes(path: Path) -> bytes:
@@ -91,16 +80,12 @@ def read_bytes(path: Path) -> bytes:
     return content
 
 
-def read_solid(
-    path: Path, scale: float | None = None, hints: Hints = COMMAND_HINTS
-) -> tuple["trimesh.Trimesh", tuple[str, ...]]:
+def read_solid(path: Path, scale: float | None = None) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
     """The solid or surface in a file, mm, with its top at 0 and centered, and sentences about it.
 
     Several bodies form one shape. scale: mm per unit of the file, of STEP a factor; None for the
     file's own unit (3MF, GLB, STEP), else 1. Raises T2TwinError for a file that cannot be pressed.
     """
-    from t2twin.primitives_cad.mesh_repair import close_mesh
-
     if scale is not None:
         scale = arguments.real(scale, "scale")
         if not (math.isfinite(scale) and scale > 0.0):
@@ -118,7 +103,10 @@ def read_solid(
             words = str(error).strip().splitlines()[0]
         raise T2TwinError(f"{path} cannot be read as {kind}: {words}") from error
     of_file = mesh.metadata.get("note")
-    _resize(path, mesh, unit_mm if scale is None else scale, INCHES.search(head), hints)
+    unit_mm = unit_mm if scale is None else scale
+    _check_size(path, np.ptp(mesh.vertices, axis=0), unit_mm, INCHES.search(head) is not None)
+    if unit_mm != 1.0:
+        mesh.apply_scale(unit_mm)
     mesh, repaired = close_mesh(mesh)
     low, high = mesh.bounds
     middle = (low + high) / 2.0
@@ -126,47 +114,37 @@ def read_solid(
     return mesh, tuple(f"{path} {clause}" for clause in (of_file, repaired) if clause)
 
 
-def _resize(
-    path: Path, mesh: "trimesh.Trimesh", unit_mm: float, in_inches: object, hints: Hints
-) -> None:
-    """Scale a mesh to mm. Raises T2TwinError for a size that cannot be pressed."""
-    sides = np.ptp(mesh.vertices, axis=0)
+def _check_size(path: Path, sides: np.ndarray, unit_mm: float, in_inches: bool) -> None:
+    """Raises T2TwinError for sides (3,) that cannot be pressed, with a likely scale if too small.
+
+    in_inches: whether the file names inches.
+    """
     if sides[:2].min() == 0.0:
         raise T2TwinError(
             f"{path} is flat: it has no {'xy'[int(sides[:2].argmin())]}; a surface that is seen "
             "from above (+z) is needed"
         )
-    if not _fits(sides, unit_mm):
-        width, length, height = (float(side) * unit_mm for side in sides)
-        raise T2TwinError(
-            f"{path} is {width:g} x {length:g} mm seen from above and {height:g} mm high; at least "
-            f"{SMALLEST_MM:g} x {NARROWEST_MM:g} mm and at most {LARGEST_MM:g} mm are allowed"
-            + _scale_hint(sides, unit_mm, bool(in_inches), hints)
-        )
-    if unit_mm != 1.0:
-        mesh.apply_scale(unit_mm)
-
-
-def _fits(sides: np.ndarray, unit_mm: float) -> bool:
-    narrow, wide = sorted(sides[:2] * unit_mm)
-    return narrow >= NARROWEST_MM and wide >= SMALLEST_MM and sides.max() * unit_mm <= LARGEST_MM
-
-
-def _scale_hint(sides: np.ndarray, unit_mm: float, in_inches: bool, hints: Hints) -> str:
-    """A clause with a likely scale of too small sides (3,), in the file's units."""
-    largest = float(sides.max())
+    if _fits(sides * unit_mm):
+        return
+    hint, (width, length, height) = "", (float(side) * unit_mm for side in sides)
     name, scale = ("inches", INCH_MM) if in_inches else ("meters", METER_MM)
-    is_likely = in_inches or largest * scale <= HAND_MM
-    if largest * unit_mm > LARGEST_MM or not is_likely or not _fits(sides, scale):
-        return ""
-    option = hints.scale.format(scale)
-    return f"; if it is in {name}, {option} makes it {largest * scale:g} mm large"
+    largest = float(sides.max())
+    is_likely = (in_inches or largest * scale <= HAND_MM) and _fits(sides * scale)
+    if largest * unit_mm <= LARGEST_MM and is_likely:
+        hint = f"; if it is in {name}, a scale of {scale:g} makes it {largest * scale:g} mm large"
+    raise T2TwinError(
+        f"{path} is {width:g} x {length:g} mm seen from above and {height:g} mm high; at least "
+        f"{SMALLEST_MM:g} x {NARROWEST_MM:g} mm and at most {LARGEST_MM:g} mm are allowed{hint}"
+    )
 
 
-def _mesh(corners: np.ndarray, faces: np.ndarray) -> "trimesh.Trimesh":
+def _fits(sides_mm: np.ndarray) -> bool:
+    narrow, wide = sorted(sides_mm[:2])
+    return narrow >= NARROWEST_MM and wide >= SMALLEST_MM and sides_mm.max() <= LARGEST_MM
+
+
+def _mesh(corners: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
     """The mesh of triangles (m, 3) of corners (n, 3), with equal corners merged."""
-    import trimesh
-
     if not len(faces):
         raise ValueError("it holds no triangles, or is cut short")
     if len(faces) > MAX_TRIANGLES:
@@ -184,16 +162,14 @@ def _check_indices(faces: np.ndarray, corners: np.ndarray) -> None:
         raise ValueError("its faces name corners that it lacks")
 
 
-def _loaded(content: bytes, kind: str) -> "trimesh.Trimesh":
+def _loaded(content: bytes, kind: str) -> trimesh.Trimesh:
     """What trimesh reads, all bodies in their places."""
-    import trimesh
-
     # Without a resolver, it opens no other files.
     scene = trimesh.load_scene(BytesIO(content), file_type=kind, process=False, skip_materials=True)
     return scene.to_mesh()
 
 
-def _stl(path: Path) -> "Read":
+def _stl(path: Path) -> Read:
     """The triangles of binary or text STL. trimesh skips solids that are cut short."""
     content = path.read_bytes().removeprefix(BOM_UTF8)
     mesh = _loaded(content, "stl")
@@ -204,18 +180,7 @@ def _stl(path: Path) -> "Read":
     return _mesh(mesh.vertices, mesh.faces), 1.0
 
 
-def binary_stl(vertices: np.ndarray, faces: np.ndarray) -> bytes:
-    """A binary STL file. vertices: (n, 3), mm. faces: (m, 3), counterclockwise from outside."""
-    corners = np.asarray(vertices)[np.asarray(faces)]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    records = np.zeros(len(corners), STL_RECORD)
-    records["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-    records["corners"] = corners
-    return bytes(STL_HEADER_BYTES - 4) + np.uint32(len(corners)).tobytes() + records.tobytes()
-
-
-def _obj(path: Path) -> "Read":
+def _obj(path: Path) -> Read:
     """The faces of OBJ; their corners are counted from 1, or back from the last one so far."""
     text = path.read_bytes().removeprefix(BOM_UTF8).decode("latin-1")
     flat = array("d")
@@ -255,7 +220,7 @@ def _fans(polygons: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return np.concatenate(cut)
 
 
-def _ply(path: Path) -> "Read":
+def _ply(path: Path) -> Read:
     """The faces of PLY. trimesh cuts larger ones without regard to notches."""
     content = path.read_bytes()
     try:
@@ -272,7 +237,7 @@ def _ply(path: Path) -> "Read":
     return _mesh(mesh.vertices, mesh.faces), 1.0
 
 
-def _glb(path: Path) -> "Read":
+def _glb(path: Path) -> Read:
     """The triangles of GLB with z up. trimesh skips fans, and reads compressed corners as 0."""
     content = path.read_bytes()
     about = json.loads(content[20 : 20 + int.from_bytes(content[12:16], "little")])
@@ -290,99 +255,65 @@ def _glb(path: Path) -> "Read":
     return _mesh(mesh.vertices @ UPRIGHT.T, mesh.faces), METER_MM
 
 
-@dataclass
-class _Part:
-    """A part of 3MF. corners: flat x, y, z. faces: flat corner indices. places: placed parts."""
-
-    corners: array = field(default_factory=lambda: array("d"))
-    faces: array = field(default_factory=lambda: array("q"))
-    places: list["_Place"] = field(default_factory=list)
-
-
-_Place = tuple[tuple[str, str], np.ndarray]
-"""A part's model and number, and the transform (4, 4) to the frame of what contains it."""
-
-
-def _threemf(path: Path) -> "Read":
+def _threemf(path: Path) -> Read:
     """The built parts of 3MF: a ZIP archive of XML models (3MF Core Specification 1.3)."""
-    parts: dict[tuple[str, str], _Part] = {}
-    waiting, unit_mm = [], 1.0
     with zipfile.ZipFile(path) as archive:
-        for name in archive.namelist():
-            if name.lower().endswith(".model"):
-                with archive.open(name) as file:
-                    built, unit = _model_parts(file, name, parts)
-                if name.lower() == START.lower():
-                    waiting, unit_mm = built, unit
-    corners, faces, seen, number = [np.zeros((0, 3))], [np.zeros((0, 3), int)], 0, 0
-    while waiting:
-        key, transform = waiting.pop()
-        seen += 1
-        if seen > MAX_PLACES:
-            raise ValueError(f"its parts stand at more than the {MAX_PLACES:,} allowed places")
-        if key not in parts:
+        texts = {n: archive.read(n) for n in archive.namelist() if n.lower().endswith(".model")}
+    models = {name: ElementTree.fromstring(text) for name, text in texts.items()}
+    for name, root in models.items():
+        extensions = dict(re.findall(r'xmlns:(\w+)="([^"]+)"', texts[name].decode("latin-1")))
+        for prefix in root.get("requiredextensions", "").split():
+            if extensions.get(prefix) not in KNOWN_EXTENSIONS:
+                raise ValueError(NOT_READ.format(extensions.get(prefix, prefix)))
+    start = next(name for name in models if name.lower() == START.lower())
+    unit = models[start].get("unit", "millimeter")
+    if unit not in UNITS_MM:
+        raise ValueError(f"its unit {unit!r} is not one of {', '.join(UNITS_MM)}")
+    objects = {
+        (name, part.get("id")): part
+        for name, root in models.items()
+        for part in root.iter(f"{CORE}object")
+    }
+
+    def placed(
+        place: ElementTree.Element, model: str, outer: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Corners (n, 3) and faces (m, 3) of the parts that an item or a component places."""
+        transform = np.eye(4)
+        if numbers := place.get("transform"):
+            transform[:, :3] = np.array(numbers.split(), float).reshape(4, 3)
+        transform = transform @ outer
+        model = place.get(f"{{{PRODUCTION}}}path", model).removeprefix("/")
+        key = model, place.get("objectid")
+        if key not in objects:
             raise ValueError(f"it builds part {key[1]}, which it lacks")
-        part = parts[key]
-        waiting += [(inner, transform @ place) for inner, place in part.places]
-        own = np.array(part.corners).reshape(-1, 3)
-        rows = np.array(part.faces, np.int64).reshape(-1, 3)
-        if len(rows):
-            _check_indices(rows, own)
-        mirrored = np.linalg.det(transform[:3, :3]) < 0.0
-        corners.append(own @ transform[:3, :3].T + transform[:3, 3])
-        faces.append(number + (rows[:, ::-1] if mirrored else rows))
-        number += len(own)
-    return _mesh(np.concatenate(corners), np.concatenate(faces)), unit_mm
+        part = objects[key]
+        if part.get("type", "model") not in PRESSED:
+            return
+        corners = [[each.attrib[axis] for axis in "xyz"] for each in part.iter(f"{CORE}vertex")]
+        faces = [
+            [each.attrib[corner] for corner in ("v1", "v2", "v3")]
+            for each in part.iter(f"{CORE}triangle")
+        ]
+        if faces:
+            rows, points = np.array(faces, int), np.array(corners, float).reshape(-1, 3)
+            _check_indices(rows, points)
+            mirrored = np.linalg.det(transform[:3, :3]) < 0.0
+            moved = points @ transform[:3, :3] + transform[3, :3]
+            yield moved, rows[:, ::-1] if mirrored else rows
+        for each in part.iter(f"{CORE}component"):
+            yield from placed(each, model, transform)
+
+    items = models[start].iter(f"{CORE}item")
+    built = [part for item in items for part in placed(item, start, np.eye(4))]
+    if not built:
+        raise ValueError("it builds no triangles")
+    return _mesh(*trimesh.util.append_faces(*zip(*built, strict=True))), UNITS_MM[unit]
 
 
-def _model_parts(
-    file: IO[bytes], model: str, parts: dict[tuple[str, str], _Part]
-) -> tuple[list[_Place], float]:
-    """Add the parts of a 3MF model; what it builds, and its unit in mm."""
-    part, built, unit_mm, namespaces = _Part(), [], 1.0, {}
-    for event, element in ElementTree.iterparse(file, ("start-ns", "end")):
-        if event == "start-ns":
-            namespaces[element[0]] = element[1]
-            continue
-        about = element.attrib
-        match element.tag.removeprefix(CORE):
-            case "vertex":
-                part.corners.extend(float(about[axis]) for axis in "xyz")
-            case "triangle":
-                part.faces.extend(int(about[corner]) for corner in ("v1", "v2", "v3"))
-            case "component":
-                part.places.append(_place(about, model))
-            case "object":
-                pressed = about.get("type", "model") in PRESSED
-                parts[model, about["id"]] = part if pressed else _Part()
-                part = _Part()
-            case "item":
-                built.append(_place(about, model))
-            case "model":
-                unit = about.get("unit", "millimeter")
-                if unit not in UNITS_MM:
-                    raise ValueError(f"its unit {unit!r} is not one of {', '.join(UNITS_MM)}")
-                unit_mm = UNITS_MM[unit]
-                for prefix in about.get("requiredextensions", "").split():
-                    if (name := namespaces.get(prefix, prefix)) not in KNOWN_EXTENSIONS:
-                        raise ValueError(NOT_READ.format(name))
-        element.clear()
-    return built, unit_mm
-
-
-def _place(about: dict[str, str], model: str) -> _Place:
-    """The placement that an element's attributes name."""
-    transform = np.eye(4)
-    if "transform" in about:
-        transform[:3] = np.array(about["transform"].split(), np.float64).reshape(4, 3).T
-    model = about.get(f"{{{PRODUCTION}}}path", model).removeprefix("/")
-    return (model, about["objectid"]), transform
-
-
-def _step(path: Path) -> "Read":
+def _step(path: Path) -> Read:
     """The solids of STEP, or its surfaces without solids, as one mesh in mm; it may have gaps."""
     import cadquery as cq
-    import trimesh
     from OCP.Message import Message  # pyright: ignore[reportAttributeAccessIssue]
 
     from t2twin.primitives_cad import solids
@@ -400,6 +331,117 @@ def _step(path: Path) -> "Read":
     return mesh, 1.0
 
 
-READERS = {".stl": _stl, ".obj": _obj, ".ply": _ply, ".3mf": _threemf, ".glb": _glb,
-           ".step": _step, ".stp": _step}  # fmt: skip
-SUFFIXES = tuple(READERS)
+READERS = dict(zip(SUFFIXES, (_stl, _obj, _ply, _threemf, _glb, _step, _step), strict=True))
+
+
+def close_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
+    """A mesh (mm), closed if possible, and a clause about closed holes or what stays open."""
+    note = None
+    if not mesh.is_watertight:
+        mesh, note, closed = _merged(mesh)
+        if not closed:
+            return mesh, note
+    with np.errstate(invalid="ignore", divide="ignore"):  # a sheet has no center of volume
+        if not mesh.is_winding_consistent or mesh.volume <= 0.0:
+            trimesh.repair.fix_normals(mesh)
+        sheet = mesh.volume <= THINNEST_MM * mesh.area / 2.0
+    return mesh, f"encloses no volume; {UPPER}" if sheet else note
+
+
+def _merged(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None, bool]:
+    """The mesh with merged corners and closed holes, a clause about it; whether it is closed."""
+    loose = mesh.copy()
+    loose.merge_vertices(digits_vertex=LOOSE_DIGITS)
+    loose.update_faces(loose.nondegenerate_faces())
+    single = loose.copy()
+    single.update_faces(single.unique_faces())
+    single.remove_unreferenced_vertices()
+    if not len(single.faces):  # all triangles are smaller than the rounding
+        return mesh, _openness(mesh), False
+    if single.is_watertight:
+        return single, None, True
+    if _balanced(loose):  # bodies that share edges or faces
+        return loose, None, True
+    if 0 < len(_rim_edges(single)) <= MAX_RIM_EDGES:
+        filled = _filled(single)
+        if filled is not None:
+            return *filled, True
+    return single, _openness(single), False
+
+
+def _openness(mesh: trimesh.Trimesh) -> str:
+    """A clause about the edges that keep a mesh from being closed."""
+    rims = _rim_edges(mesh)
+    if not len(rims):
+        _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
+        many = int((counts > 2).sum())
+        return f"has edges ({many}) at which more than two triangles meet; {UPPER}"
+    widest = _widest_mm(mesh, trimesh.graph.connected_components(rims, min_len=2))
+    return f"is open at {len(rims)} edges, the widest gap {widest:.4g} mm; {UPPER}"
+
+
+def _widest_mm(mesh: trimesh.Trimesh, groups: Iterable[Sequence[int]]) -> float:
+    """Largest extent along an axis of any group of corners, mm."""
+    return max(float(np.ptp(mesh.vertices[group], axis=0).max()) for group in groups)
+
+
+def _balanced(mesh: trimesh.Trimesh) -> bool:
+    """Whether the faces pass each edge equally often in both directions."""
+    edges = mesh.edges
+    forward = edges[:, 0] < edges[:, 1]
+    _, which = np.unique(mesh.edges_sorted, axis=0, return_inverse=True)
+    return not np.bincount(which.reshape(-1), np.where(forward, 1.0, -1.0)).any()
+
+
+def _rim_edges(mesh: trimesh.Trimesh) -> np.ndarray:
+    """(n, 2) corners of the edges of a single triangle, in that triangle's order."""
+    return mesh.edges[trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)]
+
+
+def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str] | None:
+    """The mesh with holes closed by fans, and a clause about them; None for large or odd holes."""
+    mesh = mesh.copy()
+    trimesh.repair.fix_winding(mesh)
+    rims = _rims(mesh, _rim_edges(mesh))
+    added = [(rim[0], b, a) for rim in rims for a, b in pairwise(rim[1:])]
+    whole = trimesh.Trimesh(mesh.vertices, [*mesh.faces.tolist(), *added], process=False)
+    if not added or not _balanced(whole) or whole.area > (1.0 + HOLES_SHARE) * mesh.area:
+        return None
+    return whole, (
+        f"had {len(rims)} small hole(s), the widest {_widest_mm(mesh, rims):.2g} mm, closed flat "
+        f"with {len(added)} triangle(s)"
+    )
+
+
+def _rims(mesh: trimesh.Trimesh, edges: np.ndarray) -> list[list[int]]:
+    """Corners around each hole, from the edges (n, 2) around all; empty where they do not close."""
+    onward: dict[int, list[int]] = {}
+    for a, b in edges.tolist():
+        onward.setdefault(a, []).append(b)
+    rims = []
+    while onward:
+        walk = [next(iter(onward))]
+        while following := onward.pop(walk[-1], None):
+            if len(following) > 1:
+                turns = _turns(mesh, walk[-2:], following)
+                following.append(following.pop(int(turns.argmin())))
+                onward[walk[-1]] = following[:-1]
+            corner = following[-1]
+            if corner not in walk:
+                walk.append(corner)
+                continue
+            at = walk.index(corner)
+            rims.append(walk[at:])
+            del walk[at + 1 :]
+        if len(walk) > 1:
+            return []
+    return rims
+
+
+def _turns(mesh: trimesh.Trimesh, walk: list[int], corners: list[int]) -> np.ndarray:
+    """Angles from a walk's last edge to edges to corners, rad; the least stays on the same hole."""
+    here, normal = mesh.vertices[walk[-1]], mesh.vertex_normals[walk[-1]]
+    back = np.asarray(mesh.vertices[walk[0]] - here)
+    ways = np.asarray(mesh.vertices[corners] - here)
+    along = ways @ back - (ways @ normal) * (back @ normal)
+    return np.arctan2(np.cross(back, ways) @ normal, along) % (2.0 * np.pi)

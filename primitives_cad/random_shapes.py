@@ -13,7 +13,7 @@ import numpy as np
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.primitive_parameters import PLATE_THICKNESS_MM
-from t2twin.primitives_cad.shape import NOTHING_MM, RANDOM_PREFIX, HeightMap, LazyShape, Shape
+from t2twin.primitives_cad.shape import NOTHING_MM, RANDOM_PREFIX, HeightMap, Shape
 
 # of the height map (assumed: two pixels of a DIGIT, a fifth of the narrowest feature)
 PITCH_MM = 0.1
@@ -128,11 +128,15 @@ def random_shape(seed: int) -> Shape:
     """The random shape of a seed; its solid is made at the first use."""
     composition, surface = sample(seed)
     tilt_deg = float(np.degrees(np.arctan(np.hypot(*composition.tilt))))
-    return LazyShape(
-        partial(solid_under, surface), name=f"{RANDOM_PREFIX}{seed}", surface=surface,
-        spacing_mm=SPACING_MM, base_mm=-BASE_DEPTH_MM, is_under_surface=True,
+    return Shape(
+        name=f"{RANDOM_PREFIX}{seed}",
+        solid=partial(solid_under, surface),
+        surface=surface,
+        spacing_mm=SPACING_MM,
         parameters={"features": float(len(composition.features)), "tilt_deg": tilt_deg},
-    )  # fmt: skip
+        base_mm=-BASE_DEPTH_MM,
+        is_under_surface=True,
+    )
 
 
 def sample(seed: int) -> tuple[Composition, HeightMap]:

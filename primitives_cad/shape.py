@@ -30,7 +30,11 @@ if TYPE_CHECKING:
     import trimesh
 
 NOTHING_MM = -1.0e3  # height where the solid has no surface, mm: far below any layer's thickness
+SUFFIXES = (".stl", ".obj", ".ply", ".3mf", ".glb", ".step", ".stp")  # of solids' files
 RANDOM_PREFIX = "random-"  # start of the names of random shapes, before their seed
+STL_HEADER_BYTES = 84  # of binary STL: 80 of text, then the number of triangles
+# one triangle of binary STL
+STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 BALL_PITCH_MM = 0.05  # default pitch of a ball's height map: at most a fifth of a contact's grid
 
 
@@ -79,70 +83,54 @@ class Keypoint:
 
 @dataclass(frozen=True)
 class Shape:
-    """A named solid with its pressing surface, in the shape frame.
+    """A named solid with its pressing surface, in the shape frame, mm.
 
     name: as in the catalogue (`square-2`, `pliers/jaw-tip`) or a file's stem.
-    mesh: the solid, mm, in the shape frame, closed around a volume; of a file that is not closed,
-        its surface.
+    solid: the solid, closed around a volume, or a function that returns its vertices (n, 3) and
+        faces (m, 3) at their first use; of a file that is not closed, its surface.
     surface: its pressing surface.
     spacing_mm: pitch of the protocol's grid of press points for this shape, along x and y.
     parameters: of a primitive, by name, mm.
     base_mm: height of the base plate's top (negative), or None; of a shape from a file the lowest
         flat face below other parts.
-    base_slope: rise of this plane along x and y, mm per mm, of a tilted shape; base_mm is then its
-        height on the press axis.
     notes: repairs of a shape from a file, and what stays open or is not pressed, each a sentence.
+    base_slope: rise of the base plate along x and y, mm per mm, of a tilted shape; base_mm is then
+        its height on the press axis.
+    rise_mm: height of the highest point above the shape's origin; not 0 of a tilted shape only.
+    is_under_surface: whether the solid is what lies under the surface by definition.
     """
 
     name: str
-    mesh: "trimesh.Trimesh"
+    solid: "trimesh.Trimesh | Callable[[], tuple[np.ndarray, np.ndarray]]"
     surface: HeightMap
     spacing_mm: tuple[float, float]
     parameters: dict[str, float] = field(default_factory=dict)
     base_mm: float | None = None
     notes: tuple[str, ...] = ()
     base_slope: tuple[float, float] = (0.0, 0.0)
-
-    rise_mm = 0.0
-    """Height of the highest point above the shape's origin, mm; not 0 of a tilted shape only."""
+    rise_mm: float = 0.0
+    is_under_surface: bool = False
 
     def __repr__(self) -> str:
         return f"Shape({self.name!r})"
 
-    @property
+    @cached_property
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (n, 3), mm, and faces (m, 3) of the mesh."""
-        return self.mesh.vertices, self.mesh.faces
+        """Vertices (n, 3), mm, and faces (m, 3) of the solid."""
+        solid = self.solid
+        return solid() if callable(solid) else (solid.vertices, solid.faces)
 
     @cached_property
-    def is_under_surface(self) -> bool:
-        """Whether the solid is what lies under the pressing surface, such as without a mesh."""
-        return not len(self.triangles[1])
+    def mesh(self) -> "trimesh.Trimesh":
+        """The solid as a mesh, mm."""
+        import trimesh
+
+        return trimesh.Trimesh(*self.triangles, process=False)
 
     @cached_property
     def prepared(self) -> dict[str, Any]:
         """What has been computed from the shape for further presses."""
         return {}
-
-
-class LazyShape(Shape):
-    """A shape whose triangles are made at their first use. fields: of `Shape` without the mesh."""
-
-    def __init__(self, make: Callable[[], tuple[np.ndarray, np.ndarray]], **fields: Any) -> None:
-        defaults = {"parameters": {}, "base_mm": None, "notes": (), "base_slope": (0.0, 0.0)}
-        vars(self).update(defaults | fields | {"make": make})
-
-    @cached_property
-    def triangles(self) -> tuple[np.ndarray, np.ndarray]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Vertices (n, 3), mm, and faces (m, 3) of the mesh."""
-        return vars(self)["make"]()
-
-    @cached_property
-    def mesh(self) -> "trimesh.Trimesh":  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The solid, mm, in the shape frame."""
-        import trimesh
-
-        return trimesh.Trimesh(*self.triangles, process=False)
 
 
 def seed_of(name: str) -> int | None:
@@ -170,3 +158,14 @@ def ball(radius_mm: float, pitch_mm: float = BALL_PITCH_MM) -> Shape:
     mesh = icosphere(subdivisions=4, radius=radius_mm)
     mesh.apply_translation((0.0, 0.0, -radius_mm))
     return Shape("ball", mesh, HeightMap(heights.astype(np.float32), axis, axis), (1.0, 1.0))
+
+
+def binary_stl(vertices: np.ndarray, faces: np.ndarray) -> bytes:
+    """A binary STL file. vertices: (n, 3), mm. faces: (m, 3), counterclockwise from outside."""
+    corners = np.asarray(vertices)[np.asarray(faces)]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    records = np.zeros(len(corners), STL_RECORD)
+    records["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    records["corners"] = corners
+    return bytes(STL_HEADER_BYTES - 4) + np.uint32(len(corners)).tobytes() + records.tobytes()

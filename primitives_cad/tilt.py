@@ -4,6 +4,7 @@ A shape that is known by its height map only is all that lies under this map, tw
 with vertical sides where the map ends or steps.
 """
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,13 +12,13 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.height_map import MAX_CELLS, REACH_MM
-from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, LazyShape, Shape
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.primitives_cad.triangles import (
     EDGE_MM,
     OUTLINE,
     STEEP,
-    Triangles,
     in_blocks,
+    moved,
     raise_to_triangle,
     raise_to_triangles,
 )
@@ -29,8 +30,7 @@ SIDE_MM = 10.0
 # distance from a plane within which neighboring cells of a row are one part (assumed)
 EVEN_MM = 1.0e-4
 POINT, CELL = "UniTuple(f8, 3)", "UniTuple(i8, 2)"  # a point, a row and column of the source
-FRAME = "Tuple((f8[:, ::1], f8, f8, f8, i8, i8))"  # what `_moved` needs
-
+FRAME = "Tuple((f8[:, ::1], f8[::1], f8, f8, f8))"  # what `_at` needs
 NOT_SOLID = np.float32(-2.0)  # marks a cell without four solid corners in place of a normal
 SIDES_NOTE = (
     "{} has no mesh; its height map does not show its sides, which are taken as vertical where a "
@@ -51,22 +51,25 @@ def tilted(shape: Shape, tilt_x_rad: float, tilt_y_rad: float) -> Shape:
 
 def _turned(upright: Shape, rotation: np.ndarray) -> Shape:
     """A shape with its points turned by a rotation (3, 3), and its highest point at 0 again."""
-    surface, rise_mm = _surface(upright, rotation)
+    is_bare = not (upright.is_under_surface or len(upright.triangles[1]))
+    surface, rise_mm = _surface(upright, rotation, upright.is_under_surface or is_bare)
     base_mm, slope, up = upright.base_mm, (0.0, 0.0), rotation[:, 2]
     if base_mm is not None:
         base_mm = float(base_mm / up[2] - rise_mm)
         slope = (float(-up[0] / up[2]), float(-up[1] / up[2]))
-    notes = upright.notes
-    if not len(upright.triangles[1]):
-        notes = (*notes, SIDES_NOTE.format(upright.name))
-    return LazyShape(
-        partial(_turned_mesh, upright, rotation, rise_mm), name=upright.name, surface=surface,
-        spacing_mm=upright.spacing_mm, parameters=upright.parameters, base_mm=base_mm,
-        base_slope=slope, notes=notes, rise_mm=rise_mm,
-    )  # fmt: skip
+    return replace(
+        upright,
+        solid=partial(_turned_solid, upright, rotation, rise_mm),
+        surface=surface,
+        base_mm=base_mm,
+        base_slope=slope,
+        notes=(*upright.notes, *([SIDES_NOTE.format(upright.name)] if is_bare else ())),
+        rise_mm=rise_mm,
+        is_under_surface=False,
+    )
 
 
-def _turned_mesh(
+def _turned_solid(
     upright: Shape, rotation: np.ndarray, rise_mm: float
 ) -> tuple[np.ndarray, np.ndarray]:
     vertices, faces = upright.triangles
@@ -97,23 +100,32 @@ def quaternion_of(tilt_x_rad: float, tilt_y_rad: float, yaw_rad: float) -> np.nd
     ])  # fmt: skip
 
 
-def _surface(upright: Shape, rotation: np.ndarray) -> tuple[HeightMap, float]:
+def _surface(
+    upright: Shape, rotation: np.ndarray, is_under_surface: bool
+) -> tuple[HeightMap, float]:
     """The height map of a turned solid, with the highest point at 0, and its height before, mm."""
-    floor = _floor(upright.surface)
-    corners = _corners(upright, floor) @ rotation[:2].T
-    half_mm = np.minimum(np.abs(corners).max(axis=0), REACH_MM)
-    pitch = upright.surface.pitch_mm
+    flat, pitch = upright.surface, upright.surface.pitch_mm
+    if is_under_surface:
+        lowest = flat.heights_mm.min(where=flat.heights_mm > NOTHING_MM / 2, initial=0.0)
+        floor = float(lowest) - SIDE_MM  # where the sides of the solid end
+        x_mm, y_mm = flat.x_mm[[0, -1]], flat.y_mm[[0, -1]]
+        corners = np.array([(x, y, z) for x in x_mm for y in y_mm for z in (0.0, floor)])
+    else:
+        corners = upright.triangles[0]
+    half_mm = np.minimum(np.abs(corners @ rotation[:2].T).max(axis=0), REACH_MM)
     while np.prod(2 * half_mm / pitch + 3) > 2 * MAX_CELLS:
         pitch *= 2.0
     columns, rows = np.floor(half_mm / pitch + 0.5 + EDGE_MM).astype(int).tolist()
     heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
-    if upright.is_under_surface:
-        surface = upright.surface
-        flat = np.ascontiguousarray(surface.heights_mm, np.float32)
-        place = float(surface.x_mm[0]), float(surface.y_mm[0]), surface.pitch_mm
-        top = raise_to_map(flat, floor, *place, rotation, pitch, heights)
+    if is_under_surface:
+        source = np.ascontiguousarray(flat.heights_mm, np.float32)
+        place = floor, float(flat.x_mm[0]), float(flat.y_mm[0]), flat.pitch_mm
+        top = raise_to_map(source, *place, rotation, pitch, heights)
     else:
-        solid, center = _blocks(upright), np.zeros(3)
+        if "blocks" not in upright.prepared:
+            vertices, faces = upright.triangles
+            upright.prepared["blocks"] = in_blocks(np.asarray(vertices)[faces], np.asarray(faces))
+        solid, center = upright.prepared["blocks"], np.zeros(3)
         blocks = solid.blocks_near(rotation, center, half_mm, -FAR_MM, FAR_MM)
         mesh = solid.triangles_mm, solid.normals, *blocks, solid.is_closed
         place = rotation, center, pitch, FAR_MM, NOTHING_MM, heights
@@ -128,28 +140,6 @@ def _surface(upright: Shape, rotation: np.ndarray) -> tuple[HeightMap, float]:
     return HeightMap(heights, x_mm, y_mm), float(top)
 
 
-def _floor(surface: HeightMap) -> float:
-    """Height at which the sides of the solid under a map end, mm."""
-    lowest = surface.heights_mm.min(where=surface.heights_mm > NOTHING_MM / 2, initial=0.0)
-    return float(lowest) - SIDE_MM
-
-
-def _corners(upright: Shape, floor: float) -> np.ndarray:
-    """(n, 3) points whose convex hull contains the solid above the floor, mm."""
-    if not upright.is_under_surface:
-        return upright.triangles[0]
-    x_mm, y_mm = upright.surface.x_mm[[0, -1]], upright.surface.y_mm[[0, -1]]
-    return np.array([(x, y, z) for x in x_mm for y in y_mm for z in (0.0, floor)])
-
-
-def _blocks(upright: Shape) -> Triangles:
-    """The triangles of a shape's mesh in blocks, made once."""
-    if "blocks" not in upright.prepared:
-        vertices, faces = upright.triangles
-        upright.prepared["blocks"] = in_blocks(np.asarray(vertices)[faces], np.asarray(faces))
-    return upright.prepared["blocks"]
-
-
 @compiled("f8(f4[:, ::1], f8, f8, f8, f8, f8[:, ::1], f8, f4[:, ::1])", nogil=True)
 def raise_to_map(source, floor, first_x, first_y, cell, rotation, pitch, heights):
     """Raise a map to the turned solid under another one, source, and return the greatest height."""
@@ -157,7 +147,8 @@ def raise_to_map(source, floor, first_x, first_y, cell, rotation, pitch, heights
     # From here on x is in columns and y in rows of the map.
     turned, top, edge = rotation.copy(), NOTHING_MM, EDGE_MM / pitch
     turned[:2] /= pitch
-    frame = (turned, first_x, first_y, cell, heights.shape[1] // 2, heights.shape[0] // 2)
+    middle = np.array([heights.shape[1] // 2, heights.shape[0] // 2, 0.0])
+    frame = (turned, middle, first_x, first_y, cell)
     for i in range(source.shape[0] - 1):
         j = 0
         while j < source.shape[1] - 1:
@@ -174,8 +165,8 @@ def _raise_part(frame, source, ups, i, j, end, floor, edge, top, heights):
     """Raise to cells of row i from column j to before end, and to sides at them that face up."""
     to_right, to_upper = frame[0][2, 0], frame[0][2, 1]
     lower, upper, left, right = ups[i, j + 1], ups[i + 2, j + 1], ups[i + 1, j], ups[i + 1, end + 1]
-    a, b = _moved(frame, i, j, source[i, j]), _moved(frame, i, end, source[i, end])
-    c, d = _moved(frame, i + 1, end, source[i + 1, end]), _moved(frame, i + 1, j, source[i + 1, j])
+    a, b = _at(frame, i, j, source[i, j]), _at(frame, i, end, source[i, end])
+    c, d = _at(frame, i + 1, end, source[i + 1, end]), _at(frame, i + 1, j, source[i + 1, j])
     ab, bc = _shift(lower, -to_upper, edge), _shift(right, to_right, edge)
     cd, da = _shift(upper, to_upper, edge), _shift(left, -to_right, edge)
     top = _raise_face(a, b, c, ab, bc, edge, top, heights)
@@ -194,7 +185,7 @@ def _raise_part(frame, source, ups, i, j, end, floor, edge, top, heights):
 @compiled(f"f8({FRAME}, {POINT}, {POINT}, {CELL}, {CELL}, f8, f8, f8, f4[:, ::1])", nogil=True)
 def _raise_side(frame, one, other, at, then, floor, edge, top, heights):
     """Raise to the side below two points, at two places of the source."""
-    below, after = _moved(frame, at[0], at[1], floor), _moved(frame, then[0], then[1], floor)
+    below, after = _at(frame, at[0], at[1], floor), _at(frame, then[0], then[1], floor)
     top = _raise_face(below, after, other, edge, edge, edge, top, heights)
     return _raise_face(below, other, one, edge, edge, edge, top, heights)
 
@@ -215,15 +206,10 @@ def _shift(beyond, up, edge):
 
 
 @compiled(inline="always")
-def _moved(frame, i, j, height):
+def _at(frame, i, j, height):
     """The point at a height over a point of the source, in columns, rows and mm of the map."""
-    turned, first_x, first_y, cell, column, row = frame
-    x, y, z = first_x + j * cell, first_y + i * cell, np.float64(height)
-    return (
-        column + turned[0, 0] * x + turned[0, 1] * y + turned[0, 2] * z,
-        row + turned[1, 0] * x + turned[1, 1] * y + turned[1, 2] * z,
-        turned[2, 0] * x + turned[2, 1] * y + turned[2, 2] * z,
-    )
+    turned, middle, first_x, first_y, cell = frame
+    return moved(turned, middle, (first_x + j * cell, first_y + i * cell, height))
 
 
 @compiled("i8(f4[:, ::1], f4[:, ::1], i8, i8)", nogil=True)

@@ -113,9 +113,9 @@ def raise_to_triangles(
         if upper[m] < top - depth:
             break
         for n in range(BLOCK * blocks[m], min(BLOCK * blocks[m] + BLOCK, triangles.shape[0])):
-            a = _moved(turned, middle, triangles[n, 0])
-            b = _moved(turned, middle, triangles[n, 1])
-            c = _moved(turned, middle, triangles[n, 2])
+            a = moved(turned, middle, triangles[n, 0])
+            b = moved(turned, middle, triangles[n, 1])
+            c = moved(turned, middle, triangles[n, 2])
             area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
             if area == 0.0 or max(a[2], b[2], c[2]) < top - depth:
                 continue  # seen edge-on, its neighbors include its outline
@@ -129,7 +129,7 @@ def raise_to_triangles(
 
 
 @compiled(inline="always")
-def _moved(rotation, center, point):
+def moved(rotation, center, point):
     """A point of the triangles' frame in the frame of the map, (x, y, z)."""
     x, y, z = np.float64(point[0]), np.float64(point[1]), np.float64(point[2])
     return (
@@ -209,15 +209,13 @@ def raise_to_corners(triangles, pitch, heights):
     """Raise a map to triangles (n, 3, 3), mm, that face up or down, without moving outlines."""
     column, row, edge = heights.shape[1] // 2, heights.shape[0] // 2, EDGE_MM / pitch
     for n in range(triangles.shape[0]):
-        ax, ay = triangles[n, 0, 0] / pitch + column, triangles[n, 0, 1] / pitch + row
-        bx, by = triangles[n, 1, 0] / pitch + column, triangles[n, 1, 1] / pitch + row
-        cx, cy = triangles[n, 2, 0] / pitch + column, triangles[n, 2, 1] / pitch + row
-        a, b, c = (
-            (ax, ay, triangles[n, 0, 2]),
-            (bx, by, triangles[n, 1, 2]),
-            (cx, cy, triangles[n, 2, 2]),
+        x, y, z = (
+            triangles[n, :, 0] / pitch + column,
+            triangles[n, :, 1] / pitch + row,
+            triangles[n, :, 2],
         )
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        a, b, c = (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         if area < 0.0:
             b, c = c, b
         if area != 0.0:

@@ -23,8 +23,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import check_own, locked, move_into, temporary_folder, write_csv
 from t2twin.core.machine import installed_version
-from t2twin.primitives_cad.mesh_files import binary_stl
-from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.shape import Shape, binary_stl
 from t2twin.sim import scene
 from t2twin.sim.contact.displacements import is_far
 from t2twin.sim.contact.elastomer import elastomer_json

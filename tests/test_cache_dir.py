@@ -51,7 +51,7 @@ def test_the_variable_names_another_folder(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(tmp_path / "here/it/is"))
     assert cache_dir.cache_dir() == tmp_path / "here/it/is"
     load_file(tmp_path)
-    assert [path.suffix for path in (tmp_path / "here/it/is/shapes").iterdir()] == [".npz"]
+    assert [path.suffix for path in (tmp_path / "here/it/is/shapes").iterdir()] == [".pickle"]
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv(VARIABLE, str(tmp_path / "file"))
     with pytest.raises(T2TwinError, match=r"T2TWIN_CACHE is .+ which cannot be written"):

@@ -13,7 +13,7 @@ from maintenance.write_bundled import build, tool_mesh
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.draw import in_colors
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.mesh_files import binary_stl
+from t2twin.primitives_cad.shape import binary_stl
 
 SLOW = (
     "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "torch", "trimesh",

@@ -154,7 +154,7 @@ def hint_of(path, **options):
     """The scale that the refusal of a file names, or None, and the sentence."""
     with pytest.raises(T2TwinError, match=r"0\.5 x 0\.2 mm and at most 1000 mm") as caught:
         read_solid(path, **options)
-    found = re.search(r"--scale (\S+)", str(caught.value))
+    found = re.search(r"a scale of (\S+)", str(caught.value))
     return found and float(found[1]), str(caught.value)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from t2twin.cli import doctor
 from t2twin.core import machine
-from t2twin.primitives_cad import shape_cache
+from t2twin.primitives_cad import catalogue
 from t2twin.sim.dataset import info, shard
 
 ABSENT = "no-such-package-of-t2twin"
@@ -55,6 +55,6 @@ def test_a_record_names_a_package_that_is_not_installed(monkeypatch):
     assert machine.installed_version(ABSENT) == "not installed"
     monkeypatch.setattr(info, "PACKAGES", ("t2twin", ABSENT))
     assert info.versions()[ABSENT] == "not installed"
-    before = shape_cache.code_digest()
-    monkeypatch.setattr(shape_cache, "MAKERS", ("cadquery", ABSENT, "trimesh"))
-    assert shape_cache.code_digest() != before
+    before = catalogue.code_digest()
+    monkeypatch.setattr(catalogue, "MAKERS", ("cadquery", ABSENT, "trimesh"))
+    assert catalogue.code_digest() != before

@@ -179,11 +179,11 @@ def test_a_shape_may_be_pressed_at_its_highest_part(radius, tmp_path):
     pad = box((4, 4, 2), (0, radius, 4))  # 2 mm above the ring, at y = radius
     trimesh.util.concatenate([ring, pad]).export(tmp_path / "ring.stl")
     if radius > 32.0:
-        with pytest.raises(T2TwinError, match=r"no surface within 32 mm.*--center"):
+        with pytest.raises(T2TwinError, match=r"no surface within 32 mm.*center presses"):
             catalogue.load(tmp_path / "ring.stl", tmp_path / "kept")
     shape = catalogue.load(tmp_path / "ring.stl", tmp_path / "kept", center=True)
     contact = pressed(shape, COVER, COVER_PITCH_MM, force=1.0)
     assert center(contact) == pytest.approx((0.0, 0.0), abs=0.1)
     assert contact.contact_area_mm2 == pytest.approx(16.0, rel=0.03)
-    with pytest.raises(T2TwinError, match="center is for files only"):
+    with pytest.raises(T2TwinError, match="center are for files only"):
         catalogue.load("square-2", center=True)

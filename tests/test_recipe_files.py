@@ -39,9 +39,9 @@ def test_a_hint_of_scale_names_a_field_of_the_recipe_that_works(
     with pytest.raises(SystemExit):
         main(["simdata", "--recipe", str(path), "--out", str(tmp_path / "out")])
     said = capfd.readouterr().err
-    found = re.search(r"meters, (scale = 1000) in this part of the recipe makes it 330 mm", said)
-    assert found and "--scale" not in said and not (tmp_path / "out").exists()
-    recipe(path, f"{found[1]}\n")
+    found = re.search(r"meters, a scale of 1000 makes it 330 mm", said)
+    assert found and not (tmp_path / "out").exists()
+    recipe(path, "scale = 1000\n")
     info = make_dataset(tmp_path / "out", recipe=path, workers=1, cache=shape_cache)
     assert info.pairs["train"] == 2 and verify_dataset(tmp_path / "out") == []
     part = Part(shapes=str(solids), presses=2, place=NEAR, scale=1000.0)
@@ -52,7 +52,7 @@ def test_a_hint_of_scale_names_a_field_of_the_recipe_that_works(
 def test_files_off_the_middle_are_pressed_with_center(solids, tmp_path, shape_cache):
     trimesh.creation.annulus(r_min=60.0, r_max=66.0, height=5.0).export(solids / "ring.stl")
     path = recipe(tmp_path / "mine.toml")
-    with pytest.raises(T2TwinError, match="32 mm of the press axis; center = true in this part"):
+    with pytest.raises(T2TwinError, match="32 mm of the press axis; the option center presses"):
         make_dataset(tmp_path / "out", recipe=path, workers=1, cache=shape_cache)
     recipe(path, "center = true\n")
     make_dataset(tmp_path / "out", recipe=path, workers=1, cache=shape_cache)

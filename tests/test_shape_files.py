@@ -7,13 +7,7 @@ import pytest
 import trimesh
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad import (
-    catalogue,
-    contact_sheet,
-    export,
-    primitive_parameters,
-    shape_cache,
-)
+from t2twin.primitives_cad import catalogue, contact_sheet, export, primitive_parameters
 from t2twin.primitives_cad import mesh_files as read
 
 
@@ -77,7 +71,7 @@ def test_an_unknown_name_lists_the_near_ones(wrong, near, tmp_path):
 def test_the_second_load_is_read_and_the_same(tmp_path, monkeypatch):
     path = block(tmp_path / "block.stl")
     first = catalogue.load(path, tmp_path / "kept")
-    monkeypatch.setattr(catalogue, "_file", lambda *_: pytest.fail("was made again"))
+    monkeypatch.setattr(catalogue, "_prepared", lambda *_: pytest.fail("was made again"))
     second = catalogue.load(path, tmp_path / "kept")
     np.testing.assert_array_equal(first.mesh.vertices, second.mesh.vertices)
     np.testing.assert_array_equal(first.mesh.faces, second.mesh.faces)
@@ -91,7 +85,7 @@ def test_stale_copies_are_not_used(tmp_path, monkeypatch):
     path, folder = block(tmp_path / "block.stl"), tmp_path / "kept"
     catalogue.load(path, folder)
     (kept,) = folder.iterdir()
-    monkeypatch.setattr(shape_cache, "installed_version", lambda name: "another")
+    monkeypatch.setattr(catalogue, "installed_version", lambda name: "another")
     catalogue.load(path, folder)
     (newer,) = folder.iterdir()
     assert newer != kept
@@ -107,7 +101,7 @@ def test_files_of_one_stem_in_two_folders_are_both_kept(tmp_path, monkeypatch):
     block(paths[1], (6.0, 4.0, 7.0))
     catalogue.load(paths[1], tmp_path / "kept")
     assert len(list((tmp_path / "kept").iterdir())) == 2  # the changed file's old shape is gone
-    monkeypatch.setattr(catalogue, "_file", lambda *_: pytest.fail("was made again"))
+    monkeypatch.setattr(catalogue, "_prepared", lambda *_: pytest.fail("was made again"))
     volumes = [catalogue.load(path, tmp_path / "kept").mesh.volume for path in paths]
     assert volumes == pytest.approx([72.0, 168.0])
 

@@ -139,7 +139,7 @@ def test_a_shape_without_a_mesh_has_vertical_sides_and_says_so(tmp_path):
     solid = trimesh.creation.box((6.0, 4.0, 3.0))
     solid.export(tmp_path / "box.stl")
     full = t2twin.load_shape(tmp_path / "box.stl")
-    bare = replace(full, mesh=trimesh.Trimesh())
+    bare = replace(full, solid=trimesh.Trimesh())
     with pytest.warns(T2TwinWarning, match="box has no mesh; its height map does not show its sid"):
         touch = twin().press(bare, force_n=3.0, **TILT_DEG)
     expected = twin().press(full, force_n=3.0, **TILT_DEG)

@@ -141,7 +141,7 @@ def _with_all_shapes(contact: Contact, shapes: Sequence[Shape]) -> Contact:
     highest = np.maximum(np.maximum.reduce(heights), np.float32(NOTHING_MM))
     surface = HeightMap(highest, maps[0].x_mm, maps[0].y_mm)
     name = " and ".join(shape.name for shape in shapes)
-    shape = Shape(name, shapes[0].mesh, surface, shapes[0].spacing_mm)
+    shape = Shape(name, shapes[0].solid, surface, shapes[0].spacing_mm)
     force_n = float(contact.equilibrium.forces_n.sum())
     return replace(
         contact, shape=shape, command=replace(contact.command, shape=name, force_n=force_n)

@@ -29,7 +29,6 @@ from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked, temporary_folde
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.shape_cache import code_digest
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, SensorInfo, Shard, versions
@@ -47,7 +46,7 @@ from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sampling.held_out import check_held_out
 from t2twin.sim.sampling.plan import Batch, plan
-from t2twin.sim.sampling.recipe import NAMED, PAPER, RANDOM, Recipe, checked, load_recipe
+from t2twin.sim.sampling.recipe import NAMED, PAPER, Recipe, checked, load_recipe
 from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.sensors.pair import SensorPair
 
@@ -134,7 +133,6 @@ def build_info(
     of_files = [batch for batch in batches if recipe.parts[batch.part].shapes not in NAMED]
     solids = sorted({path for batch in of_files for path in batch.shapes})
     on_grid = {batch.shapes[0]: batch.indices for batch in batches if batch.indices is not None}
-    has_random = any(part.shapes == RANDOM for part in recipe.parts)
     return DatasetInfo(
         format=FORMAT,
         complete=False,
@@ -148,7 +146,7 @@ def build_info(
         recipe=recipe,
         shapes=on_grid,
         only=only,
-        shape_code=code_digest(has_random),
+        shape_code=catalogue.code_digest(),
         files={path: sha256_of(Path(path)) for path in solids} or None,
     )
 

@@ -15,9 +15,9 @@ import numpy as np
 from msgspec import UNSET, structs
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad import catalogue, mesh_files
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
-from t2twin.primitives_cad.shape import RANDOM_PREFIX, Shape
+from t2twin.primitives_cad.shape import RANDOM_PREFIX, SUFFIXES, Shape
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.optical.units import log_uniform
 from t2twin.sim.sampling import protocol
@@ -134,7 +134,7 @@ def solids_in(folder: str) -> tuple[str, ...]:
     """The files of solids in a recipe's folder, sorted. Raises T2TwinError without any."""
     found = sorted(str(path) for path in Path(folder).glob("*") if _is_solid(path.suffix))
     if not found:
-        allowed = f"{', '.join(NAMED)}, or a folder with {', '.join(mesh_files.SUFFIXES)} files"
+        allowed = f"{', '.join(NAMED)}, or a folder with {', '.join(SUFFIXES)} files"
         raise T2TwinError(f"{folder} contains no solids; shapes must be {allowed}")
     return tuple(found)
 
@@ -143,15 +143,12 @@ def load_shape(part: Part, source: str, cache_dir: str | Path | None = None) -> 
     """A shape of a part by its name or file. cache_dir and errors: as for catalogue.load."""
     if part.shapes in NAMED:
         return catalogue.load(source, cache_dir)
-    hints = mesh_files.Hints(
-        scale="scale = {:g} in this part of the recipe", center="center = true in this part"
-    )
-    return catalogue.load(source, cache_dir, part.solid_scale, bool(part.center), hints)
+    return catalogue.load(source, cache_dir, part.solid_scale, bool(part.center))
 
 
 def _is_solid(suffix: str) -> bool:
     """Whether files of this suffix contain solids."""
-    return suffix.lower() in mesh_files.SUFFIXES
+    return suffix.lower() in SUFFIXES
 
 
 def _part_batches(

@@ -194,7 +194,7 @@ class TouchOptions(Press):
         """The folder to write. The suffix is added where another file of a shape has this stem."""
         name, file = shape.name, Path(self.shape)
         if file.suffix:
-            from t2twin.primitives_cad.mesh_files import SUFFIXES
+            from t2twin.primitives_cad.shape import SUFFIXES
 
             solids = [each for each in file.parent.glob("*") if each.suffix.lower() in SUFFIXES]
             if file in solids and [each.stem for each in solids].count(file.stem) > 1:

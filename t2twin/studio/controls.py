@@ -12,8 +12,7 @@ import viser
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.catalogue import NAMES
-from t2twin.primitives_cad.mesh_files import SUFFIXES
-from t2twin.primitives_cad.shape import RANDOM_PREFIX
+from t2twin.primitives_cad.shape import RANDOM_PREFIX, SUFFIXES
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.sampling.plan import MAX_SHAPE_SEED
 from t2twin.sim.sampling.protocol import FORCE_N, SCALES
