@@ -6,6 +6,7 @@ from math import radians
 from typing import TYPE_CHECKING
 
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.sensors.defaults import SOURCE, TARGET
 
 if TYPE_CHECKING:
     import numpy as np
@@ -13,6 +14,10 @@ if TYPE_CHECKING:
     from t2twin.primitives_cad.shape import Shape
     from t2twin.sim.contact.types import PressCommand
     from t2twin.sim.sensors.files import Sensor
+
+
+OPTIONS = ("layout", "optics", "imperfections", "markers")
+"""Options of the sensors."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,16 @@ class Press:
         depth_mm: Instead of a force, the depth from first contact, mm, in the elastomer of the
             source, or of the target if only the target is pressed.
         seed: Seed of the camera noise and of the array's imperfections; none without a seed.
+        source: The first sensor: a bundled one (t2twin sensors lists them) or a sensor file.
+        target: The second sensor.
+        scale: mm per unit of the file: 1000 for meters, 25.4 for inches. Default: the file's unit
+            (3MF, GLB, STEP), else 1.
+        layout: Taxel layout of a taxel array: a name, or a JSON or CSV file with x_mm and y_mm.
+        optics: A gel camera's light and, if it was fitted, its gel's modulus, as written by
+            t2twin calibrate; default: those of the sensor's file.
+        imperfections: An array's errors if there is a seed: none, or a name in the sensor's file;
+            default white.
+        markers: Print the markers of the sensor's file on the gel of a gel camera.
     """
 
     shape: str
@@ -46,6 +61,18 @@ class Press:
     force_n: float | None = None
     depth_mm: float | None = None
     seed: int | None = None
+    source: str = SOURCE
+    target: str = TARGET
+    scale: float | None = None
+    layout: str | None = None
+    optics: str | None = None
+    imperfections: str | None = None
+    markers: bool = False
+
+    @property
+    def options(self) -> dict[str, str | bool | None]:
+        """Options of the sensors, for `SensorPair.of`."""
+        return {name: getattr(self, name) or None for name in OPTIONS}
 
     @property
     def tilt_rad(self) -> tuple[float, float]:

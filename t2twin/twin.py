@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -193,39 +192,8 @@ class Twin:
         return touches
 
 
-def press(
-    shape: str | Path | Shape,
-    *,
-    force_n: float | None = None,
-    depth_mm: float | None = None,
-    x_mm: float = 0.0,
-    y_mm: float = 0.0,
-    yaw_deg: float = 0.0,
-    tilt_x_deg: float = 0.0,
-    tilt_y_deg: float = 0.0,
-    seed: int | None = None,
-    scale: float | None = None,
-    center: bool = False,
-) -> Touch:
-    """Press a shape into a default `Twin`: see `Twin.press`."""
-    return _default_twin().press(
-        shape,
-        force_n=force_n,
-        depth_mm=depth_mm,
-        x_mm=x_mm,
-        y_mm=y_mm,
-        yaw_deg=yaw_deg,
-        tilt_x_deg=tilt_x_deg,
-        tilt_y_deg=tilt_y_deg,
-        seed=seed,
-        scale=scale,
-        center=center,
-    )
-
-
-@cache
-def _default_twin() -> Twin:
-    return Twin()
+press = Twin().press
+"""`Twin.press` of a twin with the default sensors."""
 
 
 def shapes() -> tuple[str, ...]:

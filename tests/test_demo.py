@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 
 from t2twin import cli
-from t2twin.cli import demo
+from t2twin.cli import networks
 
 
 @pytest.mark.parametrize("minutes", [1.0, 3.0, 4.0, 6.0, 60.0, None])
 def test_the_trainings_leave_time_for_the_other_steps(minutes):
-    steps = demo.commands(Path("out"), minutes)
+    steps = networks.demo_commands(Path("out"), minutes)
     lengths = [float(words[-1]) for words in steps if words[0] == "train"]
-    assert len(lengths) == 2 and 0.0 < max(lengths) <= demo.TRAINING_MINUTES
+    assert len(lengths) == 2 and 0.0 < max(lengths) <= networks.TRAINING_MINUTES
     assert minutes is None or sum(lengths) < minutes / 2
-    assert ("small" in steps[1]) == (minutes is None or minutes >= demo.SMALL_MINUTES)
+    assert ("small" in steps[1]) == (minutes is None or minutes >= networks.SMALL_MINUTES)
 
 
 def test_the_commands_are_valid(capsys, monkeypatch):

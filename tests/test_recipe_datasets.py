@@ -6,7 +6,7 @@ import pytest
 from msgspec import structs
 
 from t2twin.cli import main
-from t2twin.cli.dataset import SimdataOptions
+from t2twin.cli.dataset import simdata
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
@@ -72,7 +72,7 @@ def digests(folder):
 
 def test_what_ships_can_be_planned():
     assert len(bundled_recipes()) == 14
-    named = set(re.findall(r"[\w-]+", str(SimdataOptions.__doc__)))
+    named = set(re.findall(r"[\w-]+", str(simdata.__doc__)))
     assert set(bundled_recipes()) <= named
     open_recipe = load_recipe("open")
     batches = plan(open_recipe)

@@ -54,10 +54,9 @@ class SensorPair:
         allowed = dict.fromkeys((*self.source.OPTIONS, *self.target.OPTIONS))
         for name in given:
             if name not in allowed:
-                raise T2TwinError(
-                    f"{name} is given, but neither {self.source.name} nor {self.target.name} has "
-                    f"it; they have {' and '.join(allowed)}"
-                )
+                names = " and ".join(dict.fromkeys((self.source.name, self.target.name)))
+                options = " and ".join(allowed)
+                raise T2TwinError(f"{name} has no effect on {names}, which has {options}")
         both = []
         for sensor in (self.source, self.target):
             own = {name: value for name, value in given.items() if name in sensor.OPTIONS}

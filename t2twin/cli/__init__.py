@@ -3,29 +3,17 @@
 import logging
 import os
 import sys
-from contextlib import suppress
 
 import tyro
 
-from t2twin.cli import (
-    calibrate,
-    dataset,
-    demo,
-    doctor,
-    evaluate,
-    press,
-    sensors,
-    studio,
-    train,
-    translate,
-)
+from t2twin.cli import calibrate, dataset, doctor, networks, press
 from t2twin.core.errors import OUT_OF_MEMORY, T2TwinError, is_out_of_memory
-from t2twin.core.files import NO_SPACE
+from t2twin.core.machine import installed_version
 
 COMMANDS = {
     "shapes": press.shapes,
     "primitives": press.primitives,
-    "sensors": sensors.sensors,
+    "sensors": press.sensors,
     "calibrate": calibrate.calibrate,
     "adapt": calibrate.adapt,
     "press": press.press,
@@ -33,15 +21,15 @@ COMMANDS = {
     "simdata": dataset.simdata,
     "import-pairs": dataset.import_pairs,
     "convert": dataset.convert,
-    "train": train.train,
-    "calibrate-uncertainty": train.calibrate_uncertainty,
-    "evaluate": evaluate.evaluate,
-    "translate": translate.translate,
-    "live": translate.live,
-    "export": translate.export,
-    "report": evaluate.report,
-    "studio": studio.studio,
-    "demo": demo.demo,
+    "train": networks.train,
+    "calibrate-uncertainty": networks.calibrate_uncertainty,
+    "evaluate": networks.evaluate,
+    "translate": networks.translate,
+    "live": networks.live,
+    "export": networks.export,
+    "report": networks.report,
+    "studio": press.studio,
+    "demo": networks.demo,
     "doctor": doctor.doctor,
 }
 
@@ -54,12 +42,14 @@ TYRO_OPTIONS = (
 
 def main(arguments: list[str] | None = None) -> None:
     """Run a subcommand; print one sentence and exit with status 2 after an error of the user."""
-    given = sys.argv[1:] if arguments is None else arguments
-    _print_log()
+    handler = logging.StreamHandler(sys.stderr)  # prints notices, such as before compiling
+    handler.setFormatter(logging.Formatter("t2twin: %(message)s"))
+    log = logging.getLogger("t2twin")
+    log.handlers = [handler]
+    log.setLevel(logging.INFO)
     try:
-        _run(given)
-        if sys.stdout is not None:
-            sys.stdout.flush()  # reports write errors here instead of at the exit of Python
+        _run(sys.argv[1:] if arguments is None else arguments)
+        sys.stdout.flush()  # reports write errors here instead of at the exit of Python
     except T2TwinError as error:
         sys.exit(_print_error(str(error)))
     except BrokenPipeError:
@@ -70,22 +60,11 @@ def main(arguments: list[str] | None = None) -> None:
             sys.exit(_print_error(OUT_OF_MEMORY))
         if not isinstance(error, OSError):
             raise
-        sys.exit(_print_error(_file_error(error)))
-
-
-def _print_log() -> None:
-    """Prints what modules log, such as a notice before they compile."""
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("t2twin: %(message)s"))
-    log = logging.getLogger("t2twin")
-    log.handlers = [handler]
-    log.setLevel(logging.INFO)
+        sys.exit(_print_error(str(error)))
 
 
 def _run(given: list[str]) -> None:
     if given == ["--version"]:
-        from t2twin.core.machine import installed_version
-
         print(f"t2twin {installed_version('t2twin')}")
         return
     tyro.extras.subcommand_cli_from_dict(
@@ -101,16 +80,8 @@ def _drop_output() -> None:
     """Discards the buffer of a broken standard output, which Python would write again."""
     try:
         sys.stdout.flush()
-    except (OSError, ValueError, AttributeError):
-        with suppress(OSError, ValueError, AttributeError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _file_error(error: OSError) -> str:
-    reason = (error.strerror or str(error)).lower()
-    if error.errno in NO_SPACE:
-        return f"no space is left on the device ({reason}); free space and start again"
-    return f"{error.filename or 'a file'} cannot be used: {reason}"
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _print_error(message: str) -> int:

@@ -10,13 +10,9 @@ import tyro
 from t2twin.sim.sensors.defaults import SOURCE
 
 if TYPE_CHECKING:
-    from t2twin.adaptation.real_frame_evaluation import AdaptationResult
     from t2twin.sim.calibrate.calibrate import OpticsReport, Score
     from t2twin.sim.calibrate.measurements import Tolerance
     from t2twin.sim.optical.camera import Camera
-
-FILES = ("optics_strip.png", "optics_coverage.png", "optics.json", "optics.npz")
-"""Files written to --out with presses."""
 
 
 @dataclass(frozen=True)
@@ -88,29 +84,24 @@ def calibrate(
         sensor: Gel camera: a bundled name or a .toml file, whose gel, camera and LEDs hold.
     """
     from t2twin.core.errors import T2TwinError
-    from t2twin.core.files import check_replaceable, locked
+    from t2twin.core.files import locked
     from t2twin.sim.calibrate.calibrate import calibrate as calibrate_optics
     from t2twin.sim.calibrate.calibrate import guess_light
+    from t2twin.sim.calibrate.frames import read_frame, upright_frame
+    from t2twin.translate.inference.load import contact_warnings
 
+    if (presses is None) != (ball_diameter_mm is None):
+        raise T2TwinError("expected both --presses and --ball-diameter-mm, or none of them")
     camera = fit.camera(sensor)
-    if presses is None:
-        if ball_diameter_mm is not None or fit != FitOptions(scale_px_per_mm=fit.scale_px_per_mm):
-            raise T2TwinError(
-                "--presses is missing, the folder of frames of the ball; the background alone "
-                "takes none of --ball-diameter-mm, --held-out and the tolerances"
-            )
-        _warn_of_contact(background, camera, sensor)
-        with locked(out):
-            guess_light(background, camera, print, sensor).save(out / "optics.npz")
-        print(f"written to {out}: optics.npz, for press and simdata as --optics. It has")
-        print("your background and the mean light of sampled units; a fit needs presses of a ball")
-        return
-    if ball_diameter_mm is None:
-        raise T2TwinError("--ball-diameter-mm is missing: that of the ball of --presses")
-    _warn_of_contact(background, camera, sensor)
+    frame = upright_frame(read_frame(background), camera)
+    for warning in contact_warnings(frame, str(background), sensor):
+        print(f"t2twin: {warning}", file=sys.stderr)
     with locked(out):
-        for name in FILES:  # before a fit, which takes minutes
-            check_replaceable(out / name)
+        if presses is None or ball_diameter_mm is None:
+            guess_light(background, camera, print, sensor).save(out / "optics.npz")
+            print(f"written to {out}: optics.npz, for press and simdata as --optics. It has your")
+            print("background and the mean light of sampled units; a fit needs presses of a ball")
+            return
         report = calibrate_optics(
             background, presses, ball_diameter_mm, fit.held_out, camera, print, fit.tolerance,
             sensor,
@@ -119,19 +110,6 @@ def calibrate(
     print(f"written to {out}: optics.npz, for press and simdata as --optics;")
     print("optics.json, the printed results; optics_strip.png, the held-out presses:")
     print("real above, simulated below; optics_coverage.png, all presses and what they leave bare")
-
-
-def _warn_of_contact(background: Path, camera: "Camera", sensor: str) -> None:
-    """Warn if a pretrained run of the sensor finds a contact in the background frame.
-
-    Raises T2TwinError for a frame that cannot be read or has another size.
-    """
-    from t2twin.sim.calibrate.frames import read_frame, upright_frame
-    from t2twin.translate.inference.load import contact_warnings
-
-    frame = upright_frame(read_frame(background), camera)
-    for warning in contact_warnings(frame, str(background), sensor):
-        print(f"t2twin: {warning}", file=sys.stderr)
 
 
 def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
@@ -143,7 +121,7 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     from PIL import Image
 
     from t2twin.core.files import atomic_write
-    from t2twin.core.tables import text
+    from t2twin.core.tables import Table, text
     from t2twin.sim.calibrate.calibrate import sensor_and_camera, write_fit
     from t2twin.sim.calibrate.coverage import coverage_sentences
     from t2twin.sim.calibrate.measurements import uncertainty_table
@@ -157,33 +135,23 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
         Image.fromarray(strip).save(temporary)
     gel_camera, _ = sensor_and_camera(sensor, None)
     write_fit(out, report, gel_camera.own_gel)
-    unsure = report.uncertainty
-    lines = [] if unsure is None else [text(uncertainty_table(unsure)), ""]
-    covered = coverage_sentences(report.coverage)
-    for line in (*_score_lines(report), *lines, *covered, ""):
-        print(line)
-
-
-def _score_lines(report: "OpticsReport") -> list[str]:
-    from t2twin.core.tables import Table, text
-
-    lines = []
+    trained, held_out = report.trained, report.held_out
     if report.repeated:
-        lines.append(f"excluded duplicates: {', '.join(report.repeated)}")
-    lines += [
-        f"fitted to {report.trained[0]} to {report.trained[-1]}, {len(report.trained)} presses",
-        f"scored on {report.held_out[0]} to {report.held_out[-1]}, {len(report.held_out)} held-out "
-        "presses;",
-        "the pose of each is fitted to its own frame; the written optics are fitted to all",
-    ]
+        print(f"excluded duplicates: {', '.join(report.repeated)}")
+    print(f"fitted to {trained[0]} to {trained[-1]}, {len(trained)} presses")
+    print(f"scored on {held_out[0]} to {held_out[-1]}, {len(held_out)} held-out presses;")
+    print("the pose of each is fitted to its own frame; the written optics are fitted to all\n")
     heads = ("press", "x mm", "y mm", "deep mm", "L1", "SSIM", "PSNR dB")
-    poses = zip(report.held_out, report.poses, report.each, strict=True)
+    poses = zip(held_out, report.poses, report.each, strict=True)
     presses = [[name, *(f"{value:.2f}" for value in pose), *_cells(score)]
                for name, pose, score in poses]  # fmt: skip
     means = [[field.name.replace("_", " "), "", "", "", *_cells(getattr(report.scores, field.name))]
              for field in fields(report.scores)]  # fmt: skip
     groups = {"": presses, "mean, contact crop of 100 x 100 px:": means}
-    return [*lines, "", text(Table(heads, groups)), ""]
+    print(text(Table(heads, groups)), end="\n\n")
+    if report.uncertainty is not None:
+        print(text(uncertainty_table(report.uncertainty)), end="\n\n")
+    print(*coverage_sentences(report.coverage), sep="\n", end="\n\n")
 
 
 def _cells(score: "Score") -> list[str]:
@@ -221,25 +189,20 @@ def adapt(
         sensor: Gel camera: a bundled name or a .toml file, whose gel, camera and LEDs hold.
     """
     from t2twin.adaptation.pipeline import adapt as run_adaptation
+    from t2twin.adaptation.real_frame_evaluation import scores_table
+    from t2twin.core.tables import text
+    from t2twin.sim.calibrate.measurements import uncertainty_table
 
     result = run_adaptation(
         background, presses, ball_diameter_mm, out, fit.held_out, minutes,
         fit.camera(sensor), model, init_from, workers, tolerance=fit.tolerance, sensor=sensor,
     )  # fmt: skip
-    _print(result)
-    print(f"written to {out}: run {model}, optics.npz, index.html")
-
-
-def _print(result: "AdaptationResult") -> None:
-    from t2twin.adaptation.real_frame_evaluation import scores_table
-    from t2twin.core.tables import text
-    from t2twin.sim.calibrate.measurements import uncertainty_table
-
     print(text(uncertainty_table(result.uncertainty)), end="\n\n")
-    minutes = ", ".join(f"{name} {spent:.1f}" for name, spent in result.minutes.items())
-    print(f"minutes: {minutes}\n{result.presses} held-out presses:")
+    spent = ", ".join(f"{name} {each:.1f}" for name, each in result.minutes.items())
+    print(f"minutes: {spent}\n{result.presses} held-out presses:")
     print(text(scores_table(result)))
     print(f"RMSE of zero counts: {result.zero_rmse_percent:.2f} %")
     for name, scores in result.runs.items():
         print(f"largest count on the background frame, {name} run: {scores.background_counts:.0f}")
     print(f"kept: the {result.kept} run")
+    print(f"written to {out}: run {model}, optics.npz, index.html")

@@ -1,9 +1,8 @@
 """t2twin simdata, t2twin import-pairs and t2twin convert"""
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 from msgspec import structs
@@ -12,9 +11,23 @@ if TYPE_CHECKING:
     from t2twin.sim.dataset.info import DatasetInfo
 
 
-@dataclass(frozen=True)
-class SimdataOptions:
-    """Options of `t2twin simdata`.
+def simdata(
+    scale: str | None = None,
+    out: Path | None = None,
+    workers: int | None = None,
+    recipe: str | None = None,
+    seed: int | None = None,
+    source: str | None = None,
+    target: str | None = None,
+    layout: str | None = None,
+    imperfections: str | None = None,
+    optics: str | None = None,
+    renderer: Literal["baked", "pyrender"] | None = None,
+    primitives: Path | None = None,
+    scheduler: str | None = None,
+    verify: Path | None = None,
+) -> None:
+    """Make a paired dataset or continue one; or check one with --verify.
 
     Args:
         scale: Of the protocol: smoke (about 100 pairs), light (1,000), small (about 1,200) or
@@ -42,61 +55,29 @@ class SimdataOptions:
             tcp://10.0.0.1:8786. They must have the folders under the same paths.
         verify: Check this dataset instead, list what is damaged, and exit with 1 if anything is.
     """
-
-    scale: str | None = None
-    out: Path | None = None
-    workers: int | None = None
-    recipe: str | None = None
-    seed: int | None = None
-    source: str | None = None
-    target: str | None = None
-    layout: str | None = None
-    imperfections: str | None = None
-    optics: str | None = None
-    renderer: Literal["baked", "pyrender"] | None = None
-    primitives: Path | None = None
-    scheduler: str | None = None
-    verify: Path | None = None
-
-
-def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
-    """Make a paired dataset or continue one; or check one with --verify."""
     import t2twin
     from t2twin.core.errors import T2TwinError
     from t2twin.sim.sampling.recipe import load_recipe
     from t2twin.sim.sensors.defaults import SOURCE, TARGET
     from t2twin.sim.sensors.pair import SensorPair
 
-    if options.verify is not None:
-        if options != SimdataOptions(verify=options.verify):
-            raise T2TwinError("--verify makes nothing; expected no other option with it")
-        sys.exit(_verify(options.verify))
-    of_scale = {name: getattr(options, name) for name in ("layout", "optics", "renderer")}
-    if (options.scale is None) == (options.recipe is None):
-        raise T2TwinError("expected --scale (smoke, light, small or paper) or --recipe")
-    if options.recipe is not None and any((*of_scale.values(), options.imperfections)):
+    if verify is not None:
+        sys.exit(_verify(verify))
+    if recipe is not None and any((layout, optics, renderer, imperfections)):
         raise T2TwinError("a recipe contains --layout, --imperfections, --optics and --renderer")
-    if options.scheduler is not None and options.workers is not None:
-        raise T2TwinError("Dask has its own number of workers; expected no --workers with it")
-    recipe, sensors = options.recipe, None
+    made, sensors = recipe, None
     if recipe is None:
-        sensors = SensorPair.of(options.source or SOURCE, options.target or TARGET, **of_scale)
-        sensors = sensors.with_imperfections(options.imperfections)
-    elif options.source or options.target:
+        sensors = SensorPair.of(
+            source or SOURCE, target or TARGET, layout=layout, optics=optics, renderer=renderer
+        ).with_imperfections(imperfections)
+    elif source or target:
         loaded = load_recipe(recipe)
-        recipe = structs.replace(
-            loaded, source=options.source or loaded.source, target=options.target or loaded.target
+        made = structs.replace(
+            loaded, source=source or loaded.source, target=target or loaded.target
         )
-    folder = options.out or Path("data") / (options.scale or Path(options.recipe or "").stem)
+    folder = out or Path("data") / (scale or Path(recipe or "").stem)
     info = t2twin.make_dataset(
-        folder,
-        options.scale,
-        seed=options.seed,
-        workers=options.workers,
-        sensors=sensors,
-        cache=options.primitives,
-        scheduler=options.scheduler,
-        recipe=recipe,
+        folder, scale, seed, workers, sensors, primitives, scheduler=scheduler, recipe=made
     )
     print(f"{_pairs(info)} pairs in {folder}, {_size(folder, info)}")
 

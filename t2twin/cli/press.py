@@ -1,18 +1,22 @@
-"""t2twin shapes, t2twin primitives, t2twin press, t2twin slide"""
+"""t2twin shapes, primitives, sensors, press, slide and studio"""
 
+import json
 import math
 import os
 import sys
+import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.press import Press
-from t2twin.sim.sensors.defaults import SOURCE, TARGET
 
 if TYPE_CHECKING:
     from t2twin.primitives_cad.shape import Shape
@@ -21,21 +25,16 @@ if TYPE_CHECKING:
     from t2twin.sim.sensors.pair import SensorPair
     from t2twin.sim.touch import Touch
 
-
 Renderer = Literal["baked", "pyrender"]
 
 BOTH = "both"
 """Sensor of presses into both sensors."""
 
-OF_SENSORS = {
-    "layout": "layout",
-    "optics": "optics",
-    "imperfections": "imperfections",
-    "markers": "markers",
-    "marker_pitch_mm": "markers",
-    "renderer": "renderer",
-}
-"""Options that some sensors have, and their names in a sensor's OPTIONS."""
+BALL_MM, FORCE_N = 6.0, 2.0
+"""Diameter of the ball that `t2twin sensors check` presses, mm, and its force, N."""
+
+DEEPEST = 0.5
+"""Largest depth of that press, as a share of the elastomer's thickness; it reduces the force."""
 
 
 def shapes() -> None:
@@ -71,16 +70,66 @@ def primitives(out: Path = Path("data/primitives")) -> None:
     print(f"wrote STEP, STL and manifest.json to {out}, and the contact sheet {sheet}")
 
 
+def sensors(
+    action: tyro.conf.Positional[Literal["list", "show", "check"]] = "list",
+    sensor: tyro.conf.Positional[str | None] = None,
+    out: Path | None = None,
+) -> None:
+    """List the bundled sensors, print the file of one to start from, or check a file of your own.
+
+    Args:
+        action: list; show SENSOR, which prints its file; or check SENSOR, which presses a ball of
+            6 mm with 2 N. It presses with less where the ball would sink in by half the thickness.
+        sensor: Name of a bundled sensor, or a sensor file.
+        out: Picture that check writes: of a gel camera the background frame, the image and their
+            difference; of a taxel array the tactile image; default runs/sensors/NAME.png.
+    """
+    from t2twin.core.files import atomic_write
+    from t2twin.sim.sensors.files import bundled_sensors, load_sensor, path_of
+
+    if (action == "list") != (sensor is None) or (action != "check" and out is not None):
+        raise T2TwinError("expected list, show SENSOR, or check SENSOR with --out or without")
+    if sensor is None:
+        for each in map(load_sensor, bundled_sensors()):
+            print(f"{each.name:16}{each.spec.kind.replace('-', ' '):14}{each.size}")
+        print("also any .toml file; t2twin sensors show NAME prints one to start from")
+    elif action == "check":
+        loaded = load_sensor(sensor)
+        contact = _press_ball(loaded)
+        path = out or Path("runs/sensors") / f"{loaded.name}.png"
+        with atomic_write(path) as temporary:
+            loaded.read(contact).picture().save(temporary, "PNG")
+        print(f"{contact_summary(loaded.name, contact)}; wrote {path}")
+    else:
+        text = path_of(sensor).read_text(encoding="utf-8")
+        optics = getattr(load_sensor(sensor), "optics_path", None)
+        if optics is not None:  # beside the file, and named with its folder
+            text = text.replace(json.dumps(optics.name), json.dumps(str(optics.absolute())), 1)
+        print(text, end="")
+
+
+def _press_ball(sensor: "Sensor") -> "Contact":
+    """The contact of the ball in the middle of a sensor."""
+    from t2twin.primitives_cad.shape import ball
+    from t2twin.sim.contact.contact_solver import force_at_depth
+    from t2twin.sim.contact.types import PressCommand
+
+    shape = ball(BALL_MM / 2)
+    command = PressCommand(shape.name, 0.0, 0.0, 0.0, FORCE_N)
+    contact = sensor.press(shape, command)
+    deepest_mm = DEEPEST * sensor.elastomer.thickness_mm
+    if contact.depth_mm > deepest_mm:
+        force_n = force_at_depth(partial(sensor.press, shape), command, deepest_mm)
+        contact = sensor.press(shape, replace(command, force_n=force_n))
+    return contact
+
+
 @dataclass(frozen=True)
 class TouchOptions(Press):
     """Options of `t2twin press` and `t2twin slide`.
 
     Args:
-        source: The first sensor: a bundled one (t2twin sensors lists them) or a sensor file.
-        target: The second sensor.
         sensor: Sensor to press: both, source, target, or its name.
-        scale: mm per unit of the file: 1000 for meters, 25.4 for inches. Default: the file's unit
-            (3MF, GLB, STEP), else 1.
         center: Press a file's shape at the middle of its highest part instead of the middle of its
             bounding box.
         out: Folder to write; default runs/COMMAND/SHAPE.
@@ -89,117 +138,60 @@ class TouchOptions(Press):
         young_mpa: Young's modulus of the elastomer, MPa.
         poisson: Poisson's ratio of the elastomer.
         flat: Remove the dome of the elastomer.
-        layout: Taxel layout of a taxel array: a name, or a JSON or CSV file with x_mm and y_mm.
-        optics: A gel camera's light and, if it was fitted, its gel's modulus, as written by
-            t2twin calibrate; default: those of the sensor's file.
-        imperfections: An array's errors if there is a seed: none, or a name in the sensor's file;
-            default white.
-        markers: Print the markers of the sensor's file on the gel of a gel camera.
         marker_pitch_mm: Distance of neighboring markers, mm. Implies markers.
     """
 
     shape: tyro.conf.Positional[str]
-    source: str = SOURCE
-    target: str = TARGET
     sensor: str = BOTH
-    scale: float | None = None
     center: bool = False
     out: Path | None = None
     thickness_mm: float | None = None
     young_mpa: float | None = None
     poisson: float | None = None
     flat: bool = False
-    layout: str | None = None
-    optics: Path | None = None
-    imperfections: str | None = None
-    markers: bool = False
     marker_pitch_mm: float | None = None
 
-    def load_shape(self) -> "Shape":
+    def load(self, renderer: Renderer = "baked") -> "tuple[Shape, SensorPair, str | None]":
+        """The shape, the sensors, and the name in a touch of the one to press, None for both.
+
+        A single sensor is both of the pair, so that other options than its own are refused.
+        """
         from t2twin.primitives_cad import catalogue
-
-        return catalogue.load(self.shape, scale=self.scale, center=self.center)
-
-    def sensors(self, renderer: Renderer = "baked") -> "SensorPair":
-        """The sensors. renderer: what renders the image of a gel camera."""
         from t2twin.sim.optical.markers import Markers
         from t2twin.sim.sensors.pair import SensorPair
 
-        pair = SensorPair.of(self.source, self.target)
-        self._check_effects(pair)
+        shape = catalogue.load(self.shape, scale=self.scale, center=self.center)
+        if self.seed is None and self.imperfections is not None:
+            raise T2TwinError("--imperfections has no effect without --seed; give both or none")
+        pair, only = SensorPair.of(self.source, self.target), None
+        if self.sensor != BOTH:
+            sensor = pair.by_name[pair.named(self.sensor)]
+            pair, only = SensorPair(sensor, sensor), sensor.name
+        pair = SensorPair(*map(self._with_elastomer, (pair.source, pair.target)))
+        options = self.options
+        if renderer != "baked":
+            options["renderer"] = renderer
+        if self.marker_pitch_mm is not None:
+            options |= {"markers": Markers(self.marker_pitch_mm)}
+        return shape, pair.with_options(**options), only
+
+    def _with_elastomer(self, sensor: "Sensor") -> "Sensor":
+        """The sensor with the given values of its elastomer."""
         names = ("thickness_mm", "young_mpa", "poisson")
         changes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         if changes:
             changes["law"] = "linear"
         if self.flat:
             changes |= {"dome_width_radius_mm": math.inf, "dome_length_radius_mm": math.inf}
-        if changes:
-            changed = []
-            for each in (pair.source, pair.target):
-                (layer,) = {"gel", "cover"} & {*each.OPTIONS}
-                elastomer = getattr(each.spec, layer).elastomer(each.name)
-                changed.append(each.with_options({layer: replace(elastomer, **changes)}))
-            pair = SensorPair(*changed)
-        pitch = self.marker_pitch_mm
-        return pair.with_options(
-            optics=self.optics,
-            layout=self.layout,
-            imperfections=self.imperfections,
-            renderer=None if renderer == "baked" else renderer,
-            markers=(self.markers or None) if pitch is None else Markers(pitch),
-        )
-
-    def only(self, sensors: "SensorPair") -> str | None:
-        """The name in a touch of the sensor to press, None for both."""
-        return None if self.sensor == BOTH else sensors.named(self.sensor)
-
-    def pressed(self, sensors: "SensorPair") -> "dict[str, Sensor]":
-        """The sensors to press, by their names in a touch."""
-        only = self.only(sensors)
-        return {name: each for name, each in sensors.by_name.items() if only in (None, name)}
-
-    def _check_effects(self, sensors: "SensorPair") -> None:
-        """Raises T2TwinError for an option without effect on the sensors to press."""
-        from t2twin.core.errors import T2TwinError
-
-        pressed = self.pressed(sensors)
-        given = [
-            name for name in OF_SENSORS if getattr(self, name, None) not in (None, False, "baked")
-        ]
-        unused = [
-            name
-            for name in given
-            if all(OF_SENSORS[name] not in each.OPTIONS for each in pressed.values())
-        ]
-        if self.flat and all(each.elastomer.is_flat for each in pressed.values()):
-            unused.append("flat")
-        if unused:
-            name = unused[0].replace("_", "-")
-            raise T2TwinError(f"--{name} has no effect on {' and '.join(pressed)}")
-        if self.seed is None and self.imperfections is not None:
-            raise T2TwinError("--imperfections has no effect without --seed; give both or none")
-
-    def command_for(self, shape: "Shape", sensors: "SensorPair") -> "PressCommand":
-        """The press; a depth is that in the first pressed sensor."""
-        return self.command(shape, next(iter(self.pressed(sensors).values())))
-
-    def compile_ahead(self, sensors: "SensorPair") -> None:
-        """Compile loops of the optics, if there are any, in a second process."""
-        from t2twin.compile_ahead import compile_ahead
-
-        if any("optics" in each.OPTIONS for each in self.pressed(sensors).values()):
-            compile_ahead()
+        if not changes:
+            return sensor
+        (layer,) = {"gel", "cover"} & {*sensor.OPTIONS}
+        elastomer = getattr(sensor.spec, layer).elastomer(sensor.name)
+        return sensor.with_options({layer: replace(elastomer, **changes)})
 
     def folder(self, command: str, shape: "Shape") -> Path:
-        """The folder to write. The suffix is added where another file of a shape has this stem."""
-        name, file = shape.name, Path(self.shape)
-        if file.suffix:
-            from t2twin.primitives_cad.shape import SUFFIXES
-
-            solids = [each for each in file.parent.glob("*") if each.suffix.lower() in SUFFIXES]
-            if file in solids and [each.stem for each in solids].count(file.stem) > 1:
-                name += file.suffix.replace(".", "-")
-        return self.out or Path("runs") / command / name.replace("/", "-")
+        """The folder to write."""
+        return self.out or Path("runs") / command / shape.name.replace("/", "-")
 
 
 @dataclass(frozen=True)
@@ -241,14 +233,13 @@ class SlideOptions(TouchOptions):
 
     def commands(self, shape: "Shape", sensors: "SensorPair") -> "list[PressCommand]":
         """The commands of the path. Raises T2TwinError where options conflict or are invalid."""
-        from t2twin.core.errors import T2TwinError
         from t2twin.sim.slide import path_commands, read_path, straight_path
 
         motion = self.dx_mm, self.dy_mm, self.dyaw_deg
         if self.path is None:
             if not any(motion):
                 raise T2TwinError("there is no motion; give --dx-mm, --dy-mm, --dyaw-deg or --path")
-            start = self.command_for(shape, sensors)
+            start = self.command(shape, sensors.source)
             rows = straight_path(start, *motion, self.steps, start.force_n)
             return path_commands(shape.name, rows, tilt_rad=start.tilt_rad)
         given = self.x_mm, self.y_mm, self.yaw_deg, *motion, self.force_n, self.depth_mm
@@ -263,19 +254,16 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     from t2twin.sim.scene import view
     from t2twin.sim.touch import scene_path
 
-    shape, rng = options.load_shape(), options.rng
-    sensors = options.sensors(options.renderer)
+    rng, (shape, pair, only) = options.rng, options.load(options.renderer)
     if options.renderer == "pyrender":
         from t2twin.sim.optical.pyrender_renderer import FIRST_SECONDS
 
         takes = f"about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
         print(f"t2twin: pyrender takes {takes}", file=sys.stderr)
-    command = options.command_for(shape, sensors)
-    options.compile_ahead(sensors)
-    touch = sensors.press(shape, command, rng, only=options.only(sensors))
+    touch = pair.press(shape, options.command(shape, pair.source), rng, only=only)
     folder = options.folder("press", shape)
     touch.save(folder)
-    print_notes(shape)
+    _print_notes(shape)
     for name, reading in touch.readings.items():
         if reading.contact is not None:
             print("; ".join([contact_summary(name, reading.contact), *reading.notes]))
@@ -299,47 +287,44 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     from t2twin.sim.slide import touches_along
     from t2twin.slide_files import FRAME_MS, write_slide
 
-    shape, rng = options.load_shape(), options.rng
-    friction, sensors = check_friction(options.friction), options.sensors()
-    commands = options.commands(shape, sensors)
-    options.compile_ahead(sensors)
-    only = options.only(sensors)
-    touches = touches_along(sensors, shape, commands, friction, rng, only)
+    rng, (shape, pair, only) = options.rng, options.load()
+    friction = check_friction(options.friction)
+    commands = options.commands(shape, pair)
+    touches = touches_along(pair, shape, commands, friction, rng, only)
     folder = options.folder("slide", shape)
     log = None if options.rerun is None else RerunLog(options.rerun)
     if log is not None:
         touches = recorded(log, touches, 1e-3 * FRAME_MS)
     notes: Counter[str] = Counter()
-    touches = Progress(_noted(touches, notes), total=len(commands), desc="slide", unit="step")
-    rows = write_slide(folder, touches, len(commands))
+
+    def noted() -> "Iterator[Touch]":
+        for touch in touches:
+            notes.update(touch.notes)
+            yield touch
+
+    progress = Progress(noted(), total=len(commands), desc="slide", unit="step")
+    rows = write_slide(folder, progress, len(commands))
     if log is not None:
         log.close()
-    print_notes(shape)
-    for name in sensors.by_name:
+    _print_notes(shape)
+    for name in pair.by_name:
         contacts = [row for row in rows if f"{name}_shear_x_n" in row]
         if contacts:
-            print(slide_summary(name, contacts))
+            print(_slide_summary(name, contacts[-1]))
     for note, steps in notes.items():
         print(f"{note}; in {steps} of {len(commands)} touches")
     print(f"written to {folder}")
 
 
-def _noted(touches: "Iterable[Touch]", notes: Counter[str]) -> "Iterator[Touch]":
-    """The same touches; counts their notes."""
-    for touch in touches:
-        notes.update(touch.notes)
-        yield touch
-
-
-def print_notes(shape: "Shape") -> None:
+def _print_notes(shape: "Shape") -> None:
     """Print what was repaired in a shape, stays open or may be missed."""
     for note in shape.notes:
         print(f"t2twin: {note}", file=sys.stderr)
 
 
-def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
-    """One line about the rows with contact of a slide."""
-    end = {name.removeprefix(f"{sensor}_"): value for name, value in rows[-1].items()}
+def _slide_summary(sensor: str, row: "dict[str, float]") -> str:
+    """One line about the last row with contact of a slide."""
+    end = {name.removeprefix(f"{sensor}_"): value for name, value in row.items()}
     # Adding 0 turns -0 into 0.
     return (
         f"{sensor}: step {end['step']}: tangential force {round(end['shear_x_n'], 2) + 0.0:.2f} N "
@@ -358,3 +343,39 @@ def contact_summary(sensor: str, contact: "Contact") -> str:
         f"{contact.contact_area_mm2:.1f} mm2 in contact, {contact.milliseconds:.0f} ms"
     )
     return "; ".join([line, *contact_notes(contact)])
+
+
+def studio(
+    run: tuple[Path, ...] = (),
+    source: str | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    background: Path | None = None,
+) -> None:
+    """Press shapes and translate images in a browser, until Ctrl-C.
+
+    Args:
+        run: Folders of trained runs, in addition to the pretrained run; runs in the folder runs/
+            unless given.
+        source: Frames to translate: camera number, video file or folder.
+        host: Address to listen on; reachable from this machine only unless given. 0.0.0.0 allows
+            everyone who can reach this machine.
+        port: Port to listen on.
+        background: Background frame of the same sensor for field runs; the mean background frame of
+            their training unless given.
+    """
+    if find_spec("viser") is None:
+        raise T2TwinError("the studio requires viser: `pip install 't2twin[studio]'`")
+    from t2twin.studio.server import studio as serve
+
+    with serve(run, host, port, source, background) as served:
+        if host not in ("localhost", "127.0.0.1", "::1"):
+            print(
+                "t2twin: everyone who can reach this machine can open the page and use its "
+                "processors; --host 127.0.0.1 restricts it to this machine",
+                file=sys.stderr,
+                flush=True,
+            )
+        print(f"open {served.address} (Ctrl-C ends it)", flush=True)
+        while True:
+            time.sleep(3600)

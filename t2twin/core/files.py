@@ -1,24 +1,21 @@
 """Writes files completely or not at all, locks folders, and reads files named by the user.
 
 Files are written under a temporary name and then renamed. A process that writes more than one file
-into a folder holds the folder's lock. SIGINT and SIGTERM end a command at once, without its
-temporary files. Imports nothing slow, so that signals are handled before the rest is loaded.
+into a folder holds the folder's lock. Imports nothing slow: signals are handled from the start.
 """
 
 import csv
 import errno
 import json
 import os
-import re
 import shutil
 import signal
-import stat
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import get_ident
-from typing import Any, BinaryIO
+from typing import Any, NoReturn
 
 from t2twin.core.errors import T2TwinError
 
@@ -35,20 +32,13 @@ MAX_TABLE_BYTES = 100_000_000
 """Size limit of tables and descriptions, bytes (assumed: about 700,000 rows of 20 counts)."""
 
 LOCK = ".t2twin.lock"
-"""Name of a folder's lock file. It is removed with the lock; a file without a process that holds it
-locks nothing."""
+"""Name of a folder's lock file, removed with the lock; without its process it locks nothing."""
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """Ctrl-C, and the signal of `kill`, service managers and containers."""
 
 RESUMING = ("adapt", "demo", "simdata", "train")
 """Commands that continue an earlier call; the others start again and leave no files."""
-
-_pending: set[Path] = set()
-"""Temporary files and folders that this process is writing, and its locks."""
-
-_created: list[Path] = []
-"""Folders that were created for them, a parent after its folders."""
 
 
 def install_handlers() -> None:
@@ -58,26 +48,15 @@ def install_handlers() -> None:
             signal.signal(number, _stop)
 
 
-def _stop(number: int, _: object) -> None:
-    """End the process without its children and temporary files; no exception could be caught."""
+def _stop(number: int, _: object) -> NoReturn:
+    """End the process with its temporary files; a second signal ends it at once."""
     for each in SIGNALS:
-        signal.signal(each, signal.SIG_IGN)
-    if "multiprocessing" in sys.modules:
-        for child in sys.modules["multiprocessing"].active_children():
-            child.kill()
-            child.join()
-        # Otherwise Python reports the semaphores of the pools.
-        sys.modules["multiprocessing.util"]._run_finalizers(0)
-    for path in tuple(_pending):
-        if path.name == LOCK:  # the children's files
-            remove_leftovers(path.parent, f"**/{TEMPORARY_NAMES}")
-        _remove(path)
-    _remove_empty(tuple(_created))
+        signal.signal(each, signal.SIG_DFL)
     resumes = len(sys.argv) > 1 and sys.argv[1] in RESUMING
     effect = "continues from its last saved state" if resumes else "begins again"
     with suppress(OSError):  # standard error is closed
         os.write(2, f"t2twin: stopped; the same command {effect}\n".encode())
-    os._exit(128 + number)
+    raise SystemExit(128 + number)
 
 
 @contextmanager
@@ -92,12 +71,14 @@ def atomic_write(path: Path) -> Iterator[Path]:
     writer = f"{get_ident()}.{os.getpid()}"
     stem = path.stem[:MAX_STEM_CHARACTERS]
     temporary = path.with_name(f".{stem}.{writer}.part{path.suffix}")
-    with created_folder(path.parent), _removed(temporary):
+    with created_folder(path.parent):
         try:
             yield temporary
             temporary.replace(path)
         except OSError as error:
             raise write_error(path, error) from error
+        finally:
+            _remove(temporary)
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -108,16 +89,16 @@ def write_json(path: Path, content: Any) -> None:
 
 def write_csv(path: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     """Write a table to a new file in a temporary folder, numbers with six digits."""
+
+    def cell(value: Any) -> Any:
+        if isinstance(value, bool):
+            return str(value).lower()
+        return f"{value:.6g}" if isinstance(value, float) else value
+
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(names)
-        writer.writerows([_csv_cell(value) for value in row] for row in rows)
-
-
-def _csv_cell(value: Any) -> Any:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.6g}" if isinstance(value, float) else value
+        writer.writerows([cell(value) for value in row] for row in rows)
 
 
 def move_into(folder: Path, files: Sequence[Path]) -> None:
@@ -140,13 +121,6 @@ def check_replaceable(path: Path) -> None:
         raise write_error(path, error) from error
 
 
-def check_new_file(path: Path, force: bool) -> None:
-    """Raises T2TwinError for an output file that exists, unless force, and for what is no file."""
-    check_replaceable(path)
-    if not force and os.path.lexists(path):
-        raise T2TwinError(f"{path} already exists; name another file, or replace it with --force")
-
-
 @contextmanager
 def temporary_folder(place: Path, name: str) -> Iterator[Path]:
     """A new folder in an existing one, `place`, which is removed after the block.
@@ -154,31 +128,29 @@ def temporary_folder(place: Path, name: str) -> Iterator[Path]:
     Raises T2TwinError where it cannot be created.
     """
     folder = place / f".{name}.{os.getpid()}.part"
-    with _removed(folder):
-        try:
-            folder.mkdir()
-        except OSError as error:
-            raise write_error(place, error) from error
+    try:
+        folder.mkdir()
+    except OSError as error:
+        raise write_error(place, error) from error
+    try:
         yield folder
+    finally:
+        _remove(folder)
 
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """A temporary folder, which is renamed to `folder` after the block.
+    """A temporary folder, whose content is moved into `folder` after the block.
 
     Raises T2TwinError where the path is a file or a folder with content, or cannot be written.
     After an error there is no new folder.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise T2TwinError(f"{folder} is not empty; choose another folder")
-    with created_folder(folder.parent):
-        remove_leftovers(folder.parent, f".{folder.name}.*.part")
-        with temporary_folder(folder.parent, folder.name) as temporary:
+    with locked(folder):
+        if not is_empty(folder):
+            raise T2TwinError(f"{folder} is not empty; choose another folder")
+        with temporary_folder(folder, "new") as temporary:
             yield temporary
-            try:
-                temporary.replace(folder)
-            except OSError as error:
-                raise write_error(folder, error) from error
+            move_into(folder, list(temporary.iterdir()))
 
 
 @contextmanager
@@ -187,12 +159,7 @@ def created_folder(folder: Path) -> Iterator[None]:
 
     Raises T2TwinError where the path is a file, or the folder cannot be created.
     """
-    created = []
-    for path in (folder, *folder.parents):
-        if os.path.lexists(path):
-            break
-        created.append(path)
-    _created.extend(created)
+    missing = [path for path in (folder, *folder.parents) if not os.path.lexists(path)]
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -200,9 +167,9 @@ def created_folder(folder: Path) -> Iterator[None]:
             raise write_error(folder, error) from error
         yield
     finally:
-        _remove_empty(created)
-        for path in created:
-            _created.remove(path)
+        for path in missing:
+            with suppress(OSError):
+                path.rmdir()  # fails for a folder that is not empty
 
 
 @contextmanager
@@ -227,11 +194,11 @@ def locked(folder: Path) -> Iterator[None]:
         except OSError as error:
             raise write_error(folder, error) from error
         try:
-            # Removed before the release: no other process can then hold it.
-            with _removed(folder / LOCK):
-                remove_leftovers(folder)
-                yield
+            for leftover in folder.glob(TEMPORARY_NAMES):
+                _remove(leftover)
+            yield
         finally:
+            _remove(folder / LOCK)  # before the release: no other process can then hold it
             lock.release()
 
 
@@ -254,14 +221,6 @@ def check_own(folder: Path, file: str, kind: str) -> None:
         )
 
 
-def remove_leftovers(folder: Path, names: str = TEMPORARY_NAMES) -> None:
-    """Remove the temporary files and folders of processes that no longer run."""
-    for leftover in folder.glob(names):
-        writer = re.search(r"\.(\d+)\.part", leftover.name)
-        if writer is not None and not _is_running(int(writer[1])):
-            _remove(leftover)
-
-
 def write_error(path: Path, error: OSError) -> T2TwinError:
     """The exception for a file or a folder that cannot be written."""
     reason = (error.strerror or str(error) or type(error).__name__).lower()
@@ -271,46 +230,24 @@ def write_error(path: Path, error: OSError) -> T2TwinError:
 
 
 def read_file(path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = "") -> bytes:
-    """The content of a regular file of at most `max_bytes`; see `open_regular`."""
-    with open_regular(path, max_bytes, otherwise) as file:
-        return file.read()
-
-
-@contextmanager
-def open_regular(
-    path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = ""
-) -> Iterator[BinaryIO]:
-    """A regular file of at most `max_bytes`, open for reading; opening a named pipe would block.
+    """The content of a regular file of at most `max_bytes`; reading a named pipe would block.
 
     otherwise: alternative to a file that does not exist, for the message. Raises T2TwinError for
     anything else, and where it cannot be read.
     """
     try:
-        about = path.stat()
-        if not stat.S_ISREG(about.st_mode):
+        size = path.stat().st_size
+        if not path.is_file():
             raise T2TwinError(f"{path} is a folder or a device; give a file")
-        if about.st_size > max_bytes:
-            size = f"{about.st_size / 1e6:,.0f} MB; at most {max_bytes / 1e6:,.0f} MB"
-            raise T2TwinError(f"{path} has {size} are allowed")
-        file = path.open("rb")
+        if size > max_bytes:
+            found = f"{size / 1e6:,.0f} MB; at most {max_bytes / 1e6:,.0f} MB"
+            raise T2TwinError(f"{path} has {found} are allowed")
+        return path.read_bytes()
     except FileNotFoundError as error:
         also = f"; {otherwise}" if otherwise else ""
         raise T2TwinError(f"there is no file {path}{also}") from error
     except OSError as error:
         raise T2TwinError(f"{path} cannot be read ({error.strerror})") from error
-    with file:
-        yield file
-
-
-@contextmanager
-def _removed(path: Path) -> Iterator[None]:
-    """Remove a temporary file or folder after the block, or when the process is stopped."""
-    _pending.add(path)
-    try:
-        yield
-    finally:
-        _remove(path)
-        _pending.discard(path)
 
 
 def _remove(path: Path) -> None:
@@ -319,19 +256,3 @@ def _remove(path: Path) -> None:
         return
     with suppress(OSError):
         path.unlink(missing_ok=True)
-
-
-def _remove_empty(folders: Sequence[Path]) -> None:
-    for folder in folders:
-        with suppress(OSError):
-            folder.rmdir()  # fails for a folder that is not empty
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        pass  # another user's process, or a number beyond the largest
-    return True

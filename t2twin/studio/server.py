@@ -16,7 +16,6 @@ from uuid import uuid4
 
 import viser
 
-from t2twin.compile_ahead import compile_ahead
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import temporary_folder
 from t2twin.studio.translators import Shared, read_frame
@@ -26,9 +25,6 @@ if TYPE_CHECKING:
 
 HOST, PORT = "127.0.0.1", 8080
 """Default address, reachable from this machine only."""
-
-LOOPBACK = frozenset({"localhost", "127.0.0.1", "::1"})
-"""Addresses that only this machine can reach."""
 
 PAGE_TIMEOUT_S = 10.0
 """Maximum time for which loading of translators waits for a first page (assumed: the start of a
@@ -57,7 +53,6 @@ class Studio(viser.ViserServer):
         """
         self.on_client_connect(self._connected)
         self.on_client_disconnect(self._gone)
-        compile_ahead()
         from t2twin.studio.session import PressState, Session
 
         try:

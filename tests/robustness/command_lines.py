@@ -42,20 +42,20 @@ press circle-1 | --sensor gelsight => gelsight | --flat=yes | --x-mm 1 --x-mm 2,
 press random-3 --out out | --scale 2 => files only
 PRESS | --source gelsight => no sensor 'gelsight' | --target no.toml => no.toml
 PRESS | --seed 1 --imperfections some => imperfections | --imperfections all => without --seed
-PRESS --sensor cyskin | --markers => --markers has no effect | --renderer pyrender => --renderer has
-PRESS --sensor digit | --layout cyskin-63 => --layout has no effect on digit
+PRESS --sensor cyskin | --markers => markers has no effect | --renderer pyrender => renderer has
+PRESS --sensor digit | --layout cyskin-63 => layout has no effect on digit
 slide circle-1 --out out | => no motion | --dx-mm 1 --path p.csv => --path contains
 SIM | --source gelsight => no sensor 'gelsight' | --layout none => layout | --optics n.npz => n.npz
-SIM | --scheduler foo => scheduler | --scheduler tcp://127.0.0.1:1 --workers 2 => --workers
-simdata --out out | => --scale | --scale huge => scale | --renderer x | --recipe gone.toml => gone
-simdata --out out --recipe open | --scale smoke => --recipe | --layout cyskin-63 => --layout
-simdata --verify | nowhere => no dataset | {data} --workers 2 => --verify makes nothing
+SIM | --scheduler foo => scheduler
+simdata --out out | => scale | --scale huge => scale | --renderer x | --recipe gone.toml => gone
+simdata --out out --recipe open | --scale smoke => recipe | --layout cyskin-63 => --layout
+simdata --verify | nowhere => no dataset
 sensors | look | show => SENSOR | check no.toml => no.toml | --out x.png => --out
 train | resnet18 | alexnet --data {data} --out out => touch2touch
 train resnet18 --out out --data | nowhere => nowhere | {resnet18} => no dataset
 TRAIN | --direction counts-to-image => resnet18 has no direction | --preset huge => preset
 evaluate --data {data} --out out | nowhere => nowhere | {resnet18} {resnet18} => twice | => run
-translate --out out x.png | {touch2touch} => is a run, not an image | --run ./field => no run
+translate --out out x.png | --run ./field => no run
 translate --out out --run {resnet18} | => image | no.png => no.png
 export --out x.onnx --run | nowhere => nowhere | {data} => config.json | fild => no run fild
 report --data {data} | --runs nowhere => nowhere | --evaluation {evaluation} => --runs
