@@ -34,22 +34,18 @@ def simdata(
             paper (20,076).
         out: Folder to write; default data/SCALE or data/RECIPE.
         workers: Number of processes; default: the number of cores.
-        recipe: Instead of a scale, a recipe: a TOML file with shapes, places, forces and light, or
-            the name of a bundled one. Bundled are paper, open, open-8n, union, unseen-forces,
-            forces, moving, contact, shipped, shipped-2, pretrained-3, pretrained-4, mini-1
-            and new-light.
+        recipe: Instead of a scale and the options layout to renderer, a recipe: a TOML file, or the
+            name of a bundled one. Bundled are paper, open, open-8n, union, unseen-forces, forces,
+            moving, contact, shipped, shipped-2, pretrained-3, pretrained-4, mini-1 and new-light.
         seed: Random seed; default 0, or the recipe's. The same seed gives the same bytes.
-        source: The first sensor: the name of a bundled one, or a .toml file; default digit, or the
-            recipe's. `t2twin sensors` lists them.
+        source: The first sensor: a bundled one (t2twin sensors lists them) or a sensor file;
+            default digit, or the recipe's.
         target: The second sensor; default cyskin-20, or the recipe's.
-        layout: Taxel layout of taxel arrays: a name, or a JSON or CSV file with x_mm and y_mm;
-            default: the sensor's. Not with --recipe.
+        layout: Taxel layout of taxel arrays: a name, or a JSON or CSV file with x_mm and y_mm.
         imperfections: Errors of taxel arrays, by the name in the sensor's file, such as none or
-            white; default recorded, if the file has it. Not with --recipe.
-        optics: Optics of gel cameras, as written by t2twin calibrate; default: the sensor's. Not
-            with --recipe.
-        renderer: What renders the images: baked, in milliseconds (the default), or pyrender, in
-            seconds. Not with --recipe.
+            white; default recorded, if the file has it.
+        optics: Optics of gel cameras, as written by t2twin calibrate; default: the sensor's.
+        renderer: What renders the images: baked, in milliseconds (the default), or pyrender.
         primitives: Folder of prepared shapes; default: in the user's cache.
         scheduler: Address of a Dask scheduler whose workers make the shards, such as
             tcp://10.0.0.1:8786. They must have the folders under the same paths.
@@ -58,7 +54,6 @@ def simdata(
     import t2twin
     from t2twin.core.errors import T2TwinError
     from t2twin.sim.sampling.recipe import load_recipe
-    from t2twin.sim.sensors.defaults import SOURCE, TARGET
     from t2twin.sim.sensors.pair import SensorPair
 
     if verify is not None:
@@ -66,15 +61,12 @@ def simdata(
     if recipe is not None and any((layout, optics, renderer, imperfections)):
         raise T2TwinError("a recipe contains --layout, --imperfections, --optics and --renderer")
     made, sensors = recipe, None
+    roles = {name: each for name, each in (("source", source), ("target", target)) if each}
     if recipe is None:
-        sensors = SensorPair.of(
-            source or SOURCE, target or TARGET, layout=layout, optics=optics, renderer=renderer
-        ).with_imperfections(imperfections)
-    elif source or target:
-        loaded = load_recipe(recipe)
-        made = structs.replace(
-            loaded, source=source or loaded.source, target=target or loaded.target
-        )
+        options = {"layout": layout, "optics": optics, "renderer": renderer}
+        sensors = SensorPair.of(**roles, **options).with_imperfections(imperfections)
+    elif roles:
+        made = structs.replace(load_recipe(recipe), **roles)
     folder = out or Path("data") / (scale or Path(recipe or "").stem)
     info = t2twin.make_dataset(
         folder, scale, seed, workers, sensors, primitives, scheduler=scheduler, recipe=made
