@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 from msgspec import structs
 
+from t2twin.core.errors import T2TwinError, counted
+
 if TYPE_CHECKING:
     from t2twin.sim.dataset.info import DatasetInfo
 
@@ -47,12 +49,11 @@ def simdata(
         optics: Optics of gel cameras, as written by t2twin calibrate; default: the sensor's.
         renderer: What renders the images: baked, in milliseconds (the default), or pyrender.
         primitives: Folder of prepared shapes; default: in the user's cache.
-        scheduler: Address of a Dask scheduler whose workers make the shards, such as
-            tcp://10.0.0.1:8786. They must have the folders under the same paths.
+        scheduler: Address of a Dask scheduler, such as tcp://10.0.0.1:8786, whose workers make the
+            shards. They must have the folders under the same paths.
         verify: Check this dataset instead, list what is damaged, and exit with 1 if anything is.
     """
     import t2twin
-    from t2twin.core.errors import T2TwinError
     from t2twin.sim.sampling.recipe import load_recipe
     from t2twin.sim.sensors.pair import SensorPair
 
@@ -63,8 +64,8 @@ def simdata(
     made, sensors = recipe, None
     roles = {name: each for name, each in (("source", source), ("target", target)) if each}
     if recipe is None:
-        options = {"layout": layout, "optics": optics, "renderer": renderer}
-        sensors = SensorPair.of(**roles, **options).with_imperfections(imperfections)
+        sensors = SensorPair.of(**roles, layout=layout, optics=optics, renderer=renderer)
+        sensors = sensors.with_imperfections(imperfections)
     elif roles:
         made = structs.replace(load_recipe(recipe), **roles)
     folder = out or Path("data") / (scale or Path(recipe or "").stem)
@@ -77,7 +78,6 @@ def simdata(
 def _verify(folder: Path) -> int:
     """Check a dataset; returns the exit status."""
     import t2twin
-    from t2twin.core.errors import counted
     from t2twin.sim.dataset.store import read_info
 
     faults = t2twin.verify_dataset(folder)
