@@ -217,18 +217,16 @@ def untrained_runs(products):
 
 def write_untrained(folder):
     """Writes the run of the model that the folder is named after."""
-    from t2twin.sim.sensors.pair import SensorPair
+    from kinds import gel_camera, taxel_array
+
+    from t2twin.sim.dataset.generate import sensor_info
     from t2twin.translate.data.pairs import DataInfo
-    from t2twin.translate.data.sides import ArraySide, CameraSide
     from t2twin.translate.models.presets import PRESETS
     from t2twin.translate.runs.checkpoint import build, save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
     model = folder.name
-    array = SensorPair().array
-    layout = array.layout
-    side = ArraySide(layout.name, layout.x_mm, layout.y_mm, array.full_scale)
-    data = DataInfo("0" * 64, CameraSide(), side)
+    data = DataInfo("0" * 64, sensor_info(gel_camera()), sensor_info(taxel_array()))
     config = RunConfig(model, PRESETS[model]["smoke"], 0, data, None, None, 1, False, 1)
     config.save(folder)
     save_weights(folder / BEST, build(config).predictor)

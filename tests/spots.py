@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from kinds import COVER
 
 from t2twin.core.images import encode_png
+from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.columns import schema_of
-from t2twin.sim.dataset.info import FORMAT, DatasetInfo, SensorInfo, Shard, versions
+from t2twin.sim.dataset.info import FORMAT, ArrayInfo, CameraInfo, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.sampling.plan import shard_path
 from t2twin.sim.sampling.recipe import PAPER, load_recipe
@@ -55,7 +57,6 @@ def write_spots(
     """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
-    layout = load_layout(LAYOUT)
     shards = {}
     for (split, shape, family), pairs in zip(SHAPES, (train, val, test), strict=True):
         if not pairs:
@@ -70,15 +71,8 @@ def write_spots(
             format=FORMAT,
             complete=True,
             pairs={"train": train, "val": val, "test": test},
-            source=SensorInfo(name="digit", value="image", image_shape=(ROWS, COLUMNS, 3)),
-            target=SensorInfo(
-                name="cyskin-20",
-                value="counts",
-                layout=layout.name,
-                x_mm=tuple(layout.x_mm.tolist()),
-                y_mm=tuple(layout.y_mm.tolist()),
-                full_scale_counts=FULL_SCALE,
-            ),
+            source=camera_info("digit", ROWS, COLUMNS),
+            target=array_info("cyskin-20", FULL_SCALE),
             versions=versions(),
             shards=shards,
             scale=scale,
@@ -87,6 +81,21 @@ def write_spots(
         ),
     )
     return folder
+
+
+def camera_info(name: str, rows: int, columns: int) -> CameraInfo:
+    """A gel camera with the view of a DIGIT."""
+    return CameraInfo(name=name, image_shape=(rows, columns, 3), view_mm=(6.25, 25 / 3))
+
+
+def array_info(name: str, full_scale: int) -> ArrayInfo:
+    """A taxel array without known imperfections."""
+    layout = load_layout(LAYOUT)
+    return ArrayInfo(
+        name=name, elastomer=elastomer_json(COVER), layout=layout.name, x_mm=layout.x_mm,
+        y_mm=layout.y_mm, pad_diameter_mm=layout.pad_diameter_mm, full_scale_counts=full_scale,
+        tactile_image=(396, 240, 8.8),
+    )  # fmt: skip
 
 
 def train_smoke(model: str, data_dir: Path, run_dir: Path, epochs: int) -> Path:

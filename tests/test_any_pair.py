@@ -8,18 +8,17 @@ from typing import Literal
 import numpy as np
 import pyarrow as pa
 import pytest
-from spots import stopped_after_an_epoch
+from spots import array_info, camera_info, stopped_after_an_epoch
 
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import encode_png
 from t2twin.sim.dataset.columns import column, schema_of
-from t2twin.sim.dataset.info import FORMAT, DatasetInfo, SensorInfo, Shard, versions
+from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.data.sides import ArraySide
+from t2twin.translate.data.pairs import TactilePictures, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate, read_predictions
 from t2twin.translate.evaluation.metrics import CONTACT_GREY, compare_images
 from t2twin.translate.inference.files import translate_readings
@@ -70,16 +69,7 @@ def write(folder: Path, *values: str) -> Path:
             path = f"{split}/spot.parquet"
             shards[path] = Shard(write_shard(folder / path, rows, schema), number)
     sensors = [
-        SensorInfo(name=name, value="image", image_shape=(ROWS, COLUMNS, 3))
-        if value == "image"
-        else SensorInfo(
-            name=name,
-            value="counts",
-            layout=layout.name,
-            x_mm=tuple(layout.x_mm.tolist()),
-            y_mm=tuple(layout.y_mm.tolist()),
-            full_scale_counts=FULL_SCALE,
-        )
+        camera_info(name, ROWS, COLUMNS) if value == "image" else array_info(name, FULL_SCALE)
         for name, value in zip(("first", "second"), values, strict=True)
     ]
     info = DatasetInfo(FORMAT, True, PAIRS, *sensors, versions=versions(), shards=shards)
@@ -98,10 +88,9 @@ def trained(request, tmp_path_factory) -> tuple[Path, Path]:
 
 def test_a_picture_of_counts_is_linear_and_full_at_full_scale(tmp_path: Path) -> None:
     array = load_info(write(tmp_path, "image", "counts")).array
-    assert isinstance(array, ArraySide)
     full, half = np.full(array.x_mm.size, array.full_scale), np.zeros(array.x_mm.size)
     half[:3] = 0.5 * array.full_scale
-    pictures = array.pictures(np.stack([full, half, 0 * full]), SIZE, grey=False)[:]
+    pictures = TactilePictures.of(np.stack([full, half, 0 * full]), array, SIZE, grey=False)[:]
     assert pictures.shape == (3, SIZE, SIZE, 3) and pictures.max() == pytest.approx(255.0)
     assert np.array_equal(pictures[..., 0], pictures[..., 2]) and not pictures[2].any()
     phi = array.phi.resized((SIZE, SIZE))
@@ -129,7 +118,7 @@ def test_a_run_takes_what_its_source_measures_and_returns_what_its_target_does(t
     is_image = info.target.value == "image"
     rows, columns, _ = info.camera.image_shape if "image" in info.direction else (0, 0, 0)
     frame = np.full((rows, columns, 3), 60, np.uint8)
-    one = np.zeros(info.source.x_mm.size) if isinstance(info.source, ArraySide) else frame
+    one = np.zeros(info.source.x_mm.size) if info.source.value == "counts" else frame
     found, several = run.predict(one), run.predict(np.stack([one, one]))
     expected = (rows, columns, 3) if is_image else (info.array.x_mm.size,)
     assert found.shape == expected and several.shape == (2, *expected)
@@ -165,7 +154,7 @@ def test_one_dataset_serves_both_directions(tmp_path: Path) -> None:
     data = write(tmp_path / "data", "counts", "counts")
     run = train("resnet18", data, "smoke", tmp_path / "run", epochs=1, direction="target-to-source")
     sides = load_config(run.run_dir).data
-    assert (sides.source.sensor, sides.target.sensor) == ("second", "first")
+    assert (sides.source.name, sides.target.name) == ("second", "first")
     evaluation = evaluate([run.run_dir], data, "val", tmp_path / "evaluation")
     assert (evaluation.source, evaluation.target) == ("second", "first")
     truth = load_pairs(data, "val", SIZE, True).source
@@ -217,7 +206,7 @@ def test_other_sensors_than_those_of_a_run_are_one_sentence(trained, tmp_path: P
 def test_counts_are_read_from_files(trained, tmp_path: Path, capsys) -> None:
     data, run_dir = trained
     info, run = load_info(data), t2twin.load(run_dir)
-    if not isinstance(info.source, ArraySide):
+    if info.source.value == "image":
         return
     counts = np.asarray(load_pairs(data, "val", SIZE, True).source[:3]).astype(int)
     names = [f"taxel_{n}" for n in range(counts.shape[1])]

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from kinds import gel_camera, taxel_array
 from torch import nn
 
-from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.dataset.generate import sensor_info
 from t2twin.translate.data.pairs import DataInfo, Examples
-from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.models.base import weight_average
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model
 from t2twin.translate.runs.checkpoint import TRANSLATORS
@@ -50,10 +50,7 @@ def test_batch_norms_statistics_are_means_too() -> None:
 
 @pytest.mark.parametrize("model", PAPER_MODELS)
 def test_a_translator_predicts_with_the_mean(model: Model) -> None:
-    layout = load_layout("cyskin-20")
-    info = DataInfo(
-        "0" * 64, CameraSide(), ArraySide(layout.name, layout.x_mm, layout.y_mm, 40_000.0)
-    )
+    info = DataInfo("0" * 64, sensor_info(gel_camera()), sensor_info(taxel_array()))
     preset = replace(PRESETS[model]["smoke"], averaged_part=1.0)
     torch.manual_seed(0)
     translator = TRANSLATORS["counts"][model](preset, info, torch.device("cpu"), False)

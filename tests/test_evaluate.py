@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from msgspec import structs
 from PIL import Image
 from spots import write_spots
 
@@ -258,7 +259,7 @@ def test_a_given_background_frame_is_used(small_dataset: Path, tmp_path: Path) -
 
 def test_a_dataset_with_another_optics_has_no_background(small_dataset: Path) -> None:
     info = read_info(small_dataset)
-    other = replace(info, source=replace(info.source, optics_sha256=64 * "0"))
+    other = replace(info, source=structs.replace(info.source, optics_sha256=64 * "0"))
     assert frame_of_own_light(info) is not None and frame_of_own_light(other) is None
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from msgspec import structs
 
 from benchmarks.networks.irreducible_error import (
     estimate_irreducible_error,
@@ -44,7 +45,7 @@ def info(data_dir: Path) -> DatasetInfo:
 
 def with_flaws(info: DatasetInfo, flaws: Imperfections) -> DatasetInfo:
     """The dataset's info.json, as if it had been made with these imperfections."""
-    return replace(info, target=replace(info.target, imperfections=flaws))
+    return replace(info, target=structs.replace(info.target, imperfections=flaws))
 
 
 def test_two_readings_differ_by_the_noise_of_both(info: DatasetInfo) -> None:
@@ -66,7 +67,7 @@ def test_flaws_for_good_cancel_between_readings(info: DatasetInfo) -> None:
     same = second_reading(stored, with_flaws(info, flaws))
     assert same is not None
     np.testing.assert_allclose(same, stored, rtol=1e-6)
-    unknown = replace(info, target=replace(info.target, imperfections=None))
+    unknown = replace(info, target=structs.replace(info.target, imperfections=None))
     assert second_reading(stored, unknown) is None
 
 

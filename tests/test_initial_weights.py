@@ -131,7 +131,7 @@ def test_what_cannot_be_begun_with_is_one_sentence(
     assert "has the base width 8, and the new run has" in refused(wide)
     changed(lambda config: config.update(init_from_sha256="x"))
     assert "init_from_sha256" in refused(wide)
-    changed(lambda config: config["data"]["target"]["layout_x_mm"].__setitem__(0, 99.0))
+    changed(lambda config: config["data"]["target"]["x_mm"].__setitem__(0, 99.0))
     assert "another layout" in refused(wide)
     (wide / CONFIG).write_text(kept)
     (wide / "best.safetensors").unlink()

@@ -87,8 +87,8 @@ def test_tractions_add_up_to_the_forces(rows: pa.Table) -> None:
 def test_the_field_contains_the_shear_as_the_taxels_do(made: Path, rows: pa.Table) -> None:
     info, field = read_info(made), np.array(rows["target_dense_counts"].to_pylist())
     places = np.hypot(
-        np.subtract.outer(info.target.x_mm, info.target.dense_x_mm or ()),
-        np.subtract.outer(info.target.y_mm, info.target.dense_y_mm or ()),
+        np.subtract.outer(info.array.x_mm, info.array.dense_x_mm),
+        np.subtract.outer(info.array.y_mm, info.array.dense_y_mm),
     ).argmin(axis=1)
     counts = lists(rows, "target_counts")
     assert np.abs(counts - field[:, places]).max() < 40  # the noise of a reading

@@ -3,12 +3,12 @@ from dataclasses import replace
 
 import pytest
 import torch
+from kinds import gel_camera, taxel_array
 from torch import nn
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.dataset.generate import sensor_info
 from t2twin.translate.data.pairs import DataInfo, Examples
-from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.inference.load import fold_batchnorm
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.models.resnet18 import ResNet18Translator
@@ -22,10 +22,7 @@ FULL_SCALE = 40_000.0
 
 
 def info() -> DataInfo:
-    layout = load_layout()
-    return DataInfo(
-        "0" * 64, CameraSide(), ArraySide(layout.name, layout.x_mm, layout.y_mm, FULL_SCALE)
-    )
+    return DataInfo("0" * 64, sensor_info(gel_camera()), sensor_info(taxel_array()))
 
 
 def parameters(network: nn.Module) -> int:

@@ -115,7 +115,7 @@ def test_the_card_says_what_is_measured(name: str, products: Products) -> None:
     row = re.search(pattern, card)
     assert row is not None
     run = load_run(name).need_uncertainty("the test")
-    source, target = run.config.data.camera.sensor, run.config.data.array.sensor
+    source, target = run.config.data.camera.name, run.config.data.array.name
     assert source is not None and target is not None
     sensors = SensorPair.of(source, target).with_imperfections(None)
     tools = products.make(

@@ -129,10 +129,10 @@ def test_pairs_hold_dense_counts_and_background_frame(made):
         np.array(table["target_dense_counts"].to_pylist()),
     )
     info = read_info(made)
-    assert field.shape == (16, len(info.target.dense_x_mm or ()))
+    assert field.shape == (16, len(info.array.dense_x_mm))
     places = np.hypot(
-        np.subtract.outer(info.target.x_mm, info.target.dense_x_mm or ()),
-        np.subtract.outer(info.target.y_mm, info.target.dense_y_mm or ()),
+        np.subtract.outer(info.array.x_mm, info.array.dense_x_mm),
+        np.subtract.outer(info.array.y_mm, info.array.dense_y_mm),
     )
     assert (places.min(axis=1) == 0.0).all()
     # a reading differs from the noiseless field at the taxels by its noise alone

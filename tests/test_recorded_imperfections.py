@@ -116,7 +116,8 @@ def test_an_estimate_of_noiseless_counts_becomes_one_of_readings(tmp_path):
     bias = (readings - estimate.counts).mean(axis=0)
     np.testing.assert_allclose(bias, 0.0, atol=40)
     assert (
-        as_readings(exact, replace(info, target=replace(info.target, imperfections=None))) is exact
+        as_readings(exact, replace(info, target=structs.replace(info.target, imperfections=None)))
+        is exact
     )
 
 

@@ -4,19 +4,18 @@ import json
 from dataclasses import replace
 
 import pytest
+from kinds import gel_camera, taxel_array
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.dataset.generate import build_info
+from t2twin.sim.dataset.generate import build_info, sensor_info
 from t2twin.sim.dataset.info import DatasetInfo, Shard
 from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
 from t2twin.sim.sampling.plan import Batch
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.pair import SensorPair
-from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log, write_log
@@ -37,10 +36,7 @@ def info() -> DatasetInfo:
 
 @pytest.fixture(scope="module")
 def config() -> RunConfig:
-    layout = load_layout()
-    data = DataInfo(
-        "0" * 64, CameraSide(), ArraySide(layout.name, layout.x_mm, layout.y_mm, 40_000.0)
-    )
+    data = DataInfo("0" * 64, sensor_info(gel_camera()), sensor_info(taxel_array()))
     return RunConfig(
         "resnet18", PRESETS["resnet18"]["smoke"], 3, data, None, 2.5, 4, bf16=False, processes=1
     )
@@ -138,8 +134,8 @@ def test_steps_and_recipe_come_back(tmp_path, config):
         (["epoch_steps"], 2**70, "epoch_steps"),
         (["preset", "schedule"], "steep", "schedule"),
         (["data", "target", "pad_diameter_mm"], [0.0] * 20, "not larger than 0"),
-        (["data", "target", "layout_x_mm"], [], r"shape \(20,\)"),
-        (["data", "target", "cover", "young_mpa"], -1, "young_mpa"),
+        (["data", "target", "x_mm"], [], r"shape \(20,\)"),
+        (["data", "target", "elastomer", "young_mpa"], -1, "young_mpa"),
     ],
 )
 def test_a_wrong_field_of_config_is_named(tmp_path, config, place, value, named):

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 from pages import Reader, read_page
 
 from t2twin.cli import main
@@ -107,7 +108,7 @@ def test_limits_name_the_optics_and_the_law_of_the_elastomer(
     assert "stiffens like that of a neo-Hookean solid" in text
     assert "digit: a layer of 4.07 mm with a modulus of 0.5 MPa" in text
     assert "pads of 4 mm; capacitive taxels" in text
-    other = replace(report_data.info.source, optics_sha256="0123456789ab" + 52 * "0")
+    other = structs.replace(report_data.info.source, optics_sha256="0123456789ab" + 52 * "0")
     text = limits_text(replace(report_data, info=replace(report_data.info, source=other)))
     assert "not calibrated on your sensor" not in text
     assert "custom optics file (SHA-256 0123456789ab)" in text

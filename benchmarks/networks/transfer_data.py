@@ -181,9 +181,9 @@ def tasks_of(pair: Pair, folder: Path) -> list[Task]:
         inputs = _inputs(presses, split, pair.readings(folder, PRESSES, split))
         found.setdefault("family", {})[split] = Examples(inputs, *labels)
     info = read_info(touches)
-    x_mm, y_mm = np.array(info.array.dense_x_mm), np.array(info.array.dense_y_mm)
+    x_mm, y_mm = info.array.dense_x_mm, info.array.dense_y_mm
     view_mm = info.camera.view_mm
-    assert view_mm is not None
+    assert x_mm is not None and y_mm is not None
     in_view = (np.abs(x_mm) <= view_mm[0]) & (np.abs(y_mm) <= view_mm[1])
     for split in SPLITS:
         inputs = _inputs(touches, split, pair.readings(folder, TOUCHES, split))

@@ -27,7 +27,6 @@ import numpy as np
 from benchmarks.evidence import Benchmark, Figure, main
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.sim.optical.gel_camera import GelCamera
-from t2twin.sim.sensors.defaults import SOURCE
 from t2twin.sim.sensors.pair import SensorPair
 
 if TYPE_CHECKING:
@@ -87,7 +86,7 @@ def _measure_contact(name: str) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         os.environ[VARIABLE] = folder
         runs = {"": load(name, engine="onnx"), "torch_": load(name, engine="torch")}
-        sensor = load_sensor(runs[""].config.data.camera.sensor or SOURCE)
+        sensor = load_sensor(runs[""].config.data.camera.name)
         assert isinstance(sensor, GelCamera)
         rng = np.random.default_rng(0)
         frames = [sensor.background_frame(rng) for _ in range(ROUNDS + 2)]
@@ -128,18 +127,13 @@ def _compared(
 
 
 def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> None:
+    from t2twin.sim.dataset.generate import sensor_info
     from t2twin.translate.data.pairs import DataInfo
-    from t2twin.translate.data.sides import ArraySide, CameraSide
     from t2twin.translate.runs.checkpoint import build, save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
-    array = SensorPair().array
-    layout, places = array.layout, array.dense.layout
-    side = ArraySide(
-        layout.name, layout.x_mm, layout.y_mm, FULL_SCALE,
-        dense_x_mm=places.x_mm, dense_y_mm=places.y_mm,
-    )  # fmt: skip
-    info = DataInfo("0" * 64, CameraSide(), side)
+    pair = SensorPair()
+    info = DataInfo("0" * 64, sensor_info(pair.source), sensor_info(pair.target))
     config = RunConfig(model, preset, 0, info, None, None, 1, False, 1)
     config.save(run_dir)
     save_weights(run_dir / BEST, build(config).predictor)

@@ -3,22 +3,20 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 
 from t2twin.core.images import encode_png
+from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo, CameraInfo
 from t2twin.sim.sampling.plan import file_stem
 from t2twin.sim.sampling.recipe import Recipe
 from t2twin.sim.sensors.defaults import ROLES
 
 if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
-    from t2twin.sim.dataset.info import SensorInfo
     from t2twin.sim.touch import Touch
-
-IMAGE, COUNTS = "image", "counts"
-"""Columns of a camera's image and an array's counts after the role; also the kinds of sensors."""
 
 IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 COUNTS_TYPE = pa.list_(pa.uint16())
@@ -68,7 +66,7 @@ class Column:
 
     name: after the role, for a sensor's. value: of a sample and a role. kind: of the sensors that
     have it; "press" for a column without a role, "sensor" for one of both kinds. when: whether the
-    pairs of a recipe have it; None for all pairs. size: values in a list. stage: of
+    pairs of a recipe have it; None for all pairs. size: values in a list of a sensor. stage: of
     t2twin.sim.dataset.shard.STAGES.
     """
 
@@ -79,7 +77,7 @@ class Column:
     value: Callable[[Sample, str], Any]
     kind: str = "press"
     when: Callable[[Recipe], object] | None = None
-    size: "Callable[[SensorInfo], int] | None" = None
+    size: Callable[[Any], int] | None = None
     stage: str = "encoding"
 
 
@@ -119,13 +117,12 @@ def _moving(name: str, unit: str, about: str, of: Callable[[Any], float]) -> Col
     )
 
 
-def _places(sensor: "SensorInfo") -> int:
-    return len(sensor.dense_x_mm or ())
+def _places(sensor: ArrayInfo) -> int:
+    return 0 if sensor.dense_x_mm is None else sensor.dense_x_mm.size
 
 
-def _cells(sensor: "SensorInfo") -> int:
-    rows, columns = sensor.contact_grid or (0, 0)
-    return rows * columns
+def _cells(sensor: CameraInfo) -> int:
+    return prod(sensor.contact_grid or (0,))
 
 
 def _image(sample: Sample, role: str) -> dict[str, Any]:
@@ -153,7 +150,7 @@ TABLE: tuple[tuple[Column, ...], ...] = (
     (
         Column(IMAGE, IMAGE_TYPE, "grey levels", "image, PNG", _image, IMAGE),
         Column(COUNTS, COUNTS_TYPE, "counts", "counts, saturated at `full_scale_counts`",
-               lambda s, role: s.reading(role).counts, COUNTS, size=lambda s: len(s.x_mm)),
+               lambda s, role: s.reading(role).counts, COUNTS, size=lambda s: s.x_mm.size),
     ),
     (
         _contact("depth_mm", pa.float64(), "mm", "depth from first contact"),

@@ -31,7 +31,17 @@ from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.card import write_card
-from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, SensorInfo, Shard, versions
+from t2twin.sim.dataset.info import (
+    FORMAT,
+    IMAGE,
+    SPLITS,
+    ArrayInfo,
+    CameraInfo,
+    DatasetInfo,
+    SensorInfo,
+    Shard,
+    versions,
+)
 from t2twin.sim.dataset.shard import (
     STAGES,
     ShardContext,
@@ -133,12 +143,13 @@ def build_info(
     of_files = [batch for batch in batches if recipe.parts[batch.part].shapes not in NAMED]
     solids = sorted({path for batch in of_files for path in batch.shapes})
     on_grid = {batch.shapes[0]: batch.indices for batch in batches if batch.indices is not None}
+    optional = recipe.dense_counts, bool(recipe.contact_maps)
     return DatasetInfo(
         format=FORMAT,
         complete=False,
         pairs={s: sum(b.pairs for b in batches if b.split == s) for s in SPLITS},
-        source=sensor_info(sensors.source, recipe),
-        target=sensor_info(sensors.target, recipe),
+        source=sensor_info(sensors.source, *optional),
+        target=sensor_info(sensors.target, *optional),
         versions=context.versions,
         shards={},
         scale=scale,
@@ -151,15 +162,17 @@ def build_info(
     )
 
 
-def sensor_info(sensor: Sensor, recipe: Recipe) -> SensorInfo:
-    """The record of a sensor in info.json."""
-    return SensorInfo(
+def sensor_info(
+    sensor: Sensor, dense_counts: bool = True, contact_maps: bool = False
+) -> SensorInfo:
+    """The record of a sensor in info.json, with what the pairs contain of it."""
+    kind = CameraInfo if sensor.VALUE == IMAGE else ArrayInfo
+    return kind(
         name=sensor.name,
-        value=sensor.VALUE,
         spec=json.loads(encode(sensor.spec)),
         elastomer=elastomer_json(sensor.elastomer),
         pitch_mm=sensor.pitch_mm,
-        **sensor.info(recipe.dense_counts, bool(recipe.contact_maps)),
+        **sensor.info(dense_counts, contact_maps),
     )
 
 

@@ -22,14 +22,16 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import new_folder, read_file
 from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names, convert
+from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.columns import COUNTS, IMAGE, POSE, column, schema_of
 from t2twin.sim.dataset.info import (
     FORMAT,
     MAX_COUNTS,
     SPLITS,
+    ArrayInfo,
+    CameraInfo,
     DatasetInfo,
-    SensorInfo,
     Shard,
     versions,
 )
@@ -203,19 +205,18 @@ def _write(
         format=FORMAT,
         complete=True,
         pairs={split: sum(p.split == split for p in pairs) for split in SPLITS},
-        source=SensorInfo(
+        source=CameraInfo(
             name=sensors.camera.name,
-            value=IMAGE,
             image_shape=size[0],
             view_mm=sensors.camera.camera.seen_half_extent_mm(),
         ),
-        target=SensorInfo(
+        target=ArrayInfo(
             name=sensors.array.name,
-            value=COUNTS,
+            elastomer=elastomer_json(sensors.array.elastomer),
             layout=layout.name,
-            x_mm=tuple(layout.x_mm.tolist()),
-            y_mm=tuple(layout.y_mm.tolist()),
-            pad_diameter_mm=tuple(layout.pad_diameter_mm.tolist()),
+            x_mm=layout.x_mm,
+            y_mm=layout.y_mm,
+            pad_diameter_mm=layout.pad_diameter_mm,
             full_scale_counts=full_scale,
             tactile_image=sensors.array.tactile_image_size,
         ),

@@ -2,21 +2,29 @@
 
 import zlib
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal, cast
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, Struct, to_builtins
 
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.machine import installed_version
+from t2twin.sim.contact.elastomer import Elastomer, elastomer_of
 from t2twin.sim.sampling.recipe import PAPER, Recipe
 from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
+from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.spec import MAX_BITS, CountsTable, Imperfections
 
 FORMAT = 2  # of the dataset's folders, columns and info.json
 SPLITS = ("train", "val", "test")
+# Columns of a camera's image and an array's counts after the role; also the kinds of readings
+IMAGE: Final = "image"
+COUNTS: Final = "counts"
 MAX_COUNTS = 65_535  # of a column of uint16
+# Largest distance of corresponding taxels of equal layouts, mm (assumed: far below the tolerance
+# of a printed board)
+SAME_MM = 1e-3
 
 PACKAGES = ("t2twin", "mujoco", "numpy", "scipy", "numba", "cadquery", "pillow", "pyarrow")
 """Packages whose versions may change a shard's bytes."""
@@ -36,76 +44,149 @@ class Shard:
     pairs: Count
 
 
-@dataclass(frozen=True)
-class SensorInfo:
-    """A sensor of a dataset.
-
-    name: of the sensor. value: of its readings, "image" or "counts". spec: content of its file, for
-    a simulated sensor. elastomer: the layer that was pressed, with the fields of
-    t2twin.sim.contact.elastomer.Elastomer; a radius is None for a flat surface, since JSON has no
-    infinity. pitch_mm: of the contact's grid.
-
-    Of a gel camera: image_shape, rows, columns and channels; view_mm, half of what an image shows
-    along x and y. contact_grid: rows and columns of the contact maps. noise_grey: standard
-    deviation of an image's noise. optics_sha256: of the optics file.
-    Of a taxel array: layout, its name; x_mm, y_mm, pad_diameter_mm of the taxels;
-    full_scale_counts; imperfections.
-    tactile_image: rows, columns and px_per_mm. readings: averaged into the counts, at rate_hz.
-    dense_x_mm, dense_y_mm: places of the dense counts. dense_pad_mm: diameter of their pads.
-    dense_cell_mm2: area of the surface for each.
-
-    Raises ValueError where a field of its kind is missing.
-    """
+class _SensorInfo(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="value"):
+    """What a dataset and a run store of a sensor of either kind."""
 
     name: str
-    value: Literal["image", "counts"]
-    spec: dict[str, Any] | None = None
-    elastomer: dict[str, Any] | None = None
-    pitch_mm: Positive | None = None
-    image_shape: tuple[Size, Size, Size] | None = None
-    view_mm: tuple[Positive, Positive] | None = None
-    contact_grid: tuple[Size, Size] | None = None
-    noise_grey: Annotated[float, Meta(ge=0)] | None = None
-    optics_sha256: str | None = None
-    layout: str | None = None
-    x_mm: tuple[float, ...] = ()
-    y_mm: tuple[float, ...] = ()
-    pad_diameter_mm: tuple[Positive, ...] | None = None
-    full_scale_counts: Annotated[int, Meta(ge=1, le=MAX_COUNTS)] | None = None
-    tactile_image: tuple[Size, Size, Positive] | None = None
-    readings: Size | None = None
-    rate_hz: Positive | None = None
+    spec: dict[str, Any] | None = None  # content of its file, for a simulated sensor
+    pitch_mm: Positive | None = None  # of the contact's grid
+
+
+class CameraInfo(_SensorInfo, frozen=True, kw_only=True, tag=IMAGE):
+    """A gel camera of a dataset or a run."""
+
+    value: ClassVar[Literal["image"]] = IMAGE  # of its readings
+    unit: ClassVar[str] = "grey levels"
+    full_scale: ClassVar[float] = 255.0
+
+    elastomer: dict[str, Any] | None = None  # the gel, as in elastomer_json
+    image_shape: tuple[Size, Size, Size]  # rows, columns and channels
+    view_mm: tuple[Positive, Positive]  # half of what an image shows along x and y
+    contact_grid: tuple[Size, Size] | None = None  # rows and columns of the contact maps
+    noise_grey: Annotated[float, Meta(ge=0)] | None = None  # standard deviation of an image's noise
+    optics_sha256: str | None = None  # of the optics file
+
+    @property
+    def aspect(self) -> float:
+        """Width over height of an image."""
+        return self.image_shape[1] / self.image_shape[0]
+
+    @property
+    def words(self) -> str:
+        """Its readings in words."""
+        return f"images of {self.name}"
+
+    def fits(self, other: "SensorInfo") -> bool:
+        """Whether a network of this sensor also takes or gives the readings of another."""
+        return other.value == IMAGE
+
+
+class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
+    """A taxel array of a dataset or a run.
+
+    Raises T2TwinError for an invalid layout, places or cover.
+    """
+
+    value: ClassVar[Literal["counts"]] = COUNTS  # of its readings
+    unit: ClassVar[str] = "counts"
+
+    elastomer: dict[str, Any]  # the cover, as in elastomer_json
+    layout: str  # its name
+    x_mm: np.ndarray  # (N,), of the taxels, as y_mm and pad_diameter_mm
+    y_mm: np.ndarray
+    pad_diameter_mm: np.ndarray
+    full_scale_counts: Annotated[int, Meta(ge=1, le=MAX_COUNTS)]
+    tactile_image: tuple[Size, Size, Positive]  # rows, columns and px/mm
+    readings: Size | None = None  # averaged into the counts
+    rate_hz: Positive | None = None  # of the readings
     imperfections: Imperfections | None = None
-    dense_pad_mm: Positive | None = None
-    dense_cell_mm2: Positive | None = None
-    dense_x_mm: tuple[float, ...] | None = None
-    dense_y_mm: tuple[float, ...] | None = None
+    dense_x_mm: np.ndarray | None = None  # (F,), places of the dense counts, as dense_y_mm
+    dense_y_mm: np.ndarray | None = None
+    dense_pad_mm: Positive = PAD_DIAMETER_MM  # diameter of their pads
+    dense_cell_mm2: Positive | None = None  # area of the surface for each
 
     def __post_init__(self) -> None:
-        of_kind = ("image_shape",) if self.value == "image" else ("full_scale_counts", "layout")
-        for name in of_kind:
-            if getattr(self, name) is None:
-                raise ValueError(f"{name} of {self.name} is missing")
+        _ = self.taxels, self.dense, self.cover
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ArrayInfo) and plain(self) == plain(other)
+
+    @property
+    def full_scale(self) -> float:
+        """Full scale of the readings, counts."""
+        return float(self.full_scale_counts)
+
+    @property
+    def words(self) -> str:
+        """Its readings in words."""
+        return f"counts of {self.name}"
 
     @property
     def reading(self) -> CountsTable:
         """How a simulated taxel array's counts are read; the gain is 1, as counts are given."""
-        assert self.full_scale_counts is not None and self.rate_hz is not None
+        assert self.rate_hz is not None
         return CountsTable(
-            gain=1.0,
-            full_scale=self.full_scale_counts,
-            bits=MAX_BITS,
-            rate_hz=self.rate_hz,
+            gain=1.0, full_scale=self.full_scale_counts, bits=MAX_BITS, rate_hz=self.rate_hz,
             readings=self.readings or 1,
-        )
+        )  # fmt: skip
 
     @property
     def taxels(self) -> Layout:
-        """The taxels, with default pads if theirs are unknown. Raises T2TwinError as Layout."""
-        pads = self.pad_diameter_mm or (PAD_DIAMETER_MM,) * len(self.x_mm)
-        return Layout(
-            self.layout or self.name, np.array(self.x_mm), np.array(self.y_mm), np.array(pads)
+        """The layout."""
+        return Layout(self.layout, self.x_mm, self.y_mm, self.pad_diameter_mm)
+
+    @property
+    def dense(self) -> Layout | None:
+        """The places of the dense counts, None without dense counts."""
+        x_mm, y_mm = self.dense_x_mm, self.dense_y_mm
+        if x_mm is None and y_mm is None:
+            return None
+        if x_mm is None or y_mm is None:
+            raise T2TwinError("dense_x_mm or dense_y_mm is missing; expected both or none")
+        return Layout("dense", x_mm, y_mm, np.full(x_mm.size, self.dense_pad_mm))
+
+    @property
+    def cover(self) -> Elastomer:
+        """The soft layer of the array."""
+        return elastomer_of(self.elastomer, "the cover")
+
+    def phi_of(self, x_mm: np.ndarray, y_mm: np.ndarray) -> Phi:
+        """phi of taxels, in the size and scale of the tactile image. Raises T2TwinError as Phi."""
+        rows, columns, px_per_mm = self.tactile_image
+        return Phi(x_mm, y_mm, (rows, columns), px_per_mm)
+
+    @property
+    def phi(self) -> Phi:
+        """phi of the layout."""
+        return self.phi_of(self.x_mm, self.y_mm)
+
+    def fits(self, other: "SensorInfo") -> bool:
+        """Whether a network of this sensor also takes or gives the readings of another."""
+        return other.value == COUNTS and self.same_layout(other.x_mm, other.y_mm)
+
+    def same_layout(self, x_mm: np.ndarray, y_mm: np.ndarray) -> bool:
+        """Whether positions equal those of the layout, in its order. x_mm, y_mm: (N,), mm."""
+        own, other = np.stack([self.x_mm, self.y_mm]), np.stack([x_mm, y_mm])
+        return own.shape == other.shape and bool(np.abs(own - other).max() < SAME_MM)
+
+    def same_pads(self, other: "ArrayInfo") -> bool:
+        """Whether an array of equal positions has pads of equal sizes."""
+        return bool(np.abs(self.pad_diameter_mm - other.pad_diameter_mm).max() < SAME_MM)
+
+    def same_dense(self, other: "ArrayInfo") -> bool:
+        """Whether both have the same places of dense counts."""
+        pairs = ((self.dense_x_mm, other.dense_x_mm), (self.dense_y_mm, other.dense_y_mm))
+        return all(
+            one is not None and two is not None and np.array_equal(one, two) for one, two in pairs
         )
+
+
+SensorInfo = CameraInfo | ArrayInfo
+
+
+def plain(record: Any) -> Any:
+    """A record as JSON stores it: dicts, lists and numbers."""
+    return to_builtins(record, enc_hook=np.ndarray.tolist)
 
 
 @dataclass(frozen=True)
@@ -152,7 +233,7 @@ class DatasetInfo:
 
         Raises T2TwinError for a dataset without one.
         """
-        roles = list(self.sensors) if value == "image" else list(self.sensors)[::-1]
+        roles = list(self.sensors) if value == IMAGE else list(self.sensors)[::-1]
         for role in roles:
             if self.values[role] == value:
                 return role
@@ -160,14 +241,14 @@ class DatasetInfo:
         raise T2TwinError(f"the dataset is of {names}; it has no {value}")
 
     @property
-    def camera(self) -> SensorInfo:
+    def camera(self) -> CameraInfo:
         """The first gel camera. Raises T2TwinError for a dataset without one."""
-        return self.sensors[self.role_of("image")]
+        return cast(CameraInfo, self.sensors[self.role_of(IMAGE)])
 
     @property
-    def array(self) -> SensorInfo:
+    def array(self) -> ArrayInfo:
         """The taxel array, the target's first. Raises T2TwinError for a dataset without one."""
-        return self.sensors[self.role_of("counts")]
+        return cast(ArrayInfo, self.sensors[self.role_of(COUNTS)])
 
     @property
     def is_simulated(self) -> bool:

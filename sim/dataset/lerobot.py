@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -47,7 +47,7 @@ from t2twin.sim.dataset.columns import (
     schema_of,
     with_features,
 )
-from t2twin.sim.dataset.info import SPLITS, DatasetInfo
+from t2twin.sim.dataset.info import SPLITS, CameraInfo, DatasetInfo
 from t2twin.sim.dataset.store import INFO, iter_shards, lists, read_info, table_writer, write_whole
 from t2twin.sim.sensors.defaults import ROLES
 
@@ -275,8 +275,7 @@ def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
         if name not in present:
             continue
         if kind == IMAGE_TYPE:
-            shape = info.sensors[role].image_shape
-            assert shape is not None
+            shape = cast(CameraInfo, info.sensors[role]).image_shape
             feature = role if stored.column.name == IMAGE else name
             axes = ("height", "width", "channels")
             features.append(Feature(f"observation.images.{feature}", IMAGE, shape, axes, (name,)))

@@ -16,7 +16,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -28,8 +27,7 @@ from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.core.records import decode_json
 from t2twin.sim.dataset.columns import BACKGROUND, IMAGE_TYPE, schema_of
-from t2twin.sim.dataset.info import SPLITS, DatasetInfo
-from t2twin.sim.sensors.defaults import ROLES
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo, plain
 
 INFO, LOG = "info.json", "log.jsonl"
 
@@ -124,14 +122,9 @@ def _durable(path: Path) -> Iterator[BufferedRandom]:
 
 def write_info(folder: Path, info: DatasetInfo) -> None:
     """Write a dataset's info.json, without fields that are None."""
-    content = _given(msgspec.to_builtins(info))
-    content |= {role: _given(content[role]) for role in ROLES}
+    content = {key: value for key, value in plain(info).items() if value is not None}
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
     write_whole(folder / INFO, f"{text}\n".encode())
-
-
-def _given(content: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in content.items() if value is not None}
 
 
 def read_info(folder: str | Path) -> DatasetInfo:

@@ -290,7 +290,7 @@ class GelCamera:
         return self
 
     def info(self, with_dense_counts: bool, with_contact_maps: bool) -> dict[str, Any]:
-        """What a dataset records of it: fields of t2twin.sim.dataset.info.SensorInfo."""
+        """What a dataset records of it: fields of t2twin.sim.dataset.info.CameraInfo."""
         camera, grid = self.camera, self.contact_grid
         maps = {"contact_grid": (grid.rows, grid.columns)} if with_contact_maps else {}
         return maps | {

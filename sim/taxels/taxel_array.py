@@ -150,12 +150,13 @@ class TaxelArray:
         return replace(self, imperfections=default if known else reading.NONE)
 
     def info(self, with_dense_counts: bool, with_contact_maps: bool) -> dict[str, Any]:
-        """What a dataset records of it: fields of t2twin.sim.dataset.info.SensorInfo."""
+        """What a dataset records of it: fields of t2twin.sim.dataset.info.ArrayInfo."""
         layout = self.layout
-        lists = ("x_mm", "y_mm", "pad_diameter_mm")
         content: dict[str, Any] = {
             "layout": layout.name,
-            **{name: tuple(getattr(layout, name).tolist()) for name in lists},
+            "x_mm": layout.x_mm,
+            "y_mm": layout.y_mm,
+            "pad_diameter_mm": layout.pad_diameter_mm,
             "full_scale_counts": self.full_scale,
             "tactile_image": self.tactile_image_size,
             "readings": self.spec.counts.readings,
@@ -163,12 +164,12 @@ class TaxelArray:
             "imperfections": self.flaws,
         }
         if with_dense_counts:
-            places = self.dense.layout
             content |= {
-                f"dense_{name}": tuple(getattr(places, name).tolist()) for name in lists[:2]
+                "dense_x_mm": self.dense.layout.x_mm,
+                "dense_y_mm": self.dense.layout.y_mm,
+                "dense_pad_mm": float(self.dense.layout.pad_diameter_mm[0]),
+                "dense_cell_mm2": self.dense.cell_mm2,
             }
-            content["dense_pad_mm"] = float(places.pad_diameter_mm[0])
-            content["dense_cell_mm2"] = self.dense.cell_mm2
         return content
 
     def press(self, shape: Shape, command: PressCommand) -> Contact:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -30,10 +30,10 @@ from t2twin.report.page import (
     write_page,
 )
 from t2twin.sim.dataset.columns import CONTACT, COUNTS, IMAGE, POSE, column
-from t2twin.sim.dataset.info import SPLITS, DatasetInfo, SensorInfo
+from t2twin.sim.dataset.info import SPLITS, ArrayInfo, DatasetInfo, SensorInfo
 from t2twin.sim.dataset.store import iter_images, lists, read_info, read_split, split_shards
 from t2twin.sim.taxels.layout import Layout
-from t2twin.sim.taxels.phi import PX_PER_MM, TACTILE_SHAPE, Phi
+from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.reading import expected_reading
 
 COLUMNS = ("shape", "family", "index", *POSE)
@@ -76,19 +76,18 @@ class Array:
     info: its record. phi: of its taxels. counts: (P, N), in the order of Dataset.table.
     """
 
-    info: SensorInfo
+    info: ArrayInfo
     phi: Phi
     counts: np.ndarray
 
     @property
     def layout(self) -> Layout:
-        """The taxels, with default pads if theirs are unknown."""
+        """The taxels."""
         return self.info.taxels
 
     @property
     def full_scale(self) -> int:
         """Count at which a taxel saturates."""
-        assert self.info.full_scale_counts is not None
         return self.info.full_scale_counts
 
     @property
@@ -240,10 +239,9 @@ def read_dataset(data: Path) -> Dataset:
     ]
     arrays = {}
     for role, name in of_arrays.items():
-        sensor = info.sensors[role]
-        rows, columns, px_per_mm = sensor.tactile_image or (*TACTILE_SHAPE, PX_PER_MM)
-        phi = Phi(np.array(sensor.x_mm), np.array(sensor.y_mm), (rows, columns), px_per_mm)
-        arrays[role] = Array(sensor, phi, np.concatenate([lists(table, name) for table in tables]))
+        sensor = cast(ArrayInfo, info.sensors[role])
+        counts = np.concatenate([lists(table, name) for table in tables])
+        arrays[role] = Array(sensor, sensor.phi, counts)
     return Dataset(data, info, arrays, pd.concat(frames, ignore_index=True))
 
 

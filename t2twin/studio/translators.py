@@ -18,10 +18,10 @@ from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
     from t2twin.live.sources import LatestFrame, Source
+    from t2twin.sim.dataset.info import ArrayInfo
     from t2twin.sim.sensors.pair import SensorPair
     from t2twin.sim.taxels.layout import Layout
     from t2twin.sim.touch import Touch
-    from t2twin.translate.data.sides import ArraySide
     from t2twin.translate.inference.contact import ContactEstimate
     from t2twin.translate.inference.predictor import TrainedTranslator
     from t2twin.translate.uncertainty.estimate import Estimate
@@ -221,14 +221,14 @@ def _model_of(folder: Path) -> str:
     return config.model
 
 
-def _truth(touch: "Touch", data: "ArraySide") -> np.ndarray | None:
+def _truth(touch: "Touch", data: "ArrayInfo") -> np.ndarray | None:
     """True counts at the taxels of a run; of the touch's own layout with its noise, of any other
     without. None for a touch without an array of the cover and the full scale of the run."""
     if touch.of_array is None:
         return None
     array = touch.of_array.sensor
-    cover = replace(array.elastomer, name=data.elastomer.name)
-    if cover != data.elastomer or array.full_scale != data.full_scale_counts:
+    cover = replace(array.elastomer, name=data.cover.name)
+    if cover != data.cover or array.full_scale != data.full_scale_counts:
         return None
     if data.same_layout(touch.layout.x_mm, touch.layout.y_mm):
         return touch.counts.astype(float)

@@ -14,7 +14,7 @@ of the dense counts, H side of the contact maps.
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import groupby, islice, repeat
 from pathlib import Path
@@ -32,16 +32,16 @@ from t2twin.core.cache_dir import write_once
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.columns import (
-    BACKGROUND,
-    CONTACT_MAPS,
-    DENSE_COUNTS,
+from t2twin.sim.dataset.columns import BACKGROUND, CONTACT_MAPS, DENSE_COUNTS, PATH, POSE, column
+from t2twin.sim.dataset.info import (
+    COUNTS,
     IMAGE,
-    PATH,
-    POSE,
-    column,
+    ArrayInfo,
+    CameraInfo,
+    DatasetInfo,
+    SensorInfo,
+    Sha256,
 )
-from t2twin.sim.dataset.info import DatasetInfo, Sha256
 from t2twin.sim.dataset.store import (
     INFO,
     iter_images,
@@ -53,8 +53,8 @@ from t2twin.sim.dataset.store import (
     split_shards,
 )
 from t2twin.sim.sensors.defaults import ROLES
-from t2twin.translate.data.images import to_pixels
-from t2twin.translate.data.sides import ArraySide, CameraSide, Side, TactilePictures, side_of
+from t2twin.sim.taxels.phi import Phi
+from t2twin.translate.data.images import COLORS, WHITE_GREY, to_pixels
 
 CACHE = "cache"
 # Columns of the shear force on the gel camera after its role, of recipes with motion
@@ -111,6 +111,34 @@ class InputImages:
         if self.backgrounds is None:
             return images
         return np.concatenate([images, self.backgrounds[index]], axis=-1)
+
+
+@dataclass(frozen=True)
+class TactilePictures:
+    """The pictures of counts, from 0 to 255 at full scale, made on access."""
+
+    counts: np.ndarray  # (P, N)
+    phi: Phi  # of their layout at the pictures' size
+    full_scale: float
+    channels: int  # of equal values
+
+    @classmethod
+    def of(cls, counts: np.ndarray, array: ArrayInfo, size: int, grey: bool) -> "TactilePictures":
+        """The pictures of counts, (P, N), at size x size, grey or with three equal channels."""
+        phi = array.phi.resized((size, size))
+        return cls(counts, phi, array.full_scale, 1 if grey else COLORS)
+
+    def __len__(self) -> int:
+        return len(self.counts)
+
+    def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
+        """(b, S, S, c) float32."""
+        images = self.phi(self.counts[index]) * np.float32(WHITE_GREY / self.full_scale)
+        return np.repeat(images[..., None], self.channels, axis=-1)
+
+    def subset(self, places: np.ndarray) -> "TactilePictures":
+        """The pictures with these indices, (b,)."""
+        return replace(self, counts=self.counts[places])
 
 
 Readings = ImageFile | np.ndarray  # Images, or counts, (P, N) float32
@@ -180,7 +208,7 @@ class Pairs:
 
 
 class DataInfo(Struct, frozen=True):
-    """What a run has of its dataset: its two sides, and the SHA-256 of info.json.
+    """What a run has of its dataset: its two sensors, and the SHA-256 of info.json.
 
     recipe: name of the recipe, None for imported pairs. train_pairs: number of training pairs.
     force_n: smallest and largest force of its presses, N; absent for imported pairs. has_shear,
@@ -190,18 +218,13 @@ class DataInfo(Struct, frozen=True):
     """
 
     sha256: Sha256 = renamed(name="info_sha256")
-    source: Side
-    target: Side
+    source: SensorInfo
+    target: SensorInfo
     recipe: str | None = None
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
     force_n: tuple[float, float] | UnsetType = UNSET
     has_shear: bool | UnsetType = UNSET
     has_contact: bool | UnsetType = UNSET
-
-    def check(self) -> None:
-        """Raises ValueError for an invalid side."""
-        self.source.check()
-        self.target.check()
 
     @property
     def direction(self) -> str:
@@ -209,19 +232,19 @@ class DataInfo(Struct, frozen=True):
         return f"{self.source.value}-to-{self.target.value}"
 
     @property
-    def array(self) -> ArraySide:
+    def array(self) -> ArrayInfo:
         """The taxel array, the target's first. Raises T2TwinError without one."""
-        for side in (self.target, self.source):
-            if isinstance(side, ArraySide):
-                return side
+        for sensor in (self.target, self.source):
+            if sensor.value == COUNTS:
+                return sensor
         raise T2TwinError(f"{self.source.words} and {self.target.words} contain no counts")
 
     @property
-    def camera(self) -> CameraSide:
+    def camera(self) -> CameraInfo:
         """The gel camera, the source's first. Raises T2TwinError without one."""
-        for side in (self.source, self.target):
-            if isinstance(side, CameraSide):
-                return side
+        for sensor in (self.source, self.target):
+            if sensor.value == IMAGE:
+                return sensor
         raise T2TwinError(f"{self.source.words} and {self.target.words} contain no image")
 
     @property
@@ -236,16 +259,17 @@ def load_info(data_dir: Path, reverse: bool = False) -> DataInfo:
     Raises T2TwinError if it is missing or invalid.
     """
     info = read_info(data_dir)
-    sides = [side_of(info.sensors[role]) for role in _roles(reverse)]
-    moves = info.recipe is not None and info.recipe.motion and isinstance(sides[0], CameraSide)
+    source, target = (info.sensors[role] for role in _roles(reverse))
+    moves = info.recipe is not None and info.recipe.motion and source.value == IMAGE
     return DataInfo(
         sha256_of(data_dir / INFO),
-        *sides,
+        source,
+        target,
         recipe=info.recipe_name,
         train_pairs=info.pairs["train"],
         force_n=UNSET if info.recipe is None else info.recipe.force_range_n,
         has_shear=True if moves else UNSET,
-        has_contact=UNSET if info.sensors[_roles(reverse)[0]].contact_grid is None else True,
+        has_contact=True if source.value == IMAGE and source.contact_grid else UNSET,
     )
 
 
@@ -273,7 +297,7 @@ def load_pairs(
     """
     info, stored, roles = load_info(data_dir, reverse), read_info(data_dir), _roles(reverse)
     target, moves = info.target, bool(info.has_shear)
-    if with_dense_counts and not (isinstance(target, ArraySide) and target.dense is not None):
+    if with_dense_counts and (target.value == IMAGE or target.dense_x_mm is None):
         more = "make a dataset with them, such as `t2twin simdata --recipe union`"
         raise T2TwinError(f"the pairs in {data_dir} have no dense counts; {more}")
     counts = [column(role, stored.values[role]) for role in ROLES if stored.values[role] != IMAGE]
@@ -283,23 +307,23 @@ def load_pairs(
     table = read_split(data_dir, split, ["shape", "family", *POSE, *counts, *optional])
     name, folder = info.sha256[:12], cache_dir or data_dir / CACHE
 
-    def readings(role: str, side: Side) -> Readings:
-        if isinstance(side, ArraySide):
-            return lists(table, column(role, side.value)).astype(np.float32)
+    def readings(role: str, sensor: SensorInfo) -> Readings:
+        if sensor.value == COUNTS:
+            return lists(table, column(role, COUNTS)).astype(np.float32)
         second = role == ROLES[1] and info.source.value == target.value
         color, part = "grey" if grey else "rgb", f"{split}-target" if second else split
         cache = folder / f"{part}-{size}-{color}-{name}.npy"
         shape = (table.num_rows, size, size, 1 if grey else 3)
         images = _pngs(data_dir, stored, split, column(role, IMAGE))
-        write = partial(_write_images, images=images, shape=shape, stored=side.image_shape)
+        write = partial(_write_images, images=images, shape=shape, stored=sensor.image_shape)
         write_once(cache, partial(write, name=cache.stem))
         return ImageFile(cache)
 
     source, backgrounds, pictures = readings(roles[0], info.source), None, None
     if with_dense_counts and has_backgrounds(stored):
         backgrounds = load_backgrounds(data_dir, split, size, folder, name)
-    if isinstance(info.source, ArraySide) and isinstance(source, np.ndarray):
-        pictures = info.source.pictures(source, size, grey)
+    if info.source.value == COUNTS and isinstance(source, np.ndarray):
+        pictures = TactilePictures.of(source, info.source, size, grey)
     return Pairs(
         source=source,
         target=readings(roles[1], target),
@@ -362,9 +386,10 @@ def load_contact(
     Raises T2TwinError if a shard cannot be read.
     """
     info, names = read_info(data_dir), [column(role, name) for name in CONTACT_MAPS]
-    grid, pairs = info.sensors[role].contact_grid, info.pairs[cast(Any, split)]
-    if grid is None or side is None:
+    sensor, pairs = info.sensors[role], info.pairs[cast(Any, split)]
+    if side is None or sensor.value != IMAGE or sensor.contact_grid is None:
         return None
+    grid = sensor.contact_grid
     shape = (pairs, 2, side, side)
 
     def write(file: BinaryIO) -> None:

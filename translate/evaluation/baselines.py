@@ -4,7 +4,7 @@ Shape letters: P pairs or queries, M stored pairs or training taxels, N taxels.
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import pandas as pd
@@ -12,12 +12,11 @@ import torch
 from scipy.spatial import KDTree
 
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.info import ArrayInfo, DatasetInfo
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.taxels.phi import barycentric
 from t2twin.sim.taxels.reading import expected_reading, read_after
 from t2twin.translate.data.pairs import Pairs, Readings
-from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.evaluation.records import Figures
 
 MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR, MEAN_IMAGE, NOISE_FLOOR, LAYOUT_FLOOR = (
@@ -128,7 +127,7 @@ def view_on(
     return view | {name: int(mask.sum()) for name, mask in groups.items()}, groups
 
 
-def representable(trained: ArraySide, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+def representable(trained: ArrayInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     """Projection of a layout's counts onto those that another layout's images can represent.
 
     x_mm, y_mm: (N,) taxels inside the trained layout's hull, mm. Returns (N, N): multiplied by true
@@ -148,7 +147,7 @@ def second_reading(
     simulated, as if it were noiseless, and their difference is added to it. The result differs from
     the stored reading like two readings of one press; permanent imperfections cancel.
     """
-    array = info.sensors[role]
+    array = cast(ArrayInfo, info.sensors[role])
     if array.imperfections is None:
         return None
     layout, flaws, table = array.taxels, array.imperfections, array.reading
@@ -204,7 +203,7 @@ def predict_baselines(
     of_force: np.ndarray | None,
     info: DatasetInfo,
     role: str,
-    trained_layouts: Iterable[ArraySide],
+    trained_layouts: Iterable[ArrayInfo],
 ) -> dict[str, np.ndarray]:
     """(P, N) counts of the trivial predictors and of the floors that are known, by row.
 
@@ -219,10 +218,10 @@ def predict_baselines(
     repeated = second_reading(pairs.counts, info, role=role)
     if repeated is not None:
         rows[NOISE_FLOOR] = repeated
-    taxels = info.sensors[role].taxels
+    own = cast(ArrayInfo, info.sensors[role])
     for array in trained_layouts:
-        if not array.same_layout(taxels.x_mm, taxels.y_mm):
-            projection = representable(array, taxels.x_mm, taxels.y_mm)
+        if not array.fits(own):
+            projection = representable(array, own.x_mm, own.y_mm)
             rows[LAYOUT_FLOOR] = (pairs.counts @ projection.T).astype(np.float32)
             break
     return rows

@@ -21,8 +21,8 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked, write_json
 from t2twin.core.tables import markdown
+from t2twin.sim.dataset.info import COUNTS, IMAGE, CameraInfo, DatasetInfo
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
-from t2twin.sim.dataset.info import DatasetInfo, SensorInfo
 from t2twin.sim.dataset.store import read_info, sha256_of
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
@@ -40,7 +40,6 @@ from t2twin.translate.data.pairs import (
     load_pairs,
     usable_cache,
 )
-from t2twin.translate.data.sides import ArraySide, CameraSide
 from t2twin.translate.evaluation import metrics
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
@@ -165,7 +164,7 @@ def _is_reverse(runs: Sequence[TrainedTranslator], dataset: DatasetInfo) -> bool
             )
     if source.value != target.value:
         return first.source.value != source.value
-    names = (first.source.sensor, first.target.sensor)
+    names = (first.source.name, first.target.name)
     return names == (target.name, source.name) and source.name != target.name
 
 
@@ -191,11 +190,13 @@ def frame_of_own_light(info: DatasetInfo, role: str | None = None) -> np.ndarray
     made with that, else None. role: of the gel camera, by default the first."""
     if info.recipe is None or info.recipe.light.kind != "fixed":
         return None
-    sensor = bundled_in_own_light(info.camera if role is None else info.sensors[role])
+    camera = info.camera if role is None else info.sensors[role]
+    assert camera.value == IMAGE
+    sensor = bundled_in_own_light(camera)
     return None if sensor is None else sensor.image_renderer.background
 
 
-def bundled_in_own_light(camera: SensorInfo) -> GelCamera | None:
+def bundled_in_own_light(camera: CameraInfo) -> GelCamera | None:
     """The bundled sensor of a gel camera's name, if it has the same light, else None."""
     if camera.name not in bundled_sensors():
         return None
@@ -244,7 +245,7 @@ def predict_runs(
     Also the errors of runs that predict the contact, if the pairs have contact maps.
     """
     target = inputs.info.target
-    has_dense_counts = isinstance(target, ArraySide) and target.dense_x_mm is not None
+    has_dense_counts = target.value == COUNTS and target.dense_x_mm is not None
     predictions, estimates, contacts = {}, {}, {}
     for name, run in inputs.applied.items():
         preset = run.config.preset
@@ -443,7 +444,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         load_pairs(inputs.data_dir, s, FEATURE_SIZE, False, cache, reverse=inputs.reverse)
         for s in (split, "train")
     )
-    find = _counts if isinstance(info.target, ArraySide) else _images
+    find = _counts if info.target.value == COUNTS else _images
     tables, more, predictions, fields_of_target = find(inputs, split, cache, pairs, train)
     full_scale, shapes = info.target.full_scale, pairs.shapes
     few, moving, rows = np.unique(shapes).size <= MAX_SHAPES, pairs.is_moving, {}
@@ -467,7 +468,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
     if {TOUCH2TOUCH, RESNET18} <= tables.keys():
         paired = metrics.paired(tables[TOUCH2TOUCH], tables[RESNET18], full_scale, shapes)
     # The paper's rows are those of its protocol, sensors and direction.
-    sensors = (info.source.sensor, info.target.sensor)
+    sensors = (info.source.name, info.target.name)
     is_papers = inputs.dataset.is_protocol and sensors == (SOURCE, TARGET)
     evaluation = Evaluation(
         format=FORMAT,
@@ -486,8 +487,8 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         paired=paired,
         paper=PAPER.get(split, {}) if is_papers else {},
         recipe=info.recipe,
-        source=info.source.sensor,
-        target=info.target.sensor,
+        source=info.source.name,
+        target=info.target.name,
         **fields_of_target,
     )
     presses = {name: getattr(pairs, name) for name in ("x_mm", "y_mm", "yaw_rad", "force_n")}
@@ -508,7 +509,7 @@ def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
     predicted, estimates, contacts = predict_runs(inputs, split, cache)
     predictions |= predicted
     view, groups = None, {}
-    if isinstance(source, CameraSide):
+    if source.value == IMAGE:
         view, groups = view_on(array.x_mm, array.y_mm, source.view_mm)
     tables, more = {}, {}
     stds = {name: each.counts_std for name, each in estimates.items()}
@@ -587,7 +588,7 @@ def _run_fields(run: TrainedTranslator, info: DataInfo) -> dict[str, Any]:
         "run": str(run.run_dir),
         "weights_sha256": sha256_of(run.run_dir / BEST),
         "same_data": trained.sha256 == info.sha256,
-        "trained_layout": trained.target.layout if isinstance(trained.target, ArraySide) else None,
+        "trained_layout": trained.target.layout if trained.target.value == COUNTS else None,
         "trained_data": trained.sha256,
         "trained_recipe": trained.recipe,
         "trained_pairs": trained.train_pairs,

@@ -26,9 +26,9 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, read_file, temporary_folder, write_csv
 from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
+from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo, SensorInfo
 from t2twin.sim.tables import read_csv
 from t2twin.translate.data.images import open_image, to_pixels
-from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.inference.contact import ContactEstimate
 from t2twin.translate.inference.load import load_run, load_torch
 from t2twin.translate.inference.predictor import BATCH_SIZE, TrainedTranslator, with_background
@@ -234,7 +234,7 @@ def _write_tables(
         "layout": info.layout,
         "layout_x_mm": info.x_mm.tolist(),
         "layout_y_mm": info.y_mm.tolist(),
-        "full_scale_counts": info.full_scale_counts,
+        "full_scale_counts": info.full_scale,
         **({} if background is None else {"background": str(background)}),
     }
     entries = [
@@ -335,7 +335,7 @@ def translate_readings(
     is_other = not predictor.config.is_image_to_counts
     predictor.need(is_other, "a translation of readings", "a run of another direction")
     source, target = predictor.config.data.source, predictor.config.data.target
-    if isinstance(source, ArraySide):
+    if source.value == COUNTS:
         counts = [read_counts(path, source) for path in files]
         readings: Any = np.concatenate(counts)
         inputs = [path for path, each in zip(files, counts, strict=True) for _ in each]
@@ -345,21 +345,21 @@ def translate_readings(
     names = output_names(inputs)
     with _output(out_dir, inputs) as (folder, written):
         predicted = predictor.predict(readings)
-        if isinstance(target, ArraySide):
+        if target.value == COUNTS:
             columns = ["reading", *(f"{TAXEL}{n}" for n in range(target.x_mm.size))]
             rows = zip(map(_text, inputs), np.rint(predicted).astype(int).tolist(), strict=True)
             write_csv(folder / COUNTS_CSV, columns, [[name, *row] for name, row in rows])
             written.append(COUNTS_CSV)
-        if png or not isinstance(target, ArraySide):
+        if png or target.value == IMAGE:
             for name, each in zip(names, predicted, strict=True):
                 _picture(each, target).save(folder / name, compress_level=1)
             written += names
     return predicted
 
 
-def _picture(predicted: np.ndarray, target: Any) -> Image.Image:
+def _picture(predicted: np.ndarray, target: SensorInfo) -> Image.Image:
     """The picture of predicted counts or of a predicted image."""
-    if not isinstance(target, ArraySide):
+    if target.value == IMAGE:
         return Image.fromarray(predicted)
     tactile, px_per_mm = target.phi(predicted), target.tactile_image[2]
     return colored_tactile_image(
@@ -367,7 +367,7 @@ def _picture(predicted: np.ndarray, target: Any) -> Image.Image:
     )
 
 
-def read_counts(path: Path, array: ArraySide) -> np.ndarray:
+def read_counts(path: Path, array: ArrayInfo) -> np.ndarray:
     """(B, N) counts of a CSV or NPY file. Raises T2TwinError for a file that has no such counts."""
     taxels, content = array.x_mm.size, read_file(path)
     if path.suffix.lower() == ".npy":

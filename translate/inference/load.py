@@ -121,7 +121,7 @@ def contact_warnings(frame: np.ndarray, name: str, sensor: str) -> list[str]:
     said = []
     for run_name in pretrained_runs():
         config = load_config(resolve_run(run_name))
-        is_own = config.data.camera.sensor == sensor and config.has_uncertainty
+        is_own = config.data.camera.name == sensor and config.has_uncertainty
         if is_own and load_run(run_name).shows_contact(frame)[0]:
             said.append(f"{name} shows a contact, by {run_name}; expected a frame without")
     return said

@@ -23,7 +23,9 @@ from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.progress import Progress
+from t2twin.sim.dataset.info import ArrayInfo
 from t2twin.sim.sensors.files import load_sensor
+from t2twin.sim.taxels.layout import PAD_DIAMETER_MM
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.data.images import (
     COLORS,
@@ -35,8 +37,7 @@ from t2twin.translate.data.images import (
     one_image,
     resized,
 )
-from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures
-from t2twin.translate.data.sides import ArraySide, TactilePictures
+from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures, TactilePictures
 from t2twin.translate.inference.contact import contacts_of
 from t2twin.translate.models.base import TACTILE_IMAGES, Translator
 from t2twin.translate.models.field import FEATURES, FieldTranslator
@@ -131,7 +132,7 @@ class TrainedTranslator:
     def _predict(self, readings: Images, background: np.ndarray | None) -> tuple[np.ndarray, bool]:
         """The predictions of B readings at the network's size, and whether there is one reading."""
         source = self.config.data.source
-        if isinstance(source, ArraySide):
+        if source.value == COUNTS:
             self._no_background(background)
             counts = _checked_counts(readings, source)
             pixels, is_one = self._pictures(np.atleast_2d(counts)), counts.ndim == 1
@@ -152,9 +153,9 @@ class TrainedTranslator:
     @cached_property
     def _pictures(self) -> Callable[[np.ndarray], np.ndarray]:
         """Makes the pictures of counts, (B, N), of a taxel array."""
-        array, preset = self.config.data.source, self.config.preset
-        assert isinstance(array, ArraySide)
-        empty = array.pictures(np.empty((0, array.x_mm.size)), preset.size, preset.grey)
+        array, preset = cast(ArrayInfo, self.config.data.source), self.config.preset
+        none = np.empty((0, array.x_mm.size))
+        empty = TactilePictures.of(none, array, preset.size, preset.grey)
         return lambda counts: replace(empty, counts=counts)[:]
 
     def predict_pixels(
@@ -298,7 +299,7 @@ class TrainedTranslator:
     def _estimate(self, outputs: Outputs, classes: list[OODClass] | None) -> Estimate:
         return Estimate(
             **{name: outputs[name] for name in VALUES if name in outputs},
-            full_scale_counts=self.config.data.array.full_scale_counts,
+            full_scale_counts=self.config.data.array.full_scale,
             ood_class=None if classes is None else np.array(classes, dtype=object),
             array=self._array,
         )
@@ -307,7 +308,7 @@ class TrainedTranslator:
     def _array(self) -> TaxelArray | None:
         """The array as in datasets, None if its file is not here."""
         try:
-            sensor = load_sensor(self.config.data.array.sensor or self.config.data.array.layout)
+            sensor = load_sensor(self.config.data.array.name)
         except T2TwinError:
             return None
         return sensor.for_dataset() if isinstance(sensor, TaxelArray) else None
@@ -490,11 +491,10 @@ class TrainedTranslator:
         data = self.config.data
         trained = data.array
         x_mm, y_mm = arguments.vector(x_mm, "x_mm"), arguments.vector(y_mm, "y_mm")
-        array = structs.replace(
-            trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm
-        )
+        pads = np.full(x_mm.size, PAD_DIAMETER_MM) if pad_diameter_mm is None else pad_diameter_mm
+        array = structs.replace(trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pads)
         if trained.same_layout(x_mm, y_mm) and (
-            not self.has_uncertainty or trained.same_pads(array.taxels)
+            not self.has_uncertainty or trained.same_pads(array)
         ):
             return self
         purpose = f"another layout than {trained.layout} with its {trained.x_mm.size} taxels"
@@ -530,7 +530,7 @@ class TrainedTranslator:
     def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
         """Raises T2TwinError for pictures that `pixels_of` cannot return."""
         preset, source = self.config.preset, self.config.data.source
-        if isinstance(source, ArraySide):
+        if source.value == COUNTS:
             return
         if isinstance(pixels, TactilePictures):
             raise T2TwinError(f"pixels are pictures of counts; expected {source.words}")
@@ -566,7 +566,7 @@ def _force_and_half(outputs: Outputs) -> tuple[np.ndarray, np.ndarray]:
     return outputs["force_n"], half_width(FORCE_LEVEL) * outputs["force_std_n"]
 
 
-def _checked_counts(counts: object, data: ArraySide) -> np.ndarray:
+def _checked_counts(counts: object, data: ArrayInfo) -> np.ndarray:
     """Counts of the layout as an array, (N,) or (B, N) float32; T2TwinError if they are invalid."""
     found = arguments.array(counts, "counts").astype(np.float32)
     if found.ndim not in (1, 2) or found.shape[-1] != data.x_mm.size:

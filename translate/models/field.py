@@ -254,7 +254,7 @@ class FieldTranslator(Translator):
         """(N, F): maps dense counts to the counts of the layout."""
         array = self.info.array
         assert array.dense is not None
-        matrix = reading_matrix(array.dense, self.layout, array.elastomer)
+        matrix = reading_matrix(array.dense, self.layout, array.cover)
         return torch.from_numpy(matrix).float()
 
     @cached_property

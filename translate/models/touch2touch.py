@@ -1,6 +1,6 @@
 """touch2touch: pix2pix from the picture of one sensor to that of another (Grella et al. 2023).
 
-Pictures (data.sides) are scaled so that -1 is zero or black, and 1 is full scale or white, at the
+Pictures (data.pairs) are scaled so that -1 is zero or black, and 1 is full scale or white, at the
 preset's square size. The loss does not contain the counts; phi^-1 at that size reads them.
 
 A preset may add a soft IoU loss (Rahman and Wang 2016), because L1 gives little weight to the
@@ -22,10 +22,10 @@ from scipy.spatial import ConvexHull
 from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.dataset.info import ArrayInfo
 from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import COLORS, WHITE_GREY, to_scaled
 from t2twin.translate.data.pairs import DataInfo, Examples
-from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.models.base import TACTILE_IMAGES, Outputs, Translator, adamw
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.pix2pix import PatchGAN, UNet
@@ -177,7 +177,7 @@ class Touch2Touch(Pix2Pix):
         return other
 
 
-def _check_inside(trained: ArraySide, layout: Layout) -> None:
+def _check_inside(trained: ArrayInfo, layout: Layout) -> None:
     """Raises T2TwinError for taxels outside the trained layout's hull, without an image there."""
     x_mm, y_mm = layout.x_mm, layout.y_mm
     sides = ConvexHull(np.column_stack([trained.x_mm, trained.y_mm])).equations  # (sides, 3)

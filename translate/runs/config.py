@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Annotated
 
 import msgspec
-import numpy as np
 from msgspec import Meta, Struct
 
 from t2twin.core import arguments
@@ -24,9 +23,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
 from t2twin.core.machine import installed_version
 from t2twin.core.records import read_json
-from t2twin.sim.dataset.info import Sha256
+from t2twin.sim.dataset.info import IMAGE, Sha256, plain
 from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.data.sides import CameraSide
 from t2twin.translate.models.presets import (
     IMAGE_TO_COUNTS,
     MAX_BATCH,
@@ -38,7 +36,7 @@ from t2twin.translate.models.presets import (
 )
 from t2twin.translate.uncertainty.ood import OODDetector
 
-FORMAT = 2  # Version of config.json
+FORMAT = 3  # Version of config.json
 # Maximum steps of a training (assumed: more than a machine trains in a month)
 MAX_STEPS = 100_000_000
 CONFIG = "config.json"
@@ -100,7 +98,7 @@ class RunConfig(Struct, frozen=True):
     @property
     def predicts_images(self) -> bool:
         """Whether the run predicts images, rather than counts."""
-        return isinstance(self.data.target, CameraSide)
+        return self.data.target.value == IMAGE
 
     @property
     def is_image_to_counts(self) -> bool:
@@ -130,15 +128,13 @@ class RunConfig(Struct, frozen=True):
         if self.model not in MODELS:
             raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
         check_direction(self.direction, find_model(self.model))
-        self.data.check()
         if self.ood_detector is not None:
             self.ood_detector.check(channels=1 if self.preset.grey else 3)
 
     def save(self, run_dir: Path) -> None:
         """Writes RUN/config.json."""
-        content = msgspec.to_builtins(self, enc_hook=np.ndarray.tolist)
         libraries = {name: installed_version(name) for name in ("torch", "numpy")}
-        write_json(run_dir / CONFIG, content | {"versions": libraries})
+        write_json(run_dir / CONFIG, plain(self) | {"versions": libraries})
 
 
 def load_config(run_dir: Path) -> RunConfig:

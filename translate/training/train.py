@@ -23,9 +23,9 @@ from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import LOCK, is_empty, locked
 from t2twin.sim.dataset.columns import IMAGE
+from t2twin.sim.dataset.info import COUNTS
 from t2twin.sim.dataset.store import read_info, sha256_of
 from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
-from t2twin.translate.data.sides import ArraySide
 from t2twin.translate.models import distributed
 from t2twin.translate.models.presets import (
     GENERATES,
@@ -244,7 +244,7 @@ def _given(config: RunConfig) -> dict[str, Any]:
     return {
         "model": config.model,
         "direction": config.direction,
-        "source": config.data.source.sensor,
+        "source": config.data.source.name,
         "preset": config.preset,
         "seed": config.seed,
         "dataset": (config.data.sha256, config.contact_data),
@@ -281,7 +281,7 @@ def for_steps(preset: Preset, steps: int | None) -> Preset:
 def _with_iou_weight(preset: Preset, weight: float | None, model: Model, info: DataInfo) -> Preset:
     """The preset with a weight of the soft IoU loss, None for its own."""
     weight = arguments.number(preset.iou_weight if weight is None else weight, "iou_weight", 0.0)
-    if weight and not (model == GENERATES and isinstance(info.target, ArraySide)):
+    if weight and not (model == GENERATES and info.target.value == COUNTS):
         raise T2TwinError(
             f"iou_weight is {weight:g}, but a {model} {info.direction} run predicts no tactile "
             f"image; expected 0, or {GENERATES} to counts"
