@@ -29,8 +29,6 @@ FAR_MM = 1.0e4  # a height beyond every solid, mm
 SIDE_MM = 10.0
 # distance from a plane within which neighboring cells of a row are one part (assumed)
 EVEN_MM = 1.0e-4
-POINT, CELL = "UniTuple(f8, 3)", "UniTuple(i8, 2)"  # a point, a row and column of the source
-FRAME = "Tuple((f8[:, ::1], f8[::1], f8, f8, f8))"  # what `_at` needs
 NOT_SOLID = np.float32(-2.0)  # marks a cell without four solid corners in place of a normal
 SIDES_NOTE = (
     "{} has no mesh; its height map does not show its sides, which are taken as vertical where a "
@@ -140,7 +138,7 @@ def _surface(
     return HeightMap(heights, x_mm, y_mm), float(top)
 
 
-@compiled("f8(f4[:, ::1], f8, f8, f8, f8, f8[:, ::1], f8, f4[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def raise_to_map(source, floor, first_x, first_y, cell, rotation, pitch, heights):
     """Raise a map to the turned solid under another one, source, and return the greatest height."""
     ups = _ups(source, cell, rotation)
@@ -160,7 +158,7 @@ def raise_to_map(source, floor, first_x, first_y, cell, rotation, pitch, heights
     return top
 
 
-@compiled(f"f8({FRAME}, f4[:, ::1], f4[:, ::1], i8, i8, i8, f8, f8, f8, f4[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _raise_part(frame, source, ups, i, j, end, floor, edge, top, heights):
     """Raise to cells of row i from column j to before end, and to sides at them that face up."""
     to_right, to_upper = frame[0][2, 0], frame[0][2, 1]
@@ -182,7 +180,7 @@ def _raise_part(frame, source, ups, i, j, end, floor, edge, top, heights):
     return top
 
 
-@compiled(f"f8({FRAME}, {POINT}, {POINT}, {CELL}, {CELL}, f8, f8, f8, f4[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _raise_side(frame, one, other, at, then, floor, edge, top, heights):
     """Raise to the side below two points, at two places of the source."""
     below, after = _at(frame, at[0], at[1], floor), _at(frame, then[0], then[1], floor)
@@ -212,7 +210,7 @@ def _at(frame, i, j, height):
     return moved(turned, middle, (first_x + j * cell, first_y + i * cell, height))
 
 
-@compiled("i8(f4[:, ::1], f4[:, ::1], i8, i8)", nogil=True)
+@compiled(nogil=True)
 def _end_of_part(source, ups, i, j):
     """The column after the plane part of a row from a cell, whose neighbors are of one kind."""
     start, along = np.float64(source[i, j]), np.float64(source[i, j + 1] - source[i, j])
@@ -240,7 +238,7 @@ def _kind(up):
     return 2 if up == NOT_SOLID else (1 if up < STEEP else 0)
 
 
-@compiled("f4[:, ::1](f4[:, ::1], f8, f8[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _ups(source, cell, rotation):
     """(ny + 1, nx + 1) vertical components of the cells' turned unit normals, or NOT_SOLID."""
     ups = np.full((source.shape[0] + 1, source.shape[1] + 1), NOT_SOLID)

@@ -21,9 +21,6 @@ CODE_BITS = 10  # bits an axis of a triangle's place in the order of the blocks 
 LEVEL = 1.0e-10  # rows, below which the extent of a triangle's side is replaced by it (assumed)
 FAST: dict[str, Any] = {"nogil": True, "fastmath": {"nnan", "nsz"}}  # of loops that take a maximum
 
-POSE = "f8[:, ::1], f8[::1]"  # a rotation to the shape frame, (3, 3), and the center, (3,)
-MAP = "f8, f8, f8, f4[:, ::1]"  # the pitch, `behind`, the greatest height so far, and the map
-
 
 class Triangles(NamedTuple):
     """Triangles in their own frame, mm, in blocks of BLOCK that are close to each other."""
@@ -91,7 +88,7 @@ def _neighbors(triangles_mm: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray,
     return np.ascontiguousarray(normals.reshape(-1, 3, 3), np.float32), bool(is_closed)
 
 
-@compiled(f"f8(f4[:, :, ::1], f4[:, :, ::1], i8[::1], f8[::1], b1, f8, {POSE}, {MAP})", nogil=True)
+@compiled(nogil=True)
 def raise_to_triangles(
     triangles, normals, blocks, upper, closed, depth, rotation, center, pitch, behind, top, heights
 ):
@@ -166,13 +163,12 @@ def _side(a, b, edge):
     return start, change, np.inf, 0.0
 
 
-# Corners a, b and c, counterclockwise, the double area, and how far ab, bc and ca move outward.
-TRIANGLE = "UniTuple(f8, 3), UniTuple(f8, 3), UniTuple(f8, 3), f8, f8, f8, f8"
-
-
-@compiled(f"f8({TRIANGLE}, f8, f8, f4[:, ::1])", **FAST)
+@compiled(**FAST)
 def raise_to_triangle(a, b, c, area, ab, bc, ca, behind, top, heights):
-    """Raise a map to a triangle whose x is in columns and y in rows."""
+    """Raise a map to a triangle whose x is in columns and y in rows.
+
+    a, b, c: corners, counterclockwise. area: twice. ab, bc, ca: how far the sides move outward.
+    """
     highest, edge = np.float32(top), max(ab, bc, ca)
     first_row = max(int(np.ceil(min(a[1], b[1], c[1]) - edge)), 1)
     last_row = min(int(np.floor(max(a[1], b[1], c[1]) + edge)), heights.shape[0] - 2)
@@ -204,7 +200,7 @@ def raise_to_triangle(a, b, c, area, ab, bc, ca, behind, top, heights):
     return highest
 
 
-@compiled("void(f8[:, :, ::1], f8, f4[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def raise_to_corners(triangles, pitch, heights):
     """Raise a map to triangles (n, 3, 3), mm, that face up or down, without moving outlines."""
     column, row, edge = heights.shape[1] // 2, heights.shape[0] // 2, EDGE_MM / pitch

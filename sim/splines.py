@@ -94,7 +94,7 @@ def _banded(matrix: np.ndarray) -> _Banded:
     return _Banded(first, np.ascontiguousarray(weights, np.float32))
 
 
-@compiled("void(f4[:, ::1], i8[::1], f4[:, ::1], f4[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _add_rows(values, first, weights, sums):
     for i in range(first.size):
         row = sums[i]

@@ -102,7 +102,7 @@ LOOP = """
 from t2twin.core.jit import compiled
 from part import part
 
-@compiled("f8(f8)")
+@compiled()
 def loop(x):
     return part(x)
 

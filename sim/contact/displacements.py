@@ -81,7 +81,7 @@ def unfolded(displacement_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
     return found
 
 
-@compiled("void(f8[:, :, ::1], f8)", nogil=True)
+@compiled(nogil=True)
 def _unfold(moved, most):
     """Limit the displacement in place. most: decrease from one column or row to the next, mm."""
     _, rows, columns = moved.shape

@@ -203,7 +203,7 @@ def stiffened(u, h):
     return h * (1.0 - stretch), slope, curvature
 
 
-@compiled("void(f8[:, ::1], f8[:, ::1], f8[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _neo_hookean(linear, thickness, deflection):
     for i in range(linear.shape[0]):
         for j in range(linear.shape[1]):

@@ -26,7 +26,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.jit import INNER, compiled
 from t2twin.sim.contact.elastomer import MAX_FRICTION
-from t2twin.sim.contact.layer import KERNELS, SHEAR_WORK, ShearLayer, respond, shear_work
+from t2twin.sim.contact.layer import ShearLayer, respond, shear_work
 
 # Share by which a traction may be below the limit of friction where the shape slips: three times
 # the tolerance of the traction.
@@ -80,7 +80,6 @@ class Traction(NamedTuple):
 # (bodies,), bodies whose traction is at the limit, along their rigid motion, whatever the gradient;
 # rigid, (bodies, 3), the rigid motions, which are unknowns of the others.
 Bodies = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-BODIES = "Tuple((f8[::1], f8[::1], i8[:, ::1], f8[:, ::1], f8[:, ::1], b1[::1], f8[:, ::1]))"
 NO_BODIES: Bodies = (
     np.empty(0), np.empty(0), np.empty((0, 0), int), np.empty((0, 3)), np.empty((0, 3)),
     np.empty(0, bool), np.empty((0, 3)),
@@ -118,7 +117,7 @@ def solve_traction(
     return Traction(q.astype(float), displacement.astype(float), residual, tolerance, steps)
 
 
-@compiled("b1(f8[:, ::1], f8[::1], f8[::1])", nogil=True)
+@compiled(nogil=True)
 def _solve(matrix, right, solution):
     """Solve a positive definite (3, 3) system by Cholesky's factors; False where it is not."""
     lower = np.zeros((3, 3))
@@ -147,10 +146,7 @@ def _solve(matrix, right, solution):
     return True
 
 
-@compiled(
-    f"f8(f4[:, :, ::1], f4[:, :, ::1], f8, f4[:, ::1], {BODIES}, i8, f8[::1], f8[::1], f8[:, ::1])",
-    nogil=True,
-)
+@compiled(nogil=True)
 def _residual(q, gradient, length, limit, bodies, body, rigid, error, slope):
     """Potential of a rigid motion, see `balance`; writes its gradient and its Hessian."""
     x, y, owner, levers, wrenches, _, _ = bodies
@@ -192,9 +188,7 @@ def _residual(q, gradient, length, limit, bodies, body, rigid, error, slope):
     return value
 
 
-@compiled(
-    f"b1(f4[:, :, ::1], f4[:, :, ::1], f8, f4[:, ::1], {BODIES}, i8, f8, b1, f8[::1])", nogil=True
-)
+@compiled(nogil=True)
 def balance(q, gradient, length, limit, bodies, body, capacity, turns, rigid):
     """Find the rigid motion for which a body's traction has its wrench; False without convergence.
 
@@ -243,10 +237,7 @@ def balance(q, gradient, length, limit, bodies, body, capacity, turns, rigid):
     return False
 
 
-@compiled(
-    f"UniTuple(f8, 3)(f4[:, :, ::1], f4[:, :, ::1], f4[:, ::1], f8, {BODIES}, f4[:, :, ::1])",
-    nogil=True,
-)
+@compiled(nogil=True)
 def balanced_step(q, gradient, limit, length, bodies, direction):
     """As `step_towards` with the bodies' wrenches, without the rigid motions' part."""
     x, y, owner, levers, _, slides, rigid = bodies
@@ -280,11 +271,7 @@ def balanced_step(q, gradient, limit, length, bodies, direction):
     return largest, square, slope
 
 
-@compiled(
-    f"Tuple((f8, i8))({KERNELS}, {SHEAR_WORK}, f4[:, ::1], f4[:, :, ::1], {BODIES}, f8, f8,"
-    " f4[:, :, ::1], f4[:, :, ::1])",
-    nogil=True,
-)
+@compiled(nogil=True)
 def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displacement):
     """See `solve_traction`; writes q and the displacement, returns the residual and the steps."""
     has_bodies = bodies[3].shape[0] > 0
@@ -356,9 +343,7 @@ def _dot(a, b):
     return total
 
 
-@compiled(
-    "UniTuple(f8, 3)(f4[:, :, ::1], f4[:, :, ::1], f4[:, ::1], f8, f4[:, :, ::1])", nogil=True
-)
+@compiled(nogil=True)
 def step_towards(q, gradient, limit, length, direction):
     """Write the step from q, (2, rows, columns), against the gradient to the nearest traction
     within the limit, (rows, columns).
@@ -383,9 +368,7 @@ def step_towards(q, gradient, limit, length, direction):
     return largest, square, slope
 
 
-@compiled(
-    "void(f4[:, :, ::1], f4[:, :, :], f8, f4[:, :, ::1], f4[:, ::1], f4[:, :, ::1])", nogil=True
-)
+@compiled(nogil=True)
 def take_step(displacement, moved, fraction, wanted, limit, gradient):
     """Add a fraction of a displacement; write the energy's gradient, 0 outside the contact."""
     for k in range(2):

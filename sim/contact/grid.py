@@ -97,7 +97,7 @@ def center_values(fine: np.ndarray, per_side: int) -> np.ndarray:
     return found
 
 
-@compiled("void(f8[:, :], i8, f8[:, ::1], f8[:, :])", nogil=True)
+@compiled(nogil=True)
 def _along_first_axis(fine, per_side, weights, values):
     """Write the values between the two cells in the middle of each block of an even number."""
     for i in range(values.shape[0]):
@@ -112,7 +112,7 @@ def _along_first_axis(fine, per_side, weights, values):
             values[i, j] = value
 
 
-@compiled("void(f8[:, :], f8[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _without_curvature(means, centers):
     """Write the means less the second differences over 24, which are one-sided at a rim."""
     rows, columns = means.shape
@@ -124,7 +124,7 @@ def _without_curvature(means, centers):
             centers[i, j] = means[i, j] - (around - 4 * means[i, j]) / 24
 
 
-@compiled("UniTuple(i8, 4)(b1[:, :])", nogil=True)
+@compiled(nogil=True)
 def _extent(mask):
     """First and last row, first and last column of a mask."""
     top, bottom, left, right = mask.shape[0], -1, mask.shape[1], -1
@@ -136,7 +136,7 @@ def _extent(mask):
     return top, bottom, left, right
 
 
-@compiled("void(b1[:, :], i8, b1[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _dilate(mask, cells, wider):
     rows, columns = mask.shape
     for i in range(rows):

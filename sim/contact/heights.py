@@ -28,8 +28,6 @@ NOT_FLAT = np.float32(np.inf)  # marks a block that is not flat together with al
 MAX_PLACES = 200  # points along a side of a map among which a high place is searched (assumed)
 TOP_MM = 0.1  # height range of a high place, mm (assumed: the depth of a light press)
 NO_SHIFT = np.zeros((3, 1, 1))  # shift that the compiled loops do not read
-LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"  # types of what `lookup` returns
-SHIFT = "b1, f8[:, :, ::1]"  # types of what `shifts_on` returns
 
 
 def heights_at(
@@ -106,7 +104,7 @@ def raise_to_shape(
 
 
 def lookup(surface: HeightMap, command: "PressCommand") -> tuple[Any, ...]:
-    """Arguments of the compiled loops, of types LOOKUP: heights, origin, press, cos, sin."""
+    """Arguments of the compiled loops: heights, origin, press, cos, sin."""
     per_mm = 1.0 / surface.pitch_mm
     return (
         np.ascontiguousarray(surface.heights_mm, dtype=np.float32),
@@ -126,7 +124,7 @@ def column_and_row(column, row, press_x, press_y, cos, sin, x, y):
     return column + (cos * dx + sin * dy), row + (sin * dx - cos * dy)
 
 
-@compiled("void(f4[:, ::1], f8[::1], f8[::1], i8, f4[::1])", nogil=True)
+@compiled(nogil=True)
 def heights_along(heights, columns, rows, count, found):
     """Write the heights at `count` places of a map, bilinear; twice as fast as with the places."""
     # Unsigned indices save the check for negative ones.
@@ -147,7 +145,7 @@ def heights_along(heights, columns, rows, count, found):
         found[n] = left + across * (right - left)
 
 
-@compiled(f"void({LOOKUP}, f8[::1], f8[::1], {SHIFT}, f4[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _heights(
     heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, out
 ):
@@ -166,11 +164,7 @@ def _heights(
                 out[i, j] -= shift[2, i, j]
 
 
-@compiled(
-    f"void({LOOKUP}, f8[::1], f8[::1], {SHIFT}, f4[:, ::1], b1[:, ::1], i8[::1], i8[::1],"
-    " f4[:, ::1])",
-    nogil=True,
-)
+@compiled(nogil=True)
 def _raise(
     heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, apex, near,
     near_rows, near_columns, out,
@@ -259,7 +253,7 @@ def _flat_blocks(surface: HeightMap) -> np.ndarray:
     return blocks
 
 
-@compiled("void(f4[:, ::1], f4[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _find_flat_blocks(heights, blocks):
     """Write the blocks of `_flat_blocks`."""
     rows, columns = blocks.shape
@@ -403,11 +397,7 @@ def _chosen_cells(
     return count
 
 
-@compiled(
-    f"void({LOOKUP}, f4[:, ::1], f8[::1], f8[::1], {SHIFT}, b1[:, ::1], f8[:, ::1], f8[:, ::1],"
-    " f8[:, ::1])",
-    nogil=True,
-)
+@compiled(nogil=True)
 def _footprint(
     heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted, shift,
     included, mean, share, peak,
@@ -467,9 +457,7 @@ def _footprint(
                 peak[i, j] -= shift[2, i, j]
 
 
-@compiled(
-    "void(f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, f8[:, ::1], f8[:, ::1], f8[:, ::1])", nogil=True
-)
+@compiled(nogil=True)
 def _coarsen(heights, shares, peaks, per_side, mean, share, peak):
     """Write mean, share and peak of cells of per_side x per_side cells."""
     for i in range(mean.shape[0]):

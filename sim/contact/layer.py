@@ -409,7 +409,7 @@ def _responses(layers: Sequence[ShearLayer], loads: np.ndarray, components: int)
 
 
 def shear_work(shape: tuple[int, ...], loads: int) -> tuple[np.ndarray, ...]:
-    """Arrays that `respond` works in, of types SHEAR_WORK, for a number of loads on (R, C)."""
+    """Arrays that `respond` works in for a number of loads on (R, C)."""
     rows, (down, across) = shape[0], padded_shape(shape)
     half = across // 2 + 1
     return (
@@ -439,15 +439,7 @@ def interpolation(per_node: int) -> tuple[np.ndarray, np.ndarray]:
     return first, np.ascontiguousarray(np.stack(weights, axis=1), np.float32)
 
 
-# Types of the loops' arguments: of `convolve` from kernel to work, and of `respond`.
-REAL, COMPLEX = "f4[:, ::1]", "c8[:, ::1]"
-WORK = ", ".join([COMPLEX, COMPLEX, REAL, REAL, COMPLEX, COMPLEX, COMPLEX, REAL, REAL])
-OPERATOR = f"{REAL}, i8, f4[:, :, ::1], i8, f4[:, :, ::1], i8[::1], {REAL}, Tuple(({WORK}))"
-SHEAR_WORK = "Tuple((f4[:, ::1], c8[:, ::1], c8[:, :, ::1], c8[:, ::1], f4[:, ::1]))"
-KERNELS = "f4[:, :, ::1]"
-
-
-@compiled(f"void({REAL}, {OPERATOR}, {REAL})", nogil=True)
+@compiled(nogil=True)
 def convolve(
     pressure, kernel, columns, smooth, node_columns, weights, first, taps, work, linear
 ):  # fmt: skip
@@ -541,7 +533,7 @@ def _add_from_nodes(nodes, first, taps, lines, values):
             )
 
 
-@compiled(f"void(f4[:, :, ::1], {KERNELS}, {SHEAR_WORK}, b1, f4[:, :, ::1])", nogil=True)
+@compiled(nogil=True)
 def respond(loads, kernels, work, is_known, response):
     """Write the response of a layer, (2 or 3, rows, columns), mm, to traction along x and y,
     (2, rows, columns), or to pressure, (1, rows, columns), MPa.

@@ -132,9 +132,7 @@ def _model(pins: int) -> mujoco.MjModel:
     return model
 
 
-@compiled(
-    "void(f8[::1], f8, f8, f8[::1], f8[::1], f8[:], f8[::1], f8[::1], f8[::1], f8[::1])", nogil=True
-)
+@compiled(nogil=True)
 def _set_up(gap, depth, force, rest, stiffness, heights, springs, rests, places, motion):
     """Write the state before a step, and the expected motion upwards in it; see `step`."""
     # A contact is a spring too, by IMPEDANCE stiffer than its bodies, and in a step of 1 s a mass

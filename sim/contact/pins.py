@@ -206,9 +206,7 @@ def _blocks(along, per_cell, rows, columns, sides):
                     n += 1
 
 
-@compiled(
-    "void(f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:, :, ::1], f4[:, ::1])", nogil=True
-)
+@compiled(nogil=True)
 def spread(pressure, bodies, rows, columns, sides, cover, fine):
     """Write the sum of the pins' pressures, times their cover, to fine, (rows, >= columns)."""
     for i in range(fine.shape[0]):
@@ -222,10 +220,7 @@ def spread(pressure, bodies, rows, columns, sides, cover, fine):
                 fine[i, j] += pressure[n] * cover[bodies[n], i, j]
 
 
-@compiled(
-    "void(f8[:, :, ::1], i8, i8[:, ::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[::1])",
-    nogil=True,
-)
+@compiled(nogil=True)
 def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pressure):
     down, across = coarse.shape[1] * per_cell, coarse.shape[2] * per_cell
     for n in range(rows.size):
@@ -237,7 +232,7 @@ def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pres
         pressure[n] = total / covered[n]
 
 
-@compiled("void(i8[::1], i8[::1], i8[::1], b1[::1], b1[:, ::1], b1[::1])", nogil=True)
+@compiled(nogil=True)
 def _with_neighbors(rows, columns, sides, chosen, near, found):
     down, across = near.shape
     for n in range(chosen.size):
@@ -291,11 +286,7 @@ def _additional(cover, i, j, compliance):
     return 0.0 if inner else compliance * (EDGE_SHARE / max(share, MIN_COVER) - EDGE_RISE)
 
 
-@compiled(
-    "i8(i8[:, ::1], i8, f8[:, ::1], f8[:, ::1], f8, f8, f8[:, :], f8[:, :], f8, i8[::1], i8[::1],"
-    " i8[::1], f8[:, ::1], f8[:, ::1])",
-    nogil=True,
-)
+@compiled(nogil=True)
 def _place(
     along, per_cell, heights, shares, wall, compliance, surface, thickness, first_touch, rows,
     columns, sides, of_pins, cover,
@@ -323,7 +314,7 @@ def _place(
     return kept
 
 
-@compiled("UniTuple(i8, 4)(i8[::1], i8[::1], i8[::1], b1[::1])", nogil=True)
+@compiled(nogil=True)
 def _extent(rows, columns, sides, chosen):
     """First and last row, first and last column of the chosen pins' cells."""
     top = left = np.iinfo(np.int64).max

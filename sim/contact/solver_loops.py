@@ -10,7 +10,7 @@ import numpy as np
 
 from t2twin.core.jit import INNER, compiled
 from t2twin.sim.contact.elastomer import stiffened
-from t2twin.sim.contact.layer import OPERATOR, convolve
+from t2twin.sim.contact.layer import convolve
 from t2twin.sim.contact.pins import spread
 
 MIN_STEPS = 2  # the first step does not include pins that were added before it
@@ -22,8 +22,6 @@ FAR_MM = 1e9  # deflection at which the spring of an inactive pin carries nothin
 MEMORY = 4  # earlier steps that Anderson acceleration stores; more does not reduce the steps
 RIDGE = 1e-8  # relative addition to the diagonal of the normal equations: for equal steps
 RESTART_GROWTH = 2.0  # growth of the residual in a step above which the stored ones are discarded
-# Types of the arrays of pins: see `iterate`.
-PINS = "Tuple((i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[::1], f8[::1], f8[::1]))"
 
 
 @compiled(inline="always")
@@ -73,7 +71,7 @@ def _spring_depth(force, tops, stiffness, near):
     return depth
 
 
-@compiled("f8(f8, f8[::1], f8[::1])", nogil=True)
+@compiled(nogil=True)
 def spring_depth(force, tops, stiffness):
     """Depth at which springs with these tops and stiffnesses, (n,), carry a force."""
     return _spring_depth(force, tops, stiffness, np.inf)
@@ -96,7 +94,7 @@ def _fit_springs(
     return _spring_depth(force, tops, stiffness, near)
 
 
-@compiled("f8(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])", nogil=True)
+@compiled(nogil=True)
 def redistribute_force(deflection, rest, local, area, current, pressure):
     """Pressure of springs compressed by `deflection`, written to pressure, (n,), MPa.
 
@@ -116,11 +114,7 @@ def _sum_of(sums, k, top, bottom, left, right):
     return sums[bottom, right, k] - sums[top, right, k] - sums[bottom, left, k] + sums[top, left, k]
 
 
-@compiled(
-    "void(f8[::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[:, :, ::1])",
-    nogil=True,
-    **INNER,
-)
+@compiled(nogil=True, **INNER)
 def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
     """Amplify, in place, the short waves of a step from `current` to pressure.
 
@@ -186,7 +180,7 @@ def _eliminate(system):
     return True
 
 
-@compiled("void(f8[:, ::1], f8[:, ::1], i8[::1], f8[::1], f8[::1], f8[::1])", nogil=True)
+@compiled(nogil=True)
 def accelerate(memory, normal, counts, point, image, mixed):
     """Write the next point of Anderson acceleration; see Anderson.
 
@@ -249,12 +243,7 @@ class Anderson:
         return mixed
 
 
-@compiled(
-    "f8(f8, i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
-    " f8[::1], f8[::1], f8[::1], f8[::1])",
-    nogil=True,
-    **INNER,
-)
+@compiled(nogil=True, **INNER)
 def spring_step(
     min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure, local,
     rest, depths,
@@ -279,12 +268,7 @@ def spring_step(
     return change
 
 
-@compiled(
-    f"Tuple((f8, i8))(f8, f8, i8, f8, {PINS}, f8[:, :, ::1], i8[::1], f8[::1], f8[::1], b1,"
-    f" Tuple(({OPERATOR})), i8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1],"
-    " f4[:, ::1])",
-    nogil=True,
-)
+@compiled(nogil=True)
 def iterate(
     tolerance, step, max_steps, min_slope, pins, cover, ends, forces, compliance, stiffens,
     operator, reaches, gains, current, pressure, local, rest, depths, linear,
@@ -334,7 +318,7 @@ def iterate(
     return (change if max_steps >= MIN_STEPS else np.inf), max_steps
 
 
-@compiled(f"b1(f4[:, ::1], b1, {PINS}, f8[:, :, ::1], f8[::1], b1[::1], b1[::1])", nogil=True)
+@compiled(nogil=True)
 def penetrated(linear, stiffens, pins, cover, depths, active, found):
     """Write which inactive pins, (n,) bool, have the shape above the surface; whether any."""
     bodies, rows, columns, sides, gap, area, _, thickness = pins

@@ -96,7 +96,7 @@ def _interpolation(places: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, 
     return first, steps - first
 
 
-@compiled("void(f8[:, :, ::1], i8[::1], f8[::1], i8[::1], f8[::1], f8[:, :, ::1])", nogil=True)
+@compiled(nogil=True)
 def _interpolate(values, rows, down, columns, across, found):
     """Write values between rows and rows + 1, and columns and columns + 1, at shares of the way."""
     for k in range(found.shape[0]):

@@ -62,7 +62,7 @@ def _sheared(
     return moved
 
 
-@compiled("void(f4[:, :, ::1], f8, f4[:, :, ::1])", nogil=True)
+@compiled(nogil=True)
 def _displacement_at_arrival(sheared, pitch, came):
     """Write the displacement along x, along y and into the sensor, mm, of the points that have come
     to each grid point."""
@@ -85,7 +85,7 @@ def _displacement_at_arrival(sheared, pitch, came):
             came[2, i, j] = at_place(sheared[2], i - y / pitch, j - x / pitch)
 
 
-@compiled("void(f4[:, ::1], f4[:, :, ::1], f8, f8, f8, f8[::1], f8[::1], f4[:, ::1])", nogil=True)
+@compiled(nogil=True)
 def _resample(surface, came, first_x, first_y, pitch, x_mm, y_mm, moved):
     """Write the surface, lowered by the shear, where its points have come from.
 

@@ -61,7 +61,7 @@ def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
     return stress
 
 
-@compiled("void(f8[:, ::1], f8[::1], f8[::1])", nogil=True)
+@compiled(nogil=True)
 def _add_stress(weights, values, stress):
     """Add the effect of the cells' few values; the bits of a BLAS product depend on the threads."""
     for cell in range(values.size):

@@ -24,9 +24,7 @@ from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.primitives_cad.triangles import (
     EDGE_MM,
     FAST,
-    MAP,
     OUTLINE,
-    POSE,
     STEEP,
     Triangles,
     in_blocks,
@@ -273,7 +271,7 @@ def _of_grid(points: np.ndarray) -> np.ndarray:
 # left out. Each loop takes the greatest height so far and returns the new one.
 
 
-@compiled(f"f8(i8, f8[::1], {POSE}, {MAP})", nogil=True)
+@compiled(nogil=True)
 def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights):
     """Raise a map to a geom with a formula. size: (3,) as geom_size, mm."""
     size = size.copy()
@@ -320,7 +318,7 @@ def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights
     return top
 
 
-@compiled("void(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8, f8[::1])", **FAST)
+@compiled(**FAST)
 def _solid(x, start, along, up, per_mm, half, found):
     """Raise heights to an ellipsoid, or to a cylinder if per_mm is 0 along z, within half."""
     o0, o1, o2 = start[0] * per_mm[0], start[1] * per_mm[1], start[2] * per_mm[2]
@@ -340,7 +338,7 @@ def _solid(x, start, along, up, per_mm, half, found):
         found[n] = found[n] if found[n] > height else height
 
 
-@compiled("f8(f8[::1], f8, f8, f8, f4[::1])", **FAST)
+@compiled(**FAST)
 def _raise_row(found, middle, behind, top, out):
     """Raise a row of a map to heights above `middle`; a NOTHING_MM among them is left out."""
     highest = np.float32(top)
@@ -352,7 +350,7 @@ def _raise_row(found, middle, behind, top, out):
     return highest
 
 
-@compiled("UniTuple(i8, 2)(f8, f8, f8, i8)", nogil=True)
+@compiled(nogil=True)
 def _grid_lines(center, reach, pitch, limit):
     """First and last grid line within reach of a center, which are within -limit and limit."""
     low, high = max(center - reach, -limit * pitch), min(center + reach, limit * pitch)
@@ -360,7 +358,7 @@ def _grid_lines(center, reach, pitch, limit):
     return max(first, 1 - limit), min(last, limit - 1)
 
 
-@compiled("f8(i8, f8[::1], f8[::1])", nogil=True)
+@compiled(nogil=True)
 def _half_extent(kind, size, direction):
     """Half the extent of a geom, mm, along a unit vector in its frame."""
     x, y, z = abs(direction[0]), abs(direction[1]), abs(direction[2])

@@ -66,11 +66,10 @@ def compile_time_s() -> float:
     return _compiling.seconds
 
 
-def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
+def compiled(**options: Any) -> Callable[[Callable], Any]:
     """A decorator with the arguments of numba.njit, except `cache`; it compiles at the first call.
 
-    signature: types of the arguments, for which the method `prepare` compiles without a call. A
-    division by zero gives inf or nan. Without a cache directory the function is compiled in every
+    A division by zero gives inf or nan. Without a cache directory the function is compiled in every
     process. NUMBA_CACHE_DIR replaces the cache directory.
     """
     # A wrapper for C callers would take a tenth of the time to compile.
@@ -83,11 +82,9 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
         folder = _code_folder(given, Path(function.__code__.co_filename).parents[level])
         _numba.config.CACHE_DIR = given if folder is None else str(folder)
         try:
-            dispatcher = _numba.njit(cache=folder is not None, **options)(function)
+            return _numba.njit(cache=folder is not None, **options)(function)
         finally:
             _numba.config.CACHE_DIR = given
-        dispatcher.prepare = lambda: [dispatcher.compile(each) for each in signature]
-        return dispatcher
 
     return declare
 
