@@ -22,7 +22,7 @@ def main(data: Path, preset: str, minutes: float, out: Path) -> None:
         evaluation = t2twin.evaluate(["field", *runs], data, split, out / f"evaluate-{split}")
         print(f"\nRMSE on {content}, percent of full scale:")
         for name, row in evaluation.models.items():
-            print(f"{name:22} {row.overall.rmse_percent:6.2f}")
+            print(f"{name:22} {row.overall['rmse_percent']:6.2f}")
 
     report = t2twin.write_report(out / "report", data, runs)
     print(f"\nwrote {report}")

@@ -70,8 +70,9 @@ def test_contact_is_found_over_the_noise_at_rest(data_dir: Path) -> None:
     flaws, reading = array.info.imperfections, array.info.reading
     assert flaws is not None
     at_rest = [
-        read_after(None, np.zeros(20), array.layout, flaws, reading, rng)[0] for _ in range(100)
+        read_after(None, np.zeros(20), array.info.taxels, flaws, reading, rng)[0]
+        for _ in range(100)
     ]
     rest = replace(array, counts=np.stack(at_rest))
-    assert rest.largest.max() > MIN_CONTACT_SHARE * array.full_scale
+    assert rest.counts.max() > MIN_CONTACT_SHARE * array.info.full_scale_counts
     assert rest.touched.mean() <= 0.02  # 0.6 % of many samples

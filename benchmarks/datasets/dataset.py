@@ -107,7 +107,7 @@ def _near_duplicates(dataset: Dataset) -> tuple[np.ndarray, np.ndarray]:
     assert noise_grey is not None and array.info.imperfections is not None
     _, noise = expected_reading(array.info.imperfections, array.info.reading, array.counts)
     same_counts = SAME_READINGS * np.sqrt(2.0 * np.square(noise).mean(axis=1))
-    same_counts = np.maximum(same_counts, SAME_SHARE * array.full_scale)
+    same_counts = np.maximum(same_counts, SAME_SHARE * array.info.full_scale_counts)
     alike, same = np.zeros((2, len(shapes)), bool)
     for shape in np.unique(shapes):
         at = np.flatnonzero(shapes == shape)

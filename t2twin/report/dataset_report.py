@@ -1,7 +1,6 @@
-"""A dataset in memory and its report: one self-contained HTML page.
+"""A dataset in memory and its report. Images are read individually.
 
-Images are read individually. Shape letters: P pairs of all splits, N taxels, R rows and C columns
-of an image.
+Shape letters: P pairs of all splits, N taxels, R rows and C columns of an image.
 """
 
 from dataclasses import dataclass
@@ -12,7 +11,6 @@ from typing import Any, cast
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -32,18 +30,12 @@ from t2twin.report.page import (
 from t2twin.sim.dataset.columns import CONTACT, COUNTS, IMAGE, POSE, column
 from t2twin.sim.dataset.info import SPLITS, ArrayInfo, DatasetInfo, SensorInfo
 from t2twin.sim.dataset.store import iter_images, lists, read_info, read_split, split_shards
-from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.reading import expected_reading
 
-COLUMNS = ("shape", "family", "index", *POSE)
-"""Columns of the table, besides those of the contacts."""
-
-SATURATED_SHARE = 0.999
-"""Share of full scale above which a count is saturated (assumed: ten times the noise)."""
-
-MIN_CONTACT_SHARE = 0.0025
-"""Smallest count of a touched taxel, share of full scale (assumed)."""
+COLUMNS = ("shape", "family", "index", *POSE)  # of the table, besides those of the contacts
+SATURATED_SHARE = 0.999  # of full scale, from which a count is saturated (assumed: tenfold noise)
+MIN_CONTACT_SHARE = 0.0025  # smallest count of a touched taxel, share of full scale (assumed)
 
 AT_REST_STDS = 10.0
 """Smallest count of a touched taxel over its mean at rest, standard deviations of the noise
@@ -51,10 +43,7 @@ AT_REST_STDS = 10.0
 
 ROUNDING_COUNTS = 0.5
 MAX_LISTED_FORCES = 6
-
-PAIRS, PAIR_IN = 12, 4.4
-"""Number of pairs, and width of their pictures, inches."""
-
+PAIRS, PAIR_IN = 12, 4.4  # number of pairs, and width of their pictures, inches
 MAX_BARS = 100  # assumed: three printed pages
 GALLERY_COLUMNS, MAX_IMAGES = 10, 60
 BARS_WIDTH_IN, BAR_IN, MARGINS_IN, TILE_TITLE_IN = 4.4, 0.17, 1.0, 0.22
@@ -62,49 +51,28 @@ SATURATION_IN, WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 2.8, 9.0, 2.9, 3.2
 BINS, COUNTS_TICKS = 40, 5
 MIN_BARS = 4  # smallest range of saturated taxels of a pair
 MIN_PERCENT = 0.001  # smallest displayed force error
-
-MAX_FAMILIES = 24
-"""Maximum number of families in the chart of depths (assumed: space for their names)."""
-
+MAX_FAMILIES = 24  # in the chart of depths (assumed: space for their names)
 SENSOR_COLORS = {"source": COLORS[0], "target": COLORS[3]}
 
 
 @dataclass(frozen=True)
 class Array:
-    """A taxel array of a dataset.
-
-    info: its record. phi: of its taxels. counts: (P, N), in the order of Dataset.table.
-    """
+    """A taxel array of a dataset."""
 
     info: ArrayInfo
     phi: Phi
-    counts: np.ndarray
-
-    @property
-    def layout(self) -> Layout:
-        """The taxels."""
-        return self.info.taxels
-
-    @property
-    def full_scale(self) -> int:
-        """Count at which a taxel saturates."""
-        return self.info.full_scale_counts
+    counts: np.ndarray  # (P, N), in the order of Dataset.table
 
     @property
     def saturated(self) -> np.ndarray:
         """(P, N) bool: saturated counts; the mean of noisy, clipped ones is below full scale."""
-        return self.counts >= SATURATED_SHARE * self.full_scale
-
-    @property
-    def largest(self) -> np.ndarray:
-        """(P,) largest count of each pair."""
-        return self.counts.max(axis=1)
+        return self.counts >= SATURATED_SHARE * self.info.full_scale_counts
 
     @property
     def touched(self) -> np.ndarray:
         """(P,) bool: pairs in which a taxel exceeds MIN_CONTACT_SHARE of full scale, and its
         readings at rest if their noise is known."""
-        least = np.full(self.counts.shape[1], MIN_CONTACT_SHARE * self.full_scale)
+        least = np.full(self.counts.shape[1], MIN_CONTACT_SHARE * self.info.full_scale_counts)
         flaws = self.info.imperfections
         if flaws is not None:
             mean, std = expected_reading(flaws, self.info.reading, np.zeros_like(least))
@@ -115,21 +83,17 @@ class Array:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset for a report.
+    """A dataset for a report."""
 
-    data: folder. info: content of info.json. arrays: the taxel arrays by role. table: a row for
-    each pair of all splits, in their order, with "split", COLUMNS and the contacts of the sensors.
-    """
-
-    data: Path
+    data: Path  # its folder
     info: DatasetInfo
-    arrays: dict[str, Array]
-    table: pd.DataFrame
+    arrays: dict[str, Array]  # the taxel arrays by role
+    table: pd.DataFrame  # a row for each pair: "split", COLUMNS, contacts of the sensors
 
     @property
-    def cameras(self) -> dict[str, SensorInfo]:
-        """The gel cameras by role."""
-        return _of_value(self.info, IMAGE)
+    def cameras(self) -> list[str]:
+        """Roles of the gel cameras."""
+        return [role for role in self.info.sensors if role not in self.arrays]
 
     @property
     def array(self) -> Array:
@@ -147,11 +111,6 @@ class Dataset:
         """Displayed name of the first gel camera. Raises T2TwinError for a dataset without one."""
         return self.label(self.info.role_of(IMAGE))
 
-    @property
-    def array_name(self) -> str:
-        """Displayed name of `array`. Raises T2TwinError for a dataset without one."""
-        return self.label(self.info.role_of(COUNTS))
-
     def column(self, name: str) -> np.ndarray:
         """(P,) a column, such as "shape"; missing numbers are NaN."""
         return self.table[name].to_numpy()
@@ -160,14 +119,9 @@ class Dataset:
         """(P,) a column of the contacts of a sensor."""
         return self.column(column(role, name))
 
-    @property
-    def splits(self) -> np.ndarray:
-        """(P,) split of each pair."""
-        return self.column("split")
-
     def pairs_of(self, split: str) -> np.ndarray:
         """Places in the table of the pairs of a split."""
-        return np.flatnonzero(self.splits == split)
+        return np.flatnonzero(self.column("split") == split)
 
     @property
     def forces_n(self) -> np.ndarray:
@@ -194,7 +148,8 @@ class Dataset:
 
     def image(self, place: int, role: str | None = None) -> np.ndarray:
         """The image of a pair, (R, C, 3) uint8. role: of the gel camera; None for the first."""
-        name, split = column(role or self.info.role_of(IMAGE), IMAGE), self.splits[place]
+        name = column(role or self.info.role_of(IMAGE), IMAGE)
+        split = self.table["split"].iloc[place]
         row = place - int(self.pairs_of(split)[0])
         for path in split_shards(self.info, split):
             pairs = self.info.shards[path].pairs
@@ -202,20 +157,6 @@ class Dataset:
                 return decode_png(next(islice(iter_images(self.data, path, name), row, None)))
             row -= pairs
         raise AssertionError("the row is in a shard of its split")
-
-    def picture(self, place: int, width_in: float) -> bytes:
-        """PNG of the readings of both sensors, source first."""
-        panels = []
-        for role in self.info.sensors:
-            title = self.label(role)
-            if role in self.cameras:
-                panels.append(Panel(title, self.image(place, role)))
-                continue
-            array = self.arrays[role]
-            scale = "counts" if len(self.arrays) == 1 else f"counts of {title}"
-            image = array.phi(array.counts[place])
-            panels.append(Panel(title, image, array.phi, array.layout, scale))
-        return panels_image(panels, width_in)
 
     def sample_in_turn(self, name: str, number: int, seed: int = 0) -> list[int]:
         """Places of random pairs: one of each value of a column, then further ones of each."""
@@ -231,7 +172,9 @@ def read_dataset(data: Path) -> Dataset:
     if not splits:
         raise T2TwinError(f"the dataset in {data} has no pairs")
     names = [*COLUMNS, *(column(role, name) for role in info.sensors for name in CONTACT)]
-    of_arrays = {role: column(role, COUNTS) for role in _of_value(info, COUNTS)}
+    of_arrays = {
+        role: column(role, COUNTS) for role, one in info.sensors.items() if one.value == COUNTS
+    }
     tables = [read_split(data, split, [*names, *of_arrays.values()]) for split in splits]
     frames = [
         table.select(names).to_pandas().assign(split=split)
@@ -243,11 +186,6 @@ def read_dataset(data: Path) -> Dataset:
         counts = np.concatenate([lists(table, name) for table in tables])
         arrays[role] = Array(sensor, sensor.phi, counts)
     return Dataset(data, info, arrays, pd.concat(frames, ignore_index=True))
-
-
-def _of_value(info: DatasetInfo, value: str) -> dict[str, SensorInfo]:
-    """The sensors of a value, by role."""
-    return {role: sensor for role, sensor in info.sensors.items() if sensor.value == value}
 
 
 def summary(dataset: Dataset) -> dict[str, Any]:
@@ -270,38 +208,28 @@ def shapes(dataset: Dataset) -> dict[str, Any]:
     """Bar chart of the pairs per shape; of more than MAX_BARS shapes, per family."""
     number = dataset.table["shape"].nunique()
     kind = "shape" if number <= MAX_BARS else "family"
-    counted = dataset.table.groupby(["split", kind], sort=False).size()
+    counted = dataset.table.groupby(["split", kind], sort=False).size().reset_index(name="pairs")
     if len(counted) > MAX_BARS:
-        counted = counted.sort_values(ascending=False, kind="stable")
-    names = list(counted.index[:MAX_BARS])
-    pairs = counted.to_numpy()[:MAX_BARS]
+        counted = counted.sort_values("pairs", ascending=False, kind="stable", ignore_index=True)
+    shown = counted[:MAX_BARS]
 
     def bars(page: Figure) -> None:
         axes = page.subplots()
-        for split in dict.fromkeys(split for split, _ in names):
-            own = np.array([split == other for other, _ in names])
-            axes.barh(
-                np.flatnonzero(own), pairs[own], 0.8, color=SPLIT_COLORS[split],
-                label=SPLIT_NAMES[split],
-            )  # fmt: skip
-        axes.set_yticks(range(len(names)), [shape_name(name) for _, name in names], fontsize=7.5)
-        axes.set(xlabel="pairs", ylim=(len(names) - 0.4, -0.6))
+        for split, own in shown.groupby("split", sort=False):
+            look: Any = {"color": SPLIT_COLORS[split], "label": SPLIT_NAMES[split]}
+            axes.barh(own.index, own["pairs"], 0.8, **look)
+        axes.set_yticks(range(len(shown)), shown[kind].map(shape_name), fontsize=7.5)
+        axes.set(xlabel="pairs", ylim=(len(shown) - 0.4, -0.6))
         axes.locator_params(axis="x", integer=True)
         page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
 
-    height_in = MARGINS_IN + BAR_IN * len(names)
+    height_in = MARGINS_IN + BAR_IN * len(shown)
     return {
         "shapes": number,
         "kind": kind,
-        "hidden": len(counted) - len(names),
+        "hidden": len(counted) - len(shown),
         "chart": figure("svg", BARS_WIDTH_IN, height_in, bars),
     }
-
-
-def images(dataset: Dataset) -> dict[str, Any] | None:
-    """Grid of images of all shapes for each gel camera; None without one."""
-    grids = {role: grid_of(dataset, role) for role in dataset.cameras}
-    return {"grids": grids} if grids else None
 
 
 def grid_of(dataset: Dataset, role: str) -> bytes:
@@ -324,36 +252,30 @@ def grid_of(dataset: Dataset, role: str) -> bytes:
 
 def pairs(dataset: Dataset) -> dict[str, Any]:
     """Rows and pictures of PAIRS pairs, of different families as far as possible."""
-    places = dataset.sample_in_turn("family", PAIRS)
-    rows = dataset.table.iloc[places].to_dict("records")
-    return {
-        "pairs": [
-            (
-                row,
-                {dataset.label(role): each.largest[place] for role, each in dataset.arrays.items()},
-                dataset.picture(place, PAIR_IN),
-            )
-            for place, row in zip(places, rows, strict=True)
-        ]
-    }
-
-
-def saturation_charts(dataset: Dataset) -> dict[str, Any] | None:
-    """Chart of the saturated counts of each taxel array, by pair and by taxel; None without one."""
-    charts = {
-        role: figure("svg", WIDTH_IN, SATURATION_IN, partial(saturation, array=array))
-        for role, array in dataset.arrays.items()
-    }
-    return {"charts": charts} if charts else None
+    found = []
+    for place in dataset.sample_in_turn("family", PAIRS):
+        panels, largest = [], {}
+        for role in dataset.info.sensors:
+            title = dataset.label(role)
+            if role in dataset.cameras:
+                panels.append(Panel(title, dataset.image(place, role)))
+                continue
+            array = dataset.arrays[role]
+            scale = "counts" if len(dataset.arrays) == 1 else f"counts of {title}"
+            image = array.phi(array.counts[place])
+            panels.append(Panel(title, image, array.phi, array.info.taxels, scale))
+            largest[title] = array.counts[place].max()
+        row = dataset.table.iloc[place].to_dict()
+        found.append((row, largest, panels_image(panels, PAIR_IN)))
+    return {"pairs": found}
 
 
 def saturation(page: Figure, array: Array) -> None:
     """Draws the largest counts, the saturated taxels of a pair, and where they are."""
     largest, number, places = page.subplots(1, 3)
-    layout, saturated = array.layout, array.saturated
-    largest.hist(
-        array.largest, np.linspace(0, array.full_scale, BINS + 1).tolist(), color=COLORS[0]
-    )
+    layout, saturated = array.info.taxels, array.saturated
+    bins = np.linspace(0, array.info.full_scale_counts, BINS + 1).tolist()
+    largest.hist(array.counts.max(axis=1), bins, color=COLORS[0])
     largest.set(xlabel="largest count of a pair", ylabel="pairs")
     largest.xaxis.set_major_formatter("{x:,g}")
     largest.locator_params(axis="x", nbins=4)
@@ -383,29 +305,27 @@ def forces(dataset: Dataset) -> dict[str, Any] | None:
         return None
     commanded = dataset.column("force_n")
     contact = commanded > 0
+    sensors = []
+    for role in dataset.info.sensors:
+        error = dataset.contact(role, "force_n")[contact] / commanded[contact] - 1.0
+        percent = max(100 * np.abs(error).max(initial=0.0), MIN_PERCENT)
+        sensors.append(
+            {
+                "name": dataset.label(role),
+                "error_percent": f"{percent:.2g}",
+                "not_converged": int((~dataset.contact(role, "settled").astype(bool)).sum()),
+                "bottomed": int(dataset.contact(role, "bottomed").sum()),
+                "depth": _range(dataset.contact(role, "depth_mm")[contact], "mm"),
+            }
+        )
     return {
         "commanded": _range(commanded[contact], "N"),
         "without_contact": int((~contact).sum()),
-        "sensors": [_sensor(dataset, role) for role in dataset.info.sensors],
+        "sensors": sensors,
         "charts": [
             figure("svg", WIDTH_IN, height_in, partial(draw, dataset=dataset))
             for draw, height_in in ((forces_and_counts, HEIGHT_IN), (depths_in, DEPTHS_IN))
         ],
-    }
-
-
-def _sensor(dataset: Dataset, role: str) -> dict[str, Any]:
-    """Force error, failed presses and depths of a sensor."""
-    commanded = dataset.column("force_n")
-    contact = commanded > 0
-    error = dataset.contact(role, "force_n")[contact] / commanded[contact] - 1.0
-    percent = 100 * np.abs(error).max(initial=0.0)
-    return {
-        "name": dataset.label(role),
-        "error_percent": f"{max(percent, MIN_PERCENT):.2g}",
-        "not_converged": int((~dataset.contact(role, "settled").astype(bool)).sum()),
-        "bottomed": int(dataset.contact(role, "bottomed").sum()),
-        "depth": _range(dataset.contact(role, "depth_mm")[contact], "mm"),
     }
 
 
@@ -428,24 +348,18 @@ def forces_and_counts(page: Figure, dataset: Dataset) -> None:
     left.set(xlabel=f"contact force − commanded ({dataset.forces_text}), mN", ylabel="pairs")
     left.locator_params(axis="x", nbins=6)
     left.legend()
-    for axes, role in zip(others, dataset.arrays, strict=True):
-        _counts(axes, dataset, role)
-
-
-def _counts(axes: Axes, dataset: Dataset, role: str) -> None:
-    array = dataset.arrays[role]
-    bins = np.linspace(0.0, array.full_scale, BINS + 1).tolist()
-    for split in dict.fromkeys(dataset.splits):
-        counts = array.counts[dataset.pairs_of(split)].ravel()
-        weights = np.full(counts.size, 100.0 / counts.size)
-        color, name = SPLIT_COLORS[split], SPLIT_NAMES[split]
-        axes.hist(counts, bins, weights=weights, histtype="step", color=color, label=name)
-    axes.set(
-        xlabel=f"counts of {dataset.label(role)}", ylabel="% of the split's counts", yscale="log"
-    )
-    axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
-    axes.xaxis.set_major_formatter("{x:,g}")
-    axes.legend()
+    for axes, (role, array) in zip(others, dataset.arrays.items(), strict=True):
+        bins = np.linspace(0.0, array.info.full_scale_counts, BINS + 1).tolist()
+        for split in dataset.table["split"].unique():
+            counts = array.counts[dataset.pairs_of(split)].ravel()
+            look: Any = {"color": SPLIT_COLORS[split], "label": SPLIT_NAMES[split]}
+            weights = np.full(counts.size, 100.0 / counts.size)
+            axes.hist(counts, bins, weights=weights, histtype="step", **look)
+        axes.set(xlabel=f"counts of {dataset.label(role)}", ylabel="% of the split's counts")
+        axes.set_yscale("log")
+        axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
+        axes.xaxis.set_major_formatter("{x:,g}")
+        axes.legend()
 
 
 def depths_in(page: Figure, dataset: Dataset) -> None:
@@ -472,13 +386,29 @@ def depths_in(page: Figure, dataset: Dataset) -> None:
 
 TEMPLATES = ("report/templates/dataset.html",)
 
+
+def gallery(dataset: Dataset) -> dict[str, Any] | None:
+    """Grid of images of all shapes for each gel camera; None without one."""
+    grids = {role: grid_of(dataset, role) for role in dataset.cameras}
+    return {"grids": grids} if grids else None
+
+
+def saturations(dataset: Dataset) -> dict[str, Any] | None:
+    """Chart of the saturated counts of each taxel array, by pair and by taxel; None without one."""
+    charts = {
+        role: figure("svg", WIDTH_IN, SATURATION_IN, partial(saturation, array=array))
+        for role, array in dataset.arrays.items()
+    }
+    return {"charts": charts} if charts else None
+
+
 SECTIONS = {
     "summary": ("", summary),
     "shapes": ("Pairs by shape", shapes),
-    "gallery": ("Images", images),
+    "gallery": ("Images", gallery),
     "pairs": ("Pairs", pairs),
     "forces": ("Forces and depths", forces),
-    "saturation": ("Saturation", saturation_charts),
+    "saturation": ("Saturation", saturations),
 }
 """Title of the link to each section, and its values."""
 

@@ -1,8 +1,4 @@
-"""The report of runs with their evaluation: one self-contained HTML page.
-
-An existing evaluation is used if it evaluates the same weights, in the same order, on the same
-dataset.
-"""
+"""The report of runs with their evaluation: one self-contained HTML page."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -52,15 +48,12 @@ from t2twin.translate.runs.config import BEST, load_config, resolve_run
 from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
 from t2twin.translate.training.trainer import stop_reason
 
-SIBLING_FOLDER = "evaluate"
-"""Folder next to the report's folder, into which `make evaluate` writes val and test."""
-
+SIBLING_FOLDER = "evaluate"  # next to the report's: `make evaluate` writes val and test into it
 TITLE = "Touch-to-touch translation on a simulated bench"
 IMPORTED_TITLE = "Touch-to-touch translation of the pairs in {}"
 
+# Quantiles of the error at which samples are shown
 QUANTILES = {"val": (0.1, 0.5, 0.9, 1.0), "test": (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)}
-"""Quantiles of the error at which samples are shown."""
-
 MAX_TITLE = 14  # characters of a run's folder in the title of a panel (assumed)
 WIDTH_IN, HEIGHT_IN = 9.0, 3.4
 SHAPES_IN, BAR_IN, MARGINS_IN = 4.2, 0.30, 1.3  # the chart by shape fits on a phone
@@ -71,28 +64,22 @@ MARKS: dict[str, dict[str, Any]] = {
     MEAN_ARRAY: {"marker": "|", "markersize": 13, "markeredgewidth": 2.0},
     NEAREST_NEIGHBOR: {"marker": "D", "markersize": 5, "markeredgecolor": "white"},
 }
-STYLES = ("-", "--", ":")
-"""Line styles of the runs with uncertainty."""
+STYLES = ("-", "--", ":")  # of the lines of runs with uncertainty
 
 
 @dataclass(frozen=True)
 class ReportData(Dataset):
-    """Data of the report of runs.
+    """Data of the report of runs. Imported pairs may lack a split of "val" and "test"."""
 
-    runs: by their names in the evaluation. histories: logs of the runs, one record per epoch.
-    evaluations, predictions, folders (of the evaluations): by split, "val" and "test"; imported
-    pairs may lack a split.
-    """
-
-    runs: dict[str, TrainedTranslator]
-    histories: dict[str, list[EpochRecord]]
-    evaluations: dict[str, Evaluation]
+    runs: dict[str, TrainedTranslator]  # by their names in the evaluation
+    histories: dict[str, list[EpochRecord]]  # logs of the runs
+    evaluations: dict[str, Evaluation]  # by split, as the next two
     predictions: dict[str, Predictions]
-    folders: dict[str, Path]
+    folders: dict[str, Path]  # of the evaluations
 
     def counts(self, value: float) -> str:
         """A number of counts as text, with a decimal for a small full scale."""
-        return counts_form(self.array.full_scale).format(value)
+        return counts_form(self.array.info.full_scale_counts).format(value)
 
     @property
     def colors(self) -> dict[str, str]:
@@ -180,7 +167,22 @@ def about(report: ReportData) -> dict[str, Any]:
     """Pairs and shapes by split, table of the runs, and runs with other training data."""
     groups = report.table.groupby("split", sort=False)
     models = next(iter(report.evaluations.values())).runs
-    rows = [_run(report, name) for name in report.runs]
+    rows = []
+    for name, run in report.runs.items():
+        history, preset = report.histories[name], run.config.preset
+        parameters = sum(p.numel() for p in run.translator.predictor.parameters())
+        minutes = sum(record.seconds for record in history) / 60
+        rows.append(
+            {
+                "Run": name_of(name),
+                "Preset": preset.name,
+                "Image, px": f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
+                "Parameters": f"{parameters / 1e6:.2f} M",
+                "Epochs": f"{len(history)}",
+                "Best epoch": f"{best_epoch(history).epoch}",
+                "Minutes": f"{minutes:.1f}" if minutes < 10 else f"{minutes:,.0f}",
+            }
+        )
     return {
         "pairs": groups.size().to_dict(),
         "shapes": groups["shape"].nunique().to_dict(),
@@ -194,23 +196,6 @@ def about(report: ReportData) -> dict[str, Any]:
     }
 
 
-def _run(report: ReportData, name: str) -> dict[str, str]:
-    """Row of a run, by the titles of the columns."""
-    run, history = report.runs[name], report.histories[name]
-    preset = run.config.preset
-    parameters = sum(p.numel() for p in run.translator.predictor.parameters())
-    seconds = sum(record.seconds for record in history)
-    return {
-        "Run": name_of(name),
-        "Preset": preset.name,
-        "Image, px": f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
-        "Parameters": f"{parameters / 1e6:.2f} M",
-        "Epochs": f"{len(history)}",
-        "Best epoch": f"{best_epoch(history).epoch}",
-        "Minutes": f"{seconds / 60:.1f}" if seconds < 600 else f"{seconds / 60:,.0f}",
-    }
-
-
 def results(report: ReportData) -> dict[str, Any]:
     """The tables of the evaluation."""
     first = next(iter(report.evaluations.values()))
@@ -221,30 +206,31 @@ def uncertainty(report: ReportData) -> dict[str, Any] | None:
     """Reliability diagram and risk-coverage curve; None if no run predicts uncertainty."""
     if not any(run.has_uncertainty for run in report.runs.values()):
         return None
-    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, partial(_coverage, report))}
 
+    def draw(page: Figure) -> None:
+        left, right = page.subplots(1, 2)
+        for split, evaluation in report.evaluations.items():
+            rows = {n: row.uncertainty for n, row in evaluation.runs.items() if row.uncertainty}
+            for style, (name, found) in zip(STYLES * len(rows), rows.items(), strict=False):
+                nominal, observed, kept = (
+                    100 * np.array(shares)
+                    for shares in (found.levels, found.coverage, found.retained)
+                )
+                label = f"{name_of(name)}, {SPLIT_NAMES[split]}"
+                look: Any = {"color": SPLIT_COLORS[split], "label": label, "linestyle": style}
+                left.plot(nominal, observed, marker="o", markersize=3, **look)
+                right.plot(kept, found.retained_rmse_counts, **look)
+        left.plot((0, 100), (0, 100), color="#999999", linewidth=0.8)
+        left.set(xlabel="nominal coverage, %", ylabel="observed coverage, %")
+        left.set(xlim=(0, 100), ylim=(0, 100))
+        right.axvline(100 * REPORTED_SHARE, color="#999999", linewidth=0.8)
+        right.set(xlabel="presses with the lowest uncertainty, %", ylabel="RMSE, counts")
+        right.set(xlim=(0, 100), ylim=(0, None))
+        right.yaxis.set_major_formatter("{x:,g}")
+        left.legend()
+        right.legend()
 
-def _coverage(report: ReportData, page: Figure) -> None:
-    left, right = page.subplots(1, 2)
-    for split, evaluation in report.evaluations.items():
-        rows = {n: row.uncertainty for n, row in evaluation.runs.items() if row.uncertainty}
-        for style, (name, found) in zip(STYLES * len(rows), rows.items(), strict=False):
-            nominal, observed, kept = (
-                [100 * share for share in shares]
-                for shares in (found.levels, found.coverage, found.retained)
-            )
-            look = {"color": SPLIT_COLORS[split], "label": f"{name_of(name)}, {SPLIT_NAMES[split]}"}
-            left.plot(nominal, observed, style, marker="o", markersize=3, **look)
-            right.plot(kept, found.retained_rmse_counts, style, **look)
-    left.plot((0, 100), (0, 100), color="#999999", linewidth=0.8)
-    left.set(xlabel="nominal coverage, %", ylabel="observed coverage, %")
-    left.set(xlim=(0, 100), ylim=(0, 100))
-    right.axvline(100 * REPORTED_SHARE, color="#999999", linewidth=0.8)
-    right.set(xlabel="presses with the lowest uncertainty, %", ylabel="RMSE, counts")
-    right.set(xlim=(0, 100), ylim=(0, None))
-    right.yaxis.set_major_formatter("{x:,g}")
-    left.legend()
-    right.legend()
+    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, draw)}
 
 
 def samples(report: ReportData) -> dict[str, Any]:
@@ -277,7 +263,7 @@ def samples_at_quantiles(report: ReportData, split: str) -> list[tuple[int, floa
 
 def sample_image(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, generated images, phi of the predicted counts, differences, and I."""
-    predictions, phi, layout = report.predictions[split], report.array.phi, report.array.layout
+    predictions, phi, layout = report.predictions[split], report.array.phi, report.array.info.taxels
     image = report.image(int(report.pairs_of(split)[row]))
     truth = phi(predictions.truth[row])
     panels = [Panel(f"X\n{report.camera_name}", image)]
@@ -299,76 +285,70 @@ def sample_image(report: ReportData, split: str, row: int) -> bytes:
 
 def learning_curves(report: ReportData) -> dict[str, Any]:
     """Chart of the RMSE by epoch, from the logs of the runs."""
-    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, partial(_epochs, report))}
+    colors, full_scale = report.colors, report.array.info.full_scale_counts
 
+    def draw(page: Figure) -> None:
+        axes = page.subplots()
+        for name, history in report.histories.items():
+            epochs = [record.epoch for record in history]
+            look: Any = {"color": colors[name], "marker": "o" if len(history) == 1 else ""}
+            rmse = [full_scale * record.val_rmse_percent / 100 for record in history]
+            axes.plot(epochs, rmse, label=f"{name_of(name)}, validation", **look)
+            best = best_epoch(history)
+            lowest = full_scale * best.val_rmse_percent / 100
+            axes.plot(best.epoch, lowest, "o", color=colors[name], markersize=5)
+            if "l3" in history[0].train:
+                seen = [full_scale * math.sqrt(record.train["l3"]) for record in history]
+                axes.plot(epochs, seen, "--", label=f"{name_of(name)}, training", **look)
+        evaluation = report.evaluations.get("val")
+        if evaluation is not None and all(row.same_data for row in evaluation.runs.values()):
+            for name in (MEAN_ARRAY, NEAREST_NEIGHBOR):
+                look = {"color": colors[name], "label": f"{name_of(name)}, validation"} | DASHED
+                axes.axhline(evaluation.models[name].overall["rmse_counts"], **look)
+        axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
+        axes.yaxis.set_major_formatter("{x:,g}")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.legend()
 
-def _epochs(report: ReportData, page: Figure) -> None:
-    axes, colors, full_scale = page.subplots(), report.colors, report.array.full_scale
-    for name, history in report.histories.items():
-        epochs = [record.epoch for record in history]
-        look: dict[str, Any] = {"color": colors[name], "marker": "o" if len(history) == 1 else ""}
-        validation = [full_scale * record.val_rmse_percent / 100 for record in history]
-        axes.plot(epochs, validation, label=f"{name_of(name)}, validation", **look)
-        best = best_epoch(history)
-        lowest = full_scale * best.val_rmse_percent / 100
-        axes.plot(best.epoch, lowest, "o", color=colors[name], markersize=5)
-        if "l3" in history[0].train:
-            seen = [full_scale * math.sqrt(record.train["l3"]) for record in history]
-            axes.plot(epochs, seen, "--", label=f"{name_of(name)}, training", **look)
-    evaluation = report.evaluations.get("val")
-    if evaluation is not None and all(row.same_data for row in evaluation.runs.values()):
-        for name in (MEAN_ARRAY, NEAREST_NEIGHBOR):
-            level = evaluation.models[name].overall["rmse_counts"]
-            axes.axhline(level, color=colors[name], label=f"{name_of(name)}, validation", **DASHED)
-    axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
-    axes.yaxis.set_major_formatter("{x:,g}")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.legend()
+    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, draw)}
 
 
 def by_shape(report: ReportData) -> dict[str, Any]:
     """A chart per split, with bars for the runs and marks for the baselines, by shape, or by family
     if there are too many shapes or none."""
-    grouped = {split: _grouped(one) for split, one in report.evaluations.items()}
-    high = max(max(errors) for _, rows in grouped.values() for errors in rows.values())
-    charts = {}
-    for split, (names, rows) in grouped.items():
-        draw = partial(_shape_bars, report=report, names=names, rows=rows, high=high)
-        charts[split] = figure("svg", SHAPES_IN, MARGINS_IN + BAR_IN * len(names), draw)
+    tables = {split: _by_shape(one) for split, one in report.evaluations.items()}
+    high = max(table.to_numpy().max() for table in tables.values())
+    colors, charts = report.colors, {}
+
+    def draw(page: Figure, table: pd.DataFrame) -> None:
+        axes, places = page.subplots(), np.arange(len(table))
+        bars = table[list(report.runs)].rename(columns=name_of)
+        bars.plot.barh(ax=axes, width=0.8, color=[colors[run] for run in report.runs], legend=False)
+        for baseline, style in MARKS.items():
+            look = {"color": colors[baseline], "label": name_of(baseline), "linestyle": "none"}
+            axes.plot(table[baseline], places, **look, **style)
+        axes.set_yticks(places, [shape_name(name) for name in table.index])
+        axes.set(xlabel="RMSE, counts", xlim=(0, 1.05 * high or 1), ylim=(len(table) - 0.4, -0.6))
+        axes.xaxis.set_major_locator(MaxNLocator(4))
+        axes.xaxis.set_major_formatter("{x:,g}")
+        page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+    for split, table in tables.items():
+        height_in = MARGINS_IN + BAR_IN * len(table)
+        charts[split] = figure("svg", SHAPES_IN, height_in, partial(draw, table=table))
     return {"charts": charts, "max_shapes": MAX_SHAPES}
 
 
-def _grouped(evaluation: Evaluation) -> tuple[list[str], dict[str, list[float]]]:
-    """Shapes, or the families with the most pairs; RMSE by model."""
+def _by_shape(evaluation: Evaluation) -> pd.DataFrame:
+    """RMSE by model, counts; a row for each shape, or for the families with the most pairs."""
     few = 0 < len(evaluation.models[MEAN_ARRAY].by_shape) <= MAX_SHAPES
     groups = {n: one.by_shape if few else one.by_family for n, one in evaluation.models.items()}
     pairs = {name: figures["pairs"] for name, figures in groups[MEAN_ARRAY].items()}
     names = [*pairs] if few else sorted(pairs, key=lambda name: -pairs[name])[:MAX_SHAPES]
-    rows = {model: [one[name]["rmse_counts"] for name in names] for model, one in groups.items()}
-    return names, rows
-
-
-def _shape_bars(
-    page: Figure,
-    report: ReportData,
-    names: Sequence[str],
-    rows: Mapping[str, Sequence[float]],
-    high: float,
-) -> None:
-    axes, colors, table = page.subplots(), report.colors, pd.DataFrame(rows, index=list(names))
-    bars = table[list(report.runs)].rename(columns=name_of)
-    bars.plot.barh(ax=axes, width=0.8, color=[colors[run] for run in report.runs], legend=False)
-    places = np.arange(len(names))
-    for baseline, style in MARKS.items():
-        axes.plot(
-            rows[baseline], places, color=colors[baseline], label=name_of(baseline),
-            linestyle="none", **style,
-        )  # fmt: skip
-    axes.set_yticks(places, [shape_name(name) for name in names])
-    axes.set(xlabel="RMSE, counts", xlim=(0, 1.05 * high or 1), ylim=(len(names) - 0.4, -0.6))
-    axes.xaxis.set_major_locator(MaxNLocator(4))
-    axes.xaxis.set_major_formatter("{x:,g}")
-    page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return pd.DataFrame(
+        {model: [one[name]["rmse_counts"] for name in names] for model, one in groups.items()},
+        index=names,
+    )
 
 
 def limits(report: ReportData) -> dict[str, Any]:
