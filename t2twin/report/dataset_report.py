@@ -28,7 +28,7 @@ from t2twin.report.page import (
     write_page,
 )
 from t2twin.sim.dataset.columns import CONTACT, COUNTS, IMAGE, POSE, column
-from t2twin.sim.dataset.info import SPLITS, ArrayInfo, DatasetInfo, SensorInfo
+from t2twin.sim.dataset.info import SPLITS, ArrayInfo, DatasetInfo
 from t2twin.sim.dataset.store import iter_images, lists, read_info, read_split, split_shards
 from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.reading import expected_reading
