@@ -62,14 +62,12 @@ def features_of(maps: Sequence[torch.Tensor], side: int) -> torch.Tensor:
 
 
 class FrameCheck(nn.Module):
-    """Both networks, for an encoder with n features.
+    """Both networks, for an encoder with n features."""
 
-    Buffers: center and scale, (n,), of the features of right frames; limits, (3,), scores above
-    which a frame is wrong, without and with a background frame, and by the second network.
-    """
-
-    center: torch.Tensor
-    scale: torch.Tensor
+    center: torch.Tensor  # (n,), of the features of right frames
+    scale: torch.Tensor  # (n,), the same
+    # (3,), scores above which a frame is wrong: without and with a background frame, and by the
+    # second network
     limits: torch.Tensor
 
     def __init__(self, features: int) -> None:
@@ -85,10 +83,8 @@ class FrameCheck(nn.Module):
     def set_limit(
         self, which: int, right: torch.Tensor, refused_share: float, margin: float = 0.0
     ) -> None:
-        """Sets a limit from the scores of right frames.
-
-        which: its index. refused_share: share of the frames above the limit without the margin.
-        """
+        """Sets a limit from the scores of right frames, a share of which is above it without the
+        margin."""
         limit = torch.quantile(right, 1.0 - refused_share) + margin
         self.limits[which] = limit.clamp(min=MIN_LIMIT)
 
@@ -107,21 +103,21 @@ class FrameCheck(nn.Module):
         whether the features are of frames with background frames.
         """
         self.eval()
-        found, named = [], []
+        found, transforms = [], CLASSES[1 : 1 + len(INVERSE_TRANSFORMS)]
         with torch.inference_mode():
             for start in range(0, len(images), BATCH_SIZE):
                 part = slice(start, start + BATCH_SIZE)
                 logits = self(torch.from_numpy(features[part]))
-                found += self._named(logits, WITH if has_background else WITHOUT)
+                kinds = self._named(logits, WITH if has_background else WITHOUT)
                 inputs = to_input(images[part] / np.float32(255.0))
-                named += self._named(self.transforms(inputs), TRANSFORMED)
-        replaceable = CLASSES[: 1 + len(INVERSE_TRANSFORMS)]
-        return [
-            transform if kind in replaceable and transform != OODClass.IN_DISTRIBUTION else kind
-            for kind, transform in zip(found, named, strict=True)
-        ]
+                named = self._named(self.transforms(inputs), TRANSFORMED)
+                for kind, other in zip(kinds, named, strict=True):
+                    replaceable = kind in transforms or kind == CLASSES[0]
+                    found.append(other if replaceable and other in transforms else kind)
+        return found
 
     def _named(self, logits: torch.Tensor, which: int) -> list[OODClass]:
+        """(B,) classes by one network and its limit."""
         wrong, kinds = scores(logits) > self.limits[which], 1 + logits[:, 1:].argmax(dim=1)
         return [CLASSES[int(k) if bad else 0] for k, bad in zip(kinds, wrong, strict=True)]
 

@@ -9,7 +9,6 @@ Shape letters: R right frames, n features, B images, S image side of the run, h 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import cast
@@ -34,7 +33,6 @@ from t2twin.translate.networks.frame_check import (
     SIDE,
     TRANSFORMED,
     WITH,
-    WITHOUT,
     FrameCheck,
     TransformNet,
     scores,
@@ -54,8 +52,10 @@ FORWARD = INVERSE_TRANSFORMS | {
 }
 
 
-def wrong_frame(frame: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, OODClass]:
-    """A wrong frame made of a right one, (h, w, 3) uint8 of any h and w, and its class."""
+def wrong_frame(frame: np.ndarray, seed: int) -> tuple[np.ndarray, OODClass]:
+    """A wrong frame made of a right one, (h, w, 3) uint8 of any h and w, and its class. One seed
+    alters every frame in the same way."""
+    rng = np.random.default_rng(seed)
     if rng.random() < TRANSFORM_SHARE:
         kind = list(FORWARD)[rng.integers(len(FORWARD))]
         return np.ascontiguousarray(FORWARD[kind](frame[None])[0]), kind
@@ -175,26 +175,17 @@ TRANSFORM_REFUSED, MARGIN = 0.002, 1.5
 BATCH_SIZE = 64  # Frames whose features are computed together; bounds memory
 
 
-@dataclass(frozen=True)
-class _Part:
-    """Right frames of a shard, and a wrong one made of each; features by mode, right and wrong."""
-
-    features: list[list[torch.Tensor]]
-    kinds: np.ndarray
-    units: list[bytes]
+# Features of right frames of a shard and of a wrong one made of each, (R, n), without and with
+# background frames; the classes of the wrong ones, (R,), and the units of the right ones
+Part = tuple[list[list[torch.Tensor]], np.ndarray, list[bytes]]
 
 
-def complete(run_dir: Path, data_dir: Path) -> None:
-    """Gives a finished field run its frame check, if it has none."""
-    if load_config(run_dir).has_uncertainty and not (run_dir / FRAME_CHECK).is_file():
-        fit_frame_check(run_dir, data_dir)
-
-
-def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
-    """Writes the frame check of a finished field run; False for too few frames in the dataset."""
+def fit_frame_check(run_dir: Path, data_dir: Path) -> None:
+    """Writes the frame check of a field run that has none, if the dataset is large enough."""
     info, config = read_info(data_dir), load_config(run_dir)
-    if info.pairs["train"] < MIN_FRAMES:
-        return False
+    done = not config.has_uncertainty or (run_dir / FRAME_CHECK).is_file()
+    if done or info.pairs["train"] < MIN_FRAMES:
+        return
     translator = cast(FieldTranslator, build(config))
     load_weights(run_dir / BEST, translator.predictor)
     rng = np.random.default_rng(config.seed)
@@ -204,16 +195,15 @@ def fit_frame_check(run_dir: Path, data_dir: Path) -> bool:
     bar = Progress(chosen, desc="frame check", unit="shard")
     parts = [_part(translator, config, data_dir, shards[n], info, each, rng) for n in bar]
     check = _trained(parts, config.seed)
-    fit_transform_net(check, config, data_dir, run_dir)
+    _fit_transform_net(check, config, data_dir, run_dir)
     save_weights(run_dir / FRAME_CHECK, check)
-    return True
 
 
 def _part(
     translator: FieldTranslator, config: RunConfig, data_dir: Path, shard: str, info: DatasetInfo,
     limit: int, rng: np.random.Generator,
-) -> _Part:  # fmt: skip
-    """At most `limit` right frames of a shard, evenly spread."""
+) -> Part:  # fmt: skip
+    """Of at most `limit` right frames of a shard, evenly spread."""
     size, drift = config.preset.size, config.preset.drift
     columns = [IMAGE, BACKGROUND] if has_backgrounds(info) else [IMAGE]
     stored = [
@@ -221,17 +211,16 @@ def _part(
     ]
     count = len(stored[0])
     rows = np.unique(np.linspace(0, count - 1, min(limit, count)).astype(int))
-    images, *own = [[pngs[row] for row in rows] for pngs in stored]
-    units = [sha256(png).digest() for png in (own[0] if own else images)]
-    frames = [decode_png(png) for png in images]
+    pngs = [[each[row] for row in rows] for each in stored]
+    units = [sha256(png).digest() for png in pngs[-1]]
+    frames, *stills = ([decode_png(png) for png in each] for each in pngs)
     seeds = rng.integers(2**32, size=len(frames)).tolist()
-    wrong, kinds = zip(*map(_altered, frames, seeds), strict=True)
-    classes = np.array([CLASSES.index(kind) for kind in kinds])
-    right, altered = resized(frames, size, False), resized(wrong, size, False)
+    made = [wrong_frame(frame, seed) for frame, seed in zip(frames, seeds, strict=True)]
+    classes = np.array([CLASSES.index(kind) for _, kind in made])
+    right, altered = (resized(each, size, False) for each in (frames, [each for each, _ in made]))
     found = [[_features(translator, each) for each in (right, altered)]]
-    if own:
-        stills = [decode_png(png) for png in own[0]]
-        backgrounds = resized(stills, size, False)
+    if stills:
+        backgrounds = resized(stills[0], size, False)
         others = rng.permutation(len(frames))
         differs = np.array([units[n] != units[other] for n, other in enumerate(others)])
         # An optics file: the light of all units is near its own.
@@ -242,26 +231,16 @@ def _part(
         behind = backgrounds[np.where(is_other, others, np.arange(len(frames)))]
         is_both = ~is_other & (rng.random(len(frames)) < BOTH_SHARE)
         for n in np.flatnonzero(is_both):
-            behind[n] = resized([_altered(stills[n], seeds[n])[0]], size, False)[0]
-        both = ((right, backgrounds), (altered, behind))
-        found.append([_features(translator, _drifted(*each, drift, rng)) for each in both])
-    return _Part(found, classes, units)
-
-
-def _altered(frame: np.ndarray, seed: int) -> tuple[np.ndarray, OODClass]:
-    """A wrong frame made of a right one. One seed alters every frame in the same way."""
-    return wrong_frame(frame, np.random.default_rng(seed))
-
-
-def _drifted(
-    images: np.ndarray, backgrounds: np.ndarray, drift: float, rng: np.random.Generator
-) -> np.ndarray:
-    """(R, S, S, 6) uint8: images and their background frames, with the drift of `augment`."""
-    both = np.concatenate([images, backgrounds], axis=-1)
-    if drift == 0:
-        return both
-    varied = augment(torch.from_numpy(both / np.float32(255.0)), rng, 0.0, 0.0, 0.0, drift)
-    return (varied * 255.0).round().to(torch.uint8).numpy()
+            behind[n] = resized([wrong_frame(stills[0][n], seeds[n])[0]], size, False)[0]
+        pairs = [
+            np.concatenate(each, axis=-1) for each in ((right, backgrounds), (altered, behind))
+        ]
+        if drift > 0:
+            floats = (torch.from_numpy(each / np.float32(255.0)) for each in pairs)
+            varied = (augment(each, rng, 0.0, 0.0, 0.0, drift) for each in floats)
+            pairs = [(each * 255.0).round().to(torch.uint8).numpy() for each in varied]
+        found.append([_features(translator, each) for each in pairs])
+    return found, classes, units
 
 
 def _features(translator: FieldTranslator, pixels: np.ndarray) -> torch.Tensor:
@@ -270,59 +249,49 @@ def _features(translator: FieldTranslator, pixels: np.ndarray) -> torch.Tensor:
     return torch.cat([translator.outputs(each, False, True)["features"].cpu() for each in inputs])
 
 
-def _trained(parts: Sequence[_Part], seed: int) -> FrameCheck:
+def _trained(parts: Sequence[Part], seed: int) -> FrameCheck:
     """The check, with its limits."""
-    _, units = np.unique([unit for part in parts for unit in part.units], return_inverse=True)
+    _, units = np.unique([unit for part in parts for unit in part[2]], return_inverse=True)
     if units.max() < MIN_UNITS:  # frames of the same units are held out then
         units = np.arange(units.size)
-    kinds = np.concatenate([part.kinds for part in parts])
+    kinds = np.concatenate([part[1] for part in parts])
     order = np.random.default_rng(seed).permutation(units.max() + 1)
     own = ~np.isin(units, order[: max(1, round(HELD_OUT_SHARE * order.size))])
     features = [
-        [torch.cat([part.features[mode][n] for part in parts]) for n in (0, 1)]
-        for mode in range(len(parts[0].features))
+        [torch.cat(each) for each in zip(*(part[0][mode] for part in parts), strict=True)]
+        for mode in range(len(parts[0][0]))
     ]
+    # Without a background frame, one of another unit cannot be seen.
+    seen = kinds != CLASSES.index(OODClass.UNLIKE_BACKGROUND)
     inputs, classes = [], []
     for mode, (right, wrong) in enumerate(features):
-        # Without a background frame, one of another unit cannot be seen.
-        seen = kinds != CLASSES.index(OODClass.UNLIKE_BACKGROUND)
         used = own if mode == WITH else own & seen
-        inputs += [right[torch.from_numpy(own)], wrong[torch.from_numpy(used)]]
+        inputs += [right[own], wrong[used]]
         classes += [torch.zeros(own.sum(), dtype=torch.int64), torch.from_numpy(kinds[used])]
-    check = FrameCheck(features[WITHOUT][0].shape[1])
-    right = features[WITHOUT][0][torch.from_numpy(own)]
-    check.center.copy_(right.mean(dim=0))
-    check.scale.copy_(right.std(dim=0).clamp(min=MIN_SCALE))
+    check = FrameCheck(inputs[0].shape[1])
+    check.center.copy_(inputs[0].mean(dim=0))
+    check.scale.copy_(inputs[0].std(dim=0).clamp(min=MIN_SCALE))
+    known, labels = torch.cat(inputs), torch.cat(classes)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         for layer in (check.hidden, check.logits):
             layer.reset_parameters()
-        _train(check, torch.cat(inputs), torch.cat(classes))
+        optimizer = torch.optim.AdamW(check.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+        steps = EPOCHS * -(-len(known) // BATCH)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+        batches = (each for _ in range(EPOCHS) for each in torch.randperm(len(known)).split(BATCH))
+        _descend(check, optimizer, schedule, ((known[batch], labels[batch]) for batch in batches))
     with torch.inference_mode():
         for mode, (right, _) in enumerate(features):
-            found = scores(check(right[torch.from_numpy(~own)]))
-            check.set_limit(mode, found, REFUSED_SHARES[mode])
+            check.set_limit(mode, scores(check(right[~own])), REFUSED_SHARES[mode])
     return check
 
 
-def _train(check: FrameCheck, inputs: torch.Tensor, classes: torch.Tensor) -> None:
-    optimizer = torch.optim.AdamW(check.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
-    steps = EPOCHS * -(-len(inputs) // BATCH)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
-    batches = (
-        (inputs[batch], classes[batch])
-        for _ in range(EPOCHS)
-        for batch in torch.randperm(len(inputs)).split(BATCH)
-    )
-    _descend(check, optimizer, schedule, batches)
-
-
 def _descend(
-    network: nn.Module,
-    optimizer: torch.optim.Optimizer,
+    network: nn.Module, optimizer: torch.optim.Optimizer,
     schedule: torch.optim.lr_scheduler.LRScheduler,
     batches: Iterable[tuple[torch.Tensor, torch.Tensor]],
-) -> None:
+) -> None:  # fmt: skip
     """Trains a network on the classes of inputs; in evaluation mode afterwards."""
     network.train()
     for inputs, classes in batches:
@@ -333,51 +302,43 @@ def _descend(
     network.eval()
 
 
-def fit_transform_net(check: FrameCheck, config: RunConfig, data_dir: Path, run_dir: Path) -> None:
+def _fit_transform_net(check: FrameCheck, config: RunConfig, data_dir: Path, run_dir: Path) -> None:
     """Trains the second network of a frame check and sets its limit, in place."""
+    preset, rng = config.preset, np.random.default_rng(config.seed)
     frames, held_out = (
-        _small_frames(data_dir, split, config.preset.size, usable_cache(data_dir, run_dir))
+        _small_frames(data_dir, split, preset.size, usable_cache(data_dir, run_dir))
         for split in ("train", "val")
     )
     if len(held_out) == 0:
         return
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(config.seed)
-        check.transforms = TransformNet()
-        _train_transforms(check.transforms, frames, config)
-    with torch.inference_mode():
-        found = scores(check.transforms(to_input(held_out.astype(np.float32))))
-    check.set_limit(TRANSFORMED, found, TRANSFORM_REFUSED, MARGIN)
-
-
-def _train_transforms(network: TransformNet, frames: np.ndarray, config: RunConfig) -> None:
-    preset, rng = config.preset, np.random.default_rng(config.seed)
     parts = -(-len(frames) // BATCH)
-    optimizer = torch.optim.AdamW(network.parameters(), weight_decay=WEIGHT_DECAY)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, TRANSFORM_RATE, TRANSFORM_EPOCHS * parts, pct_start=WARM_UP
-    )
 
     def batches() -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        """A share of the frames transformed, and the indices of their classes."""
         for _ in Progress(range(TRANSFORM_EPOCHS), desc="frame check", unit="epoch"):
             for chosen in np.array_split(rng.permutation(len(frames)), parts):
-                pixels, classes = _transformed(frames[chosen].astype(np.float32), rng)
+                pixels = frames[chosen].astype(np.float32)
+                which = rng.integers(1, 1 + len(FORWARD), len(pixels))
+                which[rng.random(len(pixels)) >= TRANSFORMED_SHARE] = 0
+                for n, kind in enumerate(CLASSES):
+                    if kind in FORWARD:
+                        pixels[which == n] = FORWARD[kind](pixels[which == n])
                 varied = augment(
                     torch.from_numpy(pixels), rng, preset.brightness, preset.contrast, preset.noise
                 )
-                yield to_input(varied), classes
+                yield to_input(varied), torch.from_numpy(which)
 
-    _descend(network, optimizer, schedule, batches())
-
-
-def _transformed(frames: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, torch.Tensor]:
-    """Frames, (B, SIDE, SIDE, 3), a share of them transformed, and the indices of their classes."""
-    which = rng.integers(1, 1 + len(FORWARD), len(frames))
-    which[rng.random(len(frames)) >= TRANSFORMED_SHARE] = 0
-    for n, kind in enumerate(CLASSES):
-        if kind in FORWARD:
-            frames[which == n] = FORWARD[kind](frames[which == n])
-    return frames, torch.from_numpy(which)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        check.transforms = network = TransformNet()
+        optimizer = torch.optim.AdamW(network.parameters(), weight_decay=WEIGHT_DECAY)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            optimizer, TRANSFORM_RATE, TRANSFORM_EPOCHS * parts, pct_start=WARM_UP
+        )
+        _descend(network, optimizer, schedule, batches())
+    with torch.inference_mode():
+        found = scores(network(to_input(held_out.astype(np.float32))))
+    check.set_limit(TRANSFORMED, found, TRANSFORM_REFUSED, MARGIN)
 
 
 def _small_frames(data_dir: Path, split: str, size: int, cache_dir: Path) -> np.ndarray:

@@ -58,7 +58,7 @@ from t2twin.translate.runs.config import (
     resolve_run,
 )
 from t2twin.translate.runs.log import EpochRecord
-from t2twin.translate.training.frame_check import complete
+from t2twin.translate.training.frame_check import fit_frame_check
 from t2twin.translate.training.trainer import Trainer, TrainingResult, stop_reason, training_result
 
 MIN_PAIRS = 8  # Minimum number of training pairs (assumed: batch norm needs several)
@@ -187,7 +187,7 @@ def _complete(
     if not frame_check:
         return
     if config.contact_data is None:
-        complete(out_dir, data_dir)
+        fit_frame_check(out_dir, data_dir)
     elif weights is not None and (weights.parent / FRAME_CHECK).is_file():
         shutil.copyfile(weights.parent / FRAME_CHECK, out_dir / FRAME_CHECK)
 
@@ -356,7 +356,7 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
         ]
         translator.calibrate(*samples)
         save_weights(run_dir / BEST, translator.predictor)
-        complete(run_dir, own[0])
+        fit_frame_check(run_dir, own[0])
         write_card(run_dir, own[0])
     return sum(map(len, samples))
 
