@@ -22,8 +22,7 @@ from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.sampling.plan import shard_path
 from t2twin.sim.sampling.recipe import PAPER, load_recipe
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.translate.training.train import train
-from t2twin.translate.training.trainer import Trainer
+from t2twin.translate.training.train import Trainer, train
 
 ROWS, COLUMNS = 320, 240
 FULL_SCALE = 40_000

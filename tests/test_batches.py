@@ -10,7 +10,7 @@ import torch
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.models.presets import PRESETS, Model
 from t2twin.translate.runs.checkpoint import TRANSLATORS
-from t2twin.translate.training.trainer import Batches
+from t2twin.translate.training.train import Batches
 
 CPU = torch.device("cpu")
 

@@ -13,8 +13,7 @@ from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
-from t2twin.translate.training.train import for_steps, train
-from t2twin.translate.training.trainer import Trainer, steps_of_epoch
+from t2twin.translate.training.train import Trainer, for_steps, steps_of_epoch, train
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -68,8 +67,8 @@ def test_steps_asked_for_go_into_the_config_and_bound_the_epochs(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Short epochs resume as whole ones do, at the length that the run began with."""
-    monkeypatch.setattr("t2twin.translate.training.trainer.MIN_STEPS", 2)
-    monkeypatch.setattr("t2twin.translate.training.trainer.MIN_EPOCHS", 4)
+    monkeypatch.setattr("t2twin.translate.training.train.MIN_STEPS", 2)
+    monkeypatch.setattr("t2twin.translate.training.train.MIN_EPOCHS", 4)
     train("resnet18", data_dir, "smoke", tmp_path / "whole", steps=8)
     config = load_config(tmp_path / "whole")
     assert (config.steps, config.epoch_steps, config.planned_epochs) == (8, 2, 4)
@@ -86,7 +85,7 @@ def test_steps_asked_for_go_into_the_config_and_bound_the_epochs(
         patch.setattr(Trainer, "_epoch", killed)
         with pytest.raises(KeyboardInterrupt):
             train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=8)
-    monkeypatch.setattr("t2twin.translate.training.trainer.MIN_STEPS", 100)
+    monkeypatch.setattr("t2twin.translate.training.train.MIN_STEPS", 100)
     train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=8)
     assert without_times(tmp_path / "killed") == without_times(tmp_path / "whole")
     whole, resumed = (load_file(tmp_path / run / "last.safetensors") for run in ("whole", "killed"))

@@ -176,7 +176,7 @@ def test_transforms_of_fresh_frames_are_named(
     parts = {split: colored(rng, 300) for split in ("train", "val")}
     monkeypatch.setattr(fitting, "_small_frames", lambda _, split, *__: parts[split])
     config = load_config(HOME / "field")
-    fitting.fit_transform_net(check, config, moving_dataset, moving_dataset)
+    fitting._fit_transform_net(check, config, moving_dataset, moving_dataset)
     network, limit = check.transforms, check.limits[TRANSFORMED]
     fresh = colored(rng, 200)
     with torch.inference_mode():

@@ -21,8 +21,12 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
 from t2twin.translate.runs.checkpoint import build
 from t2twin.translate.runs.config import CONFIG, load_config
-from t2twin.translate.training.train import WARM_START_SHARE, find_weights, train
-from t2twin.translate.training.trainer import load_initial_weights
+from t2twin.translate.training.train import (
+    WARM_START_SHARE,
+    find_weights,
+    load_initial_weights,
+    train,
+)
 
 RECIPE = """
 format = 1

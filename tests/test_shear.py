@@ -21,8 +21,7 @@ from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import SHEAR, FieldNet, ShearHead, box_means, displacements
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, RunConfig
-from t2twin.translate.training.train import train
-from t2twin.translate.training.trainer import Batches
+from t2twin.translate.training.train import Batches, train
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     Errors,

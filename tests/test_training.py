@@ -25,9 +25,7 @@ from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.checkpoint import build, load_state, load_weights
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.training import train as training
-from t2twin.translate.training import trainer
-from t2twin.translate.training.train import train
-from t2twin.translate.training.trainer import Trainer
+from t2twin.translate.training.train import Trainer, train
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -77,7 +75,7 @@ def test_stopped_and_resumed_is_as_undisturbed(
     train(model, data_dir, preset, tmp_path / "whole", epochs=3)
 
     with monkeypatch.context() as patch, stopped_after_an_epoch():
-        patch.setattr(trainer, "SAVE_SECONDS", 0.0)
+        patch.setattr(training, "SAVE_SECONDS", 0.0)
         train(model, data_dir, preset, tmp_path / "killed", epochs=3)
     assert len(records(tmp_path / "killed")) == 1
     state = tmp_path / "killed" / "last.safetensors"

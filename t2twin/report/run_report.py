@@ -46,7 +46,7 @@ from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.runs.config import BEST, load_config, resolve_run
 from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
-from t2twin.translate.training.trainer import stop_reason
+from t2twin.translate.training.train import stop_reason
 
 SIBLING_FOLDER = "evaluate"  # next to the report's: `make evaluate` writes val and test into it
 TITLE = "Touch-to-touch translation on a simulated bench"

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -307,7 +307,7 @@ class FieldTranslator(Translator):
         if network.predicts_contact:
             with_maps = [pairs for pairs in chosen if pairs.contact is not None]
             batches = (each for pairs in with_maps for each in self._outputs_on(pairs, True))
-            parts = ((outputs, examples.contact) for examples, outputs in batches)
+            parts = ((out, each.contact) for each, out in batches if each.contact is not None)
             fit_contact_knots(network, self.info.camera.view_mm, parts)
             fit_contact_limits(network, *self._largest_logits(sets))
         if self.is_contact_alone:
@@ -400,9 +400,9 @@ class FieldTranslator(Translator):
             images = self._with_frame(_input(pairs.inputs[part]))
             targets = (pairs.target, pairs.dense_counts, pairs.force_n, pairs.shear_n, contact)
             known = (None if each is None else each[part].astype(np.float32) for each in targets)
-            tensors = (
-                each if each is None else torch.from_numpy(each).to(images) for each in known
-            )
+            tensors: list[Any] = [
+                None if each is None else torch.from_numpy(each).to(self.device) for each in known
+            ]
             yield Examples(images, *tensors), self.outputs(images, with_contact)
 
     def _with_frame(self, inputs: torch.Tensor) -> torch.Tensor:

@@ -254,9 +254,10 @@ def _trained(parts: Sequence[Part], seed: int) -> FrameCheck:
     _, units = np.unique([unit for part in parts for unit in part[2]], return_inverse=True)
     if units.max() < MIN_UNITS:  # frames of the same units are held out then
         units = np.arange(units.size)
-    kinds = np.concatenate([part[1] for part in parts])
+    kinds = torch.from_numpy(np.concatenate([part[1] for part in parts]))
     order = np.random.default_rng(seed).permutation(units.max() + 1)
-    own = ~np.isin(units, order[: max(1, round(HELD_OUT_SHARE * order.size))])
+    held_out = order[: max(1, round(HELD_OUT_SHARE * order.size))]
+    own = torch.from_numpy(~np.isin(units, held_out))
     features = [
         [torch.cat(each) for each in zip(*(part[0][mode] for part in parts), strict=True)]
         for mode in range(len(parts[0][0]))
@@ -267,7 +268,7 @@ def _trained(parts: Sequence[Part], seed: int) -> FrameCheck:
     for mode, (right, wrong) in enumerate(features):
         used = own if mode == WITH else own & seen
         inputs += [right[own], wrong[used]]
-        classes += [torch.zeros(own.sum(), dtype=torch.int64), torch.from_numpy(kinds[used])]
+        classes += [torch.zeros_like(kinds[own]), kinds[used]]
     check = FrameCheck(inputs[0].shape[1])
     check.center.copy_(inputs[0].mean(dim=0))
     check.scale.copy_(inputs[0].std(dim=0).clamp(min=MIN_SCALE))

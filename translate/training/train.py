@@ -1,33 +1,51 @@
-"""Training of a translator.
+"""Training of a translator: its loop, its batches, when it ends, and its result.
 
     torchrun --nproc-per-node 2 -m t2twin.translate.training.train resnet18 data/small cpu
     runs/resnet18
 
 A stopped training resumes with the result of an uninterrupted one: order, dropout and augmentation
 of each step depend on (seed, epoch, step). The number of threads changes the last digits.
+
+Shape letters: B batch, P pairs, S image side, c channels, N taxels, n values of a prediction.
 """
 
+import math
 import shutil
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import torch
 from msgspec import structs
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, counted
 from t2twin.core.files import LOCK, is_empty, locked
+from t2twin.core.progress import Progress
 from t2twin.sim.dataset.columns import IMAGE
 from t2twin.sim.dataset.info import COUNTS
 from t2twin.sim.dataset.store import read_info, sha256_of
-from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
+from t2twin.translate.data.images import COLORS, WHITE_GREY, augment, on_device, to_input, to_scaled
+from t2twin.translate.data.pairs import (
+    CACHE,
+    DataInfo,
+    Examples,
+    ImageFile,
+    Pairs,
+    load_info,
+    load_pairs,
+    usable_cache,
+)
 from t2twin.translate.models import distributed
+from t2twin.translate.models.base import Translator
 from t2twin.translate.models.presets import (
+    FIXED,
     GENERATES,
     MAX_EPOCHS,
     SOURCE_TO_TARGET,
@@ -38,13 +56,15 @@ from t2twin.translate.models.presets import (
     find_preset,
     is_reverse,
 )
-from t2twin.translate.networks.field_net import side_of_maps
+from t2twin.translate.networks.field_net import CONTACT, SHEAR, side_of_maps
 from t2twin.translate.runs.card import CARD, write_card
 from t2twin.translate.runs.checkpoint import (
     build,
     has_bf16,
     load_history,
+    load_state,
     load_weights,
+    save_state,
     save_weights,
 )
 from t2twin.translate.runs.config import (
@@ -53,18 +73,54 @@ from t2twin.translate.runs.config import (
     FRAME_CHECK,
     LAST,
     MAX_STEPS,
+    TENSORBOARD,
     RunConfig,
     load_config,
     resolve_run,
 )
-from t2twin.translate.runs.log import EpochRecord
+from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, write_log
 from t2twin.translate.training.frame_check import fit_frame_check
-from t2twin.translate.training.trainer import Trainer, TrainingResult, stop_reason, training_result
+from t2twin.translate.uncertainty.ood import fit_ood_detector
 
 MIN_PAIRS = 8  # Minimum number of training pairs (assumed: batch norm needs several)
 # Learning rate after a warm start, divided by the preset's (assumed): a trained translator needs a
 # tenth of the steps of a new one
 WARM_START_SHARE = 0.3
+# Pairs in one batch of validation by the type of the device; bounds memory
+VALIDATION_BATCH = {"cpu": 64, "cuda": 256}
+# Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
+# the paper's dataset): learning rates and the choice of the best weights depend on epochs
+MIN_EPOCHS = 12
+MIN_STEPS = 100  # Of a shortened epoch (assumed: with fewer, validation takes longer)
+SAVE_SECONDS = 600.0  # Between two states within an epoch (assumed: one takes a few to write)
+TIMED_STEPS = 3  # Steps of the time estimate, after one that is not counted
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """Result of a finished training.
+
+    best_rmse_counts: RMSE on the validation split, counts, or best_rmse_grey, grey levels of a run
+    that predicts images. best_rmse_percent: the same in percent of full scale.
+    """
+
+    run_dir: Path
+    epochs: int
+    best_epoch: int
+    best_rmse_counts: float | None
+    best_rmse_percent: float
+    stop_reason: str
+    best_rmse_grey: float | None = None
+
+    @property
+    def summary(self) -> str:
+        """The result as one clause."""
+        grey = self.best_rmse_grey
+        rmse = f"{self.best_rmse_counts:.0f} counts" if grey is None else f"{grey:.1f} grey levels"
+        return (
+            f"{self.stop_reason}; the best of {counted(self.epochs, 'epoch')} is "
+            f"{self.best_epoch}, with a validation RMSE of {rmse} ({self.best_rmse_percent:.2f} %)"
+        )
 
 
 def train(
@@ -108,44 +164,36 @@ def train(
         weights = find_weights(init_from, model, settings, info)
         settings = replace(settings, learning_rate=WARM_START_SHARE * settings.learning_rate)
     config = RunConfig(
-        model=model,
-        preset=settings,
-        seed=seed,
-        data=info,
-        epochs=epochs,
-        minutes=minutes,
-        steps=steps,
-        planned_epochs=epochs or settings.epochs,
+        model, settings, seed, info, epochs, minutes, epochs or settings.epochs,
         bf16=settings.bf16 and has_bf16(),
         processes=distributed.process_count(),
+        steps=steps,
         init_from=None if weights is None else sha256_of(weights),
-    )
-    config = structs.replace(config, **_kept(contact_alone, model, init_from, info))
+    )  # fmt: skip
+    if arguments.flag(contact_alone, "contact_alone"):
+        config = _of_contact_alone(config, weights)
     return _run(config, data_dir, out_dir, weights, reverse, frame_check)
 
 
-def _kept(
-    contact_alone: bool, model: str, run: str | Path | None, info: DataInfo
-) -> dict[str, Any]:
-    """The fields of the configuration that a training of the contact alone takes from its run."""
-    if not arguments.flag(contact_alone, "contact_alone"):
-        return {}
-    if model != "field" or run is None:
+def _of_contact_alone(config: RunConfig, weights: Path | None) -> RunConfig:
+    """The configuration of a training of the contact alone, with the data of the initial run."""
+    if config.model != "field" or weights is None:
         raise T2TwinError(
             "the contact alone is trained on the layers of a field run; expected the model field, "
             "with --init-from"
         )
-    if not info.has_contact:
+    if not config.data.has_contact:
         raise T2TwinError(
             "the pairs have no contact maps; make a dataset whose recipe has contact_maps = true, "
             "such as `t2twin simdata --recipe contact`"
         )
-    theirs = load_config(resolve_run(run))
-    return {
-        "data": structs.replace(theirs.data, has_contact=True),
-        "ood_detector": theirs.ood_detector,
-        "contact_data": info.sha256,
-    }
+    theirs = load_config(weights.parent)
+    return structs.replace(
+        config,
+        data=structs.replace(theirs.data, has_contact=True),
+        ood_detector=theirs.ood_detector,
+        contact_data=config.data.sha256,
+    )
 
 
 def _run(
@@ -161,43 +209,36 @@ def _run(
                 "processes; their number must divide it"
             )
         config, history = _earlier_run(config, out_dir) or (config, [])
-        reason = stop_reason(config, history)
-        if reason is not None:
-            result = training_result(out_dir, history, reason)
-            if rank == 0:
-                _complete(config, out_dir, data_dir, weights, frame_check)
-                print(f"{out_dir} is finished: {result.summary}. Nothing to do.")
+        finished = stop_reason(config, history)
+        if finished is None:
+            with locked(out_dir) if rank == 0 else nullcontext():
+                names = {path.name for path in out_dir.iterdir()} if out_dir.is_dir() else set()
+                if not (CONFIG in names or names <= {LOCK, CACHE} or is_empty(out_dir)):
+                    raise T2TwinError(
+                        f"{out_dir} is not empty and contains no run; choose another folder"
+                    )
+                pairs, validation = _load_in_turn(data_dir, out_dir, config, rank, reverse)
+                trainer = Trainer(config, out_dir, pairs, validation, rank, weights)
+                config, history = trainer.run()
+        best = best_epoch(history)
+        result = TrainingResult(
+            out_dir, len(history), best.epoch, best.val_rmse_counts, best.val_rmse_percent,
+            stop_reason(config, history) or "", best.val_rmse_grey,
+        )  # fmt: skip
+        if rank > 0:
             return result
-        with locked(out_dir) if rank == 0 else nullcontext():
-            _check_folder(out_dir)
-            pairs, validation = _load_in_turn(data_dir, out_dir, config, rank, reverse)
-            result = Trainer(config, out_dir, pairs, validation, rank, weights).run()
-            if rank == 0:
-                write_card(out_dir, data_dir)
-                _complete(config, out_dir, data_dir, weights, frame_check)
-            return result
-
-
-def _complete(
-    config: RunConfig, out_dir: Path, data_dir: Path, weights: Path | None, frame_check: bool
-) -> None:
-    """Gives a finished run what it lacks: its card, and a field run its frame check."""
-    if not (out_dir / CARD).is_file():
-        write_card(out_dir, data_dir)
-    if not frame_check:
-        return
-    if config.contact_data is None:
-        fit_frame_check(out_dir, data_dir)
-    elif weights is not None and (weights.parent / FRAME_CHECK).is_file():
-        shutil.copyfile(weights.parent / FRAME_CHECK, out_dir / FRAME_CHECK)
-
-
-def _check_folder(out_dir: Path) -> None:
-    """Raises T2TwinError for a folder with other files than a run's."""
-    names = {path.name for path in out_dir.iterdir()} if out_dir.is_dir() else set()
-    if CONFIG in names or names <= {LOCK, CACHE} or is_empty(out_dir):
-        return
-    raise T2TwinError(f"{out_dir} is not empty and contains no run; choose another folder")
+        # What a finished run may lack after a kill
+        if finished is None or not (out_dir / CARD).is_file():
+            write_card(out_dir, data_dir)
+        if frame_check and config.contact_data is None:
+            fit_frame_check(out_dir, data_dir)
+        elif frame_check and weights is not None and (weights.parent / FRAME_CHECK).is_file():
+            shutil.copyfile(weights.parent / FRAME_CHECK, out_dir / FRAME_CHECK)
+        if finished is None:
+            print(f"{out_dir}: {result.summary}.")
+        else:
+            print(f"{out_dir} is finished: {result.summary}. Nothing to do.")
+        return result
 
 
 def _load_in_turn(
@@ -228,7 +269,22 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
     if not (out_dir / CONFIG).is_file():
         return None
     earlier = load_config(out_dir)
-    theirs, ours = _given(earlier), _given(config)
+    theirs, ours = (
+        {
+            "model": each.model,
+            "direction": each.direction,
+            "source": each.data.source.name,
+            "preset": each.preset,
+            "seed": each.seed,
+            "dataset": (each.data.sha256, each.contact_data),
+            "number of epochs": each.epochs,
+            "number of steps": each.steps,
+            "limit in minutes": each.minutes,
+            "number of processes": each.processes,
+            "warm start": each.init_from,
+        }
+        for each in (earlier, config)
+    )
     others = [name for name, value in ours.items() if theirs[name] != value]
     if others:
         raise T2TwinError(
@@ -237,23 +293,6 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
         )
     state = out_dir / LAST
     return (earlier, load_history(state)) if state.is_file() else None
-
-
-def _given(config: RunConfig) -> dict[str, Any]:
-    """What a resumed training has in common with the stopped one, by its names in messages."""
-    return {
-        "model": config.model,
-        "direction": config.direction,
-        "source": config.data.source.name,
-        "preset": config.preset,
-        "seed": config.seed,
-        "dataset": (config.data.sha256, config.contact_data),
-        "number of epochs": config.epochs,
-        "number of steps": config.steps,
-        "limit in minutes": config.minutes,
-        "number of processes": config.processes,
-        "warm start": config.init_from,
-    }
 
 
 def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
@@ -324,6 +363,293 @@ def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
             "the new one"
         )
     return run_dir, config
+
+
+def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
+    """Why a run with this history is finished, or None."""
+    if not history:
+        return None
+    if len(history) >= config.planned_epochs:
+        return "all its epochs are done"
+    if len(history) - best_epoch(history).epoch >= config.preset.patience:
+        return f"{counted(config.preset.patience, 'epoch')} brought no better validation"
+    seconds = sum(record.seconds for record in history)
+    if config.minutes is not None and seconds >= 60 * config.minutes:
+        return f"its {config.minutes:g} minutes are over"
+    return None
+
+
+class Batches:
+    """The batches of the pairs of one split, on a device, which also augments them."""
+
+    def __init__(self, pairs: Pairs, preset: Preset, device: torch.device) -> None:
+        self.preset, self.pairs, self.device = preset, pairs, device
+        self.inputs = pairs.inputs
+
+    def examples(
+        self, batch: np.ndarray, rng: np.random.Generator | None,
+        to_input: Callable[[torch.Tensor], torch.Tensor] = to_input,
+    ) -> Examples:  # fmt: skip
+        """The pairs with these indices, (B,); with rng, augmented as the preset defines.
+
+        Augmentation is for images of the source; counts and targets stay as they are.
+        """
+        batch, preset, pairs = np.sort(batch), self.preset, self.pairs  # the order on disk
+        inputs, target = self.readings(batch)
+        pixels = inputs.float() / WHITE_GREY
+        stored = (pairs.dense_counts, pairs.force_n, pairs.shear_n, pairs.contact)
+        more = [None if each is None else self._tensor(each[batch]).float() for each in stored]
+        if rng is not None and pairs.pictures is None:
+            if preset.background_share and pairs.backgrounds is not None:
+                drawn = rng.random(len(batch)) < preset.background_share
+                replaced = on_device(np.flatnonzero(drawn), pixels.device)
+                pixels[replaced, ..., :COLORS] = pixels[replaced, ..., COLORS:]
+                for each in more:
+                    if each is not None:
+                        each[replaced] = 0.0
+            if preset.brightness or preset.contrast or preset.noise or preset.drift:
+                pixels = augment(
+                    pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
+                )
+        if isinstance(pairs.target, ImageFile):
+            target = to_scaled(target.float() / WHITE_GREY)
+        return Examples(to_input(pixels), target, *more)
+
+    def readings(self, batch: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+        """The stored pictures and targets of pairs with these indices, (B,)."""
+        return self._tensor(self.inputs[batch]), self._tensor(self.pairs.target[batch])
+
+    def _tensor(self, values: np.ndarray) -> torch.Tensor:
+        """Pictures as uint8, contact maps as float16, other values as float32."""
+        if values.dtype not in (np.uint8, np.float16):
+            values = values.astype(np.float32, copy=False)
+        return torch.from_numpy(values).to(self.device)
+
+
+class Trainer:
+    """The training of one run, in one of its processes. weights: initial ones, None for random."""
+
+    def __init__(
+        self, config: RunConfig, out_dir: Path, pairs: Pairs, validation: Pairs, rank: int,
+        weights: Path | None = None,
+    ) -> None:  # fmt: skip
+        self.config, self.out_dir, self.rank, self.weights = config, out_dir, rank, weights
+        self.pairs, self.validation = pairs, validation
+        self.data, self.validation_data = (
+            Batches(each, config.preset, distributed.device()) for each in (pairs, validation)
+        )
+        most = min(config.preset.batch, len(pairs))
+        self.batch = most - most % config.processes
+        self.batches = len(pairs) // self.batch  # no smaller last batch: bad for batch norm
+        self.steps = config.epoch_steps or steps_of_epoch(self.batches, config.budget)
+        self.history: list[EpochRecord] = []
+        self.part = EpochPart()
+
+    def run(self) -> tuple[RunConfig, list[EpochRecord]]:
+        """Trains until the run is finished; starts from the saved state if there is one."""
+        state, config, epoch_seconds = self.out_dir / LAST, self.config, self._measure()
+        resumed = state.is_file()
+        if not resumed:
+            planned, detector = config.planned_epochs, config.ood_detector
+            if config.steps is not None:
+                planned = round(config.steps / self.steps)
+            elif config.epochs is None and config.preset.steps:
+                planned = min(planned, round(config.preset.steps / self.steps))
+            if config.minutes is not None and config.preset.schedule != FIXED:
+                planned = min(planned, int(config.minutes * 60 / epoch_seconds))
+            # Layers on another run's have the statistics of that run's images.
+            if config.contact_data is None and self.pairs.pictures is None:
+                detector = fit_ood_detector(self.pairs.images)
+            self.config = structs.replace(
+                config,
+                planned_epochs=min(max(1, planned), MAX_EPOCHS),
+                epoch_steps=self.steps,
+                ood_detector=detector,
+            )
+        self.translator = build(self.config)
+        if self.weights is not None:
+            load_initial_weights(self.weights, self.translator)
+        if resumed:
+            self.history, self.part = load_state(state, self.translator)
+        else:
+            self.translator.prepare(self.pairs)
+            if self.rank == 0:
+                self.config.save(self.out_dir)
+        self._announce(epoch_seconds)
+        self._train()
+        return self.config, self.history
+
+    def _train(self) -> None:
+        done = len(self.history) * self.steps + self.part.steps
+        total, board = self.config.planned_epochs * self.steps, None
+        if self.rank == 0:
+            from torch.utils.tensorboard import SummaryWriter
+
+            # Entries of an interrupted epoch are overwritten.
+            board = SummaryWriter(str(self.out_dir / TENSORBOARD), purge_step=len(self.history) + 1)
+        with Progress(
+            total=total, initial=done, desc=self.config.model, unit="step",
+            disable=self.rank > 0, mininterval=0.5,
+        ) as bar:  # fmt: skip
+            while stop_reason(self.config, self.history) is None:
+                record = self._epoch(len(self.history), bar)
+                self.history.append(record)
+                self.part = EpochPart()
+                bar.print_line(self._progress())
+                bar.set_postfix_str(f"val {record.val_rmse_percent:.2f} %")
+                if board is not None:
+                    # The best weights first: if killed in between, the epoch is repeated.
+                    if best_epoch(self.history) is record:
+                        self.translator.in_float32().calibrate(self.validation)
+                        save_weights(self.out_dir / BEST, self.translator.predictor)
+                    save_state(self.out_dir / LAST, self.translator, self.history, self.part)
+                    write_log(self.out_dir, self.history)
+                    for name, value in record.numbers.items():
+                        board.add_scalar(name, value, record.epoch)
+                    board.flush()
+                distributed.wait()
+        if board is not None:
+            board.close()
+
+    def _progress(self) -> str:
+        """The last epoch as one line."""
+        last, best = self.history[-1], best_epoch(self.history)
+        total = self.config.planned_epochs
+        minutes = sum(record.seconds for record in self.history) / 60
+        error_mm, best_mm = last.val_contact_error_mm, best.val_contact_error_mm
+        contact = "" if error_mm is None else f", depth {error_mm:.4f} mm, then {best_mm:.4f} mm"
+        return (
+            f"epoch {last.epoch:,} of {total:,}, step {last.epoch * self.steps:,} of "
+            f"{total * self.steps:,}, {minutes:.1f} minutes, validation RMSE "
+            f"{last.val_rmse_percent:.2f} %, best {best.val_rmse_percent:.2f} % in epoch "
+            f"{best.epoch:,}{contact}"
+        )
+
+    def _epoch(self, epoch: int, bar: Progress) -> EpochRecord:
+        """Trains for the rest of an epoch and validates. Returns the record of the epoch."""
+        started = time.perf_counter() - self.part.seconds
+        config, translator = self.config, self.translator
+        share = 1.0
+        if config.preset.schedule != FIXED:  # half a cosine to zero
+            share = 0.5 * (1.0 + math.cos(math.pi * epoch / config.planned_epochs))
+        for optimizer in translator.optimizers.values():
+            for group in optimizer.param_groups:
+                group["lr"] = share * optimizer.defaults["lr"]
+        for network in translator.networks.values():
+            network.train()
+        sums: dict[str, float | torch.Tensor] = dict(self.part.losses)
+        saved, first = time.perf_counter(), self.part.steps
+        for step, batch in enumerate(islice(self._batches(epoch), first, None), first):
+            rng = np.random.default_rng([config.seed, epoch, step, 1 + self.rank])
+            torch.manual_seed(int(rng.integers(2**63)))  # dropout
+            mine = batch[self.rank :: config.processes]
+            losses = translator.step(self.data.examples(mine, rng, translator.to_input))
+            for name, loss in losses.items():
+                sums[name] = sums.get(name, 0.0) + loss.double()  # does not wait for a GPU
+            bar.update()
+            now = time.perf_counter()
+            if config.processes == 1 and now - saved >= SAVE_SECONDS and step + 1 < self.steps:
+                part = EpochPart(step + 1, _numbers(sums), now - started)
+                save_state(self.out_dir / LAST, translator, self.history, part)
+                saved = now
+        for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
+            distributed.average([each for each in network.buffers() if each.is_floating_point()])
+        rmse, exact, losses = self._validate(), translator.in_float32(), _numbers(sums)
+        if not all(map(math.isfinite, (rmse, *losses.values()))):
+            raise T2TwinError(
+                f"the loss is not finite in epoch {epoch + 1}; train again with a preset of a "
+                "lower learning rate"
+            )
+        further = exact.further_errors(self.validation)
+        return EpochRecord(
+            epoch=epoch + 1,
+            learning_rate=share * config.preset.learning_rate,
+            train={name: total / self.steps for name, total in losses.items()},
+            val_rmse_counts=None if config.predicts_images else rmse,
+            val_rmse_percent=100.0 * rmse / config.full_scale,
+            seconds=distributed.reduced(time.perf_counter() - started, "MAX"),
+            val_rmse_grey=rmse if config.predicts_images else None,
+            **{name: distributed.reduced(error, "MAX") for name, error in further.items()},
+        )
+
+    def _batches(self, epoch: int) -> Iterator[np.ndarray]:
+        """Indices of the pairs of each step of an epoch, (b,)."""
+        current, order = -1, np.empty(0, int)
+        for step in range(epoch * self.steps, (epoch + 1) * self.steps):
+            data_pass, place = divmod(step, self.batches)
+            if data_pass != current:
+                rng = np.random.default_rng([self.config.seed, data_pass])
+                current, order = data_pass, rng.permutation(len(self.pairs))
+            yield order[place * self.batch : (place + 1) * self.batch]
+
+    def _validate(self) -> float:
+        """RMSE on the validation split, counts or grey levels; the processes share the pairs."""
+        mine = np.arange(len(self.validation))[self.rank :: self.config.processes]
+        squares, values, batch = 0.0, 0, VALIDATION_BATCH[self.translator.device.type]
+        exact = self.translator.in_float32()
+        for start in range(0, mine.size, batch):
+            readings = self.validation_data.readings(mine[start : start + batch])
+            errors = exact.errors(*readings)
+            squares += float(errors.square().sum(dtype=torch.float64))
+            values += errors.numel()
+        squares, total = (distributed.reduced(each, "SUM") for each in (squares, values))
+        return math.sqrt(squares / total)
+
+    def _measure(self) -> float:
+        """Estimated seconds per epoch, from a few steps of other networks."""
+        translator, processes = build(self.config), self.config.processes
+        rng, started = np.random.default_rng(self.config.seed), 0.0
+        mine = np.arange(self.batch)[self.rank :: processes]
+        for step in range(1 + TIMED_STEPS):
+            if step == 1:
+                started = time.perf_counter()
+            examples = self.data.examples(mine, rng, translator.to_input)
+            _numbers(translator.step(examples))  # waits for a GPU
+        step_seconds = (time.perf_counter() - started) / TIMED_STEPS
+        few = np.arange(min(VALIDATION_BATCH[translator.device.type], len(self.validation)))
+        started = time.perf_counter()
+        translator.in_float32().errors(*self.validation_data.readings(few))
+        image_seconds = (time.perf_counter() - started) / len(few)
+        validate_seconds = image_seconds * len(self.validation) / processes
+        return distributed.reduced(self.steps * step_seconds + validate_seconds, "MAX")
+
+    def _announce(self, epoch_seconds: float) -> None:
+        if self.rank > 0:
+            return
+        config, done, resumes = self.config, len(self.history), ""
+        seconds = (config.planned_epochs - done) * epoch_seconds
+        if config.minutes is not None:
+            seconds = min(seconds, 60 * config.minutes + epoch_seconds)
+        if done or self.part.steps:
+            resumes = f" resumes after step {self.part.steps:,} of epoch {done + 1:,};"
+        direction = "" if config.is_image_to_counts else f" {config.direction}"
+        print(
+            f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
+            f"{counted(len(self.pairs), 'pair')}, validated on {len(self.validation)}, "
+            f"{counted(config.planned_epochs, 'epoch')} of {counted(self.steps, 'step')}, "
+            f"{config.precision} on {self.translator.device.type}, "
+            f"{counted(config.processes, 'process', 'processes')} of "
+            f"{counted(torch.get_num_threads(), 'thread')}. At most {seconds / 60:.1f} minutes; it "
+            f"stops after {counted(config.preset.patience, 'epoch')} without a better validation.",
+            flush=True,
+        )
+
+
+def load_initial_weights(path: Path, translator: Translator) -> None:
+    """Loads the weights of another run; of shear and contact only if both networks have them."""
+    load_weights(path, translator.predictor, optional=(SHEAR, CONTACT))
+    trained = next(iter(translator.networks.values()))
+    if trained is not translator.predictor:  # the predictor is its weight average
+        trained.load_state_dict(translator.predictor.state_dict())
+
+
+def _numbers(losses: Mapping[str, float | torch.Tensor]) -> dict[str, float]:
+    return {name: float(loss) for name, loss in losses.items()}
+
+
+def steps_of_epoch(batches: int, budget: int) -> int:
+    """Steps per epoch: all batches, or with a budget of steps at most its share of an epoch."""
+    return min(batches, max(budget // MIN_EPOCHS, MIN_STEPS)) if budget else batches
 
 
 def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
