@@ -12,7 +12,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import torch
 from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
@@ -62,33 +61,27 @@ def publish_pretrained(
         share = json.loads((run_dir / AVERAGE).read_text(encoding="utf-8"))["share"]
         card = card.replace("## Training\n", MEAN.format(share, 1.0 - share), 1)
     rows = [row for folder in evaluations for row in _rows(folder, config.data.sha256)]
+    if rows:
+        template = environment().from_string(TABLE.read_text(encoding="utf-8"))
+        before, limits, after = card.partition(LIMITS)
+        card = before + template.render(rows=rows) + limits + after
     folder = home / name
     folder.mkdir(parents=True, exist_ok=True)
     for path in filter(Path.is_file, (run_dir / BEST, run_dir / FRAME_CHECK)):
-        weights = {key: _halved(key, each) for key, each in load_file(path).items()}
+        weights = {
+            key: each.half()
+            if each.dim() >= 2 and each.numel() >= MIN_NUMBERS and not key.endswith(FULL_PRECISION)
+            else each
+            for key, each in load_file(path).items()
+        }
         with atomic_write(folder / path.name) as temporary:
             save_file(weights, temporary)
             temporary.chmod(0o644)  # safetensors restricts it to the owner
     for file in (CONFIG, LOG):
         shutil.copyfile(run_dir / file, folder / file)
     with atomic_write(folder / CARD) as temporary:
-        temporary.write_text(_with_figures(card, rows), encoding="utf-8")
+        temporary.write_text(card, encoding="utf-8")
     return folder
-
-
-def _halved(name: str, tensor: torch.Tensor) -> torch.Tensor:
-    is_weight = tensor.dim() >= 2 and not name.endswith(FULL_PRECISION)
-    return tensor.half() if is_weight and tensor.numel() >= MIN_NUMBERS else tensor
-
-
-def _with_figures(card: str, rows: Sequence[tuple[str, ModelRow]]) -> str:
-    """The card with a table before the section on limits. rows: with their titles."""
-    if not rows:
-        return card
-    template = environment().from_string(TABLE.read_text(encoding="utf-8"))
-    table = template.render(rows=rows)
-    before, limits, after = card.partition(LIMITS)
-    return before + table + limits + after
 
 
 def _rows(folder: Path, sha256: str) -> Iterator[tuple[str, ModelRow]]:

@@ -1,9 +1,12 @@
-"""Pages that the documentation site has beside those of docs/: a hook of MkDocs, see mkdocs.yml."""
+"""The documentation site, see mkdocs.yml: its pages besides those of docs/, by a hook of MkDocs;
+lists of arguments in docstrings, by an extension of griffe."""
 
 import ast
 import re
 from pathlib import Path
+from typing import Any
 
+from griffe import Extension, Object
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
@@ -11,6 +14,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md",
          "CHANGELOG.md": "changelog.md"}  # fmt: skip
 LINK = re.compile(r"(?<=\]\()[^)#]+")
+ENTRY = re.compile(r"(\w[\w, *]*): ")  # start of a line that describes arguments or attributes
+END = re.compile(r"Returns |Raises ")  # start of a line that ends a list of arguments
 API = """# API of all public names
 
 Every name is a member of `t2twin`. [Python API](python-api.md) shows how they are used together.
@@ -39,3 +44,27 @@ def public_names() -> dict[str, str]:
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
+
+
+class ArgumentLists(Extension):
+    """Changes the docstring of every object to Markdown with lists."""
+
+    def on_object(self, *, obj: Object, **_: Any) -> None:
+        if obj.docstring is not None:
+            obj.docstring.value = as_lists(obj.docstring.value)
+
+
+def as_lists(docstring: str) -> str:
+    """The docstring with each description of arguments as an item of a list."""
+    lines, is_list = [], False
+    for line in docstring.splitlines():
+        entry = ENTRY.match(line)
+        if entry:
+            lines += [] if is_list else [""]
+            line, is_list = f"- `{entry.group(1)}`: {line[entry.end() :]}", True
+        elif is_list and (END.match(line) or not line):
+            lines, is_list = [*lines, ""], False
+        elif is_list:
+            line = f"    {line.strip()}"
+        lines.append(line)
+    return "\n".join(lines)

@@ -17,7 +17,7 @@ import trimesh
 from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue, height_map, solids, tools
 from t2twin.primitives_cad.catalogue import path_of
-from t2twin.primitives_cad.shape import HeightMap, Keypoint, Shape
+from t2twin.primitives_cad.shape import Shape
 
 SAME_MM = 1.0e-7  # distance below which points coincide, mm: the CAD kernel's tolerance
 
@@ -38,7 +38,13 @@ def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
             # the height by which `height_map.aligned` has moved the mesh
             transform[2, 3] += (shape.mesh.vertices[0] - upright[0])[2]
             arrays = {"transform": transform}
-        _write(path_of(name), arrays | _surface_arrays(shape.surface))
+        surface = shape.surface
+        arrays |= {
+            "heights": packed(np.asarray(surface.heights_mm, np.float32)),
+            "shape": np.array(surface.heights_mm.shape),
+            "pitch_mm": surface.x_mm[surface.x_mm.size // 2 + 1],
+        }
+        _write(path_of(name), arrays)
 
 
 def build(name: str, tool: trimesh.Trimesh | None = None) -> Shape:
@@ -76,12 +82,9 @@ def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = solids.CHORDAL_MM)
 def keypoint_transform(name: str) -> np.ndarray:
     """(4, 4) transform from a tool's frame to the frame of one of its shapes, up to the height."""
     tool, _, at = name.partition("/")
-    return align_to_z(next(each for each in tools.keypoints(tool) if each.name == at))
-
-
-def align_to_z(keypoint: Keypoint) -> np.ndarray:
-    """(4, 4) smallest rotation of a keypoint's direction to +z (Rodrigues), the point to 0."""
-    x, y, cosine = keypoint.direction  # none is downward
+    keypoint = next(each for each in tools.keypoints(tool) if each.name == at)
+    # The smallest rotation of its direction to +z (Rodrigues), the point to 0; none is downward.
+    x, y, cosine = keypoint.direction
     skew = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
     turn = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
     transform = np.eye(4)
@@ -106,14 +109,6 @@ def _mesh_arrays(vertices: np.ndarray, faces: np.ndarray) -> dict[str, np.ndarra
     return {
         "vertices": packed(np.asarray(vertices, np.float64)),
         "faces": packed(np.asarray(faces, np.int32)),
-    }
-
-
-def _surface_arrays(surface: HeightMap) -> dict[str, np.ndarray]:
-    return {
-        "heights": packed(np.asarray(surface.heights_mm, np.float32)),
-        "shape": np.array(surface.heights_mm.shape),
-        "pitch_mm": surface.x_mm[surface.x_mm.size // 2 + 1],
     }
 
 

@@ -1,20 +1,9 @@
-"""The folder that a slide is written to.
-
-slide.csv                pose, and force, shear and slip of each sensor, one row a step
-counts.csv               counts of the first taxel array, one row a step
-counts_SENSOR.csv        those of the second one, if there is one
-markers.csv              markers of the first gel camera, if any: one row a step and marker
-frames/000.png           images of the first gel camera
-frames/SENSOR_000.png    those of the second one, if there is one
-contact_SENSOR_000.npz   each contact's fields
-slide.png                tangential force, and what the sensors show in three steps
-slide.gif, slide.mp4     images and counts; the second with imageio-ffmpeg only
-"""
+"""The folder that a slide is written to; docs/reference/file-formats.md describes its files."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -53,9 +42,7 @@ SLIDE_CSV, FRAMES = "slide.csv", "frames"
 OPTIONAL_FILES = ("contact_*_*.npz", "counts*.csv", MARKERS_CSV, "slide.mp4")
 """Patterns of the files that an earlier slide may have and a new one lacks, besides the frames."""
 
-MARKER_VALUES = ("pitch_mm", "diameter_mm", "jitter_mm", "seed")
-"""Attributes of markers that are columns of slide.csv."""
-
+MARKER_VALUES = ("pitch_mm", "diameter_mm", "jitter_mm", "seed")  # also columns of slide.csv
 MIN_DIGITS = 3  # of a step in a file's name, at least
 FRAME_MS = 150  # duration of a step in the animation (assumed)
 MAX_FRAMES = 300  # steps in the animation at most (assumed: its file stays below 100 MB)
@@ -66,8 +53,7 @@ LEGEND_PT = 20  # height of the legend between a panel and its title
 MIN_ARROW_PX = 3.0  # shortest displacement of a marker that has an arrow
 SHOWN = 3  # steps that the figure shows: the first, the middle and the last one
 
-PANEL_WIDTH, PANEL_HEIGHT, FORCE_HEIGHT = 2.5, 2.6, 2.4
-"""Sizes of a panel of a step and of the panels of the force, inches."""
+PANEL_WIDTH, PANEL_HEIGHT, FORCE_HEIGHT = 2.5, 2.6, 2.4  # of a step and of the force, inches
 
 Row = dict[str, Any]
 """A row of slide.csv. Columns of a sensor without contact are missing."""
@@ -90,17 +76,25 @@ def write_slide(folder: Path, touches: Iterable[Touch], number: int) -> list[Row
 def _write(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
     digits = max(MIN_DIGITS, len(str(number - 1)))
     wanted = np.linspace(0, number - 1, SHOWN)
-    shown: list[tuple[int, Touch]] = []
+    shown: dict[int, Touch] = {}  # by step
     rows: list[Row] = []
     images: dict[str, list[Path]] = {}  # by sensor, as counts
     counts: dict[str, list[np.ndarray]] = {}
     markers: list[list[Any]] = []
-    last = None
     (folder / FRAMES).mkdir()
+    last = None
     for step, touch in enumerate(touches):
         rows.append(_row(step, touch))
         for sensor, contact in touch.contacts.items():
-            _write_contact(folder / f"contact_{sensor}_{step:0{digits}}.npz", contact)
+            np.savez_compressed(
+                folder / f"contact_{sensor}_{step:0{digits}}.npz",
+                pressure_kpa=contact.pressure_kpa,
+                shear_kpa=contact.shear_kpa.astype(np.float32),
+                displacement_mm=contact.displacement_mm,
+                slip_mm=contact.slip_mm.astype(np.float32),
+                x_mm=contact.x_mm,
+                y_mm=contact.y_mm,
+            )
         for sensor, reading in touch.readings.items():
             if (image := getattr(reading, "image", None)) is not None:
                 of_sensor = images.setdefault(sensor, [])
@@ -114,7 +108,9 @@ def _write(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
         if touch.contacts:
             last = step, touch
             if len(shown) < SHOWN - 1 and step >= wanted[len(shown)]:
-                shown.append(last)
+                shown[step] = touch
+    assert last is not None  # a path has at least one contact
+    shown[last[0]] = last[1]
     names = list(dict.fromkeys(name for row in rows for name in row))
     write_csv(folder / SLIDE_CSV, names, [[row.get(name) for name in names] for row in rows])
     for sensor, of_steps in counts.items():
@@ -123,42 +119,17 @@ def _write(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
         write_csv(folder / f"counts{_after_first(counts, sensor, f'_{sensor}')}.csv", names, lines)
     if markers:
         write_csv(folder / MARKERS_CSV, ("step", *MARKER_COLUMNS), markers)
-    assert last is not None  # a path has at least one contact
-    if last is not shown[-1]:
-        shown.append(last)
-    steps, chosen = zip(*shown, strict=True)
     width_in = 2 * PANEL_WIDTH * len(last[1].contacts)
-    height_in = FORCE_HEIGHT + PANEL_HEIGHT * len(chosen)
-    draw = partial(_draw_slide, rows=rows, steps=steps, shown=chosen)
+    height_in = FORCE_HEIGHT + PANEL_HEIGHT * len(shown)
+    draw = partial(_draw_slide, rows=rows, shown=shown)
     (folder / "slide.png").write_bytes(figure("png", width_in, height_in, draw))
-    sensors = {sensor: reading.sensor for sensor, reading in last[1].readings.items()}
-    pictures = partial(_pictures, images, counts, sensors)
-    _write_animation(folder, pictures, len(rows))
+    _write_animation(folder, images, counts, last[1])
     return rows
 
 
 def _after_first(of_kind: Iterable[str], sensor: str, name: str) -> str:
     """A part of a file's name that all sensors of a kind but the first one have."""
     return "" if sensor == next(iter(of_kind)) else name
-
-
-def _pictures(
-    images: dict[str, list[Path]], counts: dict[str, list[np.ndarray]], sensors: dict[str, Any],
-    step: int,
-) -> list[Image.Image]:  # fmt: skip
-    """The image or the tactile image of each sensor in a step; counts are on one scale."""
-    found = []
-    for sensor, device in sensors.items():
-        if sensor in images:
-            with Image.open(images[sensor][step]) as image:
-                found.append(image.convert("RGB"))
-            continue
-        brightest = max(1.0, max(float(values.max()) for values in counts[sensor]))
-        layout, scale = device.layout, device.spec.tactile_image.px_per_mm
-        tactile = device.phi(counts[sensor][step].astype(np.float32))
-        places = layout.x_mm, layout.y_mm
-        found.append(colored_tactile_image(tactile, *places, brightest, px_per_mm=scale))
-    return found
 
 
 def _row(step: int, touch: Touch) -> Row:
@@ -188,23 +159,28 @@ def _row(step: int, touch: Touch) -> Row:
     return row
 
 
-def _write_contact(path: Path, contact: Contact) -> None:
-    np.savez_compressed(
-        path,
-        pressure_kpa=contact.pressure_kpa,
-        shear_kpa=contact.shear_kpa.astype(np.float32),
-        displacement_mm=contact.displacement_mm,
-        slip_mm=contact.slip_mm.astype(np.float32),
-        x_mm=contact.x_mm,
-        y_mm=contact.y_mm,
-    )
-
-
 def _write_animation(
-    folder: Path, pictures: Callable[[int], list[Image.Image]], steps: int
+    folder: Path, images: dict[str, list[Path]], counts: dict[str, list[np.ndarray]], last: Touch
 ) -> None:
-    """Write slide.gif and, with imageio-ffmpeg, slide.mp4: the pictures of a step, side by side."""
-    first, *others = _animation(pictures, steps)
+    """Write slide.gif and, with imageio-ffmpeg, slide.mp4: the images and the tactile images of all
+    sensors side by side; counts are on one scale. images, counts: of each step."""
+    steps, pages = len(next(iter([*images.values(), *counts.values()]))), []
+    for step in np.unique(np.linspace(0, steps - 1, min(steps, MAX_FRAMES)).round().astype(int)):
+        pictures = []
+        for sensor, reading in last.readings.items():
+            if sensor in images:
+                with Image.open(images[sensor][step]) as image:
+                    pictures.append(image.convert("RGB"))
+                continue
+            device: Any = reading.sensor
+            brightest = max(1.0, max(float(values.max()) for values in counts[sensor]))
+            tactile = device.phi(counts[sensor][step].astype(np.float32))
+            layout, scale = device.layout, device.spec.tactile_image.px_per_mm
+            places = layout.x_mm, layout.y_mm
+            pictures.append(colored_tactile_image(tactile, *places, brightest, px_per_mm=scale))
+        page = in_a_row(pictures, HEIGHT_PX)
+        pages.append(page.quantize(palette=page.quantize()))  # the second pass dithers
+    first, *others = pages
     each = {"save_all": True, "append_images": others, "duration": FRAME_MS, "loop": 0}
     first.save(folder / "slide.gif", **each)
     if find_spec("imageio_ffmpeg"):
@@ -212,15 +188,9 @@ def _write_animation(
             str(folder / "slide.mp4"), first.size, fps=1000 / FRAME_MS, macro_block_size=2
         )
         writer.send(None)
-        for image in _animation(pictures, steps):
-            writer.send(np.ascontiguousarray(image.convert("RGB")))
+        for page in pages:
+            writer.send(np.ascontiguousarray(page.convert("RGB")))
         writer.close()
-
-
-def _animation(pictures: Callable[[int], list[Image.Image]], steps: int) -> Iterator[Image.Image]:
-    for step in np.unique(np.linspace(0, steps - 1, min(steps, MAX_FRAMES)).round().astype(int)):
-        page = in_a_row(pictures(int(step)), HEIGHT_PX)
-        yield page.quantize(palette=page.quantize())  # the second pass dithers
 
 
 def _replace(folder: Path, temporary: Path) -> None:
@@ -238,26 +208,25 @@ def _replace(folder: Path, temporary: Path) -> None:
         move_into(folder / FRAMES, frames)
 
 
-def _draw_slide(
-    page: Figure, rows: list[Row], steps: Sequence[int], shown: Sequence[Touch]
-) -> None:
+def _draw_slide(page: Figure, rows: list[Row], shown: dict[int, Touch]) -> None:
     """The tangential force of each sensor, and below it its reading and contact in some steps.
 
-    rows: of slide.csv. steps, shown: touches with contact, and their numbers.
+    rows: of slide.csv. shown: touches with contact by step.
     """
     from matplotlib.patches import Patch
 
-    sensors = list(shown[-1].contacts)
+    *_, last = shown.values()
+    sensors = list(last.contacts)
     kinds = [f"{kind} of {sensor}" for sensor in sensors for kind in ("reading", "contact")]
     mosaic: Any = [[f"force of {sensor}" for sensor in sensors for _ in range(2)]]
-    mosaic += [[f"{kind}, {step}" for kind in kinds] for step in steps]
+    mosaic += [[f"{kind}, {step}" for kind in kinds] for step in shown]
     heights = [FORCE_HEIGHT, *[PANEL_HEIGHT] * len(shown)]
     panels = page.subplot_mosaic(mosaic, height_ratios=heights)
     for sensor in sensors:
-        _draw_force(panels[f"force of {sensor}"], rows, sensor, shown[-1].contacts[sensor])
-        images = [getattr(touch[sensor], "tactile_image", np.ones(1)) for touch in shown]
+        _draw_force(panels[f"force of {sensor}"], rows, sensor, last.contacts[sensor])
+        images = [getattr(touch[sensor], "tactile_image", np.ones(1)) for touch in shown.values()]
         largest = max(1.0, *(float(image.max()) for image in images))
-        for step, touch in zip(steps, shown, strict=True):
+        for step, touch in shown.items():
             _draw_reading(page, panels[f"reading of {sensor}, {step}"], touch[sensor], largest)
             axes, contact = panels[f"contact of {sensor}, {step}"], touch.contacts[sensor]
             peak_kpa = draw_contact(axes, contact)

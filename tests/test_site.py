@@ -7,8 +7,7 @@ import yaml
 from browser import browser
 
 import t2twin
-from maintenance.site import PAGES, public_names
-from maintenance.site_docstrings import as_lists
+from maintenance.site import PAGES, as_lists, public_names
 
 ROOT = Path(__file__).parents[1]
 

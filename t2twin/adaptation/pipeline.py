@@ -26,7 +26,6 @@ from t2twin.adaptation.real_frame_evaluation import (
     INITIAL,
     TRAINED,
     AdaptationResult,
-    References,
     RunScores,
     background_counts,
     baseline_rmse_percent,
@@ -40,6 +39,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, is_empty, locked, write_json
 from t2twin.core.records import read_json
+from t2twin.core.templates import render
 from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.calibrate.calibrate import (
     DEFAULT_TOLERANCE,
@@ -73,9 +73,9 @@ MIN_MINUTES, MAX_MINUTES = 1.0, 6000.0
 
 TRAINING_SHARE = 0.5  # share of the minutes that the training takes (assumed)
 
+# Learning rate of the training from a field run, before its reduction after a warm start (assumed:
+# a third of the preset's is enough for small changes)
 LEARNING_RATE = 1e-4
-"""Learning rate of the training from a field run, before its reduction after a warm start (assumed:
-a third of the preset's is enough for small changes)."""
 
 DRIFT = 0.04
 """Relative changes of the light since the background frame was taken, standard deviation (measured:
@@ -92,43 +92,12 @@ SHAPES_PER_MINUTE = 90
 """Random shapes of the dataset per minute of the adaptation. Pressing them, four times each, takes
 a third of the time on two cores of a virtual machine (measured: 0.1 s of a core for a pair)."""
 
-PRIMITIVE_PRESSES_PER_MINUTE = 1.5
-"""Presses of each primitive per minute of the adaptation (assumed)."""
-
-RECIPE_TEXT = """# Recipe of the dataset that {model} is adapted on, in the light of one unit.
-format = 1
-name = "adapted"
-source = {source}
-target = {target}
-contact_maps = {contact_maps}
-
-[[parts]]
-shapes = "random"
-count = {shapes}
-presses = 4
-place = {{ normal_mm = 2.5 }}
-force_n = {{ low = 0.5, high = 12.0 }}
-background_share = 0.05
-val_share = 0.04
-
-[[parts]]
-shapes = "primitives"
-presses = {presses}
-place = {{ normal_mm = 2.5 }}
-force_n = {{ low = 0.5, high = 12.0 }}
-
-[light]
-kind = "drawn"
-each = "press"
-optics = {optics}
-frames = 1
-"""
+PRIMITIVE_PRESSES_PER_MINUTE = 1.5  # of each primitive, per minute of the adaptation (assumed)
 
 
 @dataclass(frozen=True)
 class AdaptConfig:
-    """Arguments of an adaptation, see `adapt`; init_from is None without an initial run, source is
-    the sensor as given."""
+    """Arguments of an adaptation, see `adapt`."""
 
     background: Path
     presses: Path
@@ -138,10 +107,10 @@ class AdaptConfig:
     minutes: float
     camera: Camera
     model: str
-    init_from: Path | None
+    init_from: Path | None  # None without an initial run
     workers: int | None
     tolerance: Tolerance
-    source: str
+    source: str  # the sensor as given
     sensor: GelCamera
 
     def __post_init__(self) -> None:
@@ -238,21 +207,29 @@ def _check(
 ) -> AdaptationResult:
     """Writes the more accurate run and the page. minutes: by step, of the steps so far."""
     assert fitted.uncertainty is not None
-    references, still = _references(config, presses, fitted), presses.background
-    folders = {TRAINED: config.trained_dir}
+    diameters_mm = {press.name: press.ball_diameter_mm for press in fitted.uncertainty.presses}
+    names = [press.name for press in fitted.held_out]
+    references = simulate_references(
+        names,
+        np.array([(press.x_mm, press.y_mm, press.depth_mm) for press in fitted.held_out]),
+        presses.frames[[presses.names.index(name) for name in names]],
+        [diameters_mm[name] for name in names],
+        SensorPair.of(config.sensor, optics=config.out / OPTICS, frames=1),
+    )
+    folders, still = {TRAINED: config.trained_dir}, presses.background
     if config.init_from is not None:
         folders[INITIAL] = config.init_from
     runs = {name: load_run(folder) for name, folder in folders.items()}
     errors = {
-        name: (
-            evaluate_frames(run, references.frames, references, still),
-            evaluate_frames(run, references.simulated, references, still),
-        )
+        name: [
+            evaluate_frames(run, frames, references, still)
+            for frames in (references.frames, references.simulated)
+        ]
         for name, run in runs.items()
     }
     scores = {
-        name: RunScores(real.scores, simulated.scores, background_counts(runs[name], still))
-        for name, (real, simulated) in errors.items()
+        name: RunScores(*(each.scores for each in both), background_counts(runs[name], still))
+        for name, both in errors.items()
     }
     kept = choose(scores)
     publish(folders[kept], kept, scores, config.out / config.model)
@@ -261,7 +238,7 @@ def _check(
         model=config.model,
         kept=kept,
         runs=scores,
-        presses=len(references.names),
+        presses=len(names),
         optics_psnr_db=fitted.scores.calibrated.psnr_db,
         optics_ssim=fitted.scores.calibrated.ssim,
         zero_rmse_percent=zero,
@@ -307,22 +284,27 @@ def _write_recipe(config: AdaptConfig) -> None:
     initial run predicts it."""
     source, minutes, initial = config.source, config.minutes, config.init_from
     has_contact = initial is not None and bool(load_config(initial).data.has_contact)
-    text = RECIPE_TEXT.format(
+    # TOML's notation of texts is that of JSON.
+    source, target, optics = (
+        json.dumps(str(each), ensure_ascii=False)
+        for each in (
+            Path(source).absolute() if source.endswith(".toml") else source,
+            TARGET,
+            (config.out / OPTICS).absolute(),
+        )
+    )
+    text = render(
+        "adaptation/templates/recipe.toml",
         model=config.model,
         shapes=max(round(SHAPES_PER_MINUTE * minutes), 25),
         presses=max(round(PRIMITIVE_PRESSES_PER_MINUTE * minutes), 2),
-        optics=_quoted((config.out / OPTICS).absolute()),
-        source=_quoted(Path(source).absolute() if source.endswith(".toml") else source),
-        target=_quoted(TARGET),
+        optics=optics,
+        source=source,
+        target=target,
         contact_maps=str(has_contact).lower(),
     )
     with atomic_write(config.out / RECIPE) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def _quoted(text: str | Path) -> str:
-    """A text in TOML's notation, which is that of JSON."""
-    return json.dumps(str(text), ensure_ascii=False)
 
 
 def _existing_fit(out: Path, digest: str) -> OpticsRecord | None:
@@ -350,17 +332,6 @@ def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> O
         report(sentence)
     write_ball(config.out / BALL, config.ball_diameter_mm)
     return write_fit(config.out, optics, config.sensor.own_gel, digest)
-
-
-def _references(config: AdaptConfig, presses: Presses, fitted: OpticsRecord) -> References:
-    """Simulated presses of the held-out frames."""
-    assert fitted.uncertainty is not None
-    diameters_mm = {press.name: press.ball_diameter_mm for press in fitted.uncertainty.presses}
-    names = [press.name for press in fitted.held_out]
-    poses = np.array([(press.x_mm, press.y_mm, press.depth_mm) for press in fitted.held_out])
-    frames = presses.frames[[presses.names.index(name) for name in names]]
-    sensors = SensorPair.of(config.sensor, optics=config.out / OPTICS, frames=1)
-    return simulate_references(names, poses, frames, [diameters_mm[n] for n in names], sensors)
 
 
 @contextmanager

@@ -3,11 +3,6 @@
 The true counts of the real presses are unknown. The reference is the simulated target, a taxel
 array, pressed at the position and depth that the optics found in each frame.
 
-The trained run and the one that initialized its training are evaluated on the same held-out
-presses. The trained run is kept if its RMSE is lower on the real frames and also on their simulated
-frames; one of the two may be lower by chance. It must not refuse more of the real frames, which are
-all touches of the unit.
-
 Shape letters: P presses, N taxels.
 """
 
@@ -43,49 +38,36 @@ from t2twin.translate.uncertainty.ood import OODClass
 
 REGION_SHARE = 0.2  # contact threshold of a tactile image, as a share of its maximum (assumed)
 MIN_CONTACT_SHARE = 0.01  # smallest count of a contact, in parts of full scale (assumed)
-TRAINED, INITIAL = "trained", "initial"
-"""Names of the runs of an adaptation: its own, and the one that initialized the training."""
+TRAINED, INITIAL = "trained", "initial"  # run of the adaptation; the one that initialized it
 
 
 @dataclass(frozen=True)
 class References:
-    """Real frames of presses, and the simulated presses that correspond to them.
-
-    poses: (P, 3) x_mm, y_mm, depth_mm, found in the frames. force_n: (P,) simulated forces at these
-    depths. frames, simulated: (P, rows, columns, 3) uint8, the real images and the simulated ones,
-    with the noise of one frame. counts: (P, N) of the simulated target. depth_mm, in_contact: of
-    each simulated press, in the cells of the contact maps.
-    """
+    """Real frames of presses, and the simulated presses that correspond to them."""
 
     names: Sequence[str]
-    poses: np.ndarray
-    force_n: np.ndarray
-    frames: np.ndarray
-    simulated: np.ndarray
-    counts: np.ndarray
-    depth_mm: np.ndarray
+    poses: np.ndarray  # (P, 3) x_mm, y_mm, depth_mm, found in the frames
+    force_n: np.ndarray  # (P,) simulated forces at these depths
+    frames: np.ndarray  # (P, rows, columns, 3) uint8, the real images
+    simulated: np.ndarray  # the same, simulated, with the noise of one frame
+    counts: np.ndarray  # (P, N) of the simulated target
+    depth_mm: np.ndarray  # of each simulated press, in the cells of the contact maps, as in_contact
     in_contact: np.ndarray
 
 
 @dataclass(frozen=True)
 class AdaptationScores:
-    """Scores of a translator over the held-out presses, relative to the simulated target.
+    """Scores of a translator over the held-out presses, relative to the simulated target."""
 
-    rmse_percent: over all presses, percent of full scale. centroid_mm: median distance of the
-    predicted centroid. single_region: presses with exactly one predicted contact region.
-    force_error: median absolute relative error of the force; of the summed counts, if the run
-    predicts no force. interval_coverage_percent: counts within their 90 % intervals.
-    depth_rmse_mm: median RMSE of the gel's depth in the contact. Both are None if the run does not
-    predict them. refused: presses whose frame the run names unlike its images.
-    """
-
-    rmse_percent: float
-    centroid_mm: float
-    single_region: int
-    force_error: float
-    interval_coverage_percent: float | None
-    depth_rmse_mm: float | None = None
-    refused: int = 0
+    rmse_percent: float  # over all presses, percent of full scale
+    centroid_mm: float  # median distance of the predicted centroid
+    single_region: int  # presses with exactly one predicted contact region
+    force_error: float  # median absolute relative error of the force, else of the summed counts
+    interval_coverage_percent: float | None  # counts within their 90 % intervals, if predicted
+    depth_rmse_mm: float | None = (
+        None  # median RMSE of the gel's depth in the contact, if predicted
+    )
+    refused: int = 0  # presses whose frame the run names unlike its images
 
 
 @dataclass(frozen=True)
@@ -113,37 +95,27 @@ class FrameErrors:
 
 @dataclass(frozen=True)
 class RunScores:
-    """Scores of a run on the real and the simulated frames of the held-out presses.
-
-    background_counts: largest predicted count on the real background frame.
-    """
+    """Scores of a run on the real and the simulated frames of the held-out presses."""
 
     real: AdaptationScores
     simulated: AdaptationScores
-    background_counts: float
+    background_counts: float  # largest predicted count on the real background frame
 
 
 @dataclass(frozen=True)
 class AdaptationResult:
-    """Content of adapted.json.
+    """Content of adapted.json."""
 
-    model: the trained model. kept: name of the more accurate run, TRAINED or INITIAL. runs: scores
-    by name; INITIAL, the run that initialized the training, is missing if there is none. presses:
-    number of held-out presses. optics_psnr_db, optics_ssim: of the calibrated optics on them.
-    zero_rmse_percent, mean_array_rmse_percent: baselines, no counts and the mean array of the
-    presses. minutes: by step. uncertainty: ranges of the presses' depths and forces.
-    """
-
-    model: str
-    kept: str
-    runs: dict[str, RunScores]
-    presses: int
-    optics_psnr_db: float
+    model: str  # the trained model
+    kept: str  # name of the more accurate run, "trained" or "initial"
+    runs: dict[str, RunScores]  # by name; "initial", which initialized the training, if any
+    presses: int  # number of held-out presses
+    optics_psnr_db: float  # of the calibrated optics on them, as optics_ssim
     optics_ssim: float
-    zero_rmse_percent: float
+    zero_rmse_percent: float  # baselines: of no counts, and of the mean array of the presses
     mean_array_rmse_percent: float
-    minutes: dict[str, float]
-    uncertainty: OpticsUncertainty
+    minutes: dict[str, float]  # by step
+    uncertainty: OpticsUncertainty  # ranges of the presses' depths and forces
 
     @property
     def scores(self) -> RunScores:
@@ -189,6 +161,7 @@ def evaluate_frames(
     for none.
     """
     layout, truth = run.config.data.array, references.counts
+    least = MIN_CONTACT_SHARE * layout.full_scale_counts
     own, contacts = background if run.has_uncertainty else None, None
     if run.predicts_contact:
         estimate, contacts = run.estimate_with_contact(images, own)
@@ -196,6 +169,8 @@ def evaluate_frames(
         estimate = run.estimate(images, own)
     counts = estimate.counts.astype(float)
     apart_mm = centroids_mm(run, counts) - centroids_mm(run, truth)
+    images_of = layout.phi(counts)
+    regions = [label(image > max(REGION_SHARE * image.max(), least)) for image in images_of]
     ratio = counts.sum(axis=1) / truth.sum(axis=1)
     if estimate.force_n is not None:
         ratio = estimate.force_n / references.force_n
@@ -203,7 +178,7 @@ def evaluate_frames(
         {
             "rmse_percent": _rmse_percent(counts - truth, run),
             "centroid_mm": np.linalg.norm(apart_mm, axis=1),
-            "regions": [_regions(image, run) for image in layout.phi(counts)],
+            "regions": [cast(np.ndarray, each).max() for each in regions],
             "force_error": ratio - 1.0,
             "covered": np.nan,
             "depth_rmse_mm": np.nan,
@@ -214,11 +189,13 @@ def evaluate_frames(
         low, high = estimate.interval(REPORTED_LEVEL)
         errors["covered"] = ((low <= truth) & (truth <= high)).mean(axis=1)
     if contacts is not None:
-        true = zip(references.depth_mm, references.in_contact, strict=True)
-        found = cast(list[ContactEstimate], contacts)
-        errors["depth_rmse_mm"] = [
-            _depth_rmse_mm(one.depth_mm, *press) for one, press in zip(found, true, strict=True)
+        size = references.depth_mm.shape[:0:-1]
+        found_mm = [
+            np.asarray(Image.fromarray(one.depth_mm).resize(size, Image.Resampling.BOX), float)
+            for one in cast(list[ContactEstimate], contacts)
         ]
+        squares, inside = np.square(found_mm - references.depth_mm), references.in_contact
+        errors["depth_rmse_mm"] = np.sqrt(squares.mean(axis=(1, 2), where=inside))
     return FrameErrors(counts, errors)
 
 
@@ -226,13 +203,6 @@ def _rmse_percent(error: np.ndarray, run: TrainedTranslator) -> np.ndarray:
     """(P,) RMSE of counts (P, N), percent of full scale."""
     rmse = np.sqrt(np.mean(np.square(error), axis=1))
     return 100.0 * rmse / run.config.data.array.full_scale_counts
-
-
-def _depth_rmse_mm(predicted_mm: np.ndarray, true_mm: np.ndarray, inside: np.ndarray) -> float:
-    """RMSE of the depth in the contact, in cells of the maps."""
-    size = true_mm.shape[::-1]
-    cells = Image.fromarray(predicted_mm).resize(size, Image.Resampling.BOX)
-    return float(np.sqrt(np.mean((np.asarray(cells, float) - true_mm)[inside] ** 2)))
 
 
 def centroids_mm(run: TrainedTranslator, counts: np.ndarray) -> np.ndarray:
@@ -245,13 +215,6 @@ def centroids_mm(run: TrainedTranslator, counts: np.ndarray) -> np.ndarray:
     return weight @ places / weight.sum(axis=1, keepdims=True)
 
 
-def _regions(image: np.ndarray, run: TrainedTranslator) -> int:
-    """Number of connected regions of a tactile image whose counts are at least a contact's."""
-    least = MIN_CONTACT_SHARE * run.config.data.array.full_scale_counts
-    contact = image > max(REGION_SHARE * float(image.max()), least)
-    return int(cast(np.ndarray, label(contact)).max())
-
-
 def background_counts(run: TrainedTranslator, background: np.ndarray) -> float:
     """Largest predicted count on a background frame, which a field run also receives as such."""
     return float(run.predict(background, background if run.has_uncertainty else None).max())
@@ -260,15 +223,18 @@ def background_counts(run: TrainedTranslator, background: np.ndarray) -> float:
 def baseline_rmse_percent(references: References, run: TrainedTranslator) -> tuple[float, float]:
     """RMSE, percent of full scale, of zero counts and of the mean array of the presses."""
     truth = references.counts
-    zero, mean_array = (
-        float(_rmse_percent(error.reshape(1, -1), run)[0])
-        for error in (truth, truth - truth.mean(axis=0))
-    )
+    errors = np.stack([truth.ravel(), (truth - truth.mean(axis=0)).ravel()])
+    zero, mean_array = _rmse_percent(errors, run).tolist()
     return zero, mean_array
 
 
 def choose(scores: Mapping[str, RunScores]) -> str:
-    """TRAINED or INITIAL, the name of the run to keep."""
+    """TRAINED or INITIAL, the name of the run to keep.
+
+    TRAINED if its RMSE is lower on the real frames and also on their simulated frames, as one of
+    the two may be lower by chance, and if it refuses no more of the real frames, which are all
+    touches of the unit.
+    """
     trained, initial = scores[TRAINED], scores.get(INITIAL)
     if initial is None:
         return TRAINED
@@ -329,16 +295,22 @@ def write_adapt_page(
     summary = {"table": scores_table(result), "min_contact_counts": least}
 
     def presses() -> dict[str, Any]:
-        pictures = [
-            _figure(run, *each)
-            for each in zip(
-                references.frames, real.counts, references.simulated, simulated.counts,
-                references.counts, strict=True,
-            )
-        ]  # fmt: skip
-        columns = (references.names, references.poses, references.force_n, pictures,
-                   real.errors.rmse_percent, simulated.errors.rmse_percent)  # fmt: skip
-        return {"presses": list(zip(*columns, strict=True))}
+        found, layout = [], run.config.data.array
+        for n, name in enumerate(references.names):
+            panels = [
+                Panel(title, values[n])
+                if values.ndim == 4
+                else Panel(title, layout.phi(values[n]), layout.phi, layout, "counts")
+                for title, values in (
+                    ("real frame", references.frames), ("translated", real.counts),
+                    ("simulated frame", references.simulated), ("translated", simulated.counts),
+                    ("simulated target", references.counts),
+                )
+            ]  # fmt: skip
+            errors = (each.errors.rmse_percent[n] for each in (real, simulated))
+            pose, force_n = references.poses[n], references.force_n[n]
+            found.append((name, pose, force_n, panels_image(panels), *errors))
+        return {"presses": found}
 
     sections = {
         "summary": ("", lambda: summary),
@@ -347,25 +319,3 @@ def write_adapt_page(
     }
     templates = ["adaptation/templates/adaptation.html"]
     return write_page(out, "Translator adapted to this sensor", templates, sections, result=result)
-
-
-def _figure(
-    run: TrainedTranslator,
-    frame: np.ndarray,
-    from_frame: np.ndarray,
-    simulated: np.ndarray,
-    from_simulated: np.ndarray,
-    truth: np.ndarray,
-) -> bytes:
-    """A PNG of both frames of a press, their translations and the reference."""
-    layout = run.config.data.array
-    panels = [
-        Panel(title, values)
-        if values.ndim == 3
-        else Panel(title, layout.phi(values), layout.phi, layout, "counts")
-        for title, values in (
-            ("real frame", frame), ("translated", from_frame), ("simulated frame", simulated),
-            ("translated", from_simulated), ("simulated target", truth),
-        )
-    ]  # fmt: skip
-    return panels_image(panels)

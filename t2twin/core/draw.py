@@ -1,9 +1,6 @@
 """All drawing: values in colors, tactile images, reliefs, and figures of matplotlib in one style.
 
-Pictures of a press and of a translation are drawn with Pillow, because importing matplotlib takes
-as long as a press. Figures of reports, slides and benchmarks are drawn with matplotlib, which is
-imported on first use.
-
+Pillow draws what commands write, because importing matplotlib takes as long as a press.
 Shape letters: R rows, C columns, N taxels.
 """
 
@@ -26,17 +23,13 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-COLOR_MAP, DIFFERENCE_MAP = "viridis", "RdBu_r"
-"""Color maps of values, perceptually uniform, and of differences, white at zero."""
-
+COLOR_MAP, DIFFERENCE_MAP = "viridis", "RdBu_r"  # perceptually uniform; white at zero
+# Colors of lines and bars for all kinds of color vision (Okabe and Ito 2008)
 COLORS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9", "#009e73")
-"""Colors of lines and bars for all kinds of color vision (Okabe and Ito 2008)."""
-
+# Colors of the parts of a contact that stick and slip, distinct for color-blind readers
 STICK_RGB, SLIP_RGB = (158, 197, 232), (242, 150, 60)
-"""Colors of the parts of a contact that stick and slip, distinct for color-blind readers."""
-
-MAP_MARGIN_MM, ARROWS = 0.5, 10
-"""Margin of a map around the contact, and number of arrows along its longer side, about."""
+MAP_MARGIN_MM = 0.5  # of a map around the contact
+ARROWS = 10  # along the longer side of a contact, about
 
 SCALE = 2  # rendered pixels per pixel of a tactile image
 MARGIN, BAR_WIDTH, LABELS_WIDTH, TAXEL_RADIUS = 20, 18, 60, 4  # rendered pixels
@@ -47,14 +40,10 @@ HALF_FADED_SHARE = 0.05
 """Standard deviation at which a color is half white, as a share of full scale (assumed: the error
 outside the view)."""
 
-RELIEF_LIGHT, RELIEF_SHARE = (-0.6, -0.8), 0.8
-"""Direction that the light of a relief comes from, and change of brightness by a slope of 1."""
-
-GREY_SHARE, DARKEST, BRIGHTEST = 0.3, 0.25, 1.6
-"""Share of white in a relief's colors, and limits of its brightness (assumed)."""
-
-MIN_DEPTH_MM = 0.1
-"""Least depth at the end of a relief's color scale (assumed), so that noise stays dark."""
+RELIEF_LIGHT = (-0.6, -0.8)  # direction that the light of a relief comes from
+RELIEF_SHARE = 0.8  # change of brightness by a slope of 1
+GREY_SHARE, DARKEST, BRIGHTEST = 0.3, 0.25, 1.6  # share of white, limits of brightness (assumed)
+MIN_DEPTH_MM = 0.1  # least depth at the end of a relief's color scale: noise stays dark (assumed)
 
 STYLE = {
     "axes.edgecolor": "#666666",
@@ -76,11 +65,10 @@ STYLE = {
 }
 DPI = 144  # of PNG images; charts are SVG
 
-RING_MM, RING_SHARE = 1.4, 0.3
-"""Largest diameter of the ring that marks a taxel, and relative to the nearest taxel's distance."""
-
+RING_MM = 1.4  # largest diameter of the ring that marks a taxel
+RING_SHARE = 0.3  # of the distance of the nearest taxel
+# Largest height and width of a panel, height of a line of its title, width of a color bar, inches
 PANEL_IN, WIDEST_IN, TITLE_IN, BAR_IN = 2.06, 2.5, 0.22, 0.6
-"""Largest height and width of a panel, height of a line of its title, width of a color bar."""
 
 
 def in_colors(values: np.ndarray) -> np.ndarray:
@@ -169,13 +157,10 @@ def relief(
 def in_a_row(pictures: Iterable[Image.Image], height_px: int) -> Image.Image:
     """Pictures side by side, scaled to one height; their widths are even, for video codecs."""
     parts = [
-        part.resize((2 * round(part.width * height_px / part.height / 2), height_px))
+        part.convert("RGB").resize((2 * round(part.width * height_px / part.height / 2), height_px))
         for part in pictures
     ]
-    page = Image.new("RGB", (sum(part.width for part in parts), height_px))
-    for number, part in enumerate(parts):
-        page.paste(part, (sum(each.width for each in parts[:number]), 0))
-    return page
+    return Image.fromarray(np.hstack(parts))
 
 
 def figure(
@@ -188,6 +173,7 @@ def figure(
     configure_matplotlib_dir()
     from matplotlib import rc_context
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogFormatter
 
     with rc_context(STYLE), warnings.catch_warnings():  # pyright: ignore[reportArgumentType]
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
@@ -195,27 +181,14 @@ def figure(
         warnings.filterwarnings("ignore", "Creating legend with loc")
         page = Figure(figsize=(width_in, height_in), layout="constrained")
         draw(page)
-        _label_powers(page)
+        for axis in (axis for axes in page.axes for axis in (axes.xaxis, axes.yaxis)):
+            if axis.get_scale() == "log":  # powers need formulas, which STYLE disables
+                axis.set_major_formatter("{x:g}")
+                axis.set_minor_formatter(LogFormatter())
         buffer = io.BytesIO()
         metadata = {"Date": None} if kind == "svg" else {}
         page.savefig(buffer, format=kind, dpi=DPI, metadata=metadata)
     return buffer.getvalue()
-
-
-def _label_powers(page: Figure) -> None:
-    """Labels logarithmic axes with numbers, because STYLE disables formulas."""
-    from matplotlib.ticker import LogFormatter
-
-    for axis in (axis for axes in page.axes for axis in (axes.xaxis, axes.yaxis)):
-        if axis.get_scale() == "log":
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_formatter(LogFormatter())
-
-
-def draw_image(axes: Axes, image: np.ndarray) -> None:
-    """Draws an image, (R, C, 3) uint8, without axes."""
-    axes.imshow(image)
-    axes.set_axis_off()
 
 
 def draw_discs(
@@ -337,7 +310,8 @@ def panels_image(panels: Sequence[Panel], width_in: float = 100.0) -> bytes:
         for axes, one in zip(all_axes, panels, strict=True):
             axes.set_title(one.title)
             if not one.scale:
-                draw_image(axes, one.image)
+                axes.imshow(one.image)
+                axes.set_axis_off()
                 continue
             peak = peaks[one.scale]
             limits = (-peak if one.scale.startswith("difference") else 0.0, peak)

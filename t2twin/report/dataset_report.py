@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.core import arguments
-from t2twin.core.draw import COLORS, Panel, draw_discs, draw_image, figure, panels_image
+from t2twin.core.draw import COLORS, Panel, draw_discs, figure, panels_image
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.report.page import (
@@ -243,7 +243,7 @@ def grid_of(dataset: Dataset, role: str) -> bytes:
         for axes in grid.flat:
             axes.set_axis_off()
         for axes, place in zip(grid.flat, places, strict=False):
-            draw_image(axes, dataset.image(place, role))
+            axes.imshow(dataset.image(place, role))
             axes.set_title(shape_name(dataset.column("shape")[place]), fontsize=6)
 
     height_in = WIDTH_IN / GALLERY_COLUMNS * rows_px / columns_px + TILE_TITLE_IN
