@@ -105,14 +105,14 @@ class Predictor:
     def __init__(self, layout: t2twin.Layout, background: np.ndarray) -> None:
         self.background = background
         self.network = t2twin.load()
-        self.mirrored = self.network.at_layout(-layout.x_mm, layout.y_mm, "mirrored")
+        mirrored = replace(layout, name="mirrored", x_mm=-layout.x_mm)
+        self.mirrored = self.network.at_layout(mirrored)
 
     def other_finger(self, image: np.ndarray) -> tuple[Estimate, dict[str, Any]]:
         """Also the contact on the DIGIT in the image, if the network predicts it."""
-        if not self.mirrored.predicts_contact:
-            return self.mirrored.estimate(image, background=self.background), {}
-        estimate, contact = self.mirrored.estimate_with_contact(image, self.background)
-        return estimate, {"contact": contact.summary()}
+        has_contact = self.mirrored.predicts_contact
+        estimate = self.mirrored.estimate(image, self.background, contact=has_contact)
+        return estimate, {"contact": estimate.contact.summary()} if has_contact else {}
 
     def same_finger(self, image: np.ndarray) -> Estimate:
         return self.network.estimate(image, background=self.background)

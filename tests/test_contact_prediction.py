@@ -156,10 +156,10 @@ def test_each_image_passes_the_encoder_once(alone, images, monkeypatch) -> None:
     passed: list[int] = []
     maps = encoder.maps
     monkeypatch.setattr(encoder, "maps", lambda inputs: passed.append(len(inputs)) or maps(inputs))
-    for predict in (run.predict, run.estimate, run.contact, run.estimate_with_contact):
+    for predict in (run.predict, run.estimate, run.contact):
         predict(frames, background)
         predict(frames[0], background)
-    assert passed == [2, 1, 1] + [2, 1] * 3  # and the background frame once
+    assert passed == [2, 1, 1] + [2, 1] * 2  # and the background frame once
 
 
 def with_limits(run: Path, folder: Path, limits: list[float]) -> Path:

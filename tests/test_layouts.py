@@ -10,7 +10,7 @@ import torch
 from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.taxels.layout import load_layout
+from t2twin.sim.taxels.layout import Layout, load_layout
 from t2twin.translate.evaluation.baselines import LAYOUT_FLOOR, representable
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.inference.load import load_run
@@ -35,7 +35,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, TrainedTranslato
 
 
 @pytest.fixture(scope="module")
-def dense() -> tuple[np.ndarray, np.ndarray]:
+def dense() -> Layout:
     """A triangular grid, 4 mm apart, inside the default layout: its rim is not the layout's."""
     rows, columns = np.mgrid[-6:7, -5:6]
     x, y = (columns + 0.5 * (rows % 2)) * PITCH_MM, rows * PITCH_MM * np.sqrt(3) / 2
@@ -43,7 +43,11 @@ def dense() -> tuple[np.ndarray, np.ndarray]:
     low = np.interp(x, layout.x_mm[:4], layout.y_mm[:4])  # two sides of the parallelogram
     high = np.interp(x, layout.x_mm[-4:], layout.y_mm[-4:])
     inside = (np.abs(x) <= layout.x_mm.max()) & (y >= low) & (y <= high)
-    return x[inside], y[inside]
+    return layout_of("dense", x[inside], y[inside])
+
+
+def layout_of(name: str, x_mm: np.ndarray, y_mm: np.ndarray) -> Layout:
+    return Layout(name, x_mm, y_mm, np.full(x_mm.size, 4.0))
 
 
 def drawing(run: TrainedTranslator, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,9 +59,7 @@ def drawing(run: TrainedTranslator, counts: np.ndarray, monkeypatch: pytest.Monk
 
 
 def test_linear_response_is_read_exactly_by_any_layout(
-    runs: dict[str, TrainedTranslator],
-    dense: tuple[np.ndarray, np.ndarray],
-    monkeypatch: pytest.MonkeyPatch,
+    runs: dict[str, TrainedTranslator], dense: Layout, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Interpolation leaves what is linear in x and y as it is, up to the new layout's rim."""
 
@@ -66,10 +68,10 @@ def test_linear_response_is_read_exactly_by_any_layout(
 
     run, layout = runs["touch2touch"], load_layout()
     drawing(run, response(layout.x_mm, layout.y_mm)[None], monkeypatch)
-    applied = run.at_layout(*dense, "dense")
+    applied = run.at_layout(dense)
     counts = applied.predict(np.zeros((1, 320, 240, 3), np.uint8))
-    assert counts.shape == (1, dense[0].size) and dense[0].size > 30
-    np.testing.assert_allclose(counts[0], response(*dense), atol=1.0)
+    assert counts.shape == (1, dense.size) and dense.size > 30
+    np.testing.assert_allclose(counts[0], response(dense.x_mm, dense.y_mm), atol=1.0)
     assert applied.config.data.array.layout == "dense"
     assert run.predict(np.zeros((1, 320, 240, 3), np.uint8)).shape == (1, 20)
 
@@ -77,34 +79,31 @@ def test_linear_response_is_read_exactly_by_any_layout(
 def test_own_layout_changes_nothing(runs: dict[str, TrainedTranslator]) -> None:
     layout = load_layout()
     for run in runs.values():
-        assert run.at_layout(layout.x_mm, layout.y_mm + 1e-6, "again") is run
+        assert run.at_layout(replace(layout, y_mm=layout.y_mm + 1e-6)) is run
         assert not run.config.data.array.same_layout(layout.x_mm[::-1], layout.y_mm[::-1])
 
 
 def test_layouts_that_cannot_be_read_are_refused(
-    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray]
+    runs: dict[str, TrainedTranslator], dense: Layout
 ) -> None:
     with pytest.raises(T2TwinError, match="needs a touch2touch or a field run"):
-        runs["resnet18"].at_layout(*dense, "dense")
-    x_mm, y_mm = dense[0].copy(), dense[1].copy()
-    x_mm[3] += 12.0
+        runs["resnet18"].at_layout(dense)
+    wide = layout_of("wide", dense.x_mm + 12.0 * (np.arange(dense.size) == 3), dense.y_mm)
     with pytest.raises(T2TwinError, match=r"taxel 3 of the layout wide, .* outside the array"):
-        runs["touch2touch"].at_layout(x_mm, y_mm, "wide")
+        runs["touch2touch"].at_layout(wide)
     close = np.linspace(-1.0, 1.0, 5)
     x_mm, y_mm = (v.ravel() for v in np.meshgrid(close, close))
     with pytest.raises(T2TwinError, match="too close together"):
-        runs["touch2touch"].at_layout(x_mm, y_mm, "tiny")
+        runs["touch2touch"].at_layout(layout_of("tiny", x_mm, y_mm))
 
 
 def test_evaluation_on_a_denser_layout(
-    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray], tmp_path: Path,
+    runs: dict[str, TrainedTranslator], dense: Layout, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """Errors are of the new layout's taxels; a generator that drew the truth meets the floor."""
-    layout = replace(load_layout(), name="dense", x_mm=dense[0], y_mm=dense[1],
-                     pad_diameter_mm=np.full(dense[0].size, 4.0))  # fmt: skip
     with monkeypatch.context() as patch:
-        patch.setattr("spots.load_layout", lambda name: layout)
+        patch.setattr("spots.load_layout", lambda name: dense)
         data = write_spots(tmp_path / "dense", train=8, val=4, test=2)
     run = runs["touch2touch"]
     evaluation = evaluate([run.run_dir], data, "val", tmp_path / "out")
@@ -112,11 +111,11 @@ def test_evaluation_on_a_denser_layout(
     assert evaluation.layout == "dense"
     assert evaluation.view is not None
     groups = [evaluation.view[name] or 0 for name in ("under", "near", "beyond")]
-    assert sum(groups) == dense[0].size
+    assert sum(groups) == dense.size
     assert evaluation.view["pitch_mm"] == pytest.approx(PITCH_MM)
     stored = np.load(tmp_path / "out" / "predictions.npz")
-    assert stored["touch2touch"].shape == stored["truth"].shape == (4, dense[0].size)
-    kept = representable(run.config.data.array, *dense)
+    assert stored["touch2touch"].shape == stored["truth"].shape == (4, dense.size)
+    kept = representable(run.config.data.array, dense.x_mm, dense.y_mm)
     np.testing.assert_allclose(stored[LAYOUT_FLOOR], stored["truth"] @ kept.T, rtol=1e-5, atol=0.1)
     floor = evaluation.models[LAYOUT_FLOOR].overall["rmse_counts"]
     assert 0 < floor < evaluation.models["touch2touch"].overall["rmse_counts"]

@@ -7,6 +7,7 @@ import pytest
 
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.inference import load as load_runs
 from t2twin.translate.inference import onnx_export
 from t2twin.translate.inference.load import load
@@ -92,7 +93,9 @@ def test_another_layout_has_its_own_file(kept: Path, frames: np.ndarray) -> None
         for name in ("counts", "counts_std", "dense_counts", "dense_counts_std"):
             np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1.0)
         np.testing.assert_allclose(one.force_n, other.force_n, rtol=1e-4, atol=1e-6)
-    own = fast.at_layout(fast.config.data.array.x_mm[:5], fast.config.data.array.y_mm[:5], "five")
+    taxels = fast.config.data.array.taxels
+    five = Layout("five", taxels.x_mm[:5], taxels.y_mm[:5], taxels.pad_diameter_mm[:5])
+    own = fast.at_layout(five)
     assert own.predict(frames).shape == (3, 5) and len(list(kept.iterdir())) == 2
     pixels = fast.pixels_of(frames, frames[0])
     pixels[1, :, :, 3:] = 0  # another frame than the others'

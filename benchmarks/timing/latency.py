@@ -92,7 +92,7 @@ def _measure_contact(name: str) -> dict[str, float]:
         frames = [sensor.background_frame(rng) for _ in range(ROUNDS + 2)]
         ways = {
             way: partial(
-                run.need_uncertainty("the benchmark").estimate_with_contact, background=frames[0]
+                run.need_uncertainty("the benchmark").estimate, background=frames[0], contact=True
             )
             for way, run in runs.items()
         }

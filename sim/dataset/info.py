@@ -169,8 +169,8 @@ class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
         own, other = np.stack([self.x_mm, self.y_mm]), np.stack([x_mm, y_mm])
         return own.shape == other.shape and bool(np.abs(own - other).max() < SAME_MM)
 
-    def same_pads(self, other: "ArrayInfo") -> bool:
-        """Whether an array of equal positions has pads of equal sizes."""
+    def same_pads(self, other: Layout) -> bool:
+        """Whether a layout of equal positions has pads of equal sizes."""
         return bool(np.abs(self.pad_diameter_mm - other.pad_diameter_mm).max() < SAME_MM)
 
     def same_dense(self, other: "ArrayInfo") -> bool:

@@ -162,11 +162,9 @@ def evaluate_frames(
     """
     layout, truth = run.config.data.array, references.counts
     least = MIN_CONTACT_SHARE * layout.full_scale_counts
-    own, contacts = background if run.has_uncertainty else None, None
-    if run.predicts_contact:
-        estimate, contacts = run.estimate_with_contact(images, own)
-    else:
-        estimate = run.estimate(images, own)
+    own = background if run.has_uncertainty else None
+    estimate = run.estimate(images, own, contact=run.predicts_contact)
+    contacts = estimate.contact
     counts = estimate.counts.astype(float)
     apart_mm = centroids_mm(run, counts) - centroids_mm(run, truth)
     images_of = layout.phi(counts)

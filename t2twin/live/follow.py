@@ -108,11 +108,7 @@ def _predicted(
     run: TrainedTranslator, image: np.ndarray, background: np.ndarray | None
 ) -> tuple[dict[str, Any], ContactEstimate | None]:
     """The predicted values of a line, and the contact if the run predicts it."""
-    contact: Any = None  # one, of one image
-    if run.predicts_contact:
-        estimate, contact = run.estimate_with_contact(image, background)
-    else:
-        estimate = run.estimate(image, background)
+    estimate = run.estimate(image, background, contact=run.predicts_contact)
     values: dict[str, Any] = {
         name: np.rint(value).astype(int).tolist()
         for name in ("counts", "counts_std")
@@ -121,9 +117,9 @@ def _predicted(
     for name in ("force_n", "force_std_n"):
         if (value := getattr(estimate, name)) is not None:
             values[name] = round(float(value), 3)
-    if contact is not None:
-        values["contact"] = contact.summary()
-    return values | ood_entry(estimate.ood_class), contact
+    if estimate.contact is not None:
+        values["contact"] = estimate.contact.summary()
+    return values | ood_entry(estimate.ood_class), estimate.contact
 
 
 def _place(frame: Frame) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from threading import Event, Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -156,12 +156,8 @@ class Translators:
         from t2twin.translate.uncertainty.ood import OODClass
 
         run, interval, force = self._load(name), None, None
-        contact: Any = None  # one, of one image
         data, own = run.config.data.array, background if run.has_uncertainty else None
-        if run.predicts_contact:
-            estimate, contact = run.estimate_with_contact(image, own, tactile=True)
-        else:
-            estimate = run.estimate(image, own, tactile=True)
+        estimate = run.estimate(image, own, tactile=True, contact=run.predicts_contact)
         if run.has_uncertainty:
             interval, force = estimate.interval(LEVEL), _force(estimate)
         return Translation(
@@ -176,7 +172,7 @@ class Translators:
             interval=interval,
             force=force,
             background_used=own is not None,
-            contact=contact,
+            contact=estimate.contact,
         )
 
     def _load(self, name: str) -> "TrainedTranslator":

@@ -54,13 +54,13 @@ from t2twin.translate.evaluation.baselines import (
 )
 from t2twin.translate.evaluation.records import FORMAT, METRICS, Evaluation, Figures, ModelRow
 from t2twin.translate.evaluation.table import results_tables
-from t2twin.translate.inference.load import load_torch
+from t2twin.translate.inference.load import load
 from t2twin.translate.inference.predictor import TrainedTranslator, parts_of
 from t2twin.translate.models.contact import CONTACT_KPA, EVEN, center_of_pressure
 from t2twin.translate.networks.field_net import side_of_maps
 from t2twin.translate.runs.config import BEST
 from t2twin.translate.runs.log import read_log
-from t2twin.translate.uncertainty.estimate import Estimate, half_width, readings_of
+from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
 SPLITS = ("val", "test")
 
@@ -125,7 +125,7 @@ def prepare(
                 f"{data_dir} has no {split} pairs; an evaluation needs some, and train pairs for "
                 "the baselines"
             )
-    loaded = [load_torch(run) for run in runs]
+    loaded = [load(run, engine="torch") for run in runs]
     reverse = _is_reverse(loaded, dataset)
     info = load_info(data_dir, reverse)
     for run in loaded:
@@ -139,9 +139,7 @@ def prepare(
     trained = dict(zip(run_names(loaded), loaded, strict=True))
     applied = trained
     if loaded[0].config.is_image_to_counts:
-        array = info.array
-        place = (array.x_mm, array.y_mm, array.layout, array.pad_diameter_mm)
-        applied = {name: run.at_layout(*place) for name, run in trained.items()}
+        applied = {name: run.at_layout(info.array.taxels) for name, run in trained.items()}
     source, frame = None, None
     if any(run.has_uncertainty for run in loaded):
         source, frame = _background(dataset, data_dir, background)
@@ -279,8 +277,7 @@ def as_readings(estimate: Estimate, info: DatasetInfo) -> Estimate:
     array = info.array
     if array.imperfections is None:
         return estimate
-    counts, std = readings_of(estimate, array.imperfections, array.reading)
-    return replace(estimate, counts=counts, counts_std=std)
+    return estimate.of_readings(array.imperfections, array.reading)
 
 
 def contact_metrics(

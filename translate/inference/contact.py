@@ -14,9 +14,7 @@ import torch
 from PIL import Image
 from torch.nn import functional
 
-from t2twin.core import arguments
 from t2twin.core.draw import relief
-from t2twin.core.files import locked, move_into, temporary_folder
 from t2twin.translate.models.contact import CENTER, EVEN, MAPS
 from t2twin.translate.uncertainty.estimate import with_std
 from t2twin.translate.uncertainty.ood import OODClass
@@ -36,33 +34,26 @@ VALUES = ("force_n", "force_std_n", *CENTER, "shear_n", "shear_std_n")
 class ContactEstimate:
     """The contact predicted from one image, on the camera's view. It has the image's size.
 
-    depth_mm, depth_std_mm: (R, C) float32 depth of the gel's surface, negative where it is raised,
-    and its standard deviation. pressure_kpa, pressure_std_kpa: (R, C) float32, normal pressure; 0
-    outside the mask, but for interpolation along its edge. probability: (R, C) float32 of contact.
-    mask: (R, C) bool, whether it is at least one half. force_n, force_std_n: force of the whole
-    press, N; None if the run was trained on presses of one force. center_mm, center_std_mm: (2,)
-    center of pressure along x and y from the middle of the view; not a number without contact.
-    shear_n, shear_std_n: (2,) shear force along x and y, N; None if the run was trained without.
-    view_mm: half the width and half the height of the view. at_edge: whether the mask reaches the
-    edge of the view. ood_class: the OODClass of the image.
-
-    Lengths, pressures and places are those of a unit with the view of the sensor's file.
+    Lengths, pressures and places are those of a unit with the view of the sensor's file. What is
+    optional is None if the run was trained on presses of one force, or without shear force.
     """
 
-    depth_mm: np.ndarray
-    depth_std_mm: np.ndarray
-    pressure_kpa: np.ndarray
-    pressure_std_kpa: np.ndarray
-    probability: np.ndarray
-    mask: np.ndarray
-    center_mm: np.ndarray
-    center_std_mm: np.ndarray
-    view_mm: tuple[float, float]
-    at_edge: bool
+    depth_mm: np.ndarray  # (R, C) float32 depth of the gel's surface, negative where it is raised
+    depth_std_mm: np.ndarray  # (R, C) float32
+    pressure_kpa: np.ndarray  # (R, C) float32, normal; 0 outside the mask, but for interpolation
+    pressure_std_kpa: np.ndarray  # (R, C) float32
+    probability: np.ndarray  # (R, C) float32, of contact
+    mask: np.ndarray  # (R, C) bool, whether it is at least one half
+    center_mm: (
+        np.ndarray
+    )  # (2,) center of pressure from the middle of the view; NaN without contact
+    center_std_mm: np.ndarray  # (2,)
+    view_mm: tuple[float, float]  # half the width and half the height of the view
+    at_edge: bool  # whether the mask reaches the edge of the view
     ood_class: OODClass
-    force_n: np.ndarray | None = None
+    force_n: np.ndarray | None = None  # () of the whole press
     force_std_n: np.ndarray | None = None
-    shear_n: np.ndarray | None = None
+    shear_n: np.ndarray | None = None  # (2,) shear force along x and y
     shear_std_n: np.ndarray | None = None
 
     def __repr__(self) -> str:
@@ -87,13 +78,13 @@ class ContactEstimate:
     @property
     def notes(self) -> tuple[str, ...]:
         """What limits the estimate, in words; empty for none."""
-        found = (
-            []
-            if self.ood_class == OODClass.IN_DISTRIBUTION
-            else [f"out of distribution ({self.ood_class})"]
-        )
-        found += [EMPTY_NOTE] if self.is_empty else []
-        return (*found, *([EDGE_NOTE] if self.at_edge else []))
+        is_ood = self.ood_class != OODClass.IN_DISTRIBUTION
+        found = {
+            f"out of distribution ({self.ood_class})": is_ood,
+            EMPTY_NOTE: self.is_empty,
+            EDGE_NOTE: self.at_edge,
+        }
+        return tuple(note for note, applies in found.items() if applies)
 
     @property
     def largest_depth_mm(self) -> float:
@@ -128,19 +119,9 @@ class ContactEstimate:
             "notes": list(self.notes),
         }
 
-    def save(self, folder: str | Path, name: str = "contact") -> list[Path]:
-        """Write NAME.npz, NAME.json, NAME_depth.png with 16 bits, and NAME_relief.png.
-
-        Returns the paths. Raises T2TwinError where the folder cannot be written.
-        """
-        folder = arguments.path(folder, "folder")
-        with locked(folder), temporary_folder(folder, "contact") as temporary:
-            written = self.write(temporary, name)
-            move_into(folder, written)
-        return [folder / path.name for path in written]
-
-    def write(self, folder: Path, name: str) -> list[Path]:
-        """Write the files of `save` into an existing folder."""
+    def save(self, folder: Path, name: str = "contact") -> list[Path]:
+        """Write NAME.npz, NAME.json, NAME_depth.png with 16 bits, and NAME_relief.png into an
+        existing folder. Returns the paths."""
         arrays = {each: getattr(self, each) for each in ARRAYS}
         arrays |= {each: value for each in VALUES if (value := getattr(self, each)) is not None}
         paths = [folder / f"{name}{end}" for end in (".npz", ".json", "_depth.png", "_relief.png")]
@@ -162,15 +143,12 @@ class ContactEstimate:
 
 
 def contacts_of(
-    outputs: dict[str, np.ndarray],
-    sizes: Sequence[tuple[int, int]],
-    view_mm: tuple[float, float],
+    outputs: dict[str, np.ndarray], sizes: Sequence[tuple[int, int]], view_mm: tuple[float, float],
     classes: Sequence[OODClass],
-) -> list[ContactEstimate]:
+) -> list[ContactEstimate]:  # fmt: skip
     """The estimates of B images.
 
-    outputs: predictions by the names of ContactPrediction, and force and shear force if they are
-    predicted. sizes: rows and columns of the images.
+    outputs: predictions by the names of MAPS and VALUES. sizes: rows and columns of the images.
     """
     maps = torch.from_numpy(np.stack([outputs[name] for name in MAPS], axis=1))
     outermost = maps[:, -1].clone()

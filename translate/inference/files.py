@@ -1,15 +1,14 @@
 """Translation of files: thousands of images to counts, or to contacts, and readings of any pair.
 
-Threads read, decode and write files while the network computes; a few batches are in memory at a
+Threads read, decode and write files while the network computes; two batches are in memory at a
 time. Outputs are written to a temporary folder and moved at the end, so that errors and
 interruptions leave no partial output.
 
-Shape letters: B images or readings, N taxels, S image side of the run, c channels.
+Shape letters: B images or readings, N taxels.
 """
 
 import io
 import json
-from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -26,27 +25,28 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, read_file, temporary_folder, write_csv
 from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo, SensorInfo
+from t2twin.sim.dataset.info import COUNTS, ArrayInfo
 from t2twin.sim.tables import read_csv
-from t2twin.translate.data.images import open_image, to_pixels
+from t2twin.translate.data.images import open_image
 from t2twin.translate.inference.contact import ContactEstimate
-from t2twin.translate.inference.load import load_run, load_torch
-from t2twin.translate.inference.predictor import BATCH_SIZE, TrainedTranslator, with_background
+from t2twin.translate.inference.load import load, load_run
+from t2twin.translate.inference.predictor import BATCH_SIZE, TrainedTranslator
 from t2twin.translate.runs.config import DEFAULT_RUN
 from t2twin.translate.uncertainty.estimate import Estimate, concatenate
-from t2twin.translate.uncertainty.ood import OODClass, classify_frame, combined
+from t2twin.translate.uncertainty.ood import OODClass
 
 COUNTS_CSV, COUNTS_JSON, COUNTS_STD_CSV = "counts.csv", "counts.json", "counts_std.csv"
 CONTACTS_CSV = "contacts.csv"
 
 TAXEL = "taxel_"  # Start of the columns of counts
+# Numbers and vectors of ContactEstimate.summary in contacts.csv
 COLUMNS = ("force_n", "force_std_n", "largest_depth_mm", "area_mm2", "force_in_view_n")
-VECTORS = ("center_mm", "center_std_mm", "shear_n", "shear_std_n")
-# Numbers and vectors of ContactEstimate.summary in contacts.csv, and the vectors' columns
-VECTOR_COLUMNS = (
-    "center_x_mm", "center_y_mm", "center_std_x_mm", "center_std_y_mm",
-    "shear_x_n", "shear_y_n", "shear_std_x_n", "shear_std_y_n",
-)  # fmt: skip
+VECTORS = {
+    "center_mm": ("center_x_mm", "center_y_mm"),
+    "center_std_mm": ("center_std_x_mm", "center_std_y_mm"),
+    "shear_n": ("shear_x_n", "shear_y_n"),
+    "shear_std_n": ("shear_std_x_n", "shear_std_y_n"),
+}
 
 
 def find_images(paths: Sequence[str | Path]) -> list[Path]:
@@ -103,43 +103,21 @@ def _output(out_dir: Path, inputs: Sequence[Path]) -> Iterator[tuple[Path, list[
         move_into(out_dir, [folder / name for name in names])
 
 
-def translate_files(
-    run_dir: str | Path,
-    paths: Sequence[str | Path],
-    out_dir: str | Path,
-    layout: str | Path | None = None,
-    png: bool = True,
-    bf16: bool = False,
-    background: str | Path | None = None,
-) -> Estimate:
-    """Translates image files; writes counts.csv, counts.json and a PNG file per tactile image.
+def _batches(
+    images: list[Path], pool: ThreadPoolExecutor
+) -> Iterator[tuple[slice, list[np.ndarray]]]:
+    """The images in batches, with their places; the next batch is read ahead."""
+    parts = [slice(n, n + BATCH_SIZE) for n in range(0, len(images), BATCH_SIZE)]
+    reads = (pool.map(_read, images[part]) for part in parts)
+    current = next(reads, iter(()))
+    for part in Progress(parts, desc="translating", unit="batch", disable=len(parts) < 2):
+        following = next(reads, iter(()))
+        yield part, list(current)
+        current = following
 
-    A field run also writes counts_std.csv, the standard deviations of the counts; its PNG files
-    fade to white with increasing uncertainty.
 
-    paths: PNG or JPEG files, or folders of them (see `find_images`), of any size, grey, color or
-    16-bit; upright, rows along the sensor's length. PNG files have the names of their inputs; for
-    equal names the second is `press-2.png`. layout: name or file of a taxel layout that a
-    touch2touch or field run is read at, by default its own. png: False writes no PNG files,
-    which is faster. bf16: as for `load_run`. background: image file of the background frame of the
-    same sensor, for a field run; by default the mean frame of its dataset.
-    PNG files of an earlier translation in the folder are removed. Returns the predictions in the
-    order of `find_images`.
-    Raises T2TwinError, without output, for no image, a file that is missing or not an image, and a
-    folder that is not a run. It also does for a layout that the run cannot be read at, a background
-    frame with another run, and a PNG file that would replace an input.
-    """
-    images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
-    still = None if background is None else arguments.path(background, "background")
-    names = output_names(images) if arguments.flag(png, "png") else []
-    run = load_run(run_dir, layout, bf16)
-    with ThreadPoolExecutor() as pool, _output(out_dir, images) as (folder, written):
-        found = _translate(run, images, [folder / name for name in names], pool, still)
-        written += [*names, *_write_tables(folder, run, images, names, found, still)]
-        inputs = {path.resolve() for path in images}
-        for path in _earlier_files(out_dir) - inputs - {out_dir.resolve() / n for n in written}:
-            path.unlink(missing_ok=True)
-    return found
+def _read(path: Path) -> np.ndarray:
+    return np.asarray(open_image(path))
 
 
 def translate_images(
@@ -151,90 +129,89 @@ def translate_images(
     bf16: bool = False,
     background: str | Path | None = None,
 ) -> np.ndarray:
-    """As `translate_files`; returns the counts, (B, N) float32, in the order of `find_images`.
+    """Translates image files; writes counts.csv, counts.json and a PNG file per tactile image.
 
-    run: a folder that `train` wrote, or the name of a pretrained run.
+    A field run also writes counts_std.csv, the standard deviations of the counts; its PNG files
+    fade to white with increasing uncertainty.
+
+    paths: PNG or JPEG files, or folders of them (see `find_images`), of any size, grey, color or
+    16-bit; upright, rows along the sensor's length. PNG files have the names of their inputs; for
+    equal names the second is `press-2.png`. run: a folder that `train` wrote, or the name of a
+    pretrained run. layout: name or file of a taxel layout that a touch2touch or field run is read
+    at, by default its own. png: False writes no PNG files, which is faster. bf16: as for `load`.
+    background: image file of the background frame of the same sensor, for a field run; by default
+    the mean frame of its dataset.
+    PNG files of an earlier translation in the folder are removed. Returns the counts, (B, N)
+    float32, in the order of `find_images`.
+    Raises T2TwinError, without output, for no image, a file that is missing or not an image, and a
+    folder that is not a run. It also does for a layout that the run cannot be read at, a background
+    frame with another run, and a PNG file that would replace an input.
     """
     return translate_files(run, paths, out_dir, layout, png, bf16, background).counts
 
 
-def _translate(
-    run: TrainedTranslator,
-    images: list[Path],
-    files: list[Path],
-    pool: ThreadPoolExecutor,
-    background: Path | None,
-) -> Estimate:
-    """Predicts all images and writes the PNG files, if there are any."""
-    native = None if background is None else np.asarray(open_image(background))
-    frame = None if native is None else run.pixels_of(native, native)[0, ..., 3:]
-    preset, info = run.config.preset, run.config.data.array
+def translate_files(
+    run_dir: str | Path, paths: Sequence[str | Path], out_dir: str | Path,
+    layout: str | Path | None = None, png: bool = True, bf16: bool = False,
+    background: str | Path | None = None,
+) -> Estimate:  # fmt: skip
+    """As `translate_images`; returns all that is predicted, without tactile images."""
+    images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
+    frame = None if background is None else _read(arguments.path(background, "background"))
+    names = output_names(images) if arguments.flag(png, "png") else []
+    run = load_run(run_dir, layout, bf16)
+    array, found = run.config.data.array, []
+    with ThreadPoolExecutor() as pool, _output(out_dir, images) as (folder, written):
+        for part, frames in _batches(images, pool):
+            estimate = run.estimate(frames, frame, tactile=png)
+            if png:
+                stds = estimate.tactile_std
+                stds = [None] * len(frames) if stds is None else stds
+                files = [folder / name for name in names[part]]
+                list(pool.map(_save, [array] * len(files), files, estimate.tactile_images, stds))
+            found.append(replace(estimate, tactile_images=None, tactile_std=None))
+        whole = concatenate(found)
+        written += [*names, *_write_tables(folder, run, images, names, whole, background)]
+        inputs = {path.resolve() for path in images}
+        for path in _earlier_files(out_dir) - inputs - {out_dir.resolve() / n for n in written}:
+            path.unlink(missing_ok=True)
+    return whole
 
-    def read(path: Path) -> tuple[np.ndarray, OODClass]:
-        image = open_image(path)
-        own = classify_frame(np.asarray(image), run.config.data.camera.aspect, native)
-        return to_pixels(image, preset.size, preset.grey), own
 
-    def save(tactile: np.ndarray, std: np.ndarray | None, path: Path) -> None:
-        image = colored_tactile_image(
-            tactile, info.x_mm, info.y_mm, info.full_scale_counts, std, info.tactile_image[2]
-        )
-        image.save(path, compress_level=1)  # half the time, 1.5 times the size
-
-    waiting: deque[tuple[slice, Iterator[tuple[np.ndarray, OODClass]]]] = deque()
-    parts = deque(slice(n, n + BATCH_SIZE) for n in range(0, len(images), BATCH_SIZE))
-    estimates: list[Estimate] = []
-    bar = Progress(
-        total=len(images), desc="translating", unit="image", disable=len(images) <= BATCH_SIZE
+def _save(array: ArrayInfo, path: Path, tactile: np.ndarray, std: np.ndarray | None = None) -> None:
+    """Draws a tactile image."""
+    image = colored_tactile_image(
+        tactile, array.x_mm, array.y_mm, array.full_scale, std, array.tactile_image[2]
     )
-    with bar:
-        while parts or waiting:
-            while parts and len(waiting) < 2:  # one batch is read ahead
-                part = parts.popleft()
-                waiting.append((part, pool.map(read, images[part])))
-            part, reads = waiting.popleft()
-            pixels, own = zip(*reads, strict=True)
-            inputs = np.stack(pixels)
-            inputs = inputs if frame is None else with_background(inputs, frame)
-            found = run.estimate_pixels(inputs, classified=True, tactile=bool(files))
-            found.ood_class[:] = list(map(combined, own, found.ood_class))
-            if files:
-                stds = [None] * len(own) if found.tactile_std is None else found.tactile_std
-                list(pool.map(save, found.tactile_images, stds, files[part]))
-            estimates.append(replace(found, tactile_images=None, tactile_std=None))
-            bar.update(len(own))
-    return concatenate(estimates)
+    image.save(path, compress_level=1)  # half the time, 1.5 times the size
 
 
 def _write_tables(
-    folder: Path,
-    run: TrainedTranslator,
-    images: list[Path],
-    names: list[str],
-    found: Estimate,
-    background: Path | None,
-) -> list[str]:
+    folder: Path, run: TrainedTranslator, images: list[Path], names: list[str], found: Estimate,
+    background: str | Path | None,
+) -> list[str]:  # fmt: skip
     """Writes counts.csv and counts.json, and counts_std.csv for a field run."""
-    files, info = list(map(_text, images)), run.config.data.array
+    array, written = run.config.data.array, [COUNTS_CSV, COUNTS_JSON]
     columns = ["image", *(f"{TAXEL}{n}" for n in range(found.counts.shape[1]))]
     values = {"counts": np.rint(found.counts).astype(int).tolist()}
-    rows = zip(files, values["counts"], map(str, found.ood_class), strict=True)
+    rows = zip(images, values["counts"], found.ood_class, strict=True)
     lines = [[file, *row, ood_class] for file, row, ood_class in rows]
     write_csv(folder / COUNTS_CSV, [*columns, "ood_class"], lines)
     if found.counts_std is not None:
         values["counts_std"] = np.ceil(found.counts_std).astype(int).tolist()
-        lines = [[file, *row] for file, row in zip(files, values["counts_std"], strict=True)]
+        lines = [[file, *row] for file, row in zip(images, values["counts_std"], strict=True)]
         write_csv(folder / COUNTS_STD_CSV, columns, lines)
+        written.append(COUNTS_STD_CSV)
     for name in ("force_n", "force_std_n", "shear_n", "shear_std_n"):
         if (value := getattr(found, name)) is not None:
             values[name] = value.astype(float).round(3).tolist()
     head = {
         "model": run.config.model,
         "preset": run.config.preset.name,
-        "layout": info.layout,
-        "layout_x_mm": info.x_mm.tolist(),
-        "layout_y_mm": info.y_mm.tolist(),
-        "full_scale_counts": info.full_scale,
+        "layout": array.layout,
+        "layout_x_mm": array.x_mm.tolist(),
+        "layout_y_mm": array.y_mm.tolist(),
+        "full_scale_counts": array.full_scale,
         **({} if background is None else {"background": str(background)}),
     }
     entries = [
@@ -245,11 +222,10 @@ def _write_tables(
         for n, image in enumerate(images)
     ]
     # One line per image, so that large files stay readable by line.
-    lines = [f"  {json.dumps(key)}: {json.dumps(value)},\n" for key, value in head.items()]
-    body = ",\n    ".join(map(json.dumps, entries))
-    text = f'{{\n{"".join(lines)}  "images": [\n    {body}\n  ]\n}}\n'
+    body = ",\n".join(map(json.dumps, entries))
+    text = f'{json.dumps(head)[:-1]},\n"images": [\n{body}\n]}}\n'
     (folder / COUNTS_JSON).write_text(text)
-    return [COUNTS_CSV, COUNTS_JSON, *([COUNTS_STD_CSV] if "counts_std" in values else [])]
+    return written
 
 
 def ood_entry(ood_class: OODClass) -> dict[str, Any]:
@@ -270,11 +246,6 @@ def _earlier_files(out_dir: Path) -> set[Path]:
     return {out_dir.resolve() / name for name in (*own, COUNTS_STD_CSV)}
 
 
-def _text(path: Path) -> str:
-    """A path as text; names that are not valid text are escaped."""
-    return str(path).encode(errors="backslashreplace").decode()
-
-
 def translate_contacts(
     run: str | Path,
     paths: Sequence[str | Path],
@@ -284,38 +255,32 @@ def translate_contacts(
 ) -> list[ContactEstimate]:
     """Translates image files to contacts; writes contacts.csv, and the files of each contact.
 
-    run, paths, background: as for `translate_files`. files: whether the files of
+    run, paths, background: as for `translate_images`. files: whether the files of
     ContactEstimate.save are written, with the names of the images. Returns the contacts in the
-    order of `find_images`. Raises T2TwinError, without output, as `translate_files`, and for a run
+    order of `find_images`. Raises T2TwinError, without output, as `translate_images`, and for a run
     that does not predict the contact.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
-    names = [Path(name).stem for name in output_names(images)]
-    predictor, frame = load_run(run), None
-    if background is not None:
-        frame = np.asarray(open_image(arguments.path(background, "background")))
+    frame = None if background is None else _read(arguments.path(background, "background"))
+    predictor = load_run(run)
     found: list[ContactEstimate] = []
-    with _output(out_dir, images) as (folder, written):
-        starts = range(0, len(images), BATCH_SIZE)
-        for start in Progress(starts, desc="translating", unit="batch", disable=len(starts) < 2):
-            part = slice(start, start + BATCH_SIZE)
-            contacts = predictor.contact([np.asarray(open_image(p)) for p in images[part]], frame)
-            for name, each in zip(names[part], contacts, strict=True):
-                written += [path.name for path in each.write(folder, name)] if files else []
-            found += contacts
-        rows = [_row(path, each) for path, each in zip(images, found, strict=True)]
-        write_csv(folder / CONTACTS_CSV, ["image", *COLUMNS, *VECTOR_COLUMNS, "notes"], rows)
+    with ThreadPoolExecutor() as pool, _output(out_dir, images) as (folder, written):
+        for _, frames in _batches(images, pool):
+            found += predictor.contact(frames, frame)
+        names = [Path(name).stem for name in output_names(images)] if files else []
+        for paths_of_one in pool.map(ContactEstimate.save, found, [folder] * len(names), names):
+            written += [path.name for path in paths_of_one]
+        rows = []
+        for image, contact in zip(images, found, strict=True):
+            summary = contact.summary()
+            cells = [summary.get(name) for name in COLUMNS]
+            for name in VECTORS:
+                cells += summary.get(name) or [None, None]
+            rows.append([image, *cells, "; ".join(contact.notes)])
+        columns = [*COLUMNS, *(name for names in VECTORS.values() for name in names)]
+        write_csv(folder / CONTACTS_CSV, ["image", *columns, "notes"], rows)
         written.append(CONTACTS_CSV)
     return found
-
-
-def _row(path: Path, contact: ContactEstimate) -> list[object]:
-    summary = contact.summary()
-    values = [summary.get(name) for name in COLUMNS]
-    for name in VECTORS:
-        values += summary.get(name) or [None, None]
-    cells = ["" if value is None else value for value in values]
-    return [_text(path), *cells, "; ".join(contact.notes)]
 
 
 def translate_readings(
@@ -331,7 +296,7 @@ def translate_readings(
     run from images to counts, files that cannot be read, and counts that the source cannot measure.
     """
     files, out_dir = arguments.paths(paths, "paths"), arguments.path(out_dir, "out_dir")
-    predictor = load_torch(run)
+    predictor = load(run, engine="torch")
     is_other = not predictor.config.is_image_to_counts
     predictor.need(is_other, "a translation of readings", "a run of another direction")
     source, target = predictor.config.data.source, predictor.config.data.target
@@ -341,56 +306,44 @@ def translate_readings(
         inputs = [path for path, each in zip(files, counts, strict=True) for _ in each]
     else:
         inputs = find_images(files)
-        readings = [np.asarray(open_image(path)) for path in inputs]
+        readings = list(map(_read, inputs))
     names = output_names(inputs)
     with _output(out_dir, inputs) as (folder, written):
         predicted = predictor.predict(readings)
-        if target.value == COUNTS:
+        if target.value != COUNTS:
+            for name, image in zip(names, predicted, strict=True):
+                Image.fromarray(image).save(folder / name, compress_level=1)
+        else:
             columns = ["reading", *(f"{TAXEL}{n}" for n in range(target.x_mm.size))]
-            rows = zip(map(_text, inputs), np.rint(predicted).astype(int).tolist(), strict=True)
+            rows = zip(inputs, np.rint(predicted).astype(int).tolist(), strict=True)
             write_csv(folder / COUNTS_CSV, columns, [[name, *row] for name, row in rows])
             written.append(COUNTS_CSV)
-        if png or target.value == IMAGE:
-            for name, each in zip(names, predicted, strict=True):
-                _picture(each, target).save(folder / name, compress_level=1)
-            written += names
+            names = names if png else []
+            for name, image in zip(names, target.phi(predicted[: len(names)]), strict=True):
+                _save(target, folder / name, image)
+        written += names
     return predicted
-
-
-def _picture(predicted: np.ndarray, target: SensorInfo) -> Image.Image:
-    """The picture of predicted counts or of a predicted image."""
-    if target.value == IMAGE:
-        return Image.fromarray(predicted)
-    tactile, px_per_mm = target.phi(predicted), target.tactile_image[2]
-    return colored_tactile_image(
-        tactile, target.x_mm, target.y_mm, target.full_scale, None, px_per_mm
-    )
 
 
 def read_counts(path: Path, array: ArrayInfo) -> np.ndarray:
     """(B, N) counts of a CSV or NPY file. Raises T2TwinError for a file that has no such counts."""
     taxels, content = array.x_mm.size, read_file(path)
-    if path.suffix.lower() == ".npy":
-        try:
-            found = np.load(io.BytesIO(content), allow_pickle=False)
-        except (ValueError, EOFError, OSError):
-            raise T2TwinError(f"{path} cannot be read as an NPY file of numbers") from None
-        if found.ndim not in (1, 2) or found.shape[-1] != taxels or found.dtype.kind not in "iuf":
-            raise T2TwinError(
-                f"{path} has numbers of shape {found.shape}; expected ({taxels},) or "
-                f"(B, {taxels}), the {array.words}"
-            )
-        return np.atleast_2d(found).astype(np.float32)
     columns = [f"{TAXEL}{n}" for n in range(taxels)]
     try:
+        if path.suffix.lower() == ".npy":
+            found = np.load(io.BytesIO(content), allow_pickle=False)
+            if found.shape[-1:] != (taxels,) or found.ndim > 2 or found.dtype.kind not in "iuf":
+                raise ValueError(f"it has shape {found.shape} and type {found.dtype}")
+            return np.atleast_2d(found).astype(np.float32)
         names, rows = read_csv(path)
         own = [name for name in names if name.startswith(TAXEL)]
         if sorted(own) != sorted(columns):
             raise ValueError(f"it has {len(own)} columns of taxels")
         counts = [[float(cells.get(name, "nan")) for name in columns] for _, cells in rows]
         return np.array(counts, np.float32).reshape(-1, taxels)
-    except (T2TwinError, ValueError) as error:
+    except (T2TwinError, ValueError, EOFError, OSError) as error:
         raise T2TwinError(
             f"{path} cannot be read ({error}); expected a CSV file with the columns {columns[0]} "
-            f"to {columns[-1]}, or an NPY file, of {array.words}"
+            f"to {columns[-1]}, or an NPY file of shape ({taxels},) or (B, {taxels}), of "
+            f"{array.words}"
         ) from error

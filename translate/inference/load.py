@@ -66,10 +66,25 @@ def load(
     """
     if engine is not None:
         arguments.choice(engine, "engine", ("onnx", "torch"))
-    predictor = load_torch(run, layout, bf16)
+    run_dir, bf16 = resolve_run(run), arguments.flag(bf16, "bf16")
+    config = load_config(run_dir)
+    translator = build(structs.replace(config, bf16=bf16 and config.preset.bf16 and has_bf16()))
+    load_weights(run_dir / BEST, translator.predictor)
+    fold_batchnorm(translator.predictor)
+    predictor = TrainedTranslator(run_dir, config, translator)
+    if layout is not None:
+        predictor = predictor.need_counts("a layout").at_layout(load_layout(layout))
     if engine == "torch":
         return predictor
-    obstacle = _onnx_obstacle(predictor, bf16)
+    needs = "it needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
+    is_float32_on_cpu = translator.device.type == "cpu" and not bf16
+    obstacles = {
+        needs: not all(map(find_spec, ("onnx", "onnxruntime"))),
+        "it is used for counts from images": not config.is_image_to_counts,
+        "it is used in float32 on the CPU only": not is_float32_on_cpu,
+        "there is no writable folder for its file": cache_dir() is None,
+    }
+    obstacle = next((text for text, applies in obstacles.items() if applies), None)
     if obstacle is None:
         return dataclasses.replace(predictor, engine=OnnxEngine)
     if engine == "onnx":
@@ -81,36 +96,7 @@ def load_run(
     run: str | Path, layout: str | Path | None = None, bf16: bool = False
 ) -> TrainedTranslator:
     """As `load`, in PyTorch; raises T2TwinError for a run that is not from images to counts."""
-    return load_torch(run, layout, bf16).need_counts("a prediction of counts")
-
-
-def load_torch(
-    run: str | Path, layout: str | Path | None = None, bf16: bool = False
-) -> TrainedTranslator:
-    """As `load`, in PyTorch."""
-    run_dir, bf16 = resolve_run(run), arguments.flag(bf16, "bf16")
-    config = load_config(run_dir)
-    translator = build(structs.replace(config, bf16=bf16 and config.preset.bf16 and has_bf16()))
-    load_weights(run_dir / BEST, translator.predictor)
-    fold_batchnorm(translator.predictor)
-    predictor = TrainedTranslator(run_dir, config, translator)
-    if layout is None:
-        return predictor
-    places = load_layout(layout)
-    return predictor.need_counts("a layout").at_layout(
-        places.x_mm, places.y_mm, places.name, places.pad_diameter_mm
-    )
-
-
-def _onnx_obstacle(run: TrainedTranslator, bf16: bool) -> str | None:
-    """Why a run cannot use ONNX Runtime, or None."""
-    if not all(map(find_spec, ("onnx", "onnxruntime"))):
-        return "it needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
-    if not run.config.is_image_to_counts:
-        return "it is used for counts from images"
-    if run.translator.device.type != "cpu" or bf16:
-        return "it is used in float32 on the CPU only"
-    return None if cache_dir() is not None else "there is no writable folder for its file"
+    return load(run, layout, bf16, "torch").need_counts("a prediction of counts")
 
 
 def contact_warnings(frame: np.ndarray, name: str, sensor: str) -> list[str]:

@@ -10,7 +10,7 @@ of the run, c channels.
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Self, cast
 
@@ -25,7 +25,7 @@ from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import ArrayInfo
 from t2twin.sim.sensors.files import load_sensor
-from t2twin.sim.taxels.layout import PAD_DIAMETER_MM
+from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.translate.data.images import (
     COLORS,
@@ -37,7 +37,7 @@ from t2twin.translate.data.images import (
     one_image,
     resized,
 )
-from t2twin.translate.data.pairs import ImageFile, InputImages, Pictures, TactilePictures
+from t2twin.translate.data.pairs import ImageFile, Pictures, TactilePictures
 from t2twin.translate.inference.contact import contacts_of
 from t2twin.translate.models.base import TACTILE_IMAGES, Translator
 from t2twin.translate.models.field import FEATURES, FieldTranslator
@@ -77,6 +77,7 @@ Outputs = dict[str, np.ndarray]  # Predictions for B readings by name, see Trans
 # Predicts pixels, as for `predict_pixels`, with the contact or without; None if it cannot
 Compute = Callable[[np.ndarray, bool], Outputs | None]
 INSIDE = OODClass.IN_DISTRIBUTION
+VAGUE = (INSIDE, OODClass.OTHER, OODClass.UNLIKE_BACKGROUND)  # Classes that do not name the fault
 
 
 @dataclass(frozen=True)
@@ -135,8 +136,8 @@ class TrainedTranslator:
         if source.value == COUNTS:
             self._no_background(background)
             counts = _checked_counts(readings, source)
-            pixels, is_one = self._pictures(np.atleast_2d(counts)), counts.ndim == 1
-            return self._outputs(pixels)[self._value], is_one
+            pixels = replace(self._pictures, counts=np.atleast_2d(counts))[:]
+            return self._outputs(pixels)[self._value], counts.ndim == 1
         frames, is_one = image_list(readings)
         outputs, classes = self._predicted(frames, background)
         self._warn(classes, stacklevel=4)
@@ -151,12 +152,11 @@ class TrainedTranslator:
             warnings.warn(warning, T2TwinWarning, stacklevel=stacklevel)
 
     @cached_property
-    def _pictures(self) -> Callable[[np.ndarray], np.ndarray]:
-        """Makes the pictures of counts, (B, N), of a taxel array."""
+    def _pictures(self) -> TactilePictures:
+        """The pictures of no counts of a taxel array."""
         array, preset = cast(ArrayInfo, self.config.data.source), self.config.preset
         none = np.empty((0, array.x_mm.size))
-        empty = TactilePictures.of(none, array, preset.size, preset.grey)
-        return lambda counts: replace(empty, counts=counts)[:]
+        return TactilePictures.of(none, array, preset.size, preset.grey)
 
     def predict_pixels(
         self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None
@@ -170,26 +170,19 @@ class TrainedTranslator:
         return self._outputs(pixels, progress)[self._value]
 
     def _predicted(
-        self,
-        frames: Sequence[np.ndarray],
-        background: np.ndarray | None,
-        contact: bool = False,
+        self, frames: Sequence[np.ndarray], background: np.ndarray | None, contact: bool = False,
         tactile: bool = False,
-    ) -> tuple[Outputs, list[OODClass]]:
+    ) -> tuple[Outputs, list[OODClass]]:  # fmt: skip
         """Predictions and (B,) classes of checked images, in one pass."""
         pixels = self._pixels(frames, background)
         outputs = self._outputs(pixels, None, contact, True, tactile)
         return outputs, self._own_classes(frames, background, self._classified(pixels, outputs))
 
     def _outputs(
-        self,
-        pixels: np.ndarray | Pictures | ImageFile,
-        progress: str | None = None,
-        contact: bool = False,
-        features: bool = False,
-        tactile: bool = False,
-    ) -> Outputs:
-        """Predictions for checked pixels."""
+        self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None,
+        contact: bool = False, features: bool = False, tactile: bool = False,
+    ) -> Outputs:  # fmt: skip
+        """Predictions for checked pixels; of none, those of `predict_pixels` alone."""
         found, in_torch = [], tactile and not self.has_uncertainty
         for part in parts_of(len(pixels), progress):
             batch = pixels[part]
@@ -201,8 +194,6 @@ class TrainedTranslator:
                     tensors |= self.translator.tactile_images(tensors)
                 outputs = {name: each.cpu().numpy() for name, each in tensors.items()}
                 outputs.pop(GENERATED, None)
-            elif not features:
-                outputs.pop(FEATURES, None)
             if tactile and self.has_uncertainty:
                 for name, values in ((TACTILE_IMAGES, "counts"), (TACTILE_STD, "counts_std")):
                     dense = torch.from_numpy(outputs[f"dense_{values}"])
@@ -210,17 +201,12 @@ class TrainedTranslator:
             if IMAGE in outputs:
                 outputs[IMAGE] = outputs[IMAGE].round().clip(0.0, WHITE_GREY).astype(np.uint8)
             found.append(outputs)
-        if not found:
-            return {self._value: self._nothing}
-        return {name: np.concatenate([each[name] for each in found]) for name in found[0]}
-
-    @property
-    def _nothing(self) -> np.ndarray:
-        """The predictions for no readings."""
+        if found:
+            return {name: np.concatenate([each[name] for each in found]) for name in found[0]}
         if not self.config.predicts_images:
-            return np.empty((0, self.config.data.array.x_mm.size), np.float32)
+            return {COUNTS: np.empty((0, self.config.data.array.x_mm.size), np.float32)}
         size, channels = self.config.preset.size, 1 if self.config.preset.grey else COLORS
-        return np.empty((0, size, size, channels), np.uint8)
+        return {IMAGE: np.empty((0, size, size, channels), np.uint8)}
 
     @cached_property
     def _compute(self) -> Compute:
@@ -232,27 +218,36 @@ class TrainedTranslator:
         For touch2touch the predicted images, resized; for ResNet18 phi of the counts; for field the
         interpolated dense counts. Arguments, warning and errors: as for `predict`.
         """
-        self.need_counts("tactile_images")
-        frames, is_one = image_list(images)
-        outputs, classes = self._predicted(frames, background, tactile=True)
-        self._warn(classes, stacklevel=3)
-        tactile = outputs[TACTILE_IMAGES]
-        return tactile[0] if is_one else tactile
+        found = self.estimate(images, background, tactile=True)
+        self._warn(np.atleast_1d(found.ood_class).tolist(), stacklevel=3)
+        return found.tactile_images
 
     def estimate(
-        self, images: Images, background: np.ndarray | None = None, tactile: bool = False
-    ) -> Estimate:
+        self, images: Images, background: np.ndarray | None = None, tactile: bool = False,
+        contact: bool = False,
+    ) -> Estimate:  # fmt: skip
         """All that a run from images to counts predicts, and the class of the frame.
 
-        Of a field run also standard deviations, the dense counts and the force. tactile: whether it
-        has tactile images. Arguments and errors: as for `predict`; at least one image. `ood_class`
-        of the result names images for which it is not reliable.
+        Of a field run also standard deviations, the dense counts and the force. tactile, contact:
+        whether it has tactile images, and the contact. Arguments and errors: as for `predict` and
+        `contact`; at least one image. `ood_class` names images for which it is not reliable.
         """
         self.need_counts("estimate")
+        if contact and not self.need_uncertainty("the contact").predicts_contact:
+            raise T2TwinError(
+                f"{self.run_dir} does not predict the contact; train its layers with `t2twin train "
+                f"field --init-from {self.run_dir} --contact-alone` on a dataset with contact maps"
+            )
         frames, is_one = image_list(images)
-        _check_some(len(frames))
-        estimate = self._estimate(*self._predicted(frames, background, tactile=tactile))
-        return estimate.first() if is_one else estimate
+        if not frames:
+            raise T2TwinError("there is no image to estimate; expected at least one")
+        outputs, classes = self._predicted(frames, background, contact, tactile)
+        found = self._estimate(outputs, np.array(classes, dtype=object))
+        if contact:
+            sizes = [frame.shape[:2] for frame in frames]
+            of_image = contacts_of(outputs, sizes, self.config.data.camera.view_mm, classes)
+            found = replace(found, contact=of_image)
+        return found.first() if is_one else found
 
     def contact(self, images: Images, background: np.ndarray | None = None) -> Any:
         """The contact itself: depth, pressure, force, center of pressure and shear force.
@@ -261,46 +256,20 @@ class TrainedTranslator:
         the size of the image, or a list of them for several images. Its `notes` name what limits
         it. Raises T2TwinError for a run that does not predict the contact.
         """
-        return self.estimate_with_contact(images, background)[1]
-
-    def estimate_with_contact(
-        self, images: Images, background: np.ndarray | None = None, tactile: bool = False
-    ) -> tuple[Estimate, Any]:
-        """What `estimate` and `contact` return, in one pass. Arguments and errors: as for both."""
-        self.need_uncertainty("the contact")
-        if not self.predicts_contact:
-            raise T2TwinError(
-                f"{self.run_dir} does not predict the contact; train its layers with `t2twin train "
-                f"field --init-from {self.run_dir} --contact-alone` on a dataset with contact maps"
-            )
-        frames, is_one = image_list(images)
-        _check_some(len(frames))
-        outputs, classes = self._predicted(frames, background, True, tactile)
-        sizes = [frame.shape[:2] for frame in frames]
-        contacts = contacts_of(outputs, sizes, self.config.data.camera.view_mm, classes)
-        estimate = self._estimate(outputs, classes)
-        return (estimate.first(), contacts[0]) if is_one else (estimate, contacts)
+        return self.estimate(images, background, contact=True).contact
 
     def estimate_pixels(
-        self,
-        pixels: np.ndarray | Pictures,
-        progress: str | None = None,
-        classified: bool = False,
-        tactile: bool = False,
+        self, pixels: np.ndarray | Pictures, progress: str | None = None
     ) -> Estimate:
-        """As `estimate`, for one or more images as for `predict_pixels`. classified: whether the
-        result has the classes of `classify`."""
-        self.need_counts("estimate")
-        self._check_pixels(pixels)
-        _check_some(len(pixels))
-        outputs = self._outputs(pixels, progress, False, classified, tactile)
-        return self._estimate(outputs, self._classified(pixels[:], outputs) if classified else None)
+        """As `estimate`, without classes, for images as for `predict_pixels`."""
+        self.need_counts("estimate")._check_pixels(pixels)
+        return self._estimate(self._outputs(pixels, progress), None)
 
-    def _estimate(self, outputs: Outputs, classes: list[OODClass] | None) -> Estimate:
+    def _estimate(self, outputs: Outputs, classes: np.ndarray | None) -> Estimate:
         return Estimate(
             **{name: outputs[name] for name in VALUES if name in outputs},
             full_scale_counts=self.config.data.array.full_scale,
-            ood_class=None if classes is None else np.array(classes, dtype=object),
+            ood_class=classes,
             array=self._array,
         )
 
@@ -372,35 +341,26 @@ class TrainedTranslator:
 
     def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
         """As `classify`. outputs: predictions for the pixels."""
-        images, detector = pixels[..., :COLORS], self.config.ood_detector
+        images, frames = pixels[..., :COLORS], pixels[..., COLORS:]
+        detector, has_frames = self.config.ood_detector, frames.shape[-1] > 0
         ways = [[INSIDE] * len(images) if detector is None else detector.classify(images)]
-        if pixels.shape[-1] > COLORS:
-            ways.append(compare_with_background(images, pixels[..., COLORS:]))
-        if self._frame_check is None or not len(pixels):
-            return _first_fault(ways)
-        has_background = pixels.shape[-1] > COLORS
-        ways.append(self._frame_check.classify(outputs[FEATURES], images, has_background))
-        vague = (INSIDE, OODClass.OTHER, OODClass.UNLIKE_BACKGROUND)
-        return [
-            by_force if named in vague and by_force != INSIDE else named
-            for named, by_force in zip(
-                _first_fault(ways), self._classes_by_force(pixels, outputs), strict=True
-            )
-        ]
-
-    def _classes_by_force(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
-        """(B,) classes by the predicted forces of images and of their background frames."""
+        if has_frames:
+            ways.append(compare_with_background(images, frames))
+        if self._frame_check is not None and len(images):
+            ways.append(self._frame_check.classify(outputs[FEATURES], images, has_frames))
+        found = [next((e for e in each if e != INSIDE), INSIDE) for each in zip(*ways, strict=True)]
         known = self.config.data.force_n
-        if not known or outputs.get("force_n") is None:
-            return [INSIDE] * len(pixels)
+        if self._frame_check is None or not known or "force_n" not in outputs:
+            return found
         force_n, half = _force_and_half(outputs)
         too_low = (force_n > SURE * half) & (force_n < known[0])
         outside = (force_n > NEAR_HIGHEST * known[1]) | too_low
-        found = [OODClass.FORCE if each else INSIDE for each in outside]
-        if pixels.shape[-1] > COLORS:
-            touched = self._touched(pixels[..., COLORS:], known[0])
-            named = OODClass.TOUCHED_BACKGROUND
-            found = [named if touch else each for each, touch in zip(found, touched, strict=True)]
+        touched = [has_frames and self._touched(frame.tobytes()) for frame in frames]
+        for n, named in enumerate(found):
+            if named in VAGUE and touched[n]:
+                found[n] = OODClass.TOUCHED_BACKGROUND
+            elif named in VAGUE and outside[n]:
+                found[n] = OODClass.FORCE
         return found
 
     def shows_contact(self, images: Images) -> list[bool]:
@@ -409,30 +369,24 @@ class TrainedTranslator:
         Arguments and errors: as for `predict`. False for a run that predicts no force.
         """
         self.need_uncertainty("shows_contact")
-        pixels, known = self.pixels_of(images), self.config.data.force_n
-        return self._touched(pixels, known[0]) if known else [False] * len(pixels)
-
-    def _touched(self, frames: np.ndarray, low_n: float) -> list[bool]:
-        """(B,) whether frames, (B, S, S, 3) uint8, show a contact: the force is above low_n, and
-        its interval does not contain 0. A frame that returns is predicted once."""
-        keys, seen = [frame.tobytes() for frame in frames], self._seen_backgrounds
-        new = {key: number for number, key in enumerate(keys) if key not in seen}
-        if new:
-            outputs = self._outputs(frames[list(new.values())])
-            if "force_n" not in outputs:
-                return [False] * len(frames)
-            force_n, half = _force_and_half(outputs)
-            touched = (force_n > low_n) & (force_n > half)
-            seen |= dict(zip(new, touched.tolist(), strict=True))
-        found = [seen[key] for key in keys]
-        for key in list(seen)[:-MAX_BACKGROUNDS]:
-            seen.pop(key, None)
-        return found
+        return [self._touched(frame.tobytes()) for frame in self.pixels_of(images)]
 
     @cached_property
-    def _seen_backgrounds(self) -> dict[bytes, bool]:
-        """Background frames of earlier images, and whether they show a contact."""
-        return {}
+    def _touched(self) -> Callable[[bytes], bool]:
+        """Whether a frame, (S, S, 3) uint8, shows a contact: the force is above the training's
+        least, and its interval does not contain 0. A frame that returns is predicted once."""
+        known, size = self.config.data.force_n, self.config.preset.size
+
+        @lru_cache(MAX_BACKGROUNDS)
+        def touched(content: bytes) -> bool:
+            frame = np.frombuffer(content, np.uint8).reshape(1, size, size, COLORS)
+            outputs = self._outputs(frame)
+            if not known or "force_n" not in outputs:
+                return False
+            force_n, half = _force_and_half(outputs)
+            return bool((force_n > known[0]) & (force_n > half))
+
+        return touched
 
     @cached_property
     def _frame_check(self) -> FrameCheck | None:
@@ -471,35 +425,28 @@ class TrainedTranslator:
         """The run. Raises T2TwinError unless it is a field run."""
         return self.need(self.has_uncertainty, purpose, "a field run")
 
-    def at_layout(
-        self,
-        x_mm: np.ndarray,
-        y_mm: np.ndarray,
-        name: str,
-        pad_diameter_mm: np.ndarray | None = None,
-    ) -> Self:
-        """The same run with the counts of another taxel layout.
+    def at_layout(self, layout: Layout) -> Self:
+        """The same run with the counts of another taxel layout; of its own, the same object.
 
-        x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: of the layout. pad_diameter_mm:
-        (N,), by default 4; it matters for a field run. For its own layout, returns the same object.
         touch2touch reads the predicted image with the new layout's phi^-1, field reads the dense
-        counts with the new pads (sim.taxels.pads).
-        Raises T2TwinError for a ResNet18 run. For touch2touch it does if phi cannot interpolate the
-        layout, and if taxels lie outside the trained layout's hull or are too close for the
-        generator's pixels. For field it does if taxels lie outside the cover.
+        counts with the new pads (sim.taxels.pads). Raises T2TwinError for a ResNet18 run. For
+        touch2touch it does if phi cannot interpolate the layout, and if taxels lie outside the
+        trained layout's hull or are too close for the generator's pixels. For field it does if
+        taxels lie outside the cover.
         """
         data = self.config.data
         trained = data.array
-        x_mm, y_mm = arguments.vector(x_mm, "x_mm"), arguments.vector(y_mm, "y_mm")
-        pads = np.full(x_mm.size, PAD_DIAMETER_MM) if pad_diameter_mm is None else pad_diameter_mm
-        array = structs.replace(trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pads)
-        if trained.same_layout(x_mm, y_mm) and (
-            not self.has_uncertainty or trained.same_pads(array)
+        if trained.same_layout(layout.x_mm, layout.y_mm) and (
+            not self.has_uncertainty or trained.same_pads(layout)
         ):
             return self
         purpose = f"another layout than {trained.layout} with its {trained.x_mm.size} taxels"
         self.need(self.reads_any_layout, purpose, "a touch2touch or a field run from images")
-        translator = self.translator.read_at(array.taxels)
+        array = structs.replace(
+            trained, layout=layout.name, x_mm=layout.x_mm, y_mm=layout.y_mm,
+            pad_diameter_mm=layout.pad_diameter_mm,
+        )  # fmt: skip
+        translator = self.translator.read_at(layout)
         config = structs.replace(self.config, data=structs.replace(data, target=array))
         return replace(self, config=config, translator=translator)
 
@@ -528,13 +475,9 @@ class TrainedTranslator:
         self.need(background is None or self.has_uncertainty, "a background frame", "a field run")
 
     def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
-        """Raises T2TwinError for pictures that `pixels_of` cannot return."""
-        preset, source = self.config.preset, self.config.data.source
-        if source.value == COUNTS:
-            return
-        if isinstance(pixels, TactilePictures):
-            raise T2TwinError(f"pixels are pictures of counts; expected {source.words}")
-        if not isinstance(pixels, InputImages | ImageFile):
+        """Raises T2TwinError for an array that `pixels_of` cannot return."""
+        preset = self.config.preset
+        if isinstance(pixels, np.ndarray) and self.config.data.source.value == IMAGE:
             colors = (COLORS, 2 * COLORS) if self.has_uncertainty else (COLORS,)
             check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
 
@@ -548,17 +491,6 @@ def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
     """The slices of batches, with a progress bar of this title."""
     parts = [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
     return parts if progress is None else Progress(parts, desc=progress, unit="batch")
-
-
-def _first_fault(ways: Sequence[Sequence[OODClass]]) -> list[OODClass]:
-    """(B,) for each image the first class that is not right."""
-    return [next((e for e in each if e != INSIDE), INSIDE) for each in zip(*ways, strict=True)]
-
-
-def _check_some(images: int) -> None:
-    """Raises T2TwinError without an image."""
-    if not images:
-        raise T2TwinError("there is no image to estimate; expected at least one")
 
 
 def _force_and_half(outputs: Outputs) -> tuple[np.ndarray, np.ndarray]:

@@ -1,8 +1,9 @@
 """Predictions with uncertainty: counts, dense counts and force, each with its standard deviation.
 
-Shape letters: B images, N taxels, F places of the dense counts.
+Shape letters: B images, N taxels, F places of the dense counts, R rows, C columns.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from statistics import NormalDist
 from typing import Any
@@ -21,30 +22,23 @@ from t2twin.translate.uncertainty.ood import OODClass
 class Estimate:
     """The prediction for one image, or for B images with B before every shape.
 
-    counts: (N,) float32. All else may be None. counts_std: (N,) float32, their standard deviations.
-    dense_counts, dense_counts_std: (F,) float32, the same at the places of the dense counts.
-    force_n, force_std_n: () float32, N, unless the run was trained on presses of one force.
-    shear_n, shear_std_n: (2,) float32, N, shear force on the gel camera along x and y.
-    tactile_images, tactile_std: (R, C) float32, counts. full_scale_counts: where taxels saturate.
-    ood_class: the OODClass, of B images (B,) objects. array: the taxel array as in datasets, with
-    its imperfections.
-
-    Counts and their standard deviations are of the noiseless array.
+    Counts and standard deviations are of the noiseless array. What a run does not predict is None.
     """
 
-    full_scale_counts: float
-    counts: np.ndarray
-    counts_std: Any = None
-    dense_counts: Any = None
+    full_scale_counts: float  # where taxels saturate
+    counts: np.ndarray  # (N,) float32
+    counts_std: Any = None  # (N,) float32, their standard deviations
+    dense_counts: Any = None  # (F,) float32, at the places of the dense counts
     dense_counts_std: Any = None
-    force_n: Any = None
+    force_n: Any = None  # () float32, N, unless the run was trained on presses of one force
     force_std_n: Any = None
-    shear_n: Any = None
+    shear_n: Any = None  # (2,) float32, N, shear force on the gel camera along x and y
     shear_std_n: Any = None
-    tactile_images: Any = None
+    tactile_images: Any = None  # (R, C) float32, counts
     tactile_std: Any = None
-    ood_class: Any = None
-    array: TaxelArray | None = None
+    ood_class: Any = None  # the OODClass, of B images (B,) objects
+    contact: Any = None  # the ContactEstimate, of B images a list of them
+    array: TaxelArray | None = None  # as in datasets, with its imperfections
 
     def __repr__(self) -> str:
         parts = [f"counts {self.counts.shape}"]
@@ -68,38 +62,41 @@ class Estimate:
         """
         if self.counts_std is None:
             raise T2TwinError("the run predicts no uncertainty; an interval needs a field run")
-        counts, std = self.counts, self.counts_std
         if arguments.flag(reading, "reading"):
             if self.array is None:
                 raise T2TwinError(
                     "the noise of this run's array is unknown; reading=True needs a run on a "
                     "sensor of a file that this machine has"
                 )
-            counts, std = readings_of(self, self.array.flaws, self.array.spec.counts)
-        half = half_width(level) * std
-        low, high = counts - half, counts + half
+            return self.of_readings(self.array.flaws, self.array.spec.counts).interval(level)
+        half = half_width(level) * self.counts_std
+        low, high = self.counts - half, self.counts + half
         return low.clip(0.0, self.full_scale_counts), high.clip(0.0, self.full_scale_counts)
+
+    def of_readings(self, flaws: Imperfections, table: CountsTable) -> "Estimate":
+        """The same with the expected readings of an array, which have its counts at rest, and
+        their standard deviations."""
+        mean, noise = expected_reading(flaws, table, self.counts)
+        std = np.hypot(self.counts_std, noise)
+        return replace(self, counts=mean.astype(np.float32), counts_std=std.astype(np.float32))
 
     def first(self) -> "Estimate":
         """The estimate of the first image alone."""
-        return replace(self, **{name: getattr(self, name)[0] for name in _arrays(self)})
+        found = {name: getattr(self, name) for name in OF_IMAGES}
+        return replace(self, **{n: each[0] for n, each in found.items() if each is not None})
 
 
-# Names of the predictions of an estimate
-VALUES = tuple(
-    each.name
-    for each in fields(Estimate)
-    if each.name not in ("full_scale_counts", "ood_class", "array")
-)
+# Names of what an estimate has of each image, and of what a network predicts directly
+OF_IMAGES = tuple(f.name for f in fields(Estimate) if f.name not in ("full_scale_counts", "array"))
+VALUES = tuple(name for name in OF_IMAGES if name not in ("ood_class", "contact"))
 
 
-def readings_of(
-    estimate: Estimate, flaws: Imperfections, table: CountsTable
-) -> tuple[np.ndarray, np.ndarray]:
-    """Expected readings of an array, with its counts at rest, and their standard deviations."""
-    mean, noise = expected_reading(flaws, table, estimate.counts)
-    std = np.hypot(estimate.counts_std, noise)
-    return mean.astype(np.float32), std.astype(np.float32)
+def concatenate(parts: Sequence[Estimate]) -> Estimate:
+    """Concatenates one or more estimates of several images, which have no contact."""
+    found = {name: [getattr(part, name) for part in parts] for name in (*VALUES, "ood_class")}
+    return replace(
+        parts[0], **{n: np.concatenate(each) for n, each in found.items() if each[0] is not None}
+    )
 
 
 def with_std(value: np.ndarray, std: np.ndarray) -> str:
@@ -114,14 +111,3 @@ def half_width(level: float) -> float:
     if not 0.0 < level < 1.0:
         raise T2TwinError(f"level is {level:g}; it must lie between 0 and 1")
     return NormalDist().inv_cdf(0.5 + level / 2)
-
-
-def concatenate(parts: list[Estimate]) -> Estimate:
-    """Concatenates one or more estimates of several images."""
-    found = {name: [getattr(part, name) for part in parts] for name in _arrays(parts[0])}
-    return replace(parts[0], **{name: np.concatenate(each) for name, each in found.items()})
-
-
-def _arrays(estimate: Estimate) -> list[str]:
-    """Names of the predictions that an estimate has."""
-    return [name for name in (*VALUES, "ood_class") if getattr(estimate, name) is not None]
