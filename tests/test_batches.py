@@ -10,7 +10,6 @@ import torch
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.models.presets import PRESETS, Model
 from t2twin.translate.runs.checkpoint import TRANSLATORS
-from t2twin.translate.training.train import Batches
 
 CPU = torch.device("cpu")
 
@@ -20,7 +19,8 @@ def test_a_batch_is_the_stored_pairs_as_the_networks_take_them(
 ) -> None:
     preset = PRESETS["field"]["smoke"]
     pairs = load_pairs(moving_dataset, "train", preset.size, False, tmp_path, True)
-    found = Batches(pairs, preset, CPU).examples(np.array([5, 1]), None)
+    translator = TRANSLATORS["counts"]["field"](preset, load_info(moving_dataset), CPU, False)
+    found = translator.examples(pairs, np.array([5, 1]))
     mean, std = np.array([0.485, 0.456, 0.406] * 2), np.array([0.229, 0.224, 0.225] * 2)
     expected = (pairs.inputs[np.array([1, 5])] / 255.0 - mean) / std
     np.testing.assert_allclose(found.images.permute(0, 2, 3, 1), expected, atol=1e-5)
@@ -41,9 +41,7 @@ def test_a_step_on_a_gpu_is_that_on_a_cpu(data_dir: Path, tmp_path: Path, model:
         device = torch.device(name)
         torch.manual_seed(0)
         translator = TRANSLATORS["counts"][model](preset, info, device, bf16=False)
-        examples = Batches(pairs, preset, device).examples(
-            np.arange(8), np.random.default_rng(0), translator.to_input
-        )
+        examples = translator.examples(pairs, np.arange(8), np.random.default_rng(0))
         assert examples.images.device.type == name
         losses.append({key: float(loss) for key, loss in translator.step(examples).items()})
     assert losses[0] == pytest.approx(losses[1], rel=0.2 if model == "touch2touch" else 2e-3)

@@ -32,7 +32,7 @@ from t2twin.translate.models import field as field_model
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import SCALE, FieldNet, grid_of, resampling_weights
-from t2twin.translate.training.train import Batches, recalibrate, train
+from t2twin.translate.training.train import recalibrate, train
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     Errors,
@@ -395,9 +395,9 @@ def test_background_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) 
     preset = replace(PRESETS["field"]["smoke"], background_share=0.5)
     pairs = load_pairs(data_dir, "train", preset.size, False, with_dense_counts=True)
     batch = np.arange(len(pairs))
-    batches = Batches(pairs, preset, CPU)
-    examples: Any = batches.examples(batch, np.random.default_rng(0))
-    plain: Any = batches.examples(batch, None)
+    translator = FieldTranslator(preset, load_info(data_dir), CPU, False)
+    examples: Any = translator.examples(pairs, batch, np.random.default_rng(0))
+    plain: Any = translator.examples(pairs, batch)
     replaced = (examples.images[:, :3] == examples.images[:, 3:]).flatten(1).all(dim=1)
     assert 0.3 < replaced.float().mean() < 0.7
     assert not examples.dense_counts[replaced].any() and not examples.force_n[replaced].any()

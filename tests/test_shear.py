@@ -21,7 +21,7 @@ from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import SHEAR, FieldNet, ShearHead, box_means, displacements
 from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, RunConfig
-from t2twin.translate.training.train import Batches, train
+from t2twin.translate.training.train import train
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     Errors,
@@ -88,12 +88,11 @@ def translator_of(data_dir: Path, pairs: Pairs, *, shear: bool) -> FieldTranslat
 
 def test_its_training_leaves_the_other_weights(moving_dataset: Path, tmp_path: Path) -> None:
     pairs = load_pairs(moving_dataset, "train", SMOKE.size, False, tmp_path, True)
-    batch = Batches(pairs, SMOKE, torch.device("cpu")).examples(np.arange(6), None)
     trained = []
     for shear in (False, True):
         translator = translator_of(moving_dataset, pairs, shear=shear)
         torch.manual_seed(0)
-        translator.step(batch)
+        translator.step(translator.examples(pairs, np.arange(6)))
         trained.append(translator.network.state_dict())
     plain, shear = trained
     assert all(torch.equal(shear[name], each) for name, each in plain.items())
@@ -133,9 +132,7 @@ def test_a_step_trains_the_shear_force(moving_dataset: Path, tmp_path: Path) -> 
     rms = np.sqrt(np.square(pairs.shear_n).mean())
     assert float(translator.network.shear_scale) == pytest.approx(rms, rel=1e-6)
     before = translator.network.shear.weights.weight.clone()
-    losses = translator.step(
-        Batches(pairs, SMOKE, torch.device("cpu")).examples(np.arange(6), None)
-    )
+    losses = translator.step(translator.examples(pairs, np.arange(6)))
     assert {"shear", "shear_spread"} <= losses.keys()
     assert not torch.equal(translator.network.shear.weights.weight, before)
     assert translator.further_errors(pairs)["val_shear_error"] > 0.0

@@ -107,8 +107,9 @@ def test_bf16_trains_float32_weights_that_are_validated_in_float32(
     for bf16 in (True, False):
         translator = build(structs.replace(config, bf16=bf16))
         load_weights(tmp_path / "best.safetensors", translator.predictor)
-        pixels, counts = torch.from_numpy(pairs.inputs[:]), torch.from_numpy(pairs.counts)
-        rmse[bf16] = float(translator.errors(pixels, counts).square().mean().sqrt())
+        examples = translator.examples(pairs, np.arange(len(pairs)))
+        errors = translator.predict(examples.images) - examples.targets
+        rmse[bf16] = float(errors.square().mean().sqrt())
     [record] = records(tmp_path)
     assert record["val_rmse_counts"] == pytest.approx(rmse[False], rel=1e-6)
     assert record["val_rmse_counts"] != pytest.approx(rmse[True], rel=1e-6)

@@ -458,7 +458,7 @@ class Examples:
     """A batch of B pairs for one training step.
 
     images: pictures of the source's readings, as `Translator.to_input` returns them, (B, c, S, S).
-    targets: (B, N) float32 counts, or images, (B, c, S, S) in [-1, 1]. dense_counts: (B, F)
+    targets: (B, N) float32 counts, or images, (B, S, S, c) in grey levels. dense_counts: (B, F)
     float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
     shear_n: (B, 2) float32, of recipes with motion. contact: (B, 2, H, H) float32, contact maps.
     """

@@ -10,12 +10,21 @@ from copy import copy, deepcopy
 from functools import cached_property
 from typing import Any, Self
 
+import numpy as np
 import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
 from t2twin.sim.taxels.layout import Layout
-from t2twin.translate.data.images import RGB_MEAN, RGB_STD, WHITE_GREY, to_input
+from t2twin.translate.data.images import (
+    COLORS,
+    RGB_MEAN,
+    RGB_STD,
+    WHITE_GREY,
+    augment,
+    on_device,
+    to_input,
+)
 from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.presets import Preset
@@ -85,10 +94,37 @@ class Translator(ABC):
         """Counts within zero and full scale, or images, of `to_input`."""
         return self.predict_all(images)[self.info.target.value]
 
-    def errors(self, pixels: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-        """Predictions minus targets, (B, n), counts or grey levels. pixels: from 0 to 255."""
-        predicted = self.predict(self.to_input(pixels.float() / WHITE_GREY))
-        return (predicted - truth.to(self.device)).flatten(1)
+    def examples(
+        self, pairs: Pairs, batch: np.ndarray, rng: np.random.Generator | None = None
+    ) -> Examples:
+        """The pairs with these indices, (B,); with rng, augmented as the preset defines.
+
+        Augmentation is for images of the source; counts and targets stay as they are.
+        """
+        batch, preset = np.sort(batch), self.preset  # the order on disk
+        pixels, target = (self._tensor(each[batch]) for each in (pairs.inputs, pairs.target))
+        pixels = pixels / WHITE_GREY
+        stored = (pairs.dense_counts, pairs.force_n, pairs.shear_n, pairs.contact)
+        more = [None if each is None else self._tensor(each[batch]) for each in stored]
+        if rng is not None and pairs.pictures is None:
+            if preset.background_share and pairs.backgrounds is not None:
+                drawn = rng.random(len(batch)) < preset.background_share
+                replaced = on_device(np.flatnonzero(drawn), pixels.device)
+                pixels[replaced, ..., :COLORS] = pixels[replaced, ..., COLORS:]
+                for each in more:
+                    if each is not None:
+                        each[replaced] = 0.0
+            if preset.brightness or preset.contrast or preset.noise or preset.drift:
+                pixels = augment(
+                    pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
+                )
+        return Examples(self.to_input(pixels), target, *more)
+
+    def _tensor(self, values: np.ndarray) -> torch.Tensor:
+        """On the device, float32. Images and contact maps are moved in their smaller types."""
+        if values.dtype not in (np.uint8, np.float16):
+            values = values.astype(np.float32, copy=False)
+        return torch.from_numpy(values).to(self.device).float()
 
     def prepare(self, pairs: Pairs) -> None:
         """Sets buffers from the training pairs before the first step; by default none."""

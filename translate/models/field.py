@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import torch
@@ -395,15 +395,10 @@ class FieldTranslator(Translator):
         self, pairs: Pairs, with_contact: bool = False
     ) -> Iterator[tuple[Examples, Outputs]]:
         """Pairs and their outputs, batch by batch."""
-        contact = pairs.contact if with_contact else None
         for part in _parts(len(pairs)):
-            images = self._with_frame(_input(pairs.inputs[part]))
-            targets = (pairs.target, pairs.dense_counts, pairs.force_n, pairs.shear_n, contact)
-            known = (None if each is None else each[part].astype(np.float32) for each in targets)
-            tensors: list[Any] = [
-                None if each is None else torch.from_numpy(each).to(self.device) for each in known
-            ]
-            yield Examples(images, *tensors), self.outputs(images, with_contact)
+            examples = self.examples(pairs, np.arange(len(pairs))[part])
+            images = self._with_frame(examples.images)
+            yield replace(examples, images=images), self.outputs(images, with_contact)
 
     def _with_frame(self, inputs: torch.Tensor) -> torch.Tensor:
         """(B, 6, S, S): images, each with a background frame, by default the mean frame."""

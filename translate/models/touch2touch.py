@@ -198,8 +198,8 @@ class ImageTranslator(Pix2Pix):
         super().__init__(preset, info, device, bf16, channels_out=1 if preset.grey else COLORS)
 
     def target_pictures(self, targets: torch.Tensor) -> torch.Tensor:
-        """The images themselves."""
-        return targets
+        """The images, (B, S, S, c), scaled."""
+        return to_scaled(targets / WHITE_GREY)
 
     def read(self, outputs: torch.Tensor) -> Outputs:
         """See Translator. Grey levels, not rounded."""

@@ -13,7 +13,7 @@ import math
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -31,17 +31,7 @@ from t2twin.core.progress import Progress
 from t2twin.sim.dataset.columns import IMAGE
 from t2twin.sim.dataset.info import COUNTS
 from t2twin.sim.dataset.store import read_info, sha256_of
-from t2twin.translate.data.images import COLORS, WHITE_GREY, augment, on_device, to_input, to_scaled
-from t2twin.translate.data.pairs import (
-    CACHE,
-    DataInfo,
-    Examples,
-    ImageFile,
-    Pairs,
-    load_info,
-    load_pairs,
-    usable_cache,
-)
+from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.presets import (
@@ -379,53 +369,6 @@ def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
     return None
 
 
-class Batches:
-    """The batches of the pairs of one split, on a device, which also augments them."""
-
-    def __init__(self, pairs: Pairs, preset: Preset, device: torch.device) -> None:
-        self.preset, self.pairs, self.device = preset, pairs, device
-        self.inputs = pairs.inputs
-
-    def examples(
-        self, batch: np.ndarray, rng: np.random.Generator | None,
-        to_input: Callable[[torch.Tensor], torch.Tensor] = to_input,
-    ) -> Examples:  # fmt: skip
-        """The pairs with these indices, (B,); with rng, augmented as the preset defines.
-
-        Augmentation is for images of the source; counts and targets stay as they are.
-        """
-        batch, preset, pairs = np.sort(batch), self.preset, self.pairs  # the order on disk
-        inputs, target = self.readings(batch)
-        pixels = inputs.float() / WHITE_GREY
-        stored = (pairs.dense_counts, pairs.force_n, pairs.shear_n, pairs.contact)
-        more = [None if each is None else self._tensor(each[batch]).float() for each in stored]
-        if rng is not None and pairs.pictures is None:
-            if preset.background_share and pairs.backgrounds is not None:
-                drawn = rng.random(len(batch)) < preset.background_share
-                replaced = on_device(np.flatnonzero(drawn), pixels.device)
-                pixels[replaced, ..., :COLORS] = pixels[replaced, ..., COLORS:]
-                for each in more:
-                    if each is not None:
-                        each[replaced] = 0.0
-            if preset.brightness or preset.contrast or preset.noise or preset.drift:
-                pixels = augment(
-                    pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
-                )
-        if isinstance(pairs.target, ImageFile):
-            target = to_scaled(target.float() / WHITE_GREY)
-        return Examples(to_input(pixels), target, *more)
-
-    def readings(self, batch: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        """The stored pictures and targets of pairs with these indices, (B,)."""
-        return self._tensor(self.inputs[batch]), self._tensor(self.pairs.target[batch])
-
-    def _tensor(self, values: np.ndarray) -> torch.Tensor:
-        """Pictures as uint8, contact maps as float16, other values as float32."""
-        if values.dtype not in (np.uint8, np.float16):
-            values = values.astype(np.float32, copy=False)
-        return torch.from_numpy(values).to(self.device)
-
-
 class Trainer:
     """The training of one run, in one of its processes. weights: initial ones, None for random."""
 
@@ -435,9 +378,6 @@ class Trainer:
     ) -> None:  # fmt: skip
         self.config, self.out_dir, self.rank, self.weights = config, out_dir, rank, weights
         self.pairs, self.validation = pairs, validation
-        self.data, self.validation_data = (
-            Batches(each, config.preset, distributed.device()) for each in (pairs, validation)
-        )
         most = min(config.preset.batch, len(pairs))
         self.batch = most - most % config.processes
         self.batches = len(pairs) // self.batch  # no smaller last batch: bad for batch norm
@@ -543,7 +483,7 @@ class Trainer:
             rng = np.random.default_rng([config.seed, epoch, step, 1 + self.rank])
             torch.manual_seed(int(rng.integers(2**63)))  # dropout
             mine = batch[self.rank :: config.processes]
-            losses = translator.step(self.data.examples(mine, rng, translator.to_input))
+            losses = translator.step(translator.examples(self.pairs, mine, rng))
             for name, loss in losses.items():
                 sums[name] = sums.get(name, 0.0) + loss.double()  # does not wait for a GPU
             bar.update()
@@ -586,14 +526,17 @@ class Trainer:
         """RMSE on the validation split, counts or grey levels; the processes share the pairs."""
         mine = np.arange(len(self.validation))[self.rank :: self.config.processes]
         squares, values, batch = 0.0, 0, VALIDATION_BATCH[self.translator.device.type]
-        exact = self.translator.in_float32()
         for start in range(0, mine.size, batch):
-            readings = self.validation_data.readings(mine[start : start + batch])
-            errors = exact.errors(*readings)
+            errors = self._errors(self.translator, mine[start : start + batch])
             squares += float(errors.square().sum(dtype=torch.float64))
             values += errors.numel()
         squares, total = (distributed.reduced(each, "SUM") for each in (squares, values))
         return math.sqrt(squares / total)
+
+    def _errors(self, translator: Translator, index: np.ndarray) -> torch.Tensor:
+        """Predictions in float32 minus targets of validation pairs, counts or grey levels."""
+        examples = translator.examples(self.validation, index)
+        return translator.in_float32().predict(examples.images) - examples.targets
 
     def _measure(self) -> float:
         """Estimated seconds per epoch, from a few steps of other networks."""
@@ -603,12 +546,12 @@ class Trainer:
         for step in range(1 + TIMED_STEPS):
             if step == 1:
                 started = time.perf_counter()
-            examples = self.data.examples(mine, rng, translator.to_input)
-            _numbers(translator.step(examples))  # waits for a GPU
+            losses = translator.step(translator.examples(self.pairs, mine, rng))
+            _numbers(losses)  # waits for a GPU
         step_seconds = (time.perf_counter() - started) / TIMED_STEPS
         few = np.arange(min(VALIDATION_BATCH[translator.device.type], len(self.validation)))
         started = time.perf_counter()
-        translator.in_float32().errors(*self.validation_data.readings(few))
+        self._errors(translator, few)
         image_seconds = (time.perf_counter() - started) / len(few)
         validate_seconds = image_seconds * len(self.validation) / processes
         return distributed.reduced(self.steps * step_seconds + validate_seconds, "MAX")
