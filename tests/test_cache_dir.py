@@ -24,7 +24,7 @@ def homeless(tmp_path, monkeypatch):
     """No home that can be written: its place is taken by a file. The temporary folder is empty."""
     (tmp_path / "home").write_text("in the way")
     (tmp_path / "temporary").mkdir()
-    for name in (VARIABLE, "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR"):
+    for name in (VARIABLE, "XDG_CACHE_HOME"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
@@ -58,11 +58,7 @@ def test_the_variable_names_another_folder(tmp_path, monkeypatch):
         cache_dir.cache_dir()
 
 
-@pytest.mark.parametrize("home", ["file", "unset"])
-def test_without_a_home_it_is_a_private_folder_among_the_temporary(homeless, monkeypatch, home):
-    if home == "unset":
-        monkeypatch.delenv("HOME")
-        monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # a user whom nobody knows
+def test_without_a_home_it_is_a_private_folder_among_the_temporary(homeless):
     assert cache_dir.cache_dir() == own(homeless)
     assert own(homeless).stat().st_mode & 0o777 == 0o700
     assert cache_dir.cache_dir() == own(homeless)
@@ -81,21 +77,6 @@ def test_without_any_folder_shapes_are_made_and_not_kept(homeless, tmp_path, mon
     before = sorted(tmp_path.rglob("*"))
     assert load_file(tmp_path).mesh.is_watertight
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_matplotlib_gets_a_folder_only_where_its_own_is_none(homeless, tmp_path, monkeypatch):
-    cache_dir.configure_matplotlib_dir()
-    assert os.environ["MPLCONFIGDIR"] == str(own(homeless) / "matplotlib")
-    monkeypatch.delenv("MPLCONFIGDIR")
-    monkeypatch.setenv("HOME", str(tmp_path / "another"))
-    cache_dir.configure_matplotlib_dir()
-    assert "MPLCONFIGDIR" not in os.environ
-
-
-def test_a_lent_home_is_the_cache_home_and_stays_it(homeless):
-    cache_dir.use_cache_dir_as_home()
-    assert os.environ["HOME"] == str(own(homeless))
-    assert cache_dir.cache_dir() == own(homeless)
 
 
 LOOP = """

@@ -51,9 +51,7 @@ def test_runs_of_the_repository_are_not_found():
     from t2twin.studio.translators import Translators
     from t2twin.translate.runs.config import pretrained_runs
 
-    translators = Translators()
-    translators.search()
-    assert set(translators.names) <= set(pretrained_runs())
+    assert set(Translators().names) <= set(pretrained_runs())
 
 
 def test_a_product_is_made_once_and_a_change_of_it_is_seen(tmp_path):

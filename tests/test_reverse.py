@@ -165,8 +165,6 @@ def test_a_loaded_run_gives_no_counts(
 
 
 def test_the_studio_passes_it_over_and_refuses_it_by_name(run_dir: Path) -> None:
-    translators = Translators()
-    translators.search(below=run_dir.parent)
-    assert translators.names == (DEFAULT_RUN,)
+    assert Translators(below=run_dir.parent).names == (DEFAULT_RUN,)
     with pytest.raises(T2TwinError, match="needs an image-to-counts run"):
-        translators.search([run_dir])
+        Translators([run_dir])

@@ -14,7 +14,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.slide import MAX_STEP_MM
 from t2twin.studio import cards
 from t2twin.studio.session import MAX_STEPS, PressState, Session
-from t2twin.studio.translators import Translators
 
 SHAPE = "hemisphere-4"
 STATE = PressState(SHAPE, force_n=4.0, motion="slide", friction=0.6)
@@ -23,7 +22,7 @@ NO_TRACTION = [0.0, 0.0]
 
 @pytest.fixture
 def session(shape_cache):
-    return Session(Translators())
+    return Session()
 
 
 def slide(session, state):
@@ -37,7 +36,7 @@ def slide(session, state):
 @pytest.fixture(scope="module")
 def slid(shape_cache):
     """A slide to the right and a turn, then more force."""
-    session = Session(Translators())
+    session = Session()
     session.press(STATE)
     slide(session, STATE.with_changes({"x_mm": 1.0, "yaw_deg": 5.0}))
     (result,) = slide(session, STATE.with_changes({"x_mm": 1.0, "yaw_deg": 5.0, "force_n": 6.0}))

@@ -25,10 +25,8 @@ SPRING_ERROR_MM = 1e-2  # tolerated error of that pin's depth
 
 def doctor() -> None:
     """Check this machine: Python, packages, CAD kernel, MuJoCo, headless OpenGL, memory, disk."""
-    checks = (_python, _packages, _extras, _network, _solids, _contact, _rendering, _memory, _disk,
-              _cache)  # fmt: skip
     failed = 0
-    for check in checks:
+    for check in (_packages, _extras, _solids, _contact, _rendering, _memory, _disk, _cache):
         name = check.__name__.removeprefix("_")
         try:
             print(f"ok    {name:10} {check()}")
@@ -38,17 +36,14 @@ def doctor() -> None:
     sys.exit(failed)
 
 
-def _python() -> str:
-    return f"{platform.python_version()} on {platform.system()}, {cores()} cores"
-
-
 def _packages() -> str:
     versions = {name: installed_version(name) for name in PACKAGES}
     if missing := [name for name in PACKAGES if versions[name] == NOT_INSTALLED]:
         raise RuntimeError(
             f"not installed: {', '.join(missing)}; install t2twin again with pip, without --no-deps"
         )
-    return ", ".join(f"{name} {version}" for name, version in versions.items())
+    python = f"Python {platform.python_version()} on {platform.system()}, {cores()} cores"
+    return ", ".join([python, *(f"{name} {version}" for name, version in versions.items())])
 
 
 def _extras() -> str:
@@ -57,15 +52,6 @@ def _extras() -> str:
     if not missing:
         return f"{', '.join(EXTRAS)} are installed"
     return f"not installed: {', '.join(missing)}; pip install 't2twin[{','.join(missing)}]'"
-
-
-def _network() -> str:
-    from t2twin.translate.runs.config import BEST, HOME, pretrained_runs, versioned
-
-    runs = [run for run in pretrained_runs() if (HOME / run / BEST).is_file()]
-    if not runs:
-        raise RuntimeError(f"{HOME} contains no pretrained run; install t2twin again")
-    return f"pretrained: {', '.join(map(versioned, runs))}"
 
 
 def _solids() -> str:

@@ -1,7 +1,7 @@
 """Checks of the arguments of public functions.
 
 Each check takes the value and the name of an argument, and returns the value in its final type. A
-wrong type or value raises T2TwinError. NumPy's numbers are numbers; bool and times are not.
+wrong type or value raises T2TwinError. NumPy's numbers are numbers; bool is not.
 """
 
 import math
@@ -10,7 +10,7 @@ import reprlib
 from collections.abc import Sequence
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,20 +19,15 @@ from t2twin.core.errors import T2TwinError
 MAX_SEED = 2**63 - 1
 """The largest seed that NumPy, PyTorch and JSON readers accept."""
 
-NO_NUMBERS = (bool, np.timedelta64)
-"""Types that are registered as numbers."""
-
 Kind = TypeVar("Kind")
+Number = TypeVar("Number", int, float)
 
 
 def real(value: object, name: str) -> float:
     """A number as a float, which may be infinite or NaN."""
-    if not isinstance(value, Real) or isinstance(value, NO_NUMBERS):
+    if not isinstance(value, Real) or isinstance(value, bool):
         raise _wrong(value, name, "a number")
-    try:
-        return float(value)
-    except OverflowError:  # a whole number beyond the largest float
-        raise _wrong(value, name, "a smaller number") from None
+    return float(value)
 
 
 def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
@@ -40,20 +35,26 @@ def number(value: object, name: str, low: float = -math.inf, high: float = math.
     found = real(value, name)
     if not math.isfinite(found):
         raise T2TwinError(f"{name} is {found:g}; expected a finite number")
-    if not low <= found <= high:
-        raise T2TwinError(f"{name} is {found:g}; expected a number {_between(low, high)}")
-    return found
+    return _within(found, name, low, high)
 
 
-def whole_number(value: object, name: str, low: int | None = None, high: int | None = None) -> int:
-    """A whole number in [low, high], as an int; None for no bound."""
-    if not isinstance(value, Integral) or isinstance(value, NO_NUMBERS):
+def whole_number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> int:
+    """A whole number in [low, high], as an int."""
+    if not isinstance(value, Integral) or isinstance(value, bool):
         raise _wrong(value, name, "a whole number")
-    found = int(value)
-    bounds = -math.inf if low is None else low, math.inf if high is None else high
-    if not bounds[0] <= found <= bounds[1]:
-        raise T2TwinError(f"{name} is {found}; expected a whole number {_between(*bounds)}")
-    return found
+    return _within(int(value), name, low, high)
+
+
+def _within(value: Number, name: str, low: float, high: float) -> Number:
+    if low <= value <= high:
+        return value
+    allowed = f"from {low:g} to {high:g}"
+    if math.isinf(high):
+        allowed = f"of at least {low:g}"
+    elif math.isinf(low):
+        allowed = f"of at most {high:g}"
+    kind = "a number" if isinstance(value, float) else "a whole number"
+    raise T2TwinError(f"{name} is {value:g}; expected {kind} {allowed}")
 
 
 def check_seed(seed: int) -> None:
@@ -134,12 +135,8 @@ def vector(value: object, name: str, size: int | None = None) -> np.ndarray:
 
 
 def describe(value: object) -> str:
-    """A value in one line for a message: its type, and its repr or its shape."""
-    kind = type(value).__name__
-    shape: Any = getattr(value, "shape", None)
-    if isinstance(shape, tuple) and shape:
-        return f"of type {kind}, shape {tuple(shape)} and {getattr(value, 'dtype', 'no dtype')}"
-    return f"{' '.join(reprlib.repr(value).split())} of type {kind}"
+    """A value in one line for a message: its type, and its repr."""
+    return f"{' '.join(reprlib.repr(value).split())} of type {type(value).__name__}"
 
 
 def _items(values: object, name: str) -> Sequence[object]:
@@ -150,9 +147,3 @@ def _items(values: object, name: str) -> Sequence[object]:
 
 def _wrong(value: object, name: str, expected: str) -> T2TwinError:
     return T2TwinError(f"{name} is {describe(value)}; expected {expected}")
-
-
-def _between(low: float, high: float) -> str:
-    if math.isinf(high):
-        return f"of at least {low:g}"
-    return f"of at most {high:g}" if math.isinf(low) else f"from {low:g} to {high:g}"

@@ -15,24 +15,18 @@ import platformdirs
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 
-NAME = "t2twin"
-"""Name of the directory below the user's directory for caches."""
-
 VARIABLE = "T2TWIN_CACHE"
 """Environment variable that names another directory."""
 
 DIGEST_DIGITS = 16
 """Hexadecimal digits of a digest in a file name, 64 bits: collisions are negligible."""
 
-MAX_ARRAYS = 200
-"""Limit on the arrays of one kind (assumed: some dozen elastomers); the oldest are removed."""
-
 
 def cache_dir() -> Path | None:
     """The cache directory, created if missing; None where none is writable.
 
     The first of: T2TWIN_CACHE, the user's (~/.cache/t2twin on Linux), and a directory below the
-    temporary one that only this user can read.
+    temporary one that only this user can access.
     Raises T2TwinError where T2TWIN_CACHE names a folder that cannot be written.
     """
     named = os.environ.get(VARIABLE)
@@ -44,7 +38,17 @@ def cache_dir() -> Path | None:
                 "it"
             )
         return folder
-    return _user_folder(platformdirs.user_cache_path, NAME) or _temporary()
+    with suppress(RuntimeError):  # the user has no home
+        folder = platformdirs.user_cache_path("t2twin")
+        if is_writable(folder):
+            return folder
+    with suppress(OSError):
+        folder = Path(tempfile.gettempdir()) / f"t2twin-{os.getuid()}"
+        folder.mkdir(mode=stat.S_IRWXU, exist_ok=True)
+        found = folder.lstat()
+        if found.st_uid == os.getuid() and found.st_mode == stat.S_IFDIR | stat.S_IRWXU:
+            return folder
+    return None
 
 
 def is_writable(folder: Path) -> bool:
@@ -54,50 +58,6 @@ def is_writable(folder: Path) -> bool:
     except OSError:
         return False
     return os.access(folder, os.W_OK | os.X_OK)
-
-
-def configure_matplotlib_dir() -> None:
-    """Point MPLCONFIGDIR to the cache directory where matplotlib's own folders are not writable.
-
-    Call it before the import of matplotlib, which otherwise creates a temporary folder each time,
-    with a warning.
-    """
-    places = (platformdirs.user_config_path, platformdirs.user_cache_path)
-    if "MPLCONFIGDIR" in os.environ or all(_user_folder(place, "matplotlib") for place in places):
-        return
-    folder = cache_dir()
-    if folder is not None:
-        os.environ["MPLCONFIGDIR"] = str(folder / "matplotlib")
-
-
-def use_cache_dir_as_home() -> None:
-    """Set HOME to the cache directory, for this process and its children."""
-    folder = cache_dir()
-    os.environ["HOME"] = str(folder or "/")
-    if folder is not None:
-        os.environ[VARIABLE] = str(folder)
-
-
-def _user_folder(place: Callable[[str], Path], name: str) -> Path | None:
-    """A folder in the user's home; None where it is not writable."""
-    try:
-        folder = place(name)
-    except RuntimeError:
-        return None  # the user has no home
-    return folder if is_writable(folder) else None
-
-
-def _temporary() -> Path | None:
-    """A folder below the temporary directory; None unless this user alone has access to it."""
-    try:
-        folder = Path(tempfile.gettempdir()) / f"{NAME}-{os.getuid()}"
-        folder.mkdir(mode=stat.S_IRWXU, exist_ok=True)
-        found = folder.lstat()
-    except OSError:
-        return None
-    shared = found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
-    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not shared
-    return folder if ours and is_writable(folder) else None
 
 
 def short_digest(content: bytes) -> str:
@@ -127,6 +87,4 @@ def cached_array(kind: str, key: str, source: str, compute: Callable[[], np.ndar
     values = compute()
     with suppress(T2TwinError):  # a full disk
         write_once(path, lambda file: np.save(file, values))
-        for oldest in sorted(path.parent.glob("*.npy"), key=os.path.getmtime)[:-MAX_ARRAYS]:
-            oldest.unlink(missing_ok=True)
     return values

@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw
 
-from t2twin.core.cache_dir import configure_matplotlib_dir
-
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
@@ -83,7 +81,6 @@ def color_table(name: str = COLOR_MAP) -> np.ndarray:
     if name == COLOR_MAP:
         with np.load(Path(__file__).with_name("viridis.npz")) as file:
             return file["colours"]
-    configure_matplotlib_dir()
     from matplotlib import colormaps
 
     return colormaps[name](np.arange(256), bytes=True)[:, :3]
@@ -170,7 +167,6 @@ def figure(
 
     A character that the font lacks is drawn as a box.
     """
-    configure_matplotlib_dir()
     from matplotlib import rc_context
     from matplotlib.figure import Figure
     from matplotlib.ticker import LogFormatter

@@ -9,7 +9,6 @@ import re
 import tomllib
 from codecs import BOM_UTF8
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,20 +30,13 @@ REMARKS = ("about", "note")
 """Keys of layout and optics files that a user may add; they are not read."""
 
 
-@dataclass(frozen=True)
-class _FormatNumber:
-    """The format number of a file; 1 if missing."""
-
-    format: int = 1
-
-
 def read_json(path: Path, kind: type[Record], *numbers: int) -> Record:
     """The record in a JSON file. kind: its dataclass. numbers: the supported format numbers.
 
     Raises T2TwinError where the file cannot be read, has another format, or does not fit.
     """
     content = read_file(path).removeprefix(BOM_UTF8)
-    found = decode_json(content, _FormatNumber, path).format
+    found = decode_json(content, dict, path).get("format", 1)
     if found not in numbers:
         known = " and ".join(map(str, numbers))
         raise T2TwinError(
@@ -55,18 +47,16 @@ def read_json(path: Path, kind: type[Record], *numbers: int) -> Record:
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The content of a TOML file without NaN. Raises T2TwinError for anything else."""
+
+    def finite(text: str) -> float:
+        if math.isnan(value := float(text)):
+            raise ValueError("nan is not a number")
+        return value
+
     try:
-        return tomllib.loads(read_file(path).decode("utf-8-sig"), parse_float=_float)
+        return tomllib.loads(read_file(path).decode("utf-8-sig"), parse_float=finite)
     except (ValueError, RecursionError) as error:
         raise T2TwinError(f"{path}: {error}") from error
-
-
-def _float(text: str) -> float:
-    """A number of a TOML file."""
-    value = float(text)
-    if math.isnan(value):
-        raise ValueError("nan is not a number")
-    return value
 
 
 def decode_json(content: bytes | str, kind: type[Record], source: object) -> Record:

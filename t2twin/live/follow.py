@@ -5,11 +5,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -31,15 +29,12 @@ Output = Callable[[Frame, dict[str, Any], ContactEstimate | None], object]
 """Receives a frame, the values of its line and the contact, if the run predicts it."""
 
 
-@dataclass
 class Throughput:
-    """Numbers of translated and received frames, and latencies from a frame's arrival to its
-    line."""
+    """Numbers of translated and received frames, and latencies from arrival to line."""
 
-    began_s: float = field(default_factory=time.perf_counter)
-    translated: int = 0
-    received: int = 0
-    latencies_ms: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LATENCIES))
+    def __init__(self) -> None:
+        self.began_s, self.translated, self.received = time.perf_counter(), 0, 0
+        self.latencies_ms: deque[float] = deque(maxlen=MAX_LATENCIES)
 
     def __str__(self) -> str:
         seconds = max(time.perf_counter() - self.began_s, 1e-9)
@@ -84,7 +79,14 @@ def follow(
             if frame is not None:
                 last = frame.number
                 values, contact = _predicted(run, frame.image, background)
-                line = _place(frame) | values
+                latency_s = time.perf_counter() - frame.arrived_s
+                line = {
+                    "frame": frame.number,
+                    **({} if frame.name is None else {"file": frame.name}),
+                    "time_s": round(time.time() - latency_s, 6),
+                    "latency_ms": round(1e3 * latency_s, 3),
+                    **values,
+                }
                 write(json.dumps(line))
                 for output in outputs:
                     output(frame, line, contact)
@@ -122,17 +124,6 @@ def _predicted(
     return values | ood_entry(estimate.ood_class), estimate.contact
 
 
-def _place(frame: Frame) -> dict[str, Any]:
-    """The values of a line that state which frame it is, and its times."""
-    latency_s = time.perf_counter() - frame.arrived_s
-    return {
-        "frame": frame.number,
-        **({} if frame.name is None else {"file": frame.name}),
-        "time_s": round(time.time() - latency_s, 6),
-        "latency_ms": round(1e3 * latency_s, 3),
-    }
-
-
 @contextmanager
 def published(address: str) -> Iterator[Output]:
     """Publishes each line of JSON as one message of a ZeroMQ PUB socket, within the block.
@@ -148,9 +139,8 @@ def published(address: str) -> Iterator[Output]:
     socket = context.socket(zmq.PUB)
     try:
         try:
-            _ = urlsplit(address.removesuffix(":*")).port  # ZeroMQ takes it modulo 65,536
             socket.bind(address)
-        except (ValueError, zmq.ZMQError) as error:
+        except zmq.ZMQError as error:
             raise T2TwinError(f"--zmq {address} cannot be bound: {error}") from error
         yield lambda frame, line, contact: socket.send_string(json.dumps(line))
     finally:

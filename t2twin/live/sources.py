@@ -5,10 +5,8 @@
 
 import itertools
 import os
-import stat
 import time
-from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,9 +24,6 @@ DEFAULT_HZ = 60.0
 MIN_HZ, MAX_HZ = 0.1, 1000.0
 """Range of valid frame rates of a video, Hz (assumed)."""
 
-MIN_COMPLETE_SHARE = 0.9
-"""Share of the frames in a video's header below which its end is reported as early (assumed)."""
-
 TURNS_DEG = (0, 90, 180, 270)
 """Allowed clockwise rotations of frames."""
 
@@ -45,25 +40,18 @@ READ_TIMEOUT_S = 1.0
 """Time for which an unreadable file is read again after its last change, and a camera that returns
 no frame, s (assumed)."""
 
-RECENT = 64
-"""Number of the latest files that are checked for changes (assumed)."""
-
 Report = Callable[[str], object]
 """Receives a message for the user."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of a source.
+    """One frame of a source."""
 
-    image: (h, w, 3) or (h, w) uint8, upright. number: position in the source, from 0. name: file
-    name in a folder, None otherwise. arrived_s: arrival on the clock of time.perf_counter.
-    """
-
-    image: np.ndarray
-    number: int
-    name: str | None
-    arrived_s: float
+    image: np.ndarray  # (h, w, 3) or (h, w) uint8, upright
+    number: int  # position in the source, from 0
+    name: str | None  # file name in a folder
+    arrived_s: float  # arrival on the clock of time.perf_counter
 
 
 Source = Iterator[Frame | None]
@@ -90,13 +78,11 @@ def open_source(name: str, turn_deg: int = 0, report: Report = lambda message: N
         raise T2TwinError(
             f"there is no source {name!r}; expected a camera number, a video file or a folder"
         )
-    return (each and _rotated(each, turn_deg) for each in frames)
-
-
-def _rotated(frame: Frame, turn_deg: int) -> Frame:
-    """The frame rotated clockwise by a multiple of 90 degrees."""
-    image = np.ascontiguousarray(np.rot90(frame.image, -turn_deg // 90))
-    return replace(frame, image=image)
+    turns = -turn_deg // 90
+    return (
+        each and replace(each, image=np.ascontiguousarray(np.rot90(each.image, turns)))
+        for each in frames
+    )
 
 
 def _opened(source: int | str) -> tuple[Any, Any]:
@@ -106,19 +92,16 @@ def _opened(source: int | str) -> tuple[Any, Any]:
         import cv2
     except ImportError:
         raise T2TwinError(
-            "cameras and videos require OpenCV, which is not installed; install it with "
-            "`pip install 't2twin[live]'`, or use a folder of frames"
+            "cameras and videos require OpenCV: `pip install 't2twin[live]'`"
         ) from None
     is_camera = isinstance(source, int)
     capture = cv2.VideoCapture(source, cv2.CAP_ANY if is_camera else cv2.CAP_FFMPEG)
     if not capture.isOpened():
-        expected = (
-            "the number of a connected camera that no other program uses"
-            if is_camera
-            else "a video file, such as AVI, MP4 or MKV, or a folder of images"
-        )
         name = f"camera {source}" if is_camera else source
-        raise T2TwinError(f"{name} cannot be opened; expected {expected}")
+        raise T2TwinError(
+            f"{name} cannot be opened; expected the number of a free camera, or a video file, such "
+            "as AVI, MP4 or MKV"
+        )
     if is_camera:
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # older frames are not needed
     return cv2, capture
@@ -163,10 +146,8 @@ def _video(path: Path, report: Report) -> Source:
             yield Frame(bgr[:, :, ::-1], count, None, due_s)
         if not count:
             raise T2TwinError(f"{path} contains no readable frame")
-        if count < MIN_COMPLETE_SHARE * announced:
-            report(
-                f"{path} ends after {count} of {announced:.0f} frames; it is truncated or damaged"
-            )
+        if count < 0.9 * announced:  # headers may be inexact (assumed)
+            report(f"{path} ends after {count} of {announced:.0f} frames; it is damaged")
 
     return frames()
 
@@ -174,81 +155,64 @@ def _video(path: Path, report: Report) -> Source:
 def _folder(path: Path, report: Report) -> Source:
     """PNG and JPEG files of a folder: the latest existing file first, then new files.
 
-    A new content of one of the RECENT latest files is a new frame. An incomplete file is read
-    again; if it remains unreadable for READ_TIMEOUT_S after its last change, it is reported.
+    A new content of the latest file is a new frame. An incomplete file is read again; if it remains
+    unreadable for READ_TIMEOUT_S after its last change, it is reported.
     """
     from t2twin.translate.data.images import open_image  # imports torch
 
-    existing = _new_files(path, {}, ())
-    done = dict(existing[:-1])
-    recent = deque((name for name, _ in existing), maxlen=RECENT)
+    done = _versions(path, _image_names(path))  # of the frames so far
+    last = next(reversed(done), "")
+    done.pop(last, None)
 
     def frames() -> Source:
+        nonlocal done, last
         count = 0
         while True:
-            new, image, arrived_s = _new_files(path, done, recent), None, 0.0
+            names = _image_names(path)
+            done = {name: version for name, version in done.items() if name in names}
+            found = _versions(path, (names - done.keys()) | ({last} & names))
+            new = {name: each for name, each in found.items() if each != done.get(name)}
+            image, arrived_s = None, 0.0
             while new and image is None:
-                name, version = new[-1]
-                arrived_s = time.perf_counter()
+                last, arrived_s = next(reversed(new)), time.perf_counter()
                 try:
-                    image = np.asarray(open_image(path / name))
+                    image = np.asarray(open_image(path / last))
                 except T2TwinError as error:
-                    new.pop()
+                    version = new.pop(last)
                     if time.time() - version[0] / 1e9 >= READ_TIMEOUT_S:
-                        done[name] = version
+                        done[last] = version
                         report(f"a frame is skipped: {error}")
             if image is None:
                 yield None
                 time.sleep(POLL_S)
             else:
-                done.update(new)
-                recent.extend(name for name, _ in new)
+                done |= new
                 count += len(new)
-                yield Frame(image, count - 1, new[-1][0], arrived_s)
+                yield Frame(image, count - 1, last, arrived_s)
 
     return frames()
 
 
-_Version = tuple[int, int]
-"""Identifies one content of a file: time of its last change, ns, and size in bytes."""
-
-
-def _new_files(
-    path: Path, done: dict[str, _Version], recent: Collection[str]
-) -> list[tuple[str, _Version]]:
-    """Image files that are not done in their version, the latest last. Forgets deleted files."""
+def _image_names(path: Path) -> set[str]:
     try:
-        names = {
-            file.name
-            for file in path.iterdir()
-            if file.name.lower().endswith(SUFFIXES) and not file.name.startswith(".")
-        }
+        names = {each.name for each in path.iterdir()}
     except OSError as error:
         raise T2TwinError(f"the folder {path} cannot be read: {error.strerror}") from error
-    for name in done.keys() - names:
-        del done[name]
-    found = []
-    for name in names - (done.keys() - set(recent)):
-        version = _version(path / name)
-        if version is not None and version != done.get(name):
-            found.append((name, version))
-    return sorted(found, key=lambda each: (each[1], each[0]))
+    return {each for each in names if each.lower().endswith(SUFFIXES) and each[0] != "."}
 
 
-def _version(path: Path) -> _Version | None:
-    """The version of a regular file; None for a pipe, a device or a missing file."""
-    with suppress(OSError):
-        status = path.stat()
-        if stat.S_ISREG(status.st_mode):
-            return status.st_mtime_ns, status.st_size
-    return None
+def _versions(path: Path, names: Iterable[str]) -> dict[str, tuple[int, int]]:
+    """Times of the last change, ns, and sizes of files by name, the latest last."""
+    found = {}
+    for name in names:
+        with suppress(OSError):  # it is deleted
+            status = (path / name).stat()
+            found[name] = status.st_mtime_ns, status.st_size
+    return dict(sorted(found.items(), key=lambda each: (each[1], each[0])))
 
 
 class LatestFrame:
-    """Reads a source in a thread of its own. read: number of frames read so far.
-
-    A queue.Queue would give each frame to one taker only; here all takers get the latest one.
-    """
+    """Reads a source in a thread; all takers get the latest frame. read: number of frames."""
 
     def __init__(self, source: Iterable[Frame | None]) -> None:
         self.read, self.ended = 0, False

@@ -74,27 +74,14 @@ def scales_of(result: PressResult) -> tuple[dict[str, float], dict[str, float]]:
     return kpa, counts
 
 
-def card_html(
-    texts: Sequence[str] = (),
-    *,
-    images: Sequence[tuple[str, str, str, str]] = (),
-    translations: Sequence[tuple[Translation, dict[str, Any]]] = (),
-    touch: Touch | None = None,
-    **values: Any,
-) -> str:
-    """A card. images: title, note, data URL and name of each; values: others of the template."""
-    optional = {"bars": (), "command": "", "slide": "", "behind": (), "tangential": ()}
+def card_html(**values: Any) -> str:
+    """A card. values: of the template, which shows only what is given."""
     return render(
         "studio/cards.html",
-        **optional | values,
-        texts=texts,
-        images=images,
-        translations=translations,
-        touch=touch,
-        full_scale=touch.of_array.sensor.full_scale if touch and touch.of_array else 0.0,
         colors=_stops(COLOR_MAP),
         difference_colors=_stops(DIFFERENCE_MAP),
         percent=f"{100 * LEVEL:.0f} %",
+        **values,
     )
 
 
@@ -113,7 +100,7 @@ def press_html(
     elif result.has_slid:
         slide = data_uri(figure("png", 4.2, 4.4, lambda page: _draw_slide(page, result)))
     return card_html(
-        [*texts, *([SLID] if found and result.has_slid else [])],
+        texts=[*texts, *([SLID] if found and result.has_slid else [])],
         images=[_reading(name, each, counts) for name, each in touch.readings.items()],
         bars=[
             *((f"pressure on {name}", end, " kPa") for name, end in kpa.items()),
@@ -143,7 +130,7 @@ def frame_html(
         url = _url(Image.fromarray(background[0]))
         images.append(("Background", background[1], url, "background"))
     return card_html(
-        [] if translations else ["No translator is selected."],
+        texts=[] if translations else ["No translator is selected."],
         images=images,
         bars=[("tactile images", high, " counts")] if translations else [],
         translations=[(each, _pictures(each, high, None)) for each in translations],

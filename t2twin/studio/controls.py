@@ -15,20 +15,13 @@ from t2twin.primitives_cad.catalogue import NAMES
 from t2twin.primitives_cad.shape import RANDOM_PREFIX, SUFFIXES
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.sampling.plan import MAX_SHAPE_SEED
-from t2twin.sim.sampling.protocol import FORCE_N, SCALES
+from t2twin.sim.sampling.protocol import FORCE_N, SCALES, indices, scale_of
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.files import bundled_sensors, load_sensor
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import layout_names
-from t2twin.studio.session import (
-    Motion,
-    PressResult,
-    PressState,
-    file_name,
-    imperfection_names,
-    protocol_press,
-    protocol_presses,
-)
+from t2twin.sim.taxels.reading import NONE
+from t2twin.studio.session import Motion, PressResult, PressState, file_name, protocol_press
 from t2twin.twin import load_shape
 
 BUTTON_COLOR = "gray"  # less prominent than the sliders
@@ -42,8 +35,8 @@ GROUPS: dict[str, list[str]] = {
 RANDOM, OWN_FILES = "random shapes", "own files"
 """Groups of shapes in addition to the families and the tools."""
 
-OWN = "of the sensor"
-"""Name of the optics and of the layout in a sensor's file."""
+OWN, WHITE = "of the sensor", "white"
+"""Names of the optics and of the layout in a sensor's file, and of the default imperfections."""
 
 MAX_SEED = 2**53
 """Largest seed, which a browser's numbers represent exactly."""
@@ -149,8 +142,7 @@ class Controls:
         lift_off: Callable[[], object],
     ) -> None:
         self.state, self.handles = PressState(), dict[str, Any]()
-        self._gui, self._guard = gui, guard
-        self._changed, self._lift_off = changed, lift_off
+        self._guard, self._changed, self._lift_off = guard, changed, lift_off
         self._shown_for: tuple[str, str] | None = None  # source and target
         self._choices: dict[str, dict[str, str | None]] = {
             "shape": {},
@@ -158,15 +150,22 @@ class Controls:
             "target": {name: name for name in bundled_sensors()},
             "layout": {OWN: None} | {name: name for name in layout_names()},
             "optics": {OWN: None},
+            "imperfections": {WHITE: None},
         }  # values by label; of shapes, own files only
         with gui.add_folder("Shape"):
-            self._add_shape(folder)
+            self._add_shape(gui, folder)
         with gui.add_folder("Press"):
-            self._add_press()
+            self._add_press(gui)
         with gui.add_folder("Press of the paper's protocol", expand_by_default=False):
-            self._add_protocol()
+            gui.add_markdown("Presses of the simulated datasets.")
+            self._scale_name = gui.add_dropdown("Scale", tuple(SCALES), initial_value="paper")
+            self.number = gui.add_slider(
+                "Press", 0, 1, 1, 0, hint="Number among the shape's presses at this scale"
+            )
+        connect(self._scale_name.on_update, guard, lambda _: self._show())
+        connect(self.number.on_update, guard, self._number_changed)
         with gui.add_folder("Sensors", expand_by_default=False):
-            self._add_sensors()
+            self._add_sensors(gui)
         self.apply({})
 
     def apply(self, changes: dict[str, Any]) -> None:
@@ -177,12 +176,10 @@ class Controls:
 
     def show_solved_values(self, result: PressResult) -> None:
         """Shows the depth of a given force, or the force of a given depth, of the current state."""
-        if result.state != self.state:
-            return
-        if result.state.depth_mm is None:
+        if result.state == self.state and result.state.depth_mm is None:
             depth_mm = next(iter(result.touch.contacts.values())).depth_mm
             _show_value(self.handles["depth_mm"], depth_mm)
-        else:
+        elif result.state == self.state:
             _show_value(self.handles["force_n"], result.touch.command.force_n)
 
     def use_file(self, path: Path) -> None:
@@ -203,7 +200,8 @@ class Controls:
         if field == "shape":
             load_shape(path)  # raises the error of an unreadable file, as the sensors do
             changes["scale"] = None
-        _ = self.state.with_changes(changes).sensors
+        state = self.state.with_changes(changes)
+        SensorPair.of(state.source, state.target, **state.options)
         self._choices[field][path.name] = str(path)
         self.apply(changes)
 
@@ -215,16 +213,13 @@ class Controls:
 
     def _use_value(self, name: str, value: Any) -> None:
         """Changes a field; of a dropdown, controls that depend on it change too."""
-        if name in self._choices:
-            value = self._choices[name][value]
         if isinstance(self.handles[name], viser.GuiDropdownHandle):
-            self.apply({name: value})
+            self.apply({name: self._choices[name][value] if name in self._choices else value})
         else:
             self.state = self.state.with_changes({name: value})
             self._changed()
 
-    def _add_shape(self, folder: Path) -> None:
-        gui = self._gui
+    def _add_shape(self, gui: viser.GuiApi, folder: Path) -> None:
         self._group = gui.add_dropdown(
             "Kind", (*GROUPS, RANDOM), hint="Primitive families, tools, random shapes"
         )
@@ -233,8 +228,7 @@ class Controls:
         self._random = gui.add_number(
             "Number", 17, min=0, max=MAX_SHAPE_SEED, step=1, hint="Seed of the random shape"
         )
-        scale = gui.add_number("mm per unit", 1.0, min=1e-6, hint="25.4 for inches")
-        self._bind(scale=scale)
+        self._bind(scale=gui.add_number("mm per unit", 1.0, min=1e-6, hint="25.4 for inches"))
         self.upload = add_upload(
             gui, "Upload a file",
             "A shape (STL, STEP, OBJ, PLY, 3MF or GLB, pressing side up), a sensor (TOML), a taxel "
@@ -243,40 +237,25 @@ class Controls:
         )  # fmt: skip
         connect(self._group.on_update, self._guard, self._group_changed)
         connect(self._shape.on_update, self._guard, self._shape_changed)
-        connect(
-            self._random.on_update,
-            self._guard,
-            lambda number: self._shape_changed(f"{RANDOM_PREFIX}{number}"),
-        )
+        connect(self._random.on_update, self._guard, lambda _: self._group_changed(RANDOM))
 
-    def _add_press(self) -> None:
-        motion = self._gui.add_dropdown(
+    def _add_press(self, gui: viser.GuiApi) -> None:
+        motion = gui.add_dropdown(
             "Motion", get_args(Motion),
             hint="jump: each pose is a new press; slide: the contact moves there with friction",
         )  # fmt: skip
         sliders = {
-            name: self._gui.add_slider(label, low, high, step, max(low, 0.0), hint=hint)
+            name: gui.add_slider(label, low, high, step, max(low, 0.0), hint=hint)
             for name, (label, low, high, step, hint) in SLIDERS.items()
         }
         self._bind(motion=motion, **sliders)
+        icons, guard = viser.Icon, self._guard
         self._lift = add_button(
-            self._gui, "Lift off and press again", viser.Icon.ARROW_UP, self._guard, self._lift_off
+            gui, "Lift off and press again", icons.ARROW_UP, guard, self._lift_off
         )
-        add_button(
-            self._gui, "Reset to the center, 8 N", viser.Icon.REFRESH, self._guard, self._reset
-        )
+        add_button(gui, "Reset to the center, 8 N", icons.REFRESH, guard, self._reset)
 
-    def _add_protocol(self) -> None:
-        self._gui.add_markdown("Presses of the simulated datasets.")
-        self._scale_name = self._gui.add_dropdown("Scale", tuple(SCALES), initial_value="paper")
-        self.number = self._gui.add_slider(
-            "Press", 0, 1, 1, 0, hint="Number among the shape's presses at this scale"
-        )
-        connect(self._scale_name.on_update, self._guard, lambda _: self._show())
-        connect(self.number.on_update, self._guard, self._number_changed)
-
-    def _add_sensors(self) -> None:
-        gui = self._gui
+    def _add_sensors(self, gui: viser.GuiApi) -> None:
         choices = {
             name: gui.add_dropdown(label, tuple(self._choices[name]))
             for name, label in (("source", "Source"), ("target", "Target"),
@@ -287,7 +266,7 @@ class Controls:
             "Noise", False, hint="Camera noise and imperfections of the array"
         )
         imperfections = gui.add_dropdown(
-            "Array", (self.state.imperfections,), hint="Imperfections of the array, with noise"
+            "Array", (WHITE,), hint="Imperfections of the array, with noise"
         )
         seed = gui.add_number("Seed", 0, min=0, max=MAX_SEED, step=1, hint="Seed of the noise")
         self._bind(**choices, markers=markers, imperfections=imperfections, seed=seed)
@@ -316,7 +295,8 @@ class Controls:
     def _show(self) -> None:
         """Shows the state in all controls."""
         state, own_files = self.state, self._choices["shape"]
-        self._show_sensors()
+        if self._shown_for != (state.source, state.target):
+            self._show_sensors(SensorPair.of(state.source, state.target))
         group, names = next(
             ((group, names) for group, names in GROUPS.items() if state.shape in names),
             (OWN_FILES, list(own_files)) if state.shape in own_files.values() else (RANDOM, []),
@@ -333,7 +313,7 @@ class Controls:
             value = getattr(state, name)
             if name in self._choices:
                 handle.options = tuple(self._choices[name])
-                value = OWN if value is None else file_name(value)
+                value = next(iter(handle.options)) if value is None else file_name(value)
             _show_value(handle, value)
         if state.force_n is None and state.depth_mm is None:
             self.handles["force_n"].value = FORCE_N
@@ -342,24 +322,27 @@ class Controls:
         self.handles["friction"].visible = self._lift.visible = state.motion == "slide"
         self.noise.value = has_noise = state.seed is not None
         self.handles["imperfections"].visible = self.handles["seed"].visible = has_noise
-        presses = protocol_presses(state.shape, self._scale_name.value)
+        scale = scale_of(self._scale_name.value)
+        presses = len(indices(state.shape, scale)) if state.shape in NAMES else 0
         self.number.max = max(presses - 1, 1)
         self.number.disabled = self._scale_name.disabled = presses == 0
 
-    def _show_sensors(self) -> None:
-        """Shows what depends on the sensors alone, if they are others than before."""
-        if self._shown_for == (self.state.source, self.state.target):
-            return
-        pair = SensorPair.of(self.state.source, self.state.target)
+    def _show_sensors(self, pair: SensorPair) -> None:
+        """Shows what depends on the sensors alone."""
         self._shown_for = self.state.source, self.state.target
-        layers = pair.source.elastomer, pair.target.elastomer
+        sensors = pair.source, pair.target
         for name, side in (("x_mm", "width_mm"), ("y_mm", "length_mm")):
-            half_mm = max(getattr(each, side) for each in layers) / 2
+            half_mm = max(getattr(each.elastomer, side) for each in sensors) / 2
             self.handles[name].min, self.handles[name].max = -half_mm, half_mm
-        self.handles["depth_mm"].max = max(round(layers[0].thickness_mm / 2, 1), 0.1)
+        thickness_mm = pair.source.elastomer.thickness_mm
+        self.handles["depth_mm"].max = max(round(thickness_mm / 2, 1), 0.1)
         self._own_friction = pair.source.friction
-        self.handles["imperfections"].options = imperfection_names(pair)
-        options = {name for each in (pair.source, pair.target) for name in each.OPTIONS}
+        names = [
+            NONE,
+            *(name for each in sensors for name in getattr(each.spec, "imperfections", ())),
+        ]
+        self._choices["imperfections"] = {WHITE: None} | {n: n for n in names if n != WHITE}
+        options = {name for each in sensors for name in each.OPTIONS}
         for name in ("layout", "optics", "markers"):
             self.handles[name].visible = name in options
 

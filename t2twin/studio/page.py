@@ -6,10 +6,9 @@ import tempfile
 import traceback
 import zipfile
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from threading import Event, Lock, Thread
-from typing import get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import viser
@@ -20,14 +19,16 @@ from t2twin.studio.controls import (
     MAX_SLIDER_N,
     MIN_SLIDER_N,
     Controls,
-    Guard,
     add_button,
     add_upload,
     connect,
 )
 from t2twin.studio.scene import Scene, Sensors, ShapeStyle
 from t2twin.studio.session import PressResult, PressState, Session, file_name
-from t2twin.studio.translators import NamedFrame, Shared, read_frame
+from t2twin.studio.translators import NamedFrame, read_frame
+
+if TYPE_CHECKING:
+    from t2twin.studio.server import Studio
 
 DEGREES_PER_MM, NEWTONS_PER_MM = 4.0, 0.25
 """Rotation of a drag to the right with Shift, and force of a drag downwards with Ctrl (assumed)."""
@@ -57,22 +58,22 @@ class Page:
     """The page of one client.
 
     A change requests a press from a thread of the page, which always uses the latest state. A slide
-    takes several presses, so that the page shows its parts. controls: the panel. tab: of own
-    images. folder: of the client's files. result: the shown press, None before the first.
+    takes several presses, so that the page shows its parts. After the first press another thread
+    loads the translators. controls: the panel. tab: of own images. folder: of the client's files.
+    runs: names of the selected translators. result: the shown press, None before the first.
     """
 
-    def __init__(self, client: viser.ClientHandle, shared: Shared) -> None:
-        self._client, self._shared = client, shared
-        self.folder = Path(tempfile.mkdtemp(dir=shared.folder))
+    def __init__(self, client: viser.ClientHandle, studio: "Studio") -> None:
+        self.gui, self._client, self.studio = client.gui, client, studio
+        self.folder = Path(tempfile.mkdtemp(dir=studio.folder))
+        self.runs: tuple[str, ...] = ()
+        self._missing = cards.LOADING  # in place of translations
         self.result: PressResult | None = None
         self._notice: viser.NotificationHandle | None = None
         self._requested, self._idle, self._closed = Event(), Event(), Event()
-        self._lifted, self._loading = False, False
-        self._runs: tuple[str, ...] = ()
-        self._runs_lock = Lock()
+        self._session = Session()
         self._scene = Scene(client, self._drag, CONTROLS_PX + CARDS_PX)
         self._build()
-        self.update_runs()
         Thread(target=self._work, daemon=True).start()
 
     @property
@@ -87,8 +88,8 @@ class Page:
 
     def close(self) -> None:
         """Stops the page of a disconnected client and removes its files."""
-        self._closed.set()
-        self._requested.set()
+        for event in (self._closed, self._requested, self._idle):
+            event.set()
         self.tab.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
@@ -103,34 +104,21 @@ class Page:
             if not isinstance(error, T2TwinError | OSError):
                 traceback.print_exc()
                 message = UNEXPECTED
-            self._clear(self._notice)
-            self._notice = self._client.add_notification("Not possible", message, color="red")
+            self._notify("Not possible", message, color="red")
+
+    def _notify(self, *texts: str, **options: Any) -> None:
+        """Replaces the notice; without texts, removes it."""
+        if self._notice is not None:
+            self._notice.remove()
+        self._notice = self._client.add_notification(*texts, **options) if texts else None
 
     def request(self) -> None:
         """Requests a press of the latest state."""
         self._requested.set()
 
-    def update_runs(self) -> None:
-        """Adds a checkbox for each new run."""
-        translators = self._shared.translators
-        with self._runs_lock, self._runs_folder:
-            for name in translators.names:
-                if name not in self._run_boxes:
-                    is_default = name in translators.default_names
-                    self._run_boxes[name] = self._client.gui.add_checkbox(name, is_default)
-                    connect(self._run_boxes[name].on_update, self.guard, lambda _: self._use_runs())
-            self._runs_folder.visible = bool(self._run_boxes)
-        self._use_runs()
-
-    def _use_runs(self) -> None:
-        """Translates with the selected runs."""
-        self._runs = tuple(name for name, box in self._run_boxes.items() if box.value)
-        self.tab.use_runs(self._runs)
-        self.request()
-
     def _build(self) -> None:
         """Creates both panels."""
-        gui = self._client.gui
+        gui = self.gui
         gui.set_panel_label("t2twin studio")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
@@ -160,13 +148,13 @@ class Page:
         with panel.add_tab("Images", viser.Icon.PHOTO):
             self._cards = gui.add_html("")
         with panel.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
-            self.tab = TranslateTab(gui, self._shared, self.folder, self.guard, lambda: self.result)
+            self.tab = TranslateTab(self)
         panel.dock_right()
         panel.set_width(CARDS_PX)
         panel.expand()
 
     def _set_theme(self, dark: bool) -> None:
-        self._client.gui.configure_theme(
+        self.gui.configure_theme(
             dark_mode=dark,
             brand_color=DARK_ACCENT if dark else ACCENT,
             control_width="large",
@@ -176,7 +164,7 @@ class Page:
 
     def _lift_off(self) -> None:
         """Ends the slide and presses again."""
-        self._lifted = True
+        self._session.lift_off()
         self.request()
 
     def _drag(self, by_mm: np.ndarray, key: str | None, is_start: bool) -> None:
@@ -197,67 +185,63 @@ class Page:
 
     def _work(self) -> None:
         """Presses until the page is closed."""
-        if not self._shared.is_ready.is_set():
-            notice = self._client.add_notification("Getting ready", FIRST_START, loading=True)
-            self._shared.is_ready.wait()
-            notice.remove()
-        session = Session(self._shared.translators, self._shared.sensors)
+        self._notify("Getting ready", FIRST_START, loading=True)
+        Thread(target=self.guard, args=(self._find_runs,), daemon=True).start()
         while self._requested.wait() and not self._closed.is_set():
             self._idle.clear()
             self._requested.clear()
-            self.guard(partial(self._press_and_show, session))
+            self.guard(self._press_and_show)
             if not self._requested.wait(SETTLED_S):
                 self._scene.hide_old_surfaces()
                 self._idle.set()
 
-    def _press_and_show(self, session: Session) -> None:
+    def _find_runs(self) -> None:
+        """Adds a checkbox for each run and loads the default ones, after the first press."""
+        self._idle.wait()
+        self._translators = self._session.translators = self.studio.translators()
+        with self._runs_folder:
+            for name in self._translators.names:
+                is_default = name in self._translators.default_names
+                self._run_boxes[name] = self.gui.add_checkbox(name, is_default)
+                connect(
+                    self._run_boxes[name].on_update,
+                    self.guard,
+                    lambda _: self._use_runs(),
+                    slow=True,
+                )
+        self._runs_folder.visible = bool(self._run_boxes)
+        self._use_runs()
+
+    def _use_runs(self) -> None:
+        """Loads the selected runs and translates with them."""
+        selected = [name for name, box in self._run_boxes.items() if box.value]
+        for name in selected:
+            self._translators.load(name)
+        self.runs = tuple(selected)
+        self._missing = "" if self._translators.names else cards.NO_RUNS
+        self.request()
+        self.tab.translate()
+
+    def _press_and_show(self) -> None:
         """Presses the latest state and shows the cards, then the scene.
 
         A browser applies all changes of one message together, and drawing takes long without a GPU.
         """
-        state, runs, notice = self.state, self._runs, self._notice
-        if self._lifted:
-            self._lifted = False
-            session.lift_off()
-        translators = self._shared.translators
-        loaded = translators.are_loaded(runs)
-        result = session.press(state, runs if loaded else ())
+        result = self._session.press(self.state, self.runs)
         kpa, counts = cards.scales_of(result)
-        missing = "" if translators.names else cards.NO_RUNS
-        if not loaded or not translators.is_searched:
-            missing = cards.LOADING
-        html = cards.press_html(result, kpa, counts, missing)
+        html = cards.press_html(result, kpa, counts, self._missing)
         if self._closed.is_set():
             return
         with self._client.atomic():
-            self._clear(notice)
+            self._notify()
             self.controls.show_solved_values(result)
             self._cards.content = html
             self._command.content = cards.card_html(command=result.command_line())
         self._client.flush()
         self.result = result
-        style, arrows = self._style.value, self._with_arrows.value
-        self._scene.draw(result.touch, style, kpa, counts, arrows)
+        self._scene.draw(result.touch, self._style.value, kpa, counts, self._with_arrows.value)
         if any(result.remaining):
             self.request()
-        self._shared.is_shown.set()
-        if not loaded and not self._loading:
-            self._loading = True
-            Thread(target=self.guard, args=(partial(self._load, runs),), daemon=True).start()
-
-    def _load(self, runs: tuple[str, ...]) -> None:
-        """Loads runs while the page still follows its sliders."""
-        try:
-            self._shared.translators.load(runs)
-            self.request()
-        finally:
-            self._loading = False
-
-    def _clear(self, notice: viser.NotificationHandle | None) -> None:
-        """Removes an error, unless a newer one has replaced it."""
-        if notice is not None and notice is self._notice:
-            notice.remove()
-            self._notice = None
 
     def _download(self) -> None:
         """Sends a zip archive of the folder that `t2twin press` writes."""
@@ -274,25 +258,16 @@ class Page:
 
 
 class TranslateTab:
-    """The tab that translates frames of the user with all selected runs.
+    """The tab of a page that translates frames of the user with all selected runs.
 
-    It is created inside its container. get_result: returns the shown press.
+    It is created inside its container.
     """
 
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        shared: Shared,
-        folder: Path,
-        guard: Guard,
-        get_result: Callable[[], PressResult | None],
-    ) -> None:
-        self._shared, self._guard, self._get_result = shared, guard, get_result
-        self._runs: tuple[str, ...] = ()
+    def __init__(self, page: Page) -> None:
+        gui, guard, folder, studio = page.gui, page.guard, page.folder, page.studio
+        self._page = page
         self._frame: NamedFrame | None = None
-        self._background = shared.background
         self._ended, self._lock = Event(), Lock()
-        self._ended.set()
         gui.add_markdown(
             "Predicts counts from an upright frame of the gel camera that a run was trained on."
         )
@@ -312,41 +287,31 @@ class TranslateTab:
             gui, "Remove the background frame", viser.Icon.X, guard,
             lambda: self._set_background(None), slow=True,
         )  # fmt: skip
-        if shared.source is not None:
-            self._add_source(gui, shared.source)
+        files = studio.source_files()
+        if len(files) > 1:
+            slider = gui.add_slider(
+                "Frame", 0, len(files) - 1, 1, 0, hint="Number of the file, sorted by name"
+            )
+            show_file = lambda _: self._show(read_frame(files[slider.value]))  # noqa: E731
+            connect(slider.on_update, guard, show_file, slow=True)
+        if studio.source is not None:
+            live = gui.add_checkbox(
+                f"Live: {Path(studio.source).name}", False, hint="Translate frames as they arrive"
+            )
+            connect(live.on_update, guard, self._follow, slow=True)
         self._shown = gui.add_html("")
-        self._set_background(self._background)
+        self._set_background(studio.background)
 
     def close(self) -> None:
         """Stops following the source."""
         self._ended.set()
-
-    def use_runs(self, runs: tuple[str, ...]) -> None:
-        """Translates with these runs, including the frame that is shown."""
-        self._runs = runs
-        if self._frame is not None:
-            Thread(target=self._guard, args=(self._translate,), daemon=True).start()
 
     def _set_background(self, frame: NamedFrame | None) -> None:
         self._background = frame
         self._no_background.visible = frame is not None
         text = f"Background frame: {NO_BACKGROUND if frame is None else frame[1]}"
         self._background_name.content = cards.card_html(texts=[text])
-        self._translate()
-
-    def _add_source(self, gui: viser.GuiApi, source: str) -> None:
-        """Adds the controls of the studio's source of frames."""
-        files = self._shared.source_files()
-        if len(files) > 1:
-            slider = gui.add_slider(
-                "Frame", 0, len(files) - 1, 1, 0, hint="Number of the file, sorted by name"
-            )
-            show_file = lambda _: self._show(read_frame(files[slider.value]))  # noqa: E731
-            connect(slider.on_update, self._guard, show_file, slow=True)
-        live = gui.add_checkbox(
-            f"Live: {Path(source).name}", False, hint="Translate frames as they arrive"
-        )
-        connect(live.on_update, self._guard, self._follow, slow=True)
+        self.translate()
 
     def _follow(self, is_on: bool) -> None:
         """Translates the frames of the studio's source until the box is cleared."""
@@ -354,7 +319,7 @@ class TranslateTab:
         if not is_on:
             return
         self._ended = ended = Event()
-        latest, last = self._shared.latest_frames(), -1
+        latest, last = self._page.studio.latest_frames(), -1
         while not ended.is_set():
             frame = latest.take(last, timeout_s=1.0)
             if frame is None and latest.ended:
@@ -366,7 +331,7 @@ class TranslateTab:
 
     def _show_current(self) -> None:
         """Translates the image of the press with other noise."""
-        result = self._get_result()
+        result = self._page.result
         if result is not None:
             reading = result.touch.of_camera
             if reading is None:
@@ -376,13 +341,14 @@ class TranslateTab:
 
     def _show(self, frame: NamedFrame) -> None:
         self._frame = frame
-        self._translate()
+        self.translate()
 
-    def _translate(self) -> None:
-        """Translates the latest frame."""
+    def translate(self) -> None:
+        """Translates the latest frame, if there is one."""
         with self._lock:
-            frame, background = self._frame, self._background
+            frame, background, runs = self._frame, self._background, self._page.runs
             if frame is not None:
                 pixels = None if background is None else background[0]
-                found = self._shared.translators.translate(frame[0], self._runs, pixels)
+                translators = self._page.studio.translators()
+                found = translators.translate(frame[0], runs, pixels)
                 self._shown.content = cards.frame_html(frame, background, found)

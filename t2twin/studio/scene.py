@@ -100,7 +100,6 @@ class Scene:
         full_px = client.camera.image_width
         self._width_px = max(full_px - panels_px, full_px / 3, 1)
         self._places = {role: client.scene.add_frame(f"/{role}", show_axes=False) for role in ROLES}
-        self._labels: dict[str, viser.LabelHandle] = {}
         self._sensors: tuple[Sensor, ...] = ()
         self._visible: Sensors = "both"
         self._surfaces: dict[str, list[viser.GlbHandle]] = {role: [] for role in ROLES}
@@ -144,7 +143,11 @@ class Scene:
         """Draws a touch. max_kpa, max_counts: upper ends of the color scales, by sensor.
         with_arrows: draws the tangential traction."""
         surfaces = surfaces_of(touch, max_kpa, max_counts)
-        self._label(tuple(each.sensor for each in touch.readings.values()))
+        sensors = tuple(each.sensor for each in touch.readings.values())
+        if [each.spec for each in self._sensors] != [each.spec for each in sensors]:
+            self._sensors = sensors
+            self._label()
+            self.arrange(self._visible)
         contacts: dict[str, Contact] = dict(zip(ROLES, touch.contacts.values(), strict=True))
         with self._client.atomic():  # short, because the client receives no messages meanwhile
             self._draw_shape(touch, shape_style, contacts)
@@ -159,18 +162,12 @@ class Scene:
             for surface in surfaces[:-1]:
                 surface.visible = False
 
-    def _label(self, sensors: tuple[Sensor, ...]) -> None:
-        """Labels and arranges the sensors, if they are others than before."""
-        before, self._sensors = self._sensors, sensors
-        if [each.spec for each in before] == [each.spec for each in sensors]:
-            return
-        self.arrange(self._visible)
-        for role, sensor in zip(ROLES, sensors, strict=True):
-            if role in self._labels:
-                self._labels.pop(role).remove()
+    def _label(self) -> None:
+        """Replaces the labels of the sensors."""
+        for role, sensor in zip(ROLES, self._sensors, strict=True):
             elastomer = sensor.elastomer
-            self._labels[role] = self._client.scene.add_label(
-                f"/{role}/label",
+            self._client.scene.add_label(
+                f"/{role}/label",  # replaces an earlier one
                 f"{sensor.name}: {sensor.spec.kind.replace('-', ' ')}",
                 position=(0.0, -elastomer.length_mm / 2 - LABEL_MM, -elastomer.thickness_mm),
                 anchor="top-center",
@@ -213,34 +210,28 @@ class Scene:
         shape, command = touch.shape, touch.command
         # The cutting plane is fixed in the sensor frame, so the cut shape depends on the rotation.
         turned = (command.yaw_rad, *command.tilt_rad) if style == "cut open" else ()
-        if self._drawn[0] is not shape or self._drawn[1:] != (style, turned):
-            self._put_shape(drawn_mesh(shape, style, command), style)
-            self._drawn = (shape, style, turned)
-        for name, contact in contacts.items():
+        is_new = self._drawn[0] is not shape or self._drawn[1:] != (style, turned)
+        mesh = drawn_mesh(shape, style, command) if is_new else None
+        self._drawn = (shape, style, turned)
+        for role, contact in contacts.items():
             turn, place = contact.shape_pose
-            self._shapes[name].wxyz = turn
-            self._shapes[name].position = place + np.array([0.0, 0.0, LIFT_MM])
-
-    def _put_shape(self, mesh: trimesh.Trimesh, style: ShapeStyle) -> None:
-        """Replaces the shape above each sensor."""
-        for name in self._places:
-            if name in self._shapes:
-                self._shapes[name].remove()
-            handle = self._client.scene.add_mesh_simple(
-                f"/{name}/shape",
-                np.asarray(mesh.vertices),
-                np.asarray(mesh.faces),
-                color=STEEL,
-                opacity=GLASS_OPACITY if style == "glass" else None,
-                flat_shading=True,
-                side="double",
-                cast_shadow=False,
-                receive_shadow=False,
-                visible=style != "hidden",
-            )
-            self._shapes[name] = handle
-            for keys in (None, "shift", "cmd/ctrl"):
-                handle.on_drag("left", modifier=keys)(self._dragged)
+            if mesh is not None:
+                handle = self._shapes[role] = self._client.scene.add_mesh_simple(
+                    f"/{role}/shape",  # replaces an earlier one
+                    np.asarray(mesh.vertices),
+                    np.asarray(mesh.faces),
+                    color=STEEL,
+                    opacity=GLASS_OPACITY if style == "glass" else None,
+                    flat_shading=True,
+                    side="double",
+                    cast_shadow=False,
+                    receive_shadow=False,
+                    visible=style != "hidden",
+                )
+                for keys in (None, "shift", "cmd/ctrl"):
+                    handle.on_drag("left", modifier=keys)(self._dragged)
+            self._shapes[role].wxyz = turn
+            self._shapes[role].position = place + np.array([0.0, 0.0, LIFT_MM])
 
     async def _dragged(self, event: viser.SceneNodeDragEvent[viser.MeshHandle]) -> None:
         """Forwards drags; viser's event loop preserves their order."""
@@ -303,7 +294,9 @@ def elastomer_part(contact: Contact, max_kpa: float, side_rgba: Sequence[float])
     side_rgb = np.rint(255 * np.array(side_rgba[:3]))
     colors = np.concatenate([shaded, np.tile(side_rgb, (2 * n, 1))]).astype(np.uint8)
     vertices = np.concatenate([top, top[rim], bottom])
-    return _colored(vertices, np.concatenate([faces, sides]), colors)
+    return trimesh.Trimesh(
+        vertices, np.concatenate([faces, sides]), vertex_colors=linear_values(colors), process=False
+    )
 
 
 def taxels_part(
@@ -329,12 +322,8 @@ def taxels_part(
         vertex_colors.append(np.repeat(rgb, len(disc), axis=0).astype(np.uint8))
     starts = len(disc) * np.arange(2 * layout.size)
     all_faces = (faces[None] + starts[:, None, None]).reshape(-1, 3)
-    return _colored(np.concatenate(vertices), all_faces, np.concatenate(vertex_colors))
-
-
-def _colored(vertices: np.ndarray, faces: np.ndarray, colors: np.ndarray) -> trimesh.Trimesh:
-    """A mesh of vertices, (V, 3) mm, and triangles, (F, 3). colors: of the vertices, (V, 3)."""
-    return trimesh.Trimesh(vertices, faces, vertex_colors=linear_values(colors), process=False)
+    colors = linear_values(np.concatenate(vertex_colors))
+    return trimesh.Trimesh(np.concatenate(vertices), all_faces, vertex_colors=colors, process=False)
 
 
 def linear_values(colors: np.ndarray) -> np.ndarray:
@@ -345,12 +334,10 @@ def linear_values(colors: np.ndarray) -> np.ndarray:
 
 
 def _unlit(tree: dict[str, Any]) -> None:
-    """Makes the colors of a glTF file independent of the light."""
+    """Makes the colors of a glTF file of one mesh independent of the light."""
     tree["extensionsUsed"] = [UNLIT]
     tree["materials"] = [{"doubleSided": True, "extensions": {UNLIT: {}}}]
-    for mesh in tree["meshes"]:
-        for primitive in mesh["primitives"]:
-            primitive["material"] = 0
+    tree["meshes"][0]["primitives"][0]["material"] = 0
 
 
 @lru_cache(maxsize=8)

@@ -8,9 +8,10 @@ import io
 import socket
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
+from importlib import import_module
 from pathlib import Path
-from threading import Thread
+from threading import Lock, Thread
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
@@ -18,7 +19,8 @@ import viser
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import temporary_folder
-from t2twin.studio.translators import Shared, read_frame
+from t2twin.live.sources import LatestFrame, open_source
+from t2twin.studio.translators import Translators, read_frame
 
 if TYPE_CHECKING:
     from t2twin.studio.page import Page
@@ -26,52 +28,68 @@ if TYPE_CHECKING:
 HOST, PORT = "127.0.0.1", 8080
 """Default address, reachable from this machine only."""
 
-PAGE_TIMEOUT_S = 10.0
-"""Maximum time for which loading of translators waits for a first page (assumed: the start of a
-browser). PyTorch takes seconds to import, which would delay the first image."""
 
+class Studio:
+    """A running studio and what its pages share; created by `studio`.
 
-class Studio(viser.ViserServer):
-    """A running studio, created by `studio`. address: of the page. pages: by client number."""
+    address: of the page. pages: by client number. folder: of the clients' files. source: frames to
+    translate, as for `t2twin live`. background: background frame of the same sensor, and its name.
+    Raises T2TwinError for an invalid run, source or image.
+    """
 
-    def __init__(self, host: str, port: int, shared: Shared) -> None:
-        self.shared = shared
+    def __init__(
+        self,
+        folder: Path,
+        runs: Sequence[Path],
+        host: str,
+        port: int,
+        source: str | None,
+        background: Path | None,
+    ) -> None:
+        self.folder, self.source = folder, source
+        self.background = None if background is None else read_frame(background)
+        self._frames = None if source is None else open_source(source)
+        self._latest: LatestFrame | None = None
+        self._translators = Translators(runs) if runs else None
+        self._lock = Lock()
         self.pages: dict[int, Page] = {}
         with redirect_stdout(io.StringIO()):  # hides viser's message
-            super().__init__(host, port, verbose=False)
+            self.server = viser.ViserServer(host, port, verbose=False)
+        self.server.on_client_connect(self._connected)
+        self.server.on_client_disconnect(self._gone)
         name = f"[{host}]" if ":" in host else host
-        self.address = f"http://{name}:{self.get_port()}"
+        self.address = f"http://{name}:{self.server.get_port()}"
 
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        """No public tunnel to this machine, which any page could request."""
-        return None
+    def translators(self) -> Translators:
+        """The translators, of the given runs or of those in the folder `runs`; imports torch."""
+        with self._lock:
+            if self._translators is None:
+                self._translators = Translators()
+            return self._translators
 
-    def warm_up(self, search: bool) -> None:
-        """Presses once, then loads the default translators, and accepts clients meanwhile.
+    def latest_frames(self) -> LatestFrame:
+        """The latest frames of the source from now on; restarts a video that has ended."""
+        with self._lock:
+            if self._latest is None or self._latest.ended:
+                assert self.source is not None
+                self._latest = LatestFrame(self._frames or open_source(self.source))
+                self._frames = None
+            return self._latest
 
-        search: whether to search for runs in the folder `runs`.
-        """
-        self.on_client_connect(self._connected)
-        self.on_client_disconnect(self._gone)
-        from t2twin.studio.session import PressState, Session
+    def source_files(self) -> list[Path]:
+        """The image files of a source that is a folder, sorted by name; else none."""
+        from t2twin.translate.inference.files import find_images
 
-        try:
-            Session(self.shared.translators, self.shared.sensors).press(PressState())
-        finally:
-            self.shared.is_ready.set()
-        self.shared.is_shown.wait(PAGE_TIMEOUT_S)
-        if search:
-            self.shared.translators.search()
-        for page in list(self.pages.values()):
-            page.update_runs()
-        self.shared.translators.load(self.shared.translators.default_names)
+        if self.source is not None and not self.source.isdigit() and Path(self.source).is_dir():
+            with suppress(T2TwinError):  # a folder without images so far
+                return find_images([self.source])
+        return []
 
     def _connected(self, client: viser.ClientHandle) -> None:
         from t2twin.studio.page import Page
 
-        page = self.pages[client.client_id] = Page(client, self.shared)
-        page.update_runs()  # runs found during the creation of the page
-        if client.client_id not in self.get_clients():
+        self.pages[client.client_id] = Page(client, self)
+        if client.client_id not in self.server.get_clients():
             self._gone(client)
 
     def _gone(self, client: viser.ClientHandle) -> None:
@@ -90,9 +108,8 @@ def studio(
 ) -> Iterator[Studio]:
     """Serves the studio within the block.
 
-    runs: folders of trained runs; if empty, runs in the folder `runs` are found. source: frames to
-    translate, as for `t2twin live`. background: background frame of the same sensor, for field
-    runs. Raises T2TwinError for an invalid run, source or image, and for an unusable host and port.
+    runs: folders of trained runs; if empty, runs in the folder `runs` are found. source,
+    background: see `Studio`. Raises T2TwinError as `Studio`, and for an unusable host and port.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:  # viser would take another port, and try an unusable host forever
@@ -100,11 +117,8 @@ def studio(
     except (OSError, OverflowError) as error:
         raise T2TwinError(f"cannot listen on {host}, port {port}: {error}") from error
     with temporary_folder(Path(tempfile.gettempdir()), f"t2twin-studio-{uuid4().hex}") as folder:
-        shared = Shared(folder, source, None if background is None else read_frame(background))
-        if runs:
-            shared.translators.search(runs)
-        served = Studio(host, port, shared)
-        Thread(target=served.warm_up, args=(not runs,), daemon=True).start()
+        served = Studio(folder, runs, host, port, source, background)
+        Thread(target=import_module, args=("t2twin.studio.page",), daemon=True).start()
         yield served
         with redirect_stdout(io.StringIO()):  # skipped after a signal, because it takes seconds
-            served.stop()
+            served.server.stop()

@@ -13,9 +13,9 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import PressCommand, check_force
-from t2twin.sim.press import Press
+from t2twin.sim.press import OPTIONS, Press
 from t2twin.sim.sampling.protocol import FORCE_N, indices, press_of, scale_of
-from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
+from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import (
     MAX_SLIDE_STEPS,
@@ -26,24 +26,19 @@ from t2twin.sim.slide import (
     PathRow,
     slide_to,
 )
-from t2twin.sim.taxels.reading import NONE
 from t2twin.sim.touch import Touch
 from t2twin.studio.translators import Translation, Translators
 from t2twin.twin import load_shape
 
 FIRST_SHAPE = "square-1"  # a gel camera sees it as a whole
-IMPERFECTIONS = "white"  # of arrays that have none of this name, their own
 
 Motion = Literal["jump", "slide"]
 """What a changed pose does: a press at the new pose, or sliding there with friction."""
 
 TILT = ("tilt_x_deg", "tilt_y_deg")
 
-CONTACT = ("shape", "scale", "optics", "motion", "friction", "source", "target", *TILT)
+CONTACT = ("shape", "scale", "optics", "motion", "friction", *ROLES, *TILT)
 """Fields whose change lifts the shape off."""
-
-OPTIONS = ("optics", "markers", "layout", "imperfections")
-"""Options of the sensors."""
 
 MAX_STEPS = 3
 """Maximum number of steps of MAX_STEP_MM or MAX_STEP_DEG in one part of a slide (assumed: about
@@ -55,21 +50,9 @@ PATH_FILE, COMMAND_FILE = "path.csv", "command.txt"
 
 @dataclass(frozen=True)
 class PressState(Press):
-    """A requested press with the options of its sensors.
-
-    scale: millimeters per unit of a file, None for the unit stated in the file. source, target,
-    layout, optics: names or files; None for those of the sensor. markers: printed on the gel.
-    imperfections: of an array, applied with a seed. friction: as for `Twin.slide`.
-    """
+    """A requested press. motion: see Motion. friction: as for `Twin.slide`."""
 
     shape: str = FIRST_SHAPE
-    scale: float | None = None
-    source: str = SOURCE
-    target: str = TARGET
-    layout: str | None = None
-    optics: str | None = None
-    markers: bool = False
-    imperfections: str = IMPERFECTIONS
     motion: Motion = "jump"
     friction: float | None = None
 
@@ -86,14 +69,6 @@ class PressState(Press):
             changes = changes | {"depth_mm": None}
         return replace(self, **changes)
 
-    @property
-    def sensors(self) -> SensorPair:
-        """The sensors, with their options. Raises T2TwinError as `SensorPair.of` does."""
-        options = {name: getattr(self, name) or None for name in OPTIONS}
-        if self.imperfections == IMPERFECTIONS:
-            options["imperfections"] = None
-        return SensorPair.of(self.source, self.target, **options)
-
     def continues(self, before: "PressState") -> bool:
         """Whether the contact of another state can slide to this one.
 
@@ -106,45 +81,10 @@ class PressState(Press):
             and self.depth_mm in (None, before.depth_mm)
         )
 
-    def command_line(self, path: str | None = None) -> str:
-        """The command line of this press or, with a file of its path, of this slide.
-
-        A file is represented by its name.
-        """
-        words, unsaid = ["t2twin", "press", file_name(self.shape)], {"shape", "motion"}
-        if path is None:
-            unsaid |= {"friction"}
-        else:
-            words[1:] = ["slide", file_name(self.shape), "--path", path]
-            unsaid |= {"x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm"}
-        if self.seed is None:
-            unsaid |= {"imperfections"}
-        for name, value in vars(self).items():
-            if name not in unsaid and value != getattr(PressState, name):
-                words.append(f"--{name.replace('_', '-')}")
-                if name != "markers":
-                    words.append(file_name(str(value)))
-        return shlex.join(words)
-
-
-def imperfection_names(pair: SensorPair) -> tuple[str, ...]:
-    """Names of the imperfections of the arrays of a pair."""
-    found = [getattr(each.spec, "imperfections", {}) for each in (pair.source, pair.target)]
-    return tuple(dict.fromkeys((IMPERFECTIONS, NONE, *(name for of in found for name in of))))
-
 
 def protocol_press(state: PressState, scale: str, number: int) -> PressState:
-    """The state with position, yaw and force of a press of the protocol.
-
-    number: of the press at the scale, from 0. Raises T2TwinError for a shape outside the protocol
-    and a number out of range.
-    """
-    count = protocol_presses(state.shape, scale)
-    if not 0 <= number < count:
-        raise T2TwinError(
-            f"scale {scale} has {count} presses of {file_name(state.shape)}; press {number} is not "
-            "among them"
-        )
+    """The state with position, yaw and force of a press of the protocol, by its number at a scale,
+    from 0."""
     index = indices(state.shape, scale_of(scale))[number]
     command = press_of(state.shape, catalogue.spacing_mm(state.shape), index)
     yaw_deg = float(np.rad2deg(command.yaw_rad))
@@ -152,30 +92,24 @@ def protocol_press(state: PressState, scale: str, number: int) -> PressState:
     return state.with_changes(pose | dict.fromkeys(TILT, 0.0) | {"force_n": command.force_n})
 
 
-def protocol_presses(shape: str, scale: str) -> int:
-    """Number of presses of a shape at a scale; 0 for a shape outside the protocol."""
-    return len(indices(shape, scale_of(scale))) if shape in catalogue.NAMES else 0
-
-
 def file_name(source: str) -> str:
     """Displayed name of a shape, a sensor, a layout or an optics file: of a file, its name."""
     return Path(source).name if Path(source).is_absolute() else source
 
 
+Tangential = dict[str, tuple[float, float, float]]
+"""Tangential force, N, torque, N mm, and limit of friction, N, 0 for a press, by sensor."""
+
+
 @dataclass(frozen=True)
 class PressResult:
-    """The result of one press, or of a slide so far.
-
-    touch: the last one. rows: the path since the press. tangential: at each row, by sensor: force,
-    N, torque, N mm, and limit of friction, N, 0 for the press. remaining: motion to the requested
-    pose, mm and degrees.
-    """
+    """The result of one press, or of a slide so far."""
 
     state: PressState
-    touch: Touch
-    rows: tuple[PathRow, ...]
-    tangential: tuple[dict[str, tuple[float, float, float]], ...]
-    remaining: tuple[float, float] = (0.0, 0.0)
+    touch: Touch  # the last one
+    rows: tuple[PathRow, ...]  # the path since the press
+    tangential: tuple[Tangential, ...]  # at each row
+    remaining: tuple[float, float] = (0.0, 0.0)  # motion to the requested pose, mm and degrees
     translations: tuple[Translation, ...] = ()
 
     @property
@@ -184,8 +118,23 @@ class PressResult:
         return len(self.rows) > 1
 
     def command_line(self) -> str:
-        """The command line of this press, or of this slide with its path in PATH_FILE."""
-        return self.state.command_line(PATH_FILE if self.has_slid else None)
+        """The command line of this press, or of this slide with its path in PATH_FILE.
+
+        A file is represented by its name.
+        """
+        state = self.state
+        words, unsaid = ["t2twin", "press", file_name(state.shape)], {"shape", "motion", "friction"}
+        if self.has_slid:
+            words[1:] = ["slide", file_name(state.shape), "--path", PATH_FILE]
+            unsaid = {"shape", "motion", "x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm"}
+        if state.seed is None:
+            unsaid |= {"imperfections"}
+        for name, value in vars(state).items():
+            if name not in unsaid and value != getattr(PressState, name):
+                words.append(f"--{name.replace('_', '-')}")
+                if name != "markers":
+                    words.append(file_name(str(value)))
+        return shlex.join(words)
 
     def save(self, folder: Path) -> None:
         """Writes the folder of `t2twin press` with the command line and, of a slide, its path."""
@@ -235,7 +184,7 @@ def _command(touch: Touch, row: PathRow) -> PressCommand:
     return replace(touch.command, **pose, force_n=row.force_n)
 
 
-def _tangential(touch: Touch) -> dict[str, tuple[float, float, float]]:
+def _tangential(touch: Touch) -> Tangential:
     """Tangential force, torque and limit of friction by sensor."""
     return {
         sensor: (
@@ -251,19 +200,19 @@ def _tangential(touch: Touch) -> dict[str, tuple[float, float, float]]:
 class Session:
     """One client's shape, sensors and contact; a press rebuilds only those that changed.
 
-    sensors: the default ones, which sessions may share. Not thread-safe.
+    translators: None for presses without translations. Not thread-safe, except `lift_off`.
     """
 
-    def __init__(self, translators: Translators, sensors: SensorPair | None = None) -> None:
+    def __init__(self, translators: Translators | None = None) -> None:
         self.translators = translators
-        self._sensors = sensors or SensorPair()
-        self._made_for = PressState()
+        self._sensors, self._made_for = SensorPair(), dict[str, Any]()
         self._shape: tuple[tuple[str, float | None], Shape] | None = None
         self._last: PressResult | None = None
+        self._is_lifted = False
 
     def lift_off(self) -> None:
         """Ends the slide: the next contact is a press, without tangential traction."""
-        self._last = None
+        self._is_lifted = True
 
     def press(self, state: PressState, runs: tuple[str, ...] = ()) -> PressResult:
         """Press or slide, and translate the image with the runs of these names.
@@ -272,40 +221,34 @@ class Session:
         One call moves it by at most MAX_STEPS steps; then `remaining` of the result is not 0.
         Raises T2TwinError with the messages of `t2twin press` and `t2twin slide`.
         """
-        sensors, before = self._sensors_for(state), self._last
+        sensors = self._sensors_for(state)
+        before, self._is_lifted = None if self._is_lifted else self._last, False
         if before is not None and state.continues(before.state):
             result = before.toward(state, sensors)
             touch = sensors.with_readings(result.touch, state.rng, before.touch)
             result = replace(result, touch=touch)
         else:
             self._last = None
-            touch = self._press(state, sensors)
+            source = (state.shape, state.scale)
+            if self._shape is None or self._shape[0] != source:
+                self._shape = (source, load_shape(*source))
+            shape = self._shape[1]
+            touch = sensors.press(shape, state.command(shape, sensors.source), state.rng)
             row = PathRow(state.x_mm, state.y_mm, state.yaw_deg, touch.command.force_n)
             result = PressResult(state, touch, (row,), (_tangential(touch),))
         self._last = result
-        if not runs or touch.of_camera is None:
+        if self.translators is None or not runs or touch.of_camera is None:
             return result
         background = touch.of_camera.sensor.background_frame()
         translations = self.translators.translate(touch.image, runs, background, touch)
         return replace(result, translations=translations)
 
-    def _press(self, state: PressState, sensors: SensorPair) -> Touch:
-        source = (state.shape, state.scale)
-        if self._shape is None or self._shape[0] != source:
-            self._shape = (source, load_shape(*source))
-        shape = self._shape[1]
-        return sensors.press(shape, state.command(shape, sensors.source), state.rng)
-
     def _sensors_for(self, state: PressState) -> SensorPair:
         """The sensors of a state; one that did not change keeps what it has computed."""
-        if any(
-            getattr(state, name) != getattr(self._made_for, name) for name in (*ROLES, *OPTIONS)
-        ):
-            new, known = state.sensors, (self._sensors.source, self._sensors.target)
-            kept = (
-                next((old for old in known if old == each), each)
-                for each in (new.source, new.target)
-            )
-            self._sensors = SensorPair(*kept)
-        self._made_for = state
+        wanted = {"source": state.source, "target": state.target, **state.options}
+        if wanted != self._made_for:
+            new, known = SensorPair.of(**wanted), (self._sensors.source, self._sensors.target)
+            kept = [next((old for old in known if old == each), each)
+                    for each in (new.source, new.target)]  # fmt: skip
+            self._sensors, self._made_for = SensorPair(*kept), wanted
         return self._sensors
