@@ -8,10 +8,7 @@ import pytest
 
 from t2twin.cli import doctor
 from t2twin.core import machine
-from t2twin.primitives_cad import catalogue
-from t2twin.sim.dataset import info, shard
-
-ABSENT = "no-such-package-of-t2twin"
+from t2twin.sim.dataset import shard
 
 
 @pytest.fixture
@@ -48,13 +45,3 @@ def test_doctor_wants_no_egl_on_macos(macos, monkeypatch):
     assert doctor._memory() != "unknown"
     monkeypatch.setattr(os, "sysconf_names", {})
     assert doctor._memory() == "unknown"
-
-
-def test_a_record_names_a_package_that_is_not_installed(monkeypatch):
-    assert machine.installed_version("numpy")[0].isdigit()
-    assert machine.installed_version(ABSENT) == "not installed"
-    monkeypatch.setattr(info, "PACKAGES", ("t2twin", ABSENT))
-    assert info.versions()[ABSENT] == "not installed"
-    before = catalogue.code_digest()
-    monkeypatch.setattr(catalogue, "MAKERS", ("cadquery", ABSENT, "trimesh"))
-    assert catalogue.code_digest() != before

@@ -1,5 +1,6 @@
 """t2twin train, calibrate-uncertainty, evaluate, report, translate, live, export and demo"""
 
+import math
 import shlex
 import sys
 import time
@@ -14,24 +15,15 @@ from t2twin.core.errors import T2TwinError, counted
 
 Split = Literal["val", "test", "both"]
 
-PRETRAINED = "field"
-"""The pretrained run."""
+PRETRAINED = "field"  # the pretrained run
+MAX_PRINTED = 5  # images whose counts are printed; the output files contain all
 
-MAX_PRINTED = 5
-"""Images whose counts are printed; the output files contain all."""
-
-MIN_MINUTES = 1.0
-"""Smallest duration, minutes (assumed: imports, compiling and the shapes take most of it)."""
-
+MIN_MINUTES = 1.0  # of a demo (assumed: imports, compiling and the shapes take most of it)
+# Least duration with the dataset of scale small; below it, the scale is smoke (assumed: on two
+# cores the dataset, the evaluation and the report take about half of it).
 SMALL_MINUTES = 4.0
-"""Least duration with the dataset of scale small; below it, the scale is smoke (assumed: on two
-cores the dataset, the evaluation and the report take about half of it)."""
-
-TRAINING_SHARE = 0.2
-"""Duration of each of the two trainings as a share of the whole (assumed)."""
-
-TRAINING_MINUTES = 1.1
-"""Longest duration of a training, minutes, and that of a demo without a given duration."""
+TRAINING_SHARE = 0.2  # each of the two trainings' share of the demo (assumed)
+TRAINING_MINUTES = 1.1  # longest duration of a training
 
 
 def train(
@@ -385,25 +377,22 @@ def demo(out: Path = Path(), minutes: float | None = None) -> None:
     from t2twin import cli
     from t2twin.core import arguments
 
-    if minutes is not None:
-        minutes = arguments.number(minutes, "minutes", low=MIN_MINUTES)
+    given = () if minutes is None else (arguments.number(minutes, "minutes", low=MIN_MINUTES),)
     started = time.monotonic()
-    steps = demo_commands(out, minutes)
+    steps = demo_commands(out, *given)
     for number, words in enumerate(steps, start=1):
         print(f"\nstep {number} of {len(steps)}: t2twin {shlex.join(words)}", flush=True)
         cli.main(words)
     print(f"the demo took {(time.monotonic() - started) / 60.0:.1f} minutes")
 
 
-def demo_commands(out: Path, minutes: float | None) -> list[list[str]]:
+def demo_commands(out: Path, minutes: float = math.inf) -> list[list[str]]:
     """The commands. They depend on nothing else, so that the same demo continues a stopped one."""
     from t2twin.core.machine import cores
     from t2twin.translate.models.presets import PAPER_MODELS
 
-    scale, training_minutes = "small", TRAINING_MINUTES
-    if minutes is not None:
-        scale = "small" if minutes >= SMALL_MINUTES else "smoke"
-        training_minutes = round(min(TRAINING_SHARE * minutes, TRAINING_MINUTES), 2)
+    scale = "small" if minutes >= SMALL_MINUTES else "smoke"
+    training_minutes = round(min(TRAINING_SHARE * minutes, TRAINING_MINUTES), 2)
     # Starting processes takes longer than the few pairs of scale smoke.
     workers = 1 if scale == "smoke" else cores()
     data, runs = out / "data" / scale, out / "runs" / scale

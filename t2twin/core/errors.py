@@ -17,24 +17,12 @@ OUT_OF_MEMORY = (
     "there is not enough memory; end other programs, raise the limit (ulimit -v), or use fewer "
     "--workers where the command has them"
 )
-"""The message of a command."""
-
-MESSAGES = ("allocate memory", "bad_alloc", "failed to map segment", "Caught an unknown exception")
-"""Parts of the messages of torch, of C++ and of pybind11, whose type is RuntimeError, of MuJoCo and
-of the system."""
 
 
 def is_out_of_memory(error: Exception) -> bool:
-    """Whether an exception or one of its causes means that no memory was left."""
-    cause: BaseException | None = error
-    while cause is not None:
-        is_input = isinstance(cause, ValueError)
-        if isinstance(cause, MemoryError) or (
-            not is_input and any(each in str(cause) for each in MESSAGES)
-        ):
-            return True
-        cause = cause.__cause__ or cause.__context__
-    return False
+    """Whether an exception of Python, NumPy, torch, C++ or MuJoCo means that no memory was left."""
+    messages = "allocate memory", "bad_alloc"
+    return isinstance(error, MemoryError) or any(each in str(error) for each in messages)
 
 
 def counted(number: int, noun: str, plural: str | None = None) -> str:

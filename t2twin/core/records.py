@@ -118,13 +118,9 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
     Names that differ in case, spaces or the unit at their end are similar.
     """
     plain = {_plain(each): each for each in reversed(known)}
-    roots = {UNIT.sub("", each): full for each, full in plain.items()}
-    wanted = _plain(name)
-    if found := plain.get(wanted) or roots.get(UNIT.sub("", wanted)):
-        return found
-    close = difflib.get_close_matches(wanted, plain, n=1, cutoff=MIN_SIMILARITY)
+    close = difflib.get_close_matches(_plain(name), plain, n=1, cutoff=MIN_SIMILARITY)
     return plain[close[0]] if close else None
 
 
 def _plain(name: str) -> str:
-    return re.sub(r"[\s_-]+", "_", name.strip().lower())
+    return UNIT.sub("", re.sub(r"[\s_-]+", "_", name.strip().lower()))

@@ -3,16 +3,13 @@
 import io
 import json
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from cases import DAMAGES, JPEG, PNG, Case, Copy, Files, damaged, edit, encoded, frame, laid, put
 from PIL import Image
-from safetensors.numpy import load_file, save
 from solids import SOLIDS
 
 from t2twin.sim.sensors.files import SPECS
@@ -210,27 +207,6 @@ def wrong_columns(good: dict[str, list]) -> Iterator[tuple[str, bytes]]:
     yield "cut by ten bytes", packed(good)[:-10]
 
 
-def wrong_weights() -> Iterator[tuple[str, Callable[[Path], object]]]:
-    """Changes of the tensors of a file of weights."""
-
-    def tensors(change: Callable[[dict[str, np.ndarray]], object], path: Path) -> None:
-        content = load_file(path)
-        change(content)
-        put(path, save(content))
-
-    def first(value: Callable[[np.ndarray], np.ndarray], content: dict[str, np.ndarray]) -> None:
-        key = min(key for key, tensor in content.items() if tensor.ndim == 4)
-        content[key] = value(content[key])
-
-    for name, change in {
-        "NaN": partial(first, lambda tensor: tensor * np.float32(np.nan)),
-        "another shape": partial(first, lambda tensor: tensor[:, :, :1]),
-        "one missing": lambda content: content.pop(min(content)), "none": dict.clear,
-        "one more": lambda content: content.update(more=np.zeros(3, np.float32)),
-    }.items():  # fmt: skip
-        yield name, partial(tensors, change)
-
-
 BAD_LAYOUTS = (
     "null", '{"taxels": 20}', '{"taxels": [1, 2, 3]}', "[" * 100_000,
     *(f'{{"taxels": [{{"x_mm": {x}, "y_mm": 1}}]}}' for x in ("null", '"three"', "[1]", "NaN")),
@@ -274,7 +250,6 @@ def cases() -> Iterator[Case]:
         ("pairs", (CSV,), IMAGE_FILES, "pairs.csv", wrong_tables(TABLE)),
         ("parquet", (PARQUET,), {}, "pairs.parquet", wrong_columns(columns)),
         ("recipe", (MADE,), {}, "w.toml", wrong_recipes()),
-        ("weights", USERS, RUN, WEIGHTS, wrong_weights()),
         ("image", (f"{TRANSLATE} x.png",), {}, "x.png", BAD_IMAGES.items()),
     ):
         yield from damaged(name, commands, files, target, contents)
@@ -369,7 +344,7 @@ def places() -> Iterator[Case]:
     yield Case("simdata to another", seeded, laid({"taken": Copy("data")}), "another seed")
     export = WRITERS["export"]
     taken = laid({"taken/x": "mine"})
-    yield Case("export to a folder", f"{export} taken", taken, "cannot be written")
+    yield Case("export to a folder", f"{export} taken", taken, "already exists")
     yield Case("export to a file", f"{export} file", laid(INPUTS), "already exists")
     for words in ("new/folders/x.onnx", "ü🖐.onnx", "file --force"):
         yield Case(words, f"{export} {words}", laid(INPUTS), fine=True)
