@@ -127,12 +127,6 @@ def test_version_and_shapes_are_told_without_making_any(tmp_path, capsys):
     assert files(tmp_path) == set()
 
 
-def test_help_says_what_it_means(capsys):
-    run("translate", "--help")
-    said = " ".join(capsys.readouterr().out.split())
-    assert "(default: )" not in said and "(default: they are written)" in said
-
-
 def test_press_names_the_elastomer_and_the_versions(tmp_path):
     run("press", "circle-1", "--sensor", "digit", "--flat", "--out", tmp_path / "out")
     summary = json.loads((tmp_path / "out/press.json").read_text())

@@ -13,7 +13,6 @@ from maintenance.write_bundled import build, tool_mesh
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.draw import in_colors
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.shape import binary_stl
 
 SLOW = (
     "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "torch", "trimesh",
@@ -101,22 +100,6 @@ def test_all_bundled_shapes_are_those_of_the_cad(tool):
     np.testing.assert_array_equal(catalogue.read_mesh(tool)[0], mesh.vertices)
     for keypoint in catalogue.KEYPOINTS[tool]:
         assert_as_made(f"{tool}/{keypoint}", mesh)
-
-
-def test_bundled_shapes_are_small():
-    files = list(catalogue.BUNDLED.glob("*.npz"))
-    assert len(files) == len(catalogue.NAMES) + len(catalogue.TOOLS)
-    assert sum(path.stat().st_size for path in files) < 5_000_000
-
-
-def test_an_stl_file_has_the_triangles(tmp_path):
-    vertices, faces = catalogue.read_mesh("square-2")
-    (tmp_path / "square.stl").write_bytes(binary_stl(vertices, faces))
-    from t2twin.primitives_cad.mesh_files import read_solid
-
-    mesh, notes = read_solid(tmp_path / "square.stl", None)
-    assert not notes and len(mesh.faces) == len(faces)
-    assert mesh.volume == pytest.approx(catalogue.load("square-2").mesh.volume, rel=1e-5)
 
 
 def test_the_colors_are_matplotlib_s_viridis():

@@ -46,11 +46,6 @@ def test_a_line_of_its_own_takes_the_place_of_the_next(capsys, now):
     assert capsys.readouterr().err.splitlines() == [f"work: part {n}" for n in range(4)]
 
 
-def test_short_work_says_nothing(capsys):
-    assert [*Progress(range(5), desc="work", unit="pair")] == [0, 1, 2, 3, 4]
-    assert capsys.readouterr().err == ""
-
-
 def test_what_is_not_wanted_says_nothing(capsys):
     with Progress(total=2, disable=True) as bar:
         bar.update()

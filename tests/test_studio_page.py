@@ -219,24 +219,6 @@ def test_an_own_frame_is_translated(desk, untrained_runs, tmp_path):
     assert "mine.png" in tab.locator("body").inner_text()
 
 
-@pytest.mark.exhaustive
-def test_two_clients_at_once_end_with_their_own_presses(desk, opened):
-    _, page = desk
-    other_tab, other = opened()
-    both = (page, 0.0), (other, 0.5)
-    for force_n in np.linspace(3.0, 6.0, 20):
-        for each, more in both:
-            each.controls.apply({"shape": SHAPE, "force_n": force_n + more})
-    for each, more in both:
-        wait_until(lambda each=each: each.is_idle)
-        touch = each.result.touch
-        assert touch.command.force_n == each.state.force_n == 6.0 + more
-        pose = {name: getattr(each.state, name) for name in ("x_mm", "y_mm", "yaw_deg", "seed")}
-        expected = t2twin.Twin().press(SHAPE, force_n=6.0 + more, **pose)
-        assert np.array_equal(touch.counts, expected.counts)
-    other_tab.close()
-
-
 def test_the_source_of_the_studio_is_shown(untrained_runs, chrome, tmp_path):
     for number, grey in enumerate((50, 120, 200)):
         Image.new("RGB", (240, 320), (grey,) * 3).save(tmp_path / f"{number}.png")

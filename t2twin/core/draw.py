@@ -69,9 +69,9 @@ RING_SHARE = 0.3  # of the distance of the nearest taxel
 PANEL_IN, WIDEST_IN, TITLE_IN, BAR_IN = 2.06, 2.5, 0.22, 0.6
 
 
-def in_colors(values: np.ndarray) -> np.ndarray:
-    """Colors (R, C, 3) uint8 of values (R, C) in [0, 1], by COLOR_MAP."""
-    colors = color_table()
+def in_colors(values: np.ndarray, name: str = COLOR_MAP) -> np.ndarray:
+    """Colors, (..., 3) uint8, of values in [0, 1], by a color map."""
+    colors = color_table(name)
     return colors[np.minimum(values.clip(0.0, 1.0) * len(colors), len(colors) - 1).astype(int)]
 
 

@@ -18,12 +18,12 @@ from t2twin.core.draw import (
     color_table,
     draw_contact,
     figure,
+    in_colors,
     relief,
 )
 from t2twin.core.errors import T2TwinError
 from t2twin.core.templates import data_uri, render
 from t2twin.sim.touch import Touch
-from t2twin.studio.scene import color_values
 from t2twin.studio.session import PressResult
 from t2twin.studio.translators import LEVEL, Translation
 
@@ -142,7 +142,7 @@ def _reading(name: str, reading: Any, counts: dict[str, float]) -> tuple[str, st
     if (image := getattr(reading, "image", None)) is not None:
         return name, "camera image, from below", _url(Image.fromarray(image)), name
     try:
-        pixels = color_values(reading.tactile_image, counts[name])
+        pixels = in_colors(reading.tactile_image / counts[name])
     except T2TwinError as error:  # a layout without a tactile image
         return name, str(error), "", name
     note = f"tactile image, {reading.sensor.layout.size} taxels"
@@ -151,7 +151,7 @@ def _reading(name: str, reading: Any, counts: dict[str, float]) -> tuple[str, st
 
 def _pictures(translation: Translation, high: float, touch: Touch | None) -> dict[str, Any]:
     """Pictures of a prediction. high: of the color scale. touch: with the full scale."""
-    counts = _url(Image.fromarray(color_values(translation.tactile_image, high)))
+    counts = _url(Image.fromarray(in_colors(translation.tactile_image / high)))
     pictures: dict[str, Any] = {"counts": counts, "difference": ""}
     if touch is not None and translation.truth is not None:
         residuals = translation.counts - translation.truth
@@ -168,7 +168,7 @@ def _pictures(translation: Translation, high: float, touch: Touch | None) -> dic
 def _discs(translation: Translation, residuals: np.ndarray, end: float) -> str:
     """Differences of the taxels as discs at their positions, in the size of a tactile image."""
     (rows, columns), px_per_mm = translation.tactile_image.shape, translation.px_per_mm
-    colors = color_values(np.append(residuals, 0.0), end, DIFFERENCE_MAP)
+    colors = in_colors(0.5 + np.append(residuals, 0.0) / (2 * end), DIFFERENCE_MAP)
     picture = Image.new("RGB", (columns, rows), tuple(colors[-1].tolist()))
     pen, layout = ImageDraw.Draw(picture), translation.layout
     for x_mm, y_mm, pad_mm, rgb in zip(

@@ -2,6 +2,7 @@
 
 import re
 import tempfile
+import traceback
 from collections.abc import Callable
 from functools import partial
 from itertools import groupby
@@ -25,6 +26,7 @@ from t2twin.studio.session import Motion, PressResult, PressState, file_name, pr
 from t2twin.twin import load_shape
 
 BUTTON_COLOR = "gray"  # less prominent than the sliders
+UNEXPECTED = "an unexpected error occurred; its message is in the terminal of the studio"
 
 GROUPS: dict[str, list[str]] = {
     group: list(names)
@@ -67,61 +69,77 @@ SLIDERS = {
 FILES = {"shape": SUFFIXES, "layout": (".json", ".csv"), "optics": (".npz",), "sensor": (".toml",)}
 """Suffixes of files by their kind."""
 
-Guard = Callable[[Callable[[], object]], None]
-"""Runs a task and shows its error to the client."""
 
+class Inputs:
+    """Inputs of a client's page, whose errors are shown to the client.
 
-def connect(
-    register: Callable[[Any], Any], guard: Guard, use: Callable[[Any], object], slow: bool = False
-) -> None:
-    """Calls `use` with the values that a client gives to an input, not with those of the studio.
-
-    register: such as `handle.on_update`. Calls are in their order, in viser's event loop; slow ones
-    in threads, without an order.
+    folder: of the client's files.
     """
 
-    def changed(event: Any) -> None:
-        if event.client is not None:
-            guard(lambda: use(event.target.value))
+    def __init__(self, client: viser.ClientHandle, folder: Path) -> None:
+        self.gui, self.folder, self.is_closed = client.gui, folder, False
+        self._client = client
+        self._notice: viser.NotificationHandle | None = None
 
-    async def changed_in_order(event: Any) -> None:
-        changed(event)
+    def notify(self, *texts: str, **options: Any) -> None:
+        """Replaces the notice; without texts, removes it."""
+        if self._notice is not None:
+            self._notice.remove()
+        self._notice = self._client.add_notification(*texts, **options) if texts else None
 
-    register(changed if slow else changed_in_order)
+    def guard(self, task: Callable[[], object]) -> None:
+        """Runs a task and shows its error in place of an earlier notice."""
+        try:
+            task()
+        except Exception as error:  # the page continues after any error
+            if self.is_closed:
+                return
+            message = str(error)
+            if not isinstance(error, T2TwinError | OSError):
+                traceback.print_exc()
+                message = UNEXPECTED
+            self.notify("Not possible", message, color="red")
 
+    def connect(
+        self, register: Callable[[Any], Any], use: Callable[[Any], object], slow: bool = False
+    ) -> None:
+        """Calls `use` with the values that a client gives to an input, not those of the studio.
 
-def add_button(
-    gui: viser.GuiApi,
-    label: str,
-    icon: viser.IconName,
-    guard: Guard,
-    action: Callable[[], object],
-    slow: bool = False,
-) -> viser.GuiButtonHandle:
-    """A button with an action."""
-    button = gui.add_button(label, icon=icon, color=BUTTON_COLOR)
-    connect(button.on_click, guard, lambda _: action(), slow)
-    return button
+        register: such as `handle.on_update`. Calls are in their order, in viser's event loop; slow
+        ones in threads, without an order.
+        """
 
+        def changed(event: Any) -> None:
+            if event.client is not None:
+                self.guard(lambda: use(event.target.value))
 
-def add_upload(
-    gui: viser.GuiApi,
-    label: str,
-    hint: str,
-    guard: Guard,
-    folder: Path,
-    use: Callable[[Path], object],
-) -> viser.GuiUploadButtonHandle:
-    """An upload button. use: receives a file of the uploaded name, in a new folder in `folder`."""
+        async def changed_in_order(event: Any) -> None:
+            changed(event)
 
-    def store(file: viser.UploadedFile) -> None:
-        path = Path(tempfile.mkdtemp(dir=folder)) / Path(file.name).name
-        path.write_bytes(file.content)
-        use(path)
+        register(changed if slow else changed_in_order)
 
-    button = gui.add_upload_button(label, icon=viser.Icon.UPLOAD, color=BUTTON_COLOR, hint=hint)
-    connect(button.on_upload, guard, store, slow=True)
-    return button
+    def button(
+        self, label: str, icon: viser.IconName, action: Callable[[], object], slow: bool = False
+    ) -> viser.GuiButtonHandle:
+        """A button with an action."""
+        button = self.gui.add_button(label, icon=icon, color=BUTTON_COLOR)
+        self.connect(button.on_click, lambda _: action(), slow)
+        return button
+
+    def upload(
+        self, label: str, hint: str, use: Callable[[Path], object]
+    ) -> viser.GuiUploadButtonHandle:
+        """An upload button. use: receives a file of the uploaded name, in a new folder."""
+
+        def store(file: viser.UploadedFile) -> None:
+            path = Path(tempfile.mkdtemp(dir=self.folder)) / Path(file.name).name
+            path.write_bytes(file.content)
+            use(path)
+
+        icon = viser.Icon.UPLOAD
+        button = self.gui.add_upload_button(label, icon=icon, color=BUTTON_COLOR, hint=hint)
+        self.connect(button.on_upload, store, slow=True)
+        return button
 
 
 class Controls:
@@ -129,20 +147,15 @@ class Controls:
 
     state: the requested press. handles: controls by their field of PressState. A state may contain
     values between the steps of a slider, such as those of the protocol's presses; they remain until
-    the slider is moved. folder: of the client's files. changed: called after a change of the state.
-    lift_off: called before a press without tangential traction.
+    the slider is moved. changed: called after a change of the state. lift_off: called before a
+    press without tangential traction.
     """
 
     def __init__(
-        self,
-        gui: viser.GuiApi,
-        guard: Guard,
-        folder: Path,
-        changed: Callable[[], object],
-        lift_off: Callable[[], object],
+        self, inputs: Inputs, changed: Callable[[], object], lift_off: Callable[[], object]
     ) -> None:
         self.state, self.handles = PressState(), dict[str, Any]()
-        self._guard, self._changed, self._lift_off = guard, changed, lift_off
+        self._inputs, self._changed, self._lift_off = inputs, changed, lift_off
         self._shown_for: tuple[str, str] | None = None  # source and target
         self._choices: dict[str, dict[str, str | None]] = {
             "shape": {},
@@ -152,8 +165,9 @@ class Controls:
             "optics": {OWN: None},
             "imperfections": {WHITE: None},
         }  # values by label; of shapes, own files only
+        gui = inputs.gui
         with gui.add_folder("Shape"):
-            self._add_shape(gui, folder)
+            self._add_shape(gui)
         with gui.add_folder("Press"):
             self._add_press(gui)
         with gui.add_folder("Press of the paper's protocol", expand_by_default=False):
@@ -162,8 +176,8 @@ class Controls:
             self.number = gui.add_slider(
                 "Press", 0, 1, 1, 0, hint="Number among the shape's presses at this scale"
             )
-        connect(self._scale_name.on_update, guard, lambda _: self._show())
-        connect(self.number.on_update, guard, self._number_changed)
+        inputs.connect(self._scale_name.on_update, lambda _: self._show())
+        inputs.connect(self.number.on_update, self._number_changed)
         with gui.add_folder("Sensors", expand_by_default=False):
             self._add_sensors(gui)
         self.apply({})
@@ -209,7 +223,7 @@ class Controls:
         """Connects controls to their fields."""
         self.handles |= handles
         for name, handle in handles.items():
-            connect(handle.on_update, self._guard, partial(self._use_value, name))
+            self._inputs.connect(handle.on_update, partial(self._use_value, name))
 
     def _use_value(self, name: str, value: Any) -> None:
         """Changes a field; of a dropdown, controls that depend on it change too."""
@@ -219,7 +233,7 @@ class Controls:
             self.state = self.state.with_changes({name: value})
             self._changed()
 
-    def _add_shape(self, gui: viser.GuiApi, folder: Path) -> None:
+    def _add_shape(self, gui: viser.GuiApi) -> None:
         self._group = gui.add_dropdown(
             "Kind", (*GROUPS, RANDOM), hint="Primitive families, tools, random shapes"
         )
@@ -229,15 +243,15 @@ class Controls:
             "Number", 17, min=0, max=MAX_SHAPE_SEED, step=1, hint="Seed of the random shape"
         )
         self._bind(scale=gui.add_number("mm per unit", 1.0, min=1e-6, hint="25.4 for inches"))
-        self.upload = add_upload(
-            gui, "Upload a file",
+        self.upload = self._inputs.upload(
+            "Upload a file",
             "A shape (STL, STEP, OBJ, PLY, 3MF or GLB, pressing side up), a sensor (TOML), a taxel "
             "layout (JSON or CSV) or optics (NPZ of t2twin calibrate)",
-            self._guard, folder, self.use_file,
-        )  # fmt: skip
-        connect(self._group.on_update, self._guard, self._group_changed)
-        connect(self._shape.on_update, self._guard, self._shape_changed)
-        connect(self._random.on_update, self._guard, lambda _: self._group_changed(RANDOM))
+            self.use_file,
+        )
+        self._inputs.connect(self._group.on_update, self._group_changed)
+        self._inputs.connect(self._shape.on_update, self._shape_changed)
+        self._inputs.connect(self._random.on_update, lambda _: self._group_changed(RANDOM))
 
     def _add_press(self, gui: viser.GuiApi) -> None:
         motion = gui.add_dropdown(
@@ -249,11 +263,9 @@ class Controls:
             for name, (label, low, high, step, hint) in SLIDERS.items()
         }
         self._bind(motion=motion, **sliders)
-        icons, guard = viser.Icon, self._guard
-        self._lift = add_button(
-            gui, "Lift off and press again", icons.ARROW_UP, guard, self._lift_off
-        )
-        add_button(gui, "Reset to the center, 8 N", icons.REFRESH, guard, self._reset)
+        button, icons = self._inputs.button, viser.Icon
+        self._lift = button("Lift off and press again", icons.ARROW_UP, self._lift_off)
+        button("Reset to the center, 8 N", icons.REFRESH, self._reset)
 
     def _add_sensors(self, gui: viser.GuiApi) -> None:
         choices = {
@@ -270,10 +282,9 @@ class Controls:
         )
         seed = gui.add_number("Seed", 0, min=0, max=MAX_SEED, step=1, hint="Seed of the noise")
         self._bind(**choices, markers=markers, imperfections=imperfections, seed=seed)
-        connect(
-            self.noise.on_update, self._guard,
-            lambda on: self.apply({"seed": seed.value if on else None}),
-        )  # fmt: skip
+        self._inputs.connect(
+            self.noise.on_update, lambda on: self.apply({"seed": seed.value if on else None})
+        )
 
     def _reset(self) -> None:
         self._lift_off()

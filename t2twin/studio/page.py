@@ -3,26 +3,17 @@
 import io
 import shutil
 import tempfile
-import traceback
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 from threading import Event, Lock, Thread
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 import viser
 
 from t2twin.core.errors import T2TwinError
 from t2twin.studio import cards
-from t2twin.studio.controls import (
-    MAX_SLIDER_N,
-    MIN_SLIDER_N,
-    Controls,
-    add_button,
-    add_upload,
-    connect,
-)
+from t2twin.studio.controls import MAX_SLIDER_N, MIN_SLIDER_N, Controls, Inputs
 from t2twin.studio.scene import Scene, Sensors, ShapeStyle
 from t2twin.studio.session import PressResult, PressState, Session, file_name
 from t2twin.studio.translators import NamedFrame, read_frame
@@ -38,7 +29,6 @@ WELCOME = (
     "Ctrl changes the force."
 )
 FIRST_START = "The first start on a machine takes longer; later starts reuse its results."
-UNEXPECTED = "an unexpected error occurred; its message is in the terminal of the studio"
 
 SETTLED_S = 0.1
 """Time without a new press after which the previous surfaces are hidden (assumed)."""
@@ -64,13 +54,13 @@ class Page:
     """
 
     def __init__(self, client: viser.ClientHandle, studio: "Studio") -> None:
-        self.gui, self._client, self.studio = client.gui, client, studio
+        self._client, self.studio = client, studio
         self.folder = Path(tempfile.mkdtemp(dir=studio.folder))
+        self.inputs = Inputs(client, self.folder)
         self.runs: tuple[str, ...] = ()
         self._missing = cards.LOADING  # in place of translations
         self.result: PressResult | None = None
-        self._notice: viser.NotificationHandle | None = None
-        self._requested, self._idle, self._closed = Event(), Event(), Event()
+        self._requested, self._idle = Event(), Event()
         self._session = Session()
         self._scene = Scene(client, self._drag, CONTROLS_PX + CARDS_PX)
         self._build()
@@ -88,29 +78,11 @@ class Page:
 
     def close(self) -> None:
         """Stops the page of a disconnected client and removes its files."""
-        for event in (self._closed, self._requested, self._idle):
+        self.inputs.is_closed = True
+        for event in (self._requested, self._idle):
             event.set()
         self.tab.close()
         shutil.rmtree(self.folder, ignore_errors=True)
-
-    def guard(self, task: Callable[[], object]) -> None:
-        """Runs a task and shows its error in place of an earlier one."""
-        try:
-            task()
-        except Exception as error:  # the page continues after any error
-            if self._closed.is_set():
-                return
-            message = str(error)
-            if not isinstance(error, T2TwinError | OSError):
-                traceback.print_exc()
-                message = UNEXPECTED
-            self._notify("Not possible", message, color="red")
-
-    def _notify(self, *texts: str, **options: Any) -> None:
-        """Replaces the notice; without texts, removes it."""
-        if self._notice is not None:
-            self._notice.remove()
-        self._notice = self._client.add_notification(*texts, **options) if texts else None
 
     def request(self) -> None:
         """Requests a press of the latest state."""
@@ -118,12 +90,12 @@ class Page:
 
     def _build(self) -> None:
         """Creates both panels."""
-        gui = self.gui
+        inputs, gui = self.inputs, self.inputs.gui
         gui.set_panel_label("t2twin studio")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
         gui.add_html(cards.card_html(texts=[WELCOME]))
-        self.controls = Controls(gui, self.guard, self.folder, self.request, self._lift_off)
+        self.controls = Controls(inputs, self.request, self._lift_off)
         with gui.add_folder("View", expand_by_default=False):
             sensors = gui.add_dropdown("Sensors", get_args(Sensors))
             self._style = gui.add_dropdown("Shape as", get_args(ShapeStyle))
@@ -131,18 +103,16 @@ class Page:
                 "Traction arrows", True, hint="Of a slide: stick blue, slip orange"
             )
             dark = gui.add_checkbox("Dark", False)
-        connect(sensors.on_update, self.guard, self._scene.arrange)
+        inputs.connect(sensors.on_update, self._scene.arrange)
         for handle in (self._style, self._with_arrows):
-            connect(handle.on_update, self.guard, lambda _: self.request())
-        connect(dark.on_update, self.guard, self._set_theme)
+            inputs.connect(handle.on_update, lambda _: self.request())
+        inputs.connect(dark.on_update, self._set_theme)
         self._set_theme(False)
         self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
         self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
         with gui.add_folder("Export", expand_by_default=False):
             icon = viser.Icon.DOWNLOAD
-            add_button(
-                gui, "Download this press (zip)", icon, self.guard, self._download, slow=True
-            )
+            inputs.button("Download this press (zip)", icon, self._download, slow=True)
             self._command = gui.add_html("")
         panel = gui.add_panel()
         with panel.add_tab("Images", viser.Icon.PHOTO):
@@ -154,7 +124,7 @@ class Page:
         panel.expand()
 
     def _set_theme(self, dark: bool) -> None:
-        self.gui.configure_theme(
+        self.inputs.gui.configure_theme(
             dark_mode=dark,
             brand_color=DARK_ACCENT if dark else ACCENT,
             control_width="large",
@@ -185,12 +155,12 @@ class Page:
 
     def _work(self) -> None:
         """Presses until the page is closed."""
-        self._notify("Getting ready", FIRST_START, loading=True)
-        Thread(target=self.guard, args=(self._find_runs,), daemon=True).start()
-        while self._requested.wait() and not self._closed.is_set():
+        self.inputs.notify("Getting ready", FIRST_START, loading=True)
+        Thread(target=self.inputs.guard, args=(self._find_runs,), daemon=True).start()
+        while self._requested.wait() and not self.inputs.is_closed:
             self._idle.clear()
             self._requested.clear()
-            self.guard(self._press_and_show)
+            self.inputs.guard(self._press_and_show)
             if not self._requested.wait(SETTLED_S):
                 self._scene.hide_old_surfaces()
                 self._idle.set()
@@ -202,13 +172,8 @@ class Page:
         with self._runs_folder:
             for name in self._translators.names:
                 is_default = name in self._translators.default_names
-                self._run_boxes[name] = self.gui.add_checkbox(name, is_default)
-                connect(
-                    self._run_boxes[name].on_update,
-                    self.guard,
-                    lambda _: self._use_runs(),
-                    slow=True,
-                )
+                box = self._run_boxes[name] = self.inputs.gui.add_checkbox(name, is_default)
+                self.inputs.connect(box.on_update, lambda _: self._use_runs(), slow=True)
         self._runs_folder.visible = bool(self._run_boxes)
         self._use_runs()
 
@@ -230,10 +195,10 @@ class Page:
         result = self._session.press(self.state, self.runs)
         kpa, counts = cards.scales_of(result)
         html = cards.press_html(result, kpa, counts, self._missing)
-        if self._closed.is_set():
+        if self.inputs.is_closed:
             return
         with self._client.atomic():
-            self._notify()
+            self.inputs.notify()
             self.controls.show_solved_values(result)
             self._cards.content = html
             self._command.content = cards.card_html(command=result.command_line())
@@ -264,41 +229,39 @@ class TranslateTab:
     """
 
     def __init__(self, page: Page) -> None:
-        gui, guard, folder, studio = page.gui, page.guard, page.folder, page.studio
+        inputs, gui, studio = page.inputs, page.inputs.gui, page.studio
         self._page = page
         self._frame: NamedFrame | None = None
         self._ended, self._lock = Event(), Lock()
         gui.add_markdown(
             "Predicts counts from an upright frame of the gel camera that a run was trained on."
         )
-        self.upload = add_upload(
-            gui, "Upload a frame", "PNG or JPEG of any size", guard, folder,
-            lambda path: self._show(read_frame(path)),
-        )  # fmt: skip
-        add_button(
-            gui, "Current image, with noise", viser.Icon.PHOTO, guard, self._show_current, slow=True
+        self.upload = inputs.upload(
+            "Upload a frame", "PNG or JPEG of any size", lambda path: self._show(read_frame(path))
         )
+        icons = viser.Icon
+        inputs.button("Current image, with noise", icons.PHOTO, self._show_current, slow=True)
         self._background_name = gui.add_html("")
-        add_upload(
-            gui, "Upload a background frame", "Frame of the same sensor without contact", guard,
-            folder, lambda path: self._set_background(read_frame(path)),
-        )  # fmt: skip
-        self._no_background = add_button(
-            gui, "Remove the background frame", viser.Icon.X, guard,
-            lambda: self._set_background(None), slow=True,
-        )  # fmt: skip
+        inputs.upload(
+            "Upload a background frame",
+            "Frame of the same sensor without contact",
+            lambda path: self._set_background(read_frame(path)),
+        )
+        self._no_background = inputs.button(
+            "Remove the background frame", icons.X, lambda: self._set_background(None), slow=True
+        )
         files = studio.source_files()
         if len(files) > 1:
             slider = gui.add_slider(
                 "Frame", 0, len(files) - 1, 1, 0, hint="Number of the file, sorted by name"
             )
-            show_file = lambda _: self._show(read_frame(files[slider.value]))  # noqa: E731
-            connect(slider.on_update, guard, show_file, slow=True)
+            show_file = lambda number: self._show(read_frame(files[number]))  # noqa: E731
+            inputs.connect(slider.on_update, show_file, slow=True)
         if studio.source is not None:
             live = gui.add_checkbox(
                 f"Live: {Path(studio.source).name}", False, hint="Translate frames as they arrive"
             )
-            connect(live.on_update, guard, self._follow, slow=True)
+            inputs.connect(live.on_update, self._follow, slow=True)
         self._shown = gui.add_html("")
         self._set_background(studio.background)
 

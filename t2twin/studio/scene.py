@@ -15,14 +15,7 @@ from numpy.typing import ArrayLike
 from trimesh.exchange.gltf import export_glb
 from trimesh.intersections import slice_faces_plane
 
-from t2twin.core.draw import (
-    COLOR_MAP,
-    DIFFERENCE_MAP,
-    SLIP_RGB,
-    STICK_RGB,
-    color_table,
-    traction_arrows,
-)
+from t2twin.core.draw import SLIP_RGB, STICK_RGB, in_colors, traction_arrows
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.tilt import rotation_of
 from t2twin.sim.contact.types import Contact, PressCommand
@@ -247,14 +240,6 @@ class Scene:
         self._on_drag(end - self._grabbed, event.modifier, is_start)
 
 
-def color_values(values: np.ndarray, high: float, name: str = COLOR_MAP) -> np.ndarray:
-    """(..., 3) uint8: colors of values from 0 to high; of differences, from -high to high."""
-    low = -high if name == DIFFERENCE_MAP else 0.0
-    table = color_table(name)
-    levels = (values - low) * ((len(table) - 1) / max(high - low, 1e-9))
-    return table[np.clip(np.rint(levels), 0, len(table) - 1).astype(np.uint8)]
-
-
 def surfaces_of(
     touch: Touch, max_kpa: dict[str, float], max_counts: dict[str, float]
 ) -> dict[str, bytes]:
@@ -290,7 +275,7 @@ def elastomer_part(contact: Contact, max_kpa: float, side_rgba: Sequence[float])
     normals = np.stack([-slope_x, -slope_y, np.ones_like(z)], axis=-1)
     lit = (normals @ LIGHT) / np.linalg.norm(normals, axis=-1) / LIGHT[2]
     share = np.clip(1 - SHADE + SHADE * lit, 0.0, 1.2).reshape(-1, 1)
-    shaded = np.clip(share * color_values(contact.pressure_kpa.ravel(), max_kpa), 0, 255)
+    shaded = np.clip(share * in_colors(contact.pressure_kpa.ravel() / max_kpa), 0, 255)
     side_rgb = np.rint(255 * np.array(side_rgba[:3]))
     colors = np.concatenate([shaded, np.tile(side_rgb, (2 * n, 1))]).astype(np.uint8)
     vertices = np.concatenate([top, top[rim], bottom])
@@ -315,7 +300,7 @@ def taxels_part(
     vertices, vertex_colors = [], []
     for size, above_mm, rgb in (
         (RIM * radius, RIM_ABOVE_MM, np.tile(RIM_RGB, (layout.size, 1))),
-        (radius, PAD_ABOVE_MM, color_values(counts.astype(np.float32), max_counts)),
+        (radius, PAD_ABOVE_MM, in_colors(counts / max_counts)),
     ):
         each = places[:, None] + disc * size[:, None, None] + (0.0, 0.0, above_mm)
         vertices.append(each.reshape(-1, 3))
