@@ -14,6 +14,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.elastomer import Friction
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.tables import read_rows
@@ -113,7 +114,7 @@ def touches_along(
     sensors: SensorPair,
     shape: Shape,
     commands: Sequence[PressCommand],
-    friction: float | None,
+    friction: Friction | None,
     rng: np.random.Generator | None,
     only: str | None = None,
 ) -> Iterator[Touch]:
@@ -141,7 +142,7 @@ def slide_to(
     sensors: SensorPair,
     touch: Touch,
     command: PressCommand,
-    friction: float | dict[str, float] | None,
+    friction: Friction | dict[str, Friction] | None,
 ) -> Touch:
     """Slide the shape of a touch to another pose and force; without images and counts.
 

@@ -70,23 +70,6 @@ def wrench(model, data, frame):
     return force, torque
 
 
-@pytest.mark.parametrize("sensor", ["digit", "cyskin"])
-def test_a_pressed_ball_has_the_force_that_presses_it(sensor: Any):
-    spec = scene()
-    attached = t2twin.attach(spec, site="pad", sensor=sensor)
-    model, data = simulate(spec)
-    touch = attached.read(model, data)
-    assert attached.name == sensor
-    assert list(touch.contacts) == [attached.sensor]
-    contact = touch.contacts[attached.sensor]
-    assert contact.force_n == pytest.approx(FORCE_N, rel=1e-3)
-    assert contact.settled
-    assert (touch.image is None, touch.counts is None) == (sensor == "cyskin", sensor == "digit")
-    assert touch.sensor_to_world is not None
-    thickness_m = 1e-3 * attached.elastomer.thickness_mm
-    assert touch.sensor_to_world[:3, 3] == pytest.approx([0, 0, 0.11 + thickness_m])
-
-
 @pytest.mark.filterwarnings("ignore:.*tangential load")
 def test_the_same_press_as_by_the_twin():
     """A mesh pressed in MuJoCo without friction, and the same shape pressed by a Twin."""
@@ -131,7 +114,13 @@ def pushed_scene(sensor: Any = "digit", **options):
 @pytest.mark.parametrize("sensor", ["digit", "cyskin"])
 def test_force_shear_and_torque_are_those_of_mujoco(sensor):
     attached, model, data = pushed_scene(sensor)
-    contact = attached.read(model, data).contacts[attached.sensor]
+    touch = attached.read(model, data)
+    assert (touch.image is None, touch.counts is None) == (sensor == "cyskin", sensor == "digit")
+    assert touch.sensor_to_world is not None
+    thickness_m = 1e-3 * attached.elastomer.thickness_mm
+    assert touch.sensor_to_world[:3, 3] == pytest.approx([0, 0, 0.11 + thickness_m])
+    contact = touch.contacts[attached.sensor]
+    assert contact.settled
     force, torque = wrench(model, data, attached.pose(model, data))
     assert np.hypot(*force[:2]) > 1.0
     assert contact.force_n == pytest.approx(-force[2], rel=0.01)
@@ -140,18 +129,6 @@ def test_force_shear_and_torque_are_those_of_mujoco(sensor):
     # the ball pushes the sensor along x and y of the world, which is turned against the sensor
     along = attached.pose(model, data)[:3, :2] @ contact.shear_n
     assert along[:2] == pytest.approx([1.5, 1.0], abs=0.05)
-
-
-def test_depth_depends_on_the_force_and_not_on_mujocos_penetration():
-    depths, heights = [], []
-    for timeconst in (0.004, 0.04):
-        spec = scene(solref=[timeconst, 1.0], priority=1, mass=1.0)
-        attached = t2twin.attach(spec, site="pad", sensor="digit")
-        model, data = simulate(spec)
-        depths.append(attached.read(model, data).digit.depth_mm)
-        heights.append(1e3 * data.qpos[0])
-    assert abs(heights[0] - heights[1]) > 0.2
-    assert depths[1] == pytest.approx(depths[0], rel=0.02)
 
 
 def test_without_contact():
@@ -269,7 +246,7 @@ def test_many_states_are_read_at_the_same_time():
             assert alone.contacts[sensor.sensor].force_n > 1.9
     assert t2twin.read_all(sensors[0], []) == []
     data = states[0][1]
-    for wrong, message in ((["digit"], "expected sensors"), (sensors, "twice")):
+    for wrong, message in ((["digit"], "expected objects"), (sensors, "twice")):
         with pytest.raises(T2TwinError, match=message):
             t2twin.read_all(wrong, [data, data])  # pyright: ignore[reportArgumentType]
     with pytest.raises(T2TwinError, match=r"expected a list of them, such as \[data\]"):
@@ -337,6 +314,11 @@ def test_wrong_models():
     ):
         with pytest.raises(T2TwinError, match=message):
             attached.read(wrong, data)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    data.qpos[0] = np.nan
+    with pytest.raises(T2TwinError, match="not finite"):
+        attached.read(model, data)
 
 
 def test_two_sensors_in_one_place_are_refused():

@@ -58,8 +58,7 @@ def force_n(model, data):
 @pytest.mark.parametrize(
     ("sensor", "kind", "drop_mm", "step_s"),
     [
-        ("digit", "sphere", 20, 0.002), ("cyskin", "box", 100, 0.001),
-        ("digit", "cylinder", 100, 0.005), ("cyskin", "cylinder", 100, 0.005),
+        ("cyskin", "box", 100, 0.001), ("digit", "cylinder", 100, 0.005),
         ("cyskin", "ellipsoid", 20, 0.002), ("digit", "capsule", 100, 0.005),
     ],
 )  # fmt: skip
@@ -171,7 +170,6 @@ def test_a_body_that_falls_asleep_before_it_rests_has_its_mean_force_and_a_notic
 @pytest.mark.parametrize(
     ("geom", "sensor"),
     [
-        ("type='cylinder' size='.0001 .01'", "digit"),
         ("type='box' size='.0001 .0001 .01'", "cyskin"),
         ("type='box' size='.00001 .01 .002'", "digit"),
     ],
@@ -197,7 +195,7 @@ def test_a_body_thinner_than_a_cell_is_read(geom, sensor):
 def test_a_blade_is_read_alike_everywhere(half_mm, named):
     """Its place between the points of the grid hardly matters."""
     depths = []
-    for x_mm in np.arange(0.0, 0.5, 0.08):
+    for x_mm in (0.0, 0.16, 0.4):
         spec, attached = scene(f"<geom type='box' size='{1e-3 * half_mm} .005 .004' mass='.5'/>")
         spec.body("load").pos = [1e-3 * x_mm, 0.0, 0.0082]
         touch = attached.read(*at_rest(spec))
@@ -263,15 +261,6 @@ def test_many_light_bodies_are_named():
     assert touch.unread_n == pytest.approx(4 * 0.0009 * GRAVITY, rel=0.02)
 
 
-def test_a_state_that_is_not_finite_is_refused():
-    spec, attached = scene(box(), rate_hz=100)
-    model, data = at_rest(spec, 1)
-    data.qpos[0] = np.nan
-    mujoco.mj_forward(model, data)
-    with pytest.raises(T2TwinError, match="not finite"):
-        attached.read(model, data)
-
-
 def gripper():
     spec = mujoco.MjSpec.from_string(
         "<mujoco><worldbody><body name='finger'><geom size='.01'/><site name='pad' pos='0 0 .01'/>"
@@ -326,15 +315,3 @@ def test_copies_of_a_sensor_read_the_same():
     mujoco.mj_forward(sent[1], again)
     assert np.array_equal(sent[0].read(sent[1], again).image, image)
     assert np.array_equal(attached.read(copy.copy(model), copy.copy(data)).image, image)
-
-
-def test_a_body_behind_a_finger_touches_the_finger():
-    finger = "<body name='finger'><geom name='plate' type='box' size='.02 .02 .003'/>"
-    spec = mujoco.MjSpec.from_string(
-        f"<mujoco><worldbody>{finger}<site name='pad' pos='0 0 -.003' quat='0 1 0 0'/></body>"
-        f"<body name='load' pos='0 0 .0062'><freejoint/>{box()}</body></worldbody></mujoco>"
-    )
-    attached = t2twin.attach(spec, site="pad", sensor="digit")
-    model, data = at_rest(spec)
-    assert data.ncon and (data.contact.geom == model.geom("plate").id).any(axis=1).all()
-    assert attached.read(model, data).notices == ()

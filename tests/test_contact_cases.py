@@ -1,14 +1,13 @@
 """Difficult shapes of the benchmark contact_cases, and small pins under small parts."""
 
-import numpy as np
 import pytest
 
 from benchmarks.contact import contact_cases
-from benchmarks.contact.contact_shapes import FAMILIES, REACH_MM, TILT_DEG, make_case
+from benchmarks.contact.contact_shapes import make_case
 from benchmarks.contact.press import SENSORS
 from benchmarks.contact.solids import punch
 from t2twin.primitives_cad.random_shapes import random_shape
-from t2twin.primitives_cad.shape import NOTHING_MM, ball
+from t2twin.primitives_cad.shape import ball
 from t2twin.sim.contact.contact_solver import solve_bodies, solve_contact
 from t2twin.sim.contact.types import PressCommand
 
@@ -20,23 +19,6 @@ def smallest_pin_mm(shape, sensor):
     own = SENSORS[sensor]
     contact = solve_contact(shape, PressCommand("", 0.1, 0.2, 0.4, 0.5), own.flat, own.pitch_mm)
     return contact.pins.side_mm.min()
-
-
-def test_a_case_is_determined_by_its_number():
-    first, again = (make_case(11).shape()[0].surface.heights_mm for _ in range(2))
-    np.testing.assert_array_equal(first, again)
-    assert [make_case(number).family for number in range(len(FAMILIES))] == list(FAMILIES)
-
-
-@pytest.mark.parametrize("number", range(32))
-def test_the_faces_of_a_case_lie_within_reach_and_are_tilted(number):
-    case = make_case(number)
-    surface = case.shape()[0].surface
-    distance = np.hypot(*np.meshgrid(surface.x_mm, surface.y_mm))
-    faces = surface.heights_mm > NOTHING_MM / 2
-    assert surface.heights_mm.max() == 0.0 and faces.any()
-    assert distance[faces].max() <= REACH_MM
-    assert np.hypot(*case.slope) <= np.tan(np.radians(TILT_DEG))
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

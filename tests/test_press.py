@@ -17,7 +17,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import Composition, Feature, heights_mm, random_shape
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape, ball
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.elastomer import Elastomer, Friction
 from t2twin.sim.contact.heights import footprint
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.mujoco_contact import MujocoPins
@@ -236,7 +236,9 @@ def test_a_contact_can_be_copied_and_pickled():
     contact = pressed(ball(4.0), GEL, GEL_PITCH_MM, 4.0)
     for again in (copy.deepcopy(contact), pickle.loads(pickle.dumps(contact))):
         assert np.array_equal(again.surface_mm, contact.surface_mm)
-        slid, expected = (advance(each, 0.2, 0.0, 0.0, 4.0, 0.8) for each in (again, contact))
+        slid, expected = (
+            advance(each, 0.2, 0.0, 0.0, 4.0, Friction(0.8)) for each in (again, contact)
+        )
         assert np.array_equal(slid.shear_kpa, expected.shear_kpa)
         assert np.array_equal(copy.deepcopy(slid).displacement_mm, slid.displacement_mm)
 

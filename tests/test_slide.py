@@ -104,15 +104,6 @@ def test_fields_have_the_forces_of_the_table(folder, sensor):
         assert fields["slip_mm"].any() == (step in (1, 4))
 
 
-def test_displacement_follows_the_shape(twin, folder):
-    """The middle of a ball sticks, so its surface moves with the ball."""
-    with np.load(folder / "contact_cyskin-20_004.npz") as fields:
-        row = np.abs(fields["y_mm"] + 0.2).argmin()
-        column = np.abs(fields["x_mm"] - 1.0).argmin()
-        along_x, along_y, _ = fields["displacement_mm"][:, row, column]
-    assert along_y == pytest.approx(-0.2, abs=0.06) and abs(along_x) < 0.06
-
-
 def test_images(folder):
     frames = sorted((folder / "frames").iterdir())
     assert [path.name for path in frames] == [f"00{step}.png" for step in range(5)]
@@ -135,19 +126,6 @@ def test_same_seed_same_bytes(tmp_path):
     first, second, third = (contents(tmp_path / name) for name in "abc")
     assert first == second
     assert {name for name in first if first[name] != third[name]} >= {"counts.csv", "slide.gif"}
-
-
-def test_a_new_slide_replaces_an_earlier_one(tmp_path, capsys):
-    out = tmp_path / "out"
-    arguments = ("circle-1", "--dyaw-deg", 1, "--out", out)
-    assert run(*arguments, "--steps", 2) == 0
-    assert "digit: step 2: tangential force" in capsys.readouterr().out
-    (out / "frames" / "mine.png").write_text("mine")
-    assert run(*arguments, "--steps", 1, "--sensor", "digit") == 0
-    assert {*contents(out)} == {
-        "slide.csv", "slide.png", "slide.gif", "contact_digit_000.npz", "contact_digit_001.npz",
-        "frames/000.png", "frames/001.png", "frames/mine.png",
-    }  # fmt: skip
 
 
 def test_two_sensors_of_one_kind_have_files_of_their_own(tmp_path):

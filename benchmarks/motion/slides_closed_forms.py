@@ -15,7 +15,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.closed_forms import shear_kernels, spectra
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.friction import Traction, solve_traction
-from t2twin.sim.contact.layer import ShearLayer
+from t2twin.sim.contact.layer import DomedLayer, WindowTransforms
 
 YOUNG_MPA, THICK_MM = 1.0, 200.0
 
@@ -39,7 +39,8 @@ class Contact:
         self.x, self.y = np.meshgrid(axis, axis)
         elastomer = Elastomer("test", thickness_mm, YOUNG_MPA, poisson, 20.0, 20.0, law="linear")
         kernels = shear_kernels(elastomer, thickness_mm, *self.x.shape, pitch_mm)
-        self.layer = ShearLayer(kernels, pitch_mm)
+        self.layer = WindowTransforms(kernels, odd=2)
+        self.response = DomedLayer(self.layer, None, thickness_mm, np.zeros(self.x.shape))
 
     def hertz(self, radius_mm: float = 1.0) -> np.ndarray:
         """Cell means of sqrt(1 - (r / radius)^2)."""
@@ -139,7 +140,7 @@ def loop(pitch_mm: float) -> dict[str, float]:
         for share in shares:
             part = 1 - (1 - abs(share - start) / times) ** (2 / 3)
             to_mm = origin_mm + sign * times * part * full_mm
-            wanted = contact.layer.displacement_mm(q)
+            wanted = contact.response.response_mm(q)[:2]
             wanted[0] += to_mm - moved_mm
             step = solve_traction(contact.layer, limit, wanted, q)
             slip_mm = (wanted - step.displacement_mm) * (limit > 0)

@@ -53,18 +53,14 @@ SMALL_ARGUMENT = 1e-3  # below it J2 is its first term, whose relative error is 
 
 
 class Spectra(NamedTuple):
-    """The coefficients at wavenumbers k, each of the shape of k.
+    """The coefficients at wavenumbers k, each of the shape of k."""
 
-    transverse, longitudinal, normal, coupling: T, L, N, C, mm/MPa. base_pressure, base_shear: R,
-    B, pressure at the base per pressure and per longitudinal traction on the surface.
-    """
-
-    transverse: np.ndarray
-    longitudinal: np.ndarray
-    normal: np.ndarray
-    coupling: np.ndarray
-    base_pressure: np.ndarray
-    base_shear: np.ndarray
+    transverse: np.ndarray  # T, mm/MPa, as the next three
+    longitudinal: np.ndarray  # L
+    normal: np.ndarray  # N
+    coupling: np.ndarray  # C
+    base_pressure: np.ndarray  # R, pressure at the base per pressure on the surface
+    base_shear: np.ndarray  # B, the same per longitudinal traction
 
 
 def spectra(
@@ -91,13 +87,6 @@ def spectra(
         base_pressure=base * (2 * (1 - poisson) * cosh + s * sinh),
         base_shear=base * ((1 - 2 * poisson) * sinh + s * cosh),
     )
-
-
-def pressure_profiles(
-    elastomer: Elastomer, thicknesses_mm: np.ndarray, radii_mm: np.ndarray, pitch_mm: float
-) -> np.ndarray:
-    """(thicknesses, radii): the base's effect on the deflection by a unit force, mm/MPa/mm2."""
-    return _base_part(elastomer, thicknesses_mm, radii_mm, pitch_mm, False)[0]
 
 
 def half_space_deflection(
@@ -132,7 +121,7 @@ def smooth_shear_kernels(
     quarter = np.hypot(x[columns - 1 :], y[rows - 1 :, None])
     every = np.ix_(np.abs(np.arange(1 - rows, rows)), np.abs(np.arange(1 - columns, columns)))
     radii = np.linspace(0.0, float(quarter.max()), HANKEL_RADII)
-    profiles = _base_part(elastomer, np.array([thickness_mm]), radii, pitch_mm, True)[:, 0]
+    profiles = base_part(elastomer, np.array([thickness_mm]), radii, pitch_mm, True)[:, 0]
     mean, difference, coupling = (
         pitch_mm**2 * CubicSpline(radii, profile)(quarter)[every] for profile in profiles
     )
@@ -162,11 +151,14 @@ def _half_space_shear(rows: int, columns: int, pitch_mm: float, elastomer: Elast
     ])  # fmt: skip
 
 
-def _base_part(
+def base_part(
     elastomer: Elastomer, thicknesses_mm: np.ndarray, radii_mm: np.ndarray, pitch_mm: float,
     shear: bool,
 ) -> np.ndarray:  # fmt: skip
-    """(parts, thicknesses, radii) of `_hankel`, cached on disk; the modulus only scales it."""
+    """(parts, thicknesses, radii) effect of the base per unit force, mm/MPa/mm2, see `_hankel`.
+
+    Of pressure one part. Cached on disk; the modulus only scales it.
+    """
     nu = elastomer.poisson
     key = repr((thicknesses_mm.tolist(), float(radii_mm[-1]), radii_mm.size, nu, pitch_mm, shear))
     compute = lambda: _hankel(thicknesses_mm, radii_mm, nu, pitch_mm, shear)  # noqa: E731
@@ -179,7 +171,18 @@ def _hankel(
     """Effect of the base per unit force, of a modulus of 1 MPa, in one or three parts."""
     from scipy import special
 
-    k, rule = _hankel_rule(thicknesses_mm, float(radii_mm[-1]), pitch_mm)
+    # Simpson's rule over wavenumbers, rad/mm, times the average over both cells.
+    reach = SMOOTH_REACH / float(thicknesses_mm.min())
+    step = min(
+        2 * np.pi / float(radii_mm[-1]) / HANKEL_POINTS_A_WAVE,
+        SMOOTH_REACH / float(thicknesses_mm.max()) / MIN_HANKEL_POINTS,
+    )
+    k = np.arange(1e-9, reach, step)
+    k = k[: len(k) - 1 + len(k) % 2]
+    rule = np.full(k.size, 2.0)
+    rule[1::2] = 4.0
+    rule[[0, -1]] = 1.0
+    rule *= step / 3 * np.exp(-((k * pitch_mm) ** 2) / 12) / (2 * np.pi)
     layers = [spectra(k, float(thickness), 1.0, poisson) for thickness in thicknesses_mm]
     unit, argument = 2 * (1 + poisson) / k, k[:, None] * radii_mm
     zeroth = special.j0(argument)
@@ -201,24 +204,6 @@ def _hankel(
     return np.stack(
         [np.einsum("tk,kr->tr", np.array(values) * (k * rule), bessel) for values, bessel in parts]
     )
-
-
-def _hankel_rule(
-    thicknesses_mm: np.ndarray, farthest_mm: float, pitch_mm: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Wavenumbers, rad/mm, and Simpson's weights, times the average over both cells."""
-    reach = SMOOTH_REACH / float(thicknesses_mm.min())
-    step = min(
-        2 * np.pi / farthest_mm / HANKEL_POINTS_A_WAVE,
-        SMOOTH_REACH / float(thicknesses_mm.max()) / MIN_HANKEL_POINTS,
-    )
-    k = np.arange(1e-9, reach, step)
-    k = k[: len(k) - 1 + len(k) % 2]
-    rule = np.full(k.size, 2.0)
-    rule[1::2] = 4.0
-    rule[[0, -1]] = 1.0
-    rule *= step / 3 * np.exp(-((k * pitch_mm) ** 2) / 12) / (2 * np.pi)
-    return k, rule
 
 
 def _cell_mean(

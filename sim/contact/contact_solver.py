@@ -1,21 +1,7 @@
 """Solves a press: rigid shapes pushed into an elastomer, each with a force.
 
-Contact is normal and frictionless. Two models act together:
-
-- MuJoCo solves the contact (`t2twin.sim.contact.mujoco_contact`): which pins the shape touches, how
-  they share the force, and how deep the shape is. Its pins stand on independent springs.
-- The elastic layer couples the pins (`t2twin.sim.contact.layer`): a pressure on one place lowers
-  the surface everywhere.
-
-A fixed-point iteration joins them. Each step fits the springs to the layer: their rest deflections
-take the part of the layer's response that the springs leave out, w(p) - D p. The contact of these
-springs gives the next pressure. The steps are preconditioned and mixed by Anderson acceleration.
-Most steps solve MuJoCo's equations in closed form (`t2twin.sim.contact.solver_loops`), which takes
-a hundredth of the time. When the pressure no longer changes, MuJoCo solves the step; the press has
-settled only if MuJoCo's pressure is the same. Else the iteration goes on from MuJoCo's.
-
-The iteration runs on coarse pins and then on fine ones (`t2twin.sim.contact.pin_layout`), and again
-with more pins where the shape penetrates the surface outside them.
+Normal and frictionless; docs/explanation/contact.md describes the iteration of MuJoCo's springs and
+the elastic layer.
 """
 
 import time
@@ -32,8 +18,6 @@ from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.grid import (
-    Window,
-    block_max,
     block_means,
     center_values,
     expanded,
@@ -44,8 +28,7 @@ from t2twin.sim.contact.grid import (
 from t2twin.sim.contact.heights import heights_at, is_cut, place_of_top
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.mujoco_contact import borrowed_pins
-from t2twin.sim.contact.pin_layout import GUESSES, STAGES, OffPadError, PinLayout, Survey
-from t2twin.sim.contact.pins import Pins
+from t2twin.sim.contact.pin_layout import GUESSES, STAGES, OffPadError, PinLayout, Pins, Survey
 from t2twin.sim.contact.solver_loops import (
     FAR_MM,
     iterate,
@@ -68,19 +51,16 @@ BASE_TOLERANCE_MM = 1e-3  # on the height of the base plate's top when it is tes
 FINE_CELLS = 2  # survey cells around the pins in which the surface is computed on the fine grid
 DEPTH_TOLERANCE_MM = 1e-3  # of the depth, mm: the change in a converged step
 FIRST_N, STEP = 1.0, 4.0  # first force of the search for a depth, N, and factor between its steps
-MAX_PRESSES = 60  # of one search
 # Distances, mm, over which a pin's step is compared with its neighbors', and the gains on the
 # differences (`solver_loops.precondition`). They nearly halve the number of steps of the last
 # stage. Reaches below one fine cell are left out. Gains twice as large overshoot.
 REACHES_MM, GAINS = (0.125, 0.25, 0.5), (2.0, 2.0, 1.0)
-MAX_STEPS = 40  # full steps; of a thousand contacts six need more than 25
-# Step sizes that are tried in turn after full steps fail, and the limit on the number of each. Two
-# in three presses that oscillate converge three times as fast with the larger one.
-DAMPED_STEPS = ((0.3, 60), (0.1, 400))
-# Least share of a pin's compliance that stiffening leaves, which keeps the springs finite. The
-# second is for presses that do not converge with the first: where the layer is pressed almost
-# through, springs so much softer than the layer overshoot back and forth.
-MIN_SLOPE, STIFFER_MIN_SLOPE = 0.02, 0.002
+# Attempts to converge in turn, each with the least share of a pin's compliance that stiffening
+# leaves, which keeps the springs finite, with the size of the steps and a limit on their number. Of
+# a thousand contacts six need more than 25 full steps. Two in three presses that oscillate converge
+# three times as fast with steps of 0.3 as with 0.1. The last springs are for a layer that is
+# pressed almost through: springs so much softer than the layer overshoot back and forth.
+ATTEMPTS = ((0.02, 1.0, 40), (0.02, 0.3, 60), (0.02, 0.1, 400), (0.002, 1.0, 40))
 # Distance from the shape, mm, above which a pin is left out of MuJoCo's model (assumed: far more
 # than a converged step changes the depth).
 CLEAR_MM = 0.02
@@ -95,8 +75,7 @@ def solve_contact(
 ) -> Contact:
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
-    Uses the command's pose and force, not its shape name. shift: of the surface by shear. Safe to
-    call from several threads.
+    shift: of the surface by shear. Safe to call from several threads.
     Raises T2TwinError for a force out of range or too large for a linear layer. Raises OffPadError,
     with a position over the pad, for a shape that does not lie over it.
     """
@@ -125,9 +104,8 @@ def solve_bodies(
     """The contact of bodies that are pressed at the same time, each with its own force.
 
     bodies: shapes of different names, with their poses and forces. Where they overlap, they share
-    the pressure. shift: as for solve_contact. start: a contact of the same elastomer on the same
-    grid, near to which the solution is expected; it is used if it is of the same bodies. slips_mm:
-    (bodies, 2) by which each is expected to have moved since, along x and y; None for no motion.
+    the pressure. start: a contact on the same grid near to the solution, used if it is of the same
+    bodies. slips_mm: (bodies, 2) by which each is expected to have moved since, along x and y.
     with_mujoco: whether MuJoCo solves the last steps; False in the rounds of a slide before the
     last one, see Equilibrium.agrees_with_mujoco.
     The shape and the command of the contact are those of the first body, its depths those of the
@@ -144,7 +122,14 @@ def solve_bodies(
         near = near if len(bodies) == len(near.names) == 1 else None
     found = _solve(surveys, near, slips_mm, with_mujoco)
     if elastomer.law == "linear":
-        _check_not_through(found)
+        through = found.surface_mm() >= layer.thickness_mm
+        if through[found.grid_mpa > 0].any():
+            raise T2TwinError(
+                f"{found.forces_n.sum():g} N push {' and '.join(found.names)} through the "
+                f"{elastomer.name} layer of {elastomer.thickness_mm:g} mm; take a smaller force or "
+                "a thicker or stiffer layer"
+            )
+    area_mm2 = float(found.pins.covered[found.pressure_mpa > 0].sum() * found.pins.cell_mm2)
     shape, command = bodies[0]
     preparing_s = sum(survey.preparing_s for survey in surveys)
     return Contact(
@@ -154,11 +139,11 @@ def solve_bodies(
         pressure_kpa=read_only((1e3 * found.grid_mpa).astype(np.float32)),
         x_mm=read_only(layer.x_mm),
         y_mm=read_only(layer.y_mm),
-        contact_area_mm2=found.area_mm2,
-        depth_mm=found.depth_mm,
+        contact_area_mm2=area_mm2,
+        depth_mm=float(found.depths_mm.max()),
         shape_depth_mm=float(found.shape_depths_mm.max()),
         force_n=float(found.grid_mpa.sum() * pitch_mm**2),
-        settled=found.converged and found.area_mm2 > SMALLEST_CONTACT_MM2,
+        settled=found.converged and area_mm2 > SMALLEST_CONTACT_MM2,
         bottomed=_bottomed(found),
         milliseconds=1e3 * (time.perf_counter() - compile_time_s() - started - preparing_s),
         equilibrium=found,
@@ -180,42 +165,28 @@ def force_at_depth(
         raise T2TwinError(f"a depth of {depth_mm:g} mm cannot be pressed; it must be above 0")
     from scipy.optimize import root_scalar  # slow to import
 
-    residuals: dict[float, float] = {}
+    def force_n(log_n: float) -> float:
+        return float(np.clip(np.exp(log_n), *FORCE_RANGE_N))
 
+    @cache
     def residual(log_n: float) -> float:
         """Depth of a force less the wanted depth, mm."""
-        if log_n not in residuals:
-            if len(residuals) == MAX_PRESSES:
-                raise T2TwinError(
-                    f"no force was found that gives a depth of {depth_mm:g} mm; take another depth"
-                )
-            contact = press(replace(command, force_n=_force(log_n)))
-            error = contact.depth_mm - depth_mm
-            residuals[log_n] = 0.0 if abs(error) < DEPTH_TOLERANCE_MM else error
-        return residuals[log_n]
+        error = press(replace(command, force_n=force_n(log_n))).depth_mm - depth_mm
+        return 0.0 if abs(error) < DEPTH_TOLERANCE_MM else error
 
-    found = root_scalar(residual, bracket=_bracket(residual, depth_mm), method="brentq", xtol=1e-6)
-    return _force(found.root)
-
-
-def _force(log_n: float) -> float:
-    return float(np.clip(np.exp(log_n), *FORCE_RANGE_N))
-
-
-def _bracket(residual: Callable[[float], float], depth_mm: float) -> tuple[float, float]:
-    """Logarithms of a force that is too small and of one that is too large."""
     low, high = np.log(FORCE_RANGE_N)
     current = np.log(FIRST_N)
     direction = -1.0 if residual(current) > 0 else 1.0
     while True:
         following = float(np.clip(current + direction * np.log(STEP), low, high))
         if residual(following) * direction >= 0:
-            return min(current, following), max(current, following)
+            bracket = min(current, following), max(current, following)
+            return force_n(root_scalar(residual, bracket=bracket, method="brentq", xtol=1e-6).root)
         if following in (low, high):
             side, (least_n, most_n) = "under" if direction < 0 else "over", FORCE_RANGE_N
             raise T2TwinError(
-                f"a depth of {depth_mm:g} mm needs a force {side} {_force(following):g} N; allowed "
-                f"are {least_n:g} to {most_n:g} N"
+                f"a depth of {depth_mm:g} mm needs a force {side} {force_n(following):g} N; "
+                f"allowed are {least_n:g} to {most_n:g} N"
             )
         current = following
 
@@ -223,16 +194,7 @@ def _bracket(residual: Callable[[float], float], depth_mm: float) -> tuple[float
 class Equilibrium:
     """State of a press on the pins of one stage: of a layout, the rough or the last one.
 
-    near: a result from which the iteration starts, with slips_mm as for solve_bodies; None starts
-    from independent springs.
-
-    Attributes:
-
-    - pins, of all bodies; forces_n, (bodies,) their normal forces;
-    - pressure_mpa, (n,), on the covered part of each pin's block;
-    - depths_mm, (bodies,), each body's travel from its own first touch;
-    - active, (n,) bool, the pins that take part: those at the contact and their neighbors;
-    - converged, whether the iteration did; grid_mpa, (ny, nx) pressure on the contact's grid.
+    near: a result from which the iteration starts; None starts from independent springs.
     """
 
     def __init__(
@@ -244,24 +206,25 @@ class Equilibrium:
         slips_mm: np.ndarray | None = None,
     ) -> None:
         self.layout, self.last, self._with_mujoco = layout, last, with_mujoco
-        self.pins = pins = layout.stage(last)
+        self.pins = pins = layout.stage(last)  # of all bodies
         self.forces_n = np.array([each.command.force_n for each in layout.surveys])
-        self._min_slope = MIN_SLOPE
-        self._spread: tuple[np.ndarray, np.ndarray] | None = None
+        self.pressure_mpa: np.ndarray  # (n,), on the covered part of each pin's block
+        self.depths_mm: np.ndarray  # (bodies,), each body's travel from its own first touch
+        self.active: np.ndarray  # (n,) bool, the pins at the contact and their neighbors
         self._local, self._rest = np.empty((2, pins.gap_mm.size))
         self._linear_mm = np.empty(window_shape(pins.window), np.float32)
         if near is None or not self._start_near(near, slips_mm):
             self._start_from_springs()
-        self.converged = self._iterate()
+        self.converged = any(self._iterate(*attempt) for attempt in ATTEMPTS)
         survey = layout.surveys[0]
-        self.grid_mpa = np.zeros(survey.layer.rest_mm.shape)
-        fine_mpa = self.fine_pressure_mpa()
-        self.grid_mpa[self._grid_window] = block_means(fine_mpa, pins.layer.per_side)
+        self.grid_mpa = np.zeros(survey.layer.rest_mm.shape)  # (ny, nx) on the contact's grid
+        self._grid_window = refined(layout.window, survey.per_side)
+        self.grid_mpa[self._grid_window] = block_means(self.fine_mpa, pins.layer.per_side)
 
     def _start_near(self, near: "Equilibrium", slips_mm: np.ndarray | None) -> bool:
         """Start from another result, each body moved by the nearest number of cells; False where
         the pins of a body do not cover the cells that were loaded."""
-        pins, pressures = self.pins, near.body_fine_mpa()
+        pins, pressures = self.pins, near.body_fine_mpa
         old, new = near.layout.window, self.layout.window
         before, now = (
             each.shape[1] // (rows.stop - rows.start)
@@ -278,101 +241,73 @@ class Equilibrium:
         self.active = pins.with_neighbors(self.pressure_mpa > 0)
         if not all(self.active[part].any() for part in pins.parts):
             return False
-        self.compliance = self._springs()
+        self.compliance = pins.springs(self.active)
         return True
 
     def _start_from_springs(self) -> None:
         """Start from independent springs, adapted to their own contact."""
         pins = self.pins
         self.active = np.ones(pins.gap_mm.size, bool)
-        self.compliance, before = self._springs(), None
+        self.compliance, before = pins.springs(self.active), None
         for _ in range(GUESSES):
             if before is not None and (self.compliance == before).all():
                 break  # with the same springs, the contact would be the same
             self.depths_mm = np.array(
                 [
-                    spring_depth(force, pins.gap_mm[part], pins.covered[part])
+                    spring_depth(force, pins.gap_mm[part], pins.covered[part], np.inf)
                     for force, part in zip(self._forces, pins.parts, strict=True)
                 ]
             )
             pressed = np.maximum(self.depths_mm[pins.bodies] - pins.gap_mm, 0.0)
             self.active = pins.with_neighbors(pressed > 0)
             self.pressure_mpa = np.where(self.active, pressed, 0.0) / self.compliance[pins.bodies]
-            before, self.compliance = self.compliance, self._springs()
-
-    def _springs(self) -> np.ndarray:
-        """The springs' compliance D of each body, (bodies,), mm/MPa, for the active pins."""
-        pins, active = self.pins, self.active
-        return np.array(
-            [
-                pins.layer.spring_mm_per_mpa(pins.window_of(pins.around(body, active)))
-                * pins.most_overlapping(body, active)
-                for body in range(self.forces_n.size)
-            ]
-        )
+            before, self.compliance = self.compliance, pins.springs(self.active)
 
     @property
     def _forces(self) -> np.ndarray:
         """(bodies,) the forces in units of the spring of one fine cell x mm."""
         return self.forces_n * self.compliance / self.pins.cell_mm2
 
-    def _iterate(self) -> bool:
-        """Full steps, then damped ones, then on stiffer springs; returns whether it converged."""
-        tolerance = STAGES[self.last][1]
-        if self._steps(tolerance, 1.0, MAX_STEPS):
-            return True
-        if any(self._steps(tolerance, step, limit) for step, limit in DAMPED_STEPS):
-            return True
-        self._min_slope = STIFFER_MIN_SLOPE
-        return self._steps(tolerance, 1.0, MAX_STEPS)
-
-    def _steps(self, tolerance: float, step: float, steps_left: int) -> bool:
-        """Iterate, adding inactive pins that the shape penetrates, until there are none."""
+    def _iterate(self, min_slope: float, step: float, steps_left: int) -> bool:
+        """Iterate, adding inactive pins that the shape penetrates; returns whether it converged."""
+        pins, tolerance, outside = self.pins, STAGES[self.last][1], np.empty(self.active.size, bool)
+        reaches, operator = (
+            np.array(REACHES_MM) / pins.layer.pitch_mm,
+            pins.layer.operator(pins.window),
+        )
+        reaches = np.rint(np.array(REACHES_MM) / pins.layer.pitch_mm).astype(int)
+        around = reaches[reaches > 0], np.array(GAINS)[reaches > 0]
         while True:
-            converged, steps, outside = self._steps_on_active(steps_left, tolerance, step)
-            steps_left -= steps
-            if outside is None:
-                return converged
-            if steps_left <= 0:
-                return False
-            self.active |= self.pins.with_neighbors(outside)
-            self.pressure_mpa = np.where(self.active, self.pressure_mpa, 0.0)
-            self.compliance = self._springs()
-
-    def _steps_on_active(
-        self, max_steps: int, tolerance: float, step: float
-    ) -> tuple[bool, int, np.ndarray | None]:
-        """Iterate on the active pins, with steps of a size, 1 for full ones, which are accelerated.
-
-        Returns whether it converged; the number of steps; and the pins outside, (n,) bool, that the
-        shape penetrates, or None if there are none.
-        """
-        pins, steps, active = self.pins, 0, np.flatnonzero(self.active)
-        around, operator = _around(pins.layer.pitch_mm), pins.layer.operator(pins.window)
-        of_active = tuple(each[active] for each in pins.arrays)
-        ends = np.searchsorted(of_active[0], np.arange(self.forces_n.size + 1))
-        current, found = self.pressure_mpa[active], np.empty((3, active.size))
-        while True:
-            self.depths_mm = self.depths_mm.copy()
-            change, more = iterate(
-                tolerance, step, max_steps - steps, self._min_slope, of_active, pins.cover, ends,
-                self._forces, self.compliance, pins.stiffens, operator, *around, current, *found,
-                self.depths_mm, self._linear_mm,
-            )  # fmt: skip
-            steps += more
-            pressure, before = np.zeros((2, pins.gap_mm.size))
-            self._local.fill(1.0)
-            self._rest.fill(FAR_MM)
-            for values, own in zip(
-                (before, pressure, self._local, self._rest), (current, *found), strict=True
-            ):
-                values[active] = own
-            self.pressure_mpa, outside = pressure, self._penetrated()
-            if self._with_mujoco and outside is None:
-                change = self._solve_with_mujoco(before, pressure)
-            if change < tolerance or steps == max_steps:
-                return bool(change < tolerance), steps, outside
-            current = pressure[active]
+            active, is_missed = np.flatnonzero(self.active), False
+            of_active = tuple(each[active] for each in pins.arrays)
+            ends = np.searchsorted(of_active[0], np.arange(self.forces_n.size + 1))
+            found = np.empty((3, active.size))
+            while not is_missed:
+                current, self.depths_mm = self.pressure_mpa[active], self.depths_mm.copy()
+                change, steps = iterate(
+                    tolerance, step, steps_left, min_slope, of_active, pins.cover, ends,
+                    self._forces, self.compliance, pins.stiffens, operator, *around, current,
+                    *found, self.depths_mm, self._linear_mm,
+                )  # fmt: skip
+                steps_left -= steps
+                self.pressure_mpa, before = np.zeros((2, pins.gap_mm.size))
+                self._local.fill(1.0)
+                self._rest.fill(FAR_MM)
+                of_all = before, self.pressure_mpa, self._local, self._rest
+                for values, own in zip(of_all, (current, *found), strict=True):
+                    values[active] = own
+                is_missed = penetrated(
+                    self._linear_mm, pins.stiffens, pins.arrays, pins.cover, self.depths_mm,
+                    self.active, outside,
+                )  # fmt: skip
+                if self._with_mujoco and not is_missed:
+                    change = self._solve_with_mujoco(before, self.pressure_mpa)
+                if change < tolerance and not is_missed:
+                    return True
+                if steps_left <= 0:
+                    return False
+            self.active |= pins.with_neighbors(outside)
+            self.compliance = pins.springs(self.active)
 
     def agrees_with_mujoco(self) -> bool:
         """Whether MuJoCo finds the pressure of the last step, if it was solved without MuJoCo."""
@@ -403,24 +338,10 @@ class Equilibrium:
         self.depths_mm = depths_mm
         return change
 
-    def _penetrated(self) -> np.ndarray | None:
-        """(n,) bool: the inactive pins at which the shape stands above the surface, if any."""
-        pins, found = self.pins, np.empty(self.active.size, bool)
-        some = penetrated(
-            self._linear_mm, pins.stiffens, pins.arrays, pins.cover, self.depths_mm, self.active,
-            found,
-        )  # fmt: skip
-        return found if some else None
-
     @property
     def names(self) -> tuple[str, ...]:
         """Of the bodies."""
         return tuple(survey.shape.name for survey in self.layout.surveys)
-
-    @property
-    def depth_mm(self) -> float:
-        """The deepest body's depth."""
-        return float(self.depths_mm.max())
 
     @property
     def shape_depths_mm(self) -> np.ndarray:
@@ -428,20 +349,10 @@ class Equilibrium:
         return self.depths_mm + self.pins.first_touch_mm
 
     @property
-    def area_mm2(self) -> float:
-        """Area of the shapes in contact."""
-        return float(self.pins.covered[self.pressure_mpa > 0].sum() * self.pins.cell_mm2)
-
-    @property
-    def _grid_window(self) -> Window:
-        """The pins' window on the contact's grid."""
-        return refined(self.layout.window, self.layout.surveys[0].per_side)
-
-    @property
     def touching(self) -> list[np.ndarray]:
         """(rows, columns) of each body: the survey's cells that carry its pressure."""
         per_side = self.layout.surveys[0].per_side
-        return [block_max(each, per_side) > 0 for each in self.body_pressures_mpa]
+        return [block_means(each, per_side) > 0 for each in self.body_pressures_mpa]
 
     @cached_property
     def body_pressures_mpa(self) -> np.ndarray:
@@ -449,14 +360,14 @@ class Equilibrium:
         if len(self.names) == 1:
             return self.grid_mpa[None]
         found = np.zeros((len(self.names), *self.grid_mpa.shape))
-        for body, fine in enumerate(self.body_fine_mpa()):
+        for body, fine in enumerate(self.body_fine_mpa):
             found[body, *self._grid_window] = block_means(fine, self.pins.layer.per_side)
         return found
 
     @cached_property
     def moments_mpa_mm(self) -> np.ndarray:
         """(2, ny, nx) mean of pressure times distance from the cell's center, along x and y."""
-        layer, fine = self.pins.layer, self.fine_pressure_mpa()
+        layer, fine = self.pins.layer, self.fine_mpa
         per_side = layer.per_side
         # The window's first fine cell is the first of a cell.
         down, across = (
@@ -469,34 +380,36 @@ class Equilibrium:
         ]
         return found
 
-    def fine_pressure_mpa(self) -> np.ndarray:
+    @property
+    def fine_mpa(self) -> np.ndarray:
         """Mean pressure on each fine cell of the window, (rows, columns)."""
         if self.forces_n.size == 1:
-            return self.body_fine_mpa()[0]
+            return self.body_fine_mpa[0]
         return self.pins.spread(self.pressure_mpa)
 
+    @cached_property
     def body_fine_mpa(self) -> np.ndarray:
         """The same by each body, (bodies, rows, columns)."""
-        if self._spread is None or self._spread[0] is not self.pressure_mpa:
-            self._spread = self.pressure_mpa, self.pins.spread_each(self.pressure_mpa)
-        return self._spread[1]
+        return self.pins.spread_each(self.pressure_mpa)
 
     def pin_state(self) -> PinState:
         """The active pins after the last step."""
-        pins, active = self.pins, self.active
-        x, y = pins.centers_mm()
-        height = pins.mean_over_cover(pins.layer.rest_mm[pins.window])
-        behind_mm = (self.depth_mm - self.depths_mm)[pins.bodies]
+        pins, active, layer = self.pins, self.active, self.pins.layer
+        down, along = pins.window
+        half = (pins.sides - 1) / 2 * layer.pitch_mm
+        first = np.zeros((self.forces_n.size, 2), int)
+        height = pins.gather(layer.rest_mm[pins.window] * pins.cover, 1, first)
+        behind_mm = (self.depths_mm.max() - self.depths_mm)[pins.bodies]
         return PinState(
-            x_mm=x[active],
-            y_mm=y[active],
+            x_mm=(layer.x_mm[along][pins.columns] + half)[active],
+            y_mm=(layer.y_mm[down][pins.rows] + half)[active],
             rest_mm=height[active],
             gap_mm=(pins.gap_mm + behind_mm)[active],
             # A pin that carries nothing stays where its spring rests.
             deflection_mm=(self._rest + self._local * self.pressure_mpa)[active],
             spring_rest_mm=self._rest[active],
             stiffness_n_per_mm=(pins.covered * pins.cell_mm2 / self._local)[active],
-            side_mm=pins.sides[active] * pins.layer.pitch_mm,
+            side_mm=pins.sides[active] * layer.pitch_mm,
         )
 
     def surface_mm(self) -> np.ndarray:
@@ -508,9 +421,8 @@ class Equilibrium:
         near = refined(window, survey.per_side)
         fine_near = refined(near, fine.per_side)
         pressure = np.zeros(window_shape(fine_near))
-        pressure[relative_window(self.pins.window, fine_near)] = self.fine_pressure_mpa()
-        deflection = fine.by_law_mm(fine.deflection_mm(pressure, fine_near), fine_near)
-        surface[near] = center_values(deflection, fine.per_side)
+        pressure[relative_window(self.pins.window, fine_near)] = self.fine_mpa
+        surface[near] = center_values(fine.deflection_mm(pressure, fine_near), fine.per_side)
         if survey.per_side == 1:
             # The surface lies on the shape where that touches. A finer grid resolves this by
             # itself, and heights of the solid would give a slanting edge a beaded outline.
@@ -519,13 +431,6 @@ class Equilibrium:
                 heights = heights_at(each.shape.surface, each.command, x_mm, y_mm, each.shift)
                 surface[near] = np.maximum(surface[near], depth + layer.rest_mm[near] + heights)
         return surface
-
-
-@cache
-def _around(pitch_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """REACHES_MM in cells, and GAINS; without the reaches below one cell."""
-    reaches = np.rint(np.array(REACHES_MM) / pitch_mm).astype(int)
-    return reaches[reaches > 0], np.array(GAINS)[reaches > 0]
 
 
 def _solve(
@@ -559,31 +464,18 @@ def _solve(
         found = Equilibrium(layout, True, found, with_mujoco)
 
 
-def _check_not_through(found: Equilibrium) -> None:
-    """Raises T2TwinError where the surface passes the layer's base, as the linear law allows."""
-    layer = found.layout.surveys[0].layer
-    elastomer, through = layer.elastomer, found.surface_mm() >= layer.thickness_mm
-    if through[found.grid_mpa > 0].any():
-        raise T2TwinError(
-            f"{found.forces_n.sum():g} N push {' and '.join(found.names)} through the "
-            f"{elastomer.name} layer of {elastomer.thickness_mm:g} mm; take a smaller force or a "
-            "thicker or stiffer layer"
-        )
-
-
 def _bottomed(found: Equilibrium) -> bool:
     """Whether the base plate of any shape carries pressure."""
     pins, surveys = found.pins, found.layout.surveys
     if all(survey.shape.base_mm is None for survey in surveys):
         return False
-    # A height above a level one is compared after its lowest loaded place is found.
-    limits = [_base_limit_mm(survey, pins) for survey in surveys]
-    heights = pins.heights_mm
-    if any(np.ndim(limit) for limit in limits):
-        heights = np.stack([mm - limit for mm, limit in zip(heights, limits, strict=True)])
-        limits = [0.0] * len(surveys)
-    lowest = np.where(found.body_fine_mpa() > 0, heights, np.inf).min(axis=(1, 2))
-    return bool((lowest <= limits).any())
+    for survey, heights_mm, fine_mpa in zip(
+        surveys, pins.heights_mm, found.body_fine_mpa, strict=True
+    ):
+        limit = _base_limit_mm(survey, pins)
+        if (heights_mm[fine_mpa > 0] <= np.broadcast_to(limit, fine_mpa.shape)[fine_mpa > 0]).any():
+            return True
+    return False
 
 
 def _base_limit_mm(survey: Survey, pins: Pins) -> np.ndarray | float:

@@ -1,9 +1,4 @@
-"""Fields of the displacement by shear: means, motion with the bodies, tolerance, and no folds.
-
-The response of the layer is linear. Where a pressure or traction is several times the elastic
-modulus, as under a tip, it would move points of the surface past each other. The points of a real
-surface keep their order, and their distances shrink only to a limit.
-"""
+"""Fields of the displacement by shear: means, motion with the bodies, tolerance, and no folds."""
 
 import numpy as np
 from scipy import ndimage
@@ -36,10 +31,8 @@ def is_small(
 def is_far(
     displacement_mm: np.ndarray, weights: np.ndarray, pitch_mm: float, far_mm: float
 ) -> bool:
-    """Whether the mean displacement along the surface is above far_mm, or `unfolded` changes it by
-    a mean of FAR_SHARE of it.
-
-    displacement_mm: (3, rows, columns). weights: (rows, columns) of the means.
+    """Whether the mean displacement along the surface, weighted, is above far_mm, or `unfolded`
+    changes it by a mean of FAR_SHARE of it. displacement_mm: (3, rows, columns).
     """
     limited = unfolded(displacement_mm, pitch_mm)
     size, change = (
@@ -72,9 +65,9 @@ def unfolded(displacement_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
     """A displacement near the given one that does not shorten the surface by MAX_SHORTENING.
 
     displacement_mm: (2 or 3, rows, columns) along x, along y, and perhaps into the sensor, mm. The
-    component along each line of cells is limited, in turn along x, y and both diagonals. Each is an
+    component along each line of cells is limited, in turn along x, y and both diagonals, by an
     isotonic regression of the places to which the points move (Barlow et al., Statistical Inference
-    under Order Restrictions, 1972), so the result is continuous in the displacement.
+    under Order Restrictions, 1972), which is continuous in the displacement.
     """
     found = np.array(displacement_mm, float)
     _unfold(found, MAX_SHORTENING * pitch_mm)

@@ -1,7 +1,4 @@
-"""The sensors' soft layers and their tables in a sensor's file; the neo-Hookean law.
-
-Values marked "assumed" have no published source.
-"""
+"""The sensors' soft layers and their tables in a sensor's file; the neo-Hookean law."""
 
 from dataclasses import asdict, dataclass, fields
 from typing import Annotated, Any, Literal, get_args
@@ -35,6 +32,13 @@ FlatPart = Annotated[
 MAX_FRICTION = 5.0  # largest allowed coefficient (assumed: above any rubber's on a dry solid)
 MAX_CELLS = 500  # cells of the contact's grid along a side (assumed: presses stay below a second)
 DEEPEST_MM = 200.0  # largest depth of a sensor's housing, mm (assumed)
+# Pressure, over Young's modulus, above which neither the friction of a stiffening layer nor its
+# displacement along the surface increases (assumed: it is compressed to a third there). Friction is
+# proportional to the area of real contact, which pressure does not increase beyond full contact
+# (Trejo, Fretigny and Chateauminois, arXiv 1701.08013). A linear response would displace the
+# surface around a tip by several cells, and under an edge that is pressed almost through by several
+# thicknesses.
+FULL_PRESSURE = 4.0
 NEWTON_STEPS = 2  # that bring the stretch from its initial guess to within 1e-9
 # Coefficient of the rational initial guess of a stretch. The guess has the exact value and slope
 # for small strain and the right limit for large; this value also makes it exact at l^3 + l^2 = 1.
@@ -82,6 +86,11 @@ class Elastomer:
         """Whether the surface has no dome."""
         return not np.isfinite([self.dome_width_radius_mm, self.dome_length_radius_mm]).any()
 
+    @property
+    def full_mpa(self) -> float:
+        """Pressure above which friction does not increase, see FULL_PRESSURE."""
+        return np.inf if self.law == "linear" else FULL_PRESSURE * self.young_mpa
+
     def rest_surface_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Height of the undeformed surface above its apex, mm (<= 0), at points of equal shape."""
         beyond = np.maximum(np.abs(y_mm) - self.dome_flat_mm, 0.0)
@@ -93,6 +102,24 @@ class Elastomer:
     def thickness_at_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Local thickness, mm, at points of equal shape."""
         return self.thickness_mm + self.rest_surface_mm(x_mm, y_mm)
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Coulomb's friction up to full contact. Raises T2TwinError for a coefficient out of range."""
+
+    coefficient: float
+
+    def __post_init__(self) -> None:
+        arguments.number(self.coefficient, "friction", 0.0, MAX_FRICTION)
+
+    def limit_mpa(self, pressure_mpa: np.ndarray, elastomer: Elastomer) -> np.ndarray:
+        """The largest traction along the surface under a pressure."""
+        return self.coefficient * np.minimum(pressure_mpa, elastomer.full_mpa)
+
+    def limit_n(self, force_n: Any) -> Any:
+        """The largest tangential force under a normal one that presses nowhere fully."""
+        return self.coefficient * force_n
 
 
 class LayerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -127,6 +154,11 @@ class LayerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
                 f"expected at most {MAX_CELLS}"
             )
 
+    @property
+    def law_of_friction(self) -> Friction:
+        """The friction of the surface."""
+        return Friction(self.friction)
+
     def elastomer(self, name: str) -> Elastomer:
         """The layer as it is pressed."""
         own = [each.name for each in fields(Elastomer)[1:]]
@@ -160,10 +192,7 @@ def elastomer_json(elastomer: Elastomer) -> dict[str, Any]:
 
 
 def elastomer_of(content: dict[str, Any], source: object) -> Elastomer:
-    """The elastomer of what elastomer_json returns. source: its origin, for messages.
-
-    Raises T2TwinError for a missing property, one of another type or out of range.
-    """
+    """The elastomer of what elastomer_json returns; raises T2TwinError with its source."""
     given = {key: value for key, value in content.items() if value is not None}
     return convert(given, Elastomer, source)
 

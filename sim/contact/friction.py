@@ -23,10 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from t2twin.core import arguments
 from t2twin.core.jit import INNER, compiled
-from t2twin.sim.contact.elastomer import MAX_FRICTION
-from t2twin.sim.contact.layer import ShearLayer, respond, shear_work
+from t2twin.sim.contact.layer import WindowTransforms, respond, shear_work
+from t2twin.sim.contact.solver_loops import eliminate
 
 # Share by which a traction may be below the limit of friction where the shape slips: three times
 # the tolerance of the traction.
@@ -49,30 +48,12 @@ RIDGE, LESS_RIDGE, MIN_RIDGE = 1e-4, 0.1, 1e-14
 ROUNDING = 1e-12  # relative increase of the potential that is due to rounding
 
 
-def check_friction(friction: float | None) -> float | None:
-    """A coefficient of friction, None for None. Raises T2TwinError for a value out of range."""
-    return None if friction is None else arguments.number(friction, "friction", 0.0, MAX_FRICTION)
-
-
-@lru_cache(maxsize=256)
-def _compliance(layer: ShearLayer, side: int) -> float:
-    return layer.compliance_mm_per_mpa(side)
-
-
 class Traction(NamedTuple):
-    """The result of one step. q_mpa: (2, rows, columns), along x and y. displacement_mm: (2, rows,
-    columns), of the surface by it. residual: see TOLERANCE. tolerance: of the residual. steps: of
-    the minimization."""
+    """The result of one step."""
 
-    q_mpa: np.ndarray
-    displacement_mm: np.ndarray
-    residual: float
-    tolerance: float
-    steps: int
-
-    @property
-    def converged(self) -> bool:
-        return self.residual <= self.tolerance
+    q_mpa: np.ndarray  # (2, rows, columns), along x and y
+    displacement_mm: np.ndarray  # (2, rows, columns), of the surface by it
+    converged: bool
 
 
 # Bodies with prescribed forces and torques, arguments of the loops: x, (columns,), and y, (rows,),
@@ -87,21 +68,18 @@ NO_BODIES: Bodies = (
 
 
 def solve_traction(
-    layer: ShearLayer,
+    layer: WindowTransforms,
     limit_mpa: np.ndarray,
     wanted_mm: np.ndarray,
     start_mpa: np.ndarray,
     bodies: Bodies = NO_BODIES,
     tolerance: float = TOLERANCE,
 ) -> Traction:
-    """The traction of one step.
+    """The traction of one step, by spectral projected gradients (Birgin, Martinez, Raydan 2000).
 
-    limit_mpa: (rows, columns) friction times pressure, 0 outside the contact. wanted_mm: (2, rows,
-    columns) w. start_mpa: (2, rows, columns) an initial guess, such as the last step's traction.
-    bodies: with prescribed forces, which restrict the traction too; the wanted displacement then
-    lacks their rigid motions, which are written to the last array. tolerance: of the residual.
-
-    Spectral projected gradients (Birgin, Martinez, Raydan 2000).
+    limit_mpa: (rows, columns) largest traction, 0 outside the contact. wanted_mm: (2, rows,
+    columns) w. start_mpa: (2, rows, columns) an initial guess. bodies: with prescribed forces; the
+    wanted displacement then lacks their rigid motions, which are written to the last array.
     """
     limit = np.ascontiguousarray(limit_mpa, np.float32)
     inside = limit > 0
@@ -110,40 +88,21 @@ def solve_traction(
     displacement = np.empty_like(wanted)
     # A square of the contact's area, within the layer's window.
     side = min(ceil(sqrt(inside.sum())), *inside.shape)
-    residual, steps = _minimize(
-        layer.transforms.of(limit.shape), shear_work(limit.shape, 2), limit, wanted, bodies,
+    residual = _minimize(
+        layer.of(limit.shape), shear_work(limit.shape, 2), limit, wanted, bodies,
         1.0 / _compliance(layer, side), tolerance, q, displacement,
     )  # fmt: skip
-    return Traction(q.astype(float), displacement.astype(float), residual, tolerance, steps)
+    return Traction(q.astype(float), displacement.astype(float), residual <= tolerance)
 
 
-@compiled(nogil=True)
-def _solve(matrix, right, solution):
-    """Solve a positive definite (3, 3) system by Cholesky's factors; False where it is not."""
-    lower = np.zeros((3, 3))
-    for i in range(3):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= lower[i, k] * lower[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                lower[i, i] = np.sqrt(total)
-            else:
-                lower[i, j] = total / lower[j, j]
-    for i in range(3):
-        total = right[i]
-        for k in range(i):
-            total -= lower[i, k] * solution[k]
-        solution[i] = total / lower[i, i]
-    for m in range(3):
-        i = 2 - m
-        total = solution[i]
-        for k in range(i + 1, 3):
-            total -= lower[k, i] * solution[k]
-        solution[i] = total / lower[i, i]
-    return True
+@lru_cache(maxsize=256)
+def _compliance(layer: WindowTransforms, side: int) -> float:
+    """Mean displacement per uniform traction on a square of side x side cells, mm/MPa."""
+    along_itself = layer.kernels[0]
+    rows, columns = (length // 2 for length in along_itself.shape)
+    along = np.maximum(side - np.abs(np.arange(-rows, rows + 1)), 0)
+    across = np.maximum(side - np.abs(np.arange(-columns, columns + 1)), 0)
+    return float((along[:, None] * across * along_itself).sum() / side**2)
 
 
 @compiled(nogil=True)
@@ -192,16 +151,14 @@ def _residual(q, gradient, length, limit, bodies, body, rigid, error, slope):
 def balance(q, gradient, length, limit, bodies, body, capacity, turns, rigid):
     """Find the rigid motion for which a body's traction has its wrench; False without convergence.
 
-    The traction is the nearest one within the limit to q - length (gradient - u), with u the
-    displacement by the rigid motion. q, gradient: (2, rows, columns). limit: (rows, columns), 0
-    outside the contact. capacity: sum of the body's limits. turns: whether the rotation is an
-    unknown; otherwise it is prescribed, and the torque is not. rigid: (3,) an initial guess,
-    replaced by the motion.
-
-    Newton's method with bisected steps on the potential, which is convex.
+    The traction is the nearest one within the limit, (rows, columns), to q - length (gradient - u),
+    with u the displacement by the rigid motion. capacity: sum of the body's limits. turns: whether
+    the rotation is an unknown; else it is prescribed, and the torque is not. rigid: (3,) a guess,
+    replaced by the motion. Newton's method with bisected steps on the potential, which is convex.
     """
     owner, wrench = bodies[2], bodies[4][body]
     error, slope, step = np.empty(3), np.empty((3, 3)), np.zeros(3)
+    system = np.empty((3, 4))
     last, last_value, last_error = np.zeros(3), np.inf, np.inf
     size = np.sqrt(wrench[0] ** 2 + wrench[1] ** 2 + wrench[2] ** 2)
     allowed = EXACT * capacity + EXACT_SHARE * size
@@ -226,20 +183,24 @@ def balance(q, gradient, length, limit, bodies, body, capacity, turns, rigid):
             continue
         last_value, last_error = value, wrong
         for k in range(3):
-            slope[k, k] += ridge * length * cells
+            for m in range(3):
+                system[k, m] = slope[max(k, m), min(k, m)]
+            system[k, k] += ridge * length * cells
+            system[k, 3] = -error[k]
         ridge = max(LESS_RIDGE * ridge, MIN_RIDGE)
-        if not _solve(slope, error, step):
+        if not eliminate(system):
             return False
         for k in range(3):
-            last[k] = rigid[k]
-            step[k] = -step[k]
+            last[k], step[k] = rigid[k], system[k, 3]
             rigid[k] += step[k]
     return False
 
 
 @compiled(nogil=True)
-def balanced_step(q, gradient, limit, length, bodies, direction):
-    """As `step_towards` with the bodies' wrenches, without the rigid motions' part."""
+def step_towards(q, gradient, limit, length, bodies, direction):
+    """Write the step from q, (2, rows, columns), against the gradient to the nearest traction
+    within the limit, (rows, columns), with the bodies' wrenches. Returns its largest component, the
+    sum of its squares, and its product with the gradient, without the rigid motions' part."""
     x, y, owner, levers, _, slides, rigid = bodies
     for body in range(levers.shape[0]):
         if not slides[body]:
@@ -252,16 +213,18 @@ def balanced_step(q, gradient, limit, length, bodies, direction):
     largest, square, slope = 0.0, 0.0, 0.0
     for i in range(limit.shape[0]):
         for j in range(limit.shape[1]):
-            body, bound = owner[i, j], np.float64(limit[i, j])
-            radius = levers[body, 2]
-            a = rigid[body, 0] + (levers[body, 1] - y[i]) / radius * rigid[body, 2]
-            b = rigid[body, 1] + (x[j] - levers[body, 0]) / radius * rigid[body, 2]
+            a, b, is_sliding, bound = 0.0, 0.0, False, np.float64(limit[i, j])
+            if levers.shape[0] > 0:
+                body, turn = owner[i, j], rigid[owner[i, j], 2] / levers[owner[i, j], 2]
+                a = rigid[body, 0] + (levers[body, 1] - y[i]) * turn
+                b = rigid[body, 1] + (x[j] - levers[body, 0]) * turn
+                is_sliding = slides[body]
             against_x, against_y = gradient[0, i, j] - a, gradient[1, i, j] - b
-            if not slides[body]:
+            if not is_sliding:
                 a, b = q[0, i, j] - length * against_x, q[1, i, j] - length * against_y
             size = np.sqrt(a * a + b * b)
-            if size > bound or (slides[body] and size > 0.0):
-                a, b = a * bound / size, b * bound / size
+            if size > bound or (is_sliding and size > 0.0):
+                a, b = a * (bound / size), b * (bound / size)
             a -= q[0, i, j]
             b -= q[1, i, j]
             direction[0, i, j], direction[1, i, j] = a, b
@@ -273,12 +236,12 @@ def balanced_step(q, gradient, limit, length, bodies, direction):
 
 @compiled(nogil=True)
 def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displacement):
-    """See `solve_traction`; writes q and the displacement, returns the residual and the steps."""
+    """See `solve_traction`; writes q and the displacement, returns the residual."""
     has_bodies = bodies[3].shape[0] > 0
     direction, moved = np.zeros_like(q), np.empty_like(q)
     gradient, energies = np.zeros_like(q), np.empty(STEPS_BACK)
     # The first step is the projection of the initial guess.
-    _towards(has_bodies, q, gradient, limit, 1.0, bodies, direction)
+    step_towards(q, gradient, limit, 1.0, bodies, direction)
     _add(q, direction, 1.0)
     respond(q, kernels, work, False, displacement)
     scale = 1e-9
@@ -295,7 +258,7 @@ def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displa
     energies[0] = energy
     steps = 0
     while True:
-        largest, square, slope = _towards(has_bodies, q, gradient, limit, length, bodies, direction)
+        largest, square, slope = step_towards(q, gradient, limit, length, bodies, direction)
         residual = largest / length / scale
         if residual <= tolerance or steps == MAX_STEPS or (slope >= 0 and has_bodies):
             break
@@ -307,21 +270,18 @@ def _minimize(kernels, work, limit, wanted, bodies, length, tolerance, q, displa
         if energy + slope + curvature / 2 > energies.max():
             fraction = min(1.0, -slope / curvature)
         _add(q, direction, fraction)
-        take_step(displacement, moved, fraction, wanted, limit, gradient)
+        for k in range(2):
+            for i in range(limit.shape[0]):
+                for j in range(limit.shape[1]):
+                    displacement[k, i, j] += fraction * moved[k, i, j]
+                    if limit[i, j] > 0:
+                        gradient[k, i, j] = displacement[k, i, j] - wanted[k, i, j]
         energy += fraction * slope + fraction**2 * curvature / 2
         energies[steps % STEPS_BACK] = energy
         length = square / max(curvature, 1e-30)
     if has_bodies:
         _add(q, direction, 1.0)  # within the restrictions, as the steps before need not be
-    return residual, steps
-
-
-@compiled(nogil=True, **INNER)
-def _towards(has_bodies, q, gradient, limit, length, bodies, direction):
-    """See `step_towards` and `balanced_step`."""
-    if has_bodies:
-        return balanced_step(q, gradient, limit, length, bodies, direction)
-    return step_towards(q, gradient, limit, length, direction)
+    return residual
 
 
 @compiled(nogil=True, **INNER)
@@ -341,39 +301,3 @@ def _dot(a, b):
             for j in range(a.shape[2]):
                 total += np.float64(a[k, i, j]) * np.float64(b[k, i, j])
     return total
-
-
-@compiled(nogil=True)
-def step_towards(q, gradient, limit, length, direction):
-    """Write the step from q, (2, rows, columns), against the gradient to the nearest traction
-    within the limit, (rows, columns).
-
-    Returns the step's largest component, the sum of its squares, and its product with the gradient.
-    """
-    largest, square, slope = 0.0, 0.0, 0.0
-    for i in range(limit.shape[0]):
-        for j in range(limit.shape[1]):
-            x = q[0, i, j] - length * gradient[0, i, j]
-            y = q[1, i, j] - length * gradient[1, i, j]
-            magnitude = np.sqrt(x * x + y * y)
-            if magnitude > limit[i, j]:
-                x *= limit[i, j] / magnitude
-                y *= limit[i, j] / magnitude
-            x -= q[0, i, j]
-            y -= q[1, i, j]
-            direction[0, i, j], direction[1, i, j] = x, y
-            largest = max(largest, abs(x), abs(y))
-            square += x * x + y * y
-            slope += x * gradient[0, i, j] + y * gradient[1, i, j]
-    return largest, square, slope
-
-
-@compiled(nogil=True)
-def take_step(displacement, moved, fraction, wanted, limit, gradient):
-    """Add a fraction of a displacement; write the energy's gradient, 0 outside the contact."""
-    for k in range(2):
-        for i in range(limit.shape[0]):
-            for j in range(limit.shape[1]):
-                displacement[k, i, j] += fraction * moved[k, i, j]
-                if limit[i, j] > 0:
-                    gradient[k, i, j] = displacement[k, i, j] - wanted[k, i, j]

@@ -1,17 +1,15 @@
 """Heights of a pressed shape in the sensor frame: at points, and over the cells of a grid."""
 
-import weakref
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from t2twin.core.jit import INNER, compiled
 from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
-
-if TYPE_CHECKING:
-    from t2twin.sim.contact.types import PressCommand, SurfaceShift
+from t2twin.sim.contact.types import PressCommand, SurfaceShift
 
 SAMPLES = 5  # points a side at which a cell with a wall is sampled
 # Height difference within a cell, in cells, above which it contains a wall and not a slope.
@@ -23,8 +21,6 @@ MIN_WALL_MM = 0.18
 # heights.
 CENTER_WEIGHT = 2 / 3
 MIN_COVER = 0.1  # cells covered by less than this share count as free
-BLOCK = 8  # points a side of the height map's blocks whose flatness is precomputed
-NOT_FLAT = np.float32(np.inf)  # marks a block that is not flat together with all blocks around it
 MAX_PLACES = 200  # points along a side of a map among which a high place is searched (assumed)
 TOP_MM = 0.1  # height range of a high place, mm (assumed: the depth of a light press)
 NO_SHIFT = np.zeros((3, 1, 1))  # shift that the compiled loops do not read
@@ -32,24 +28,21 @@ NO_SHIFT = np.zeros((3, 1, 1))  # shift that the compiled loops do not read
 
 def heights_at(
     surface: HeightMap,
-    command: "PressCommand",
+    command: PressCommand,
     x_mm: np.ndarray,
     y_mm: np.ndarray,
-    shift: "SurfaceShift | None" = None,
+    shift: SurfaceShift | None = None,
 ) -> np.ndarray:
-    """Heights of a pressed shape over the points of two axes, (y, x) float32, mm, bilinear.
-
-    shift: of the points; see `footprint`.
-    """
-    heights = np.empty((y_mm.size, x_mm.size), np.float32)
-    _heights(*lookup(surface, command), x_mm, y_mm, *shifts_on(shift, x_mm, y_mm), heights)
+    """Heights of a pressed shape over the points of two axes, (y, x) float32, mm, bilinear."""
+    heights = np.full((y_mm.size, x_mm.size), NOTHING_MM, np.float32)
+    everywhere = np.ones((1, 1), bool), np.zeros(y_mm.size, int), np.zeros(x_mm.size, int)
+    apex_mm = np.zeros_like(heights)
+    raise_to_shape(heights, surface, command, x_mm, y_mm, apex_mm, everywhere, shift)
     return heights
 
 
 def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
     """x and y of a press, mm, that puts the shape's highest part over the pad's center."""
-    from scipy import ndimage  # slow to import
-
     step = max(1, max(surface.heights_mm.shape) // MAX_PLACES)
     heights = surface.heights_mm[::step, ::step]
     inside = np.asarray(ndimage.distance_transform_edt(heights >= heights.max() - TOP_MM))
@@ -60,7 +53,7 @@ def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
 
 
 def reaches_beyond(
-    surface: HeightMap, command: "PressCommand", x_mm: np.ndarray, y_mm: np.ndarray
+    surface: HeightMap, command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray
 ) -> bool:
     """Whether a corner of a pad with these axes lies beyond a pressed shape's height map."""
     x, y = np.meshgrid(x_mm[[0, -1]] - command.x_mm, y_mm[[0, -1]] - command.y_mm)
@@ -75,39 +68,35 @@ def is_cut(surface: HeightMap) -> bool:
 
 
 def shifts_on(
-    shift: "SurfaceShift | None", x_mm: np.ndarray, y_mm: np.ndarray
+    shift: SurfaceShift | None, x_mm: np.ndarray, y_mm: np.ndarray
 ) -> tuple[bool, np.ndarray]:
     """Arguments of the compiled loops: whether there is a shift, and its values, (3, y, x)."""
-    if shift is None:
-        return False, NO_SHIFT
-    return True, shift.on(x_mm, y_mm)
+    return shift is not None, NO_SHIFT if shift is None else shift.on(x_mm, y_mm)
 
 
 def raise_to_shape(
     surface_mm: np.ndarray,
     shape_surface: HeightMap,
-    command: "PressCommand",
+    command: PressCommand,
     x_mm: np.ndarray,
     y_mm: np.ndarray,
     apex_mm: np.ndarray,
     near: tuple[np.ndarray, np.ndarray, np.ndarray],
-    shift: "SurfaceShift | None" = None,
+    shift: SurfaceShift | None = None,
 ) -> None:
     """Raise a surface, (y, x) float32, mm, in place to a pressed shape wherever that is higher.
 
     apex_mm: (y, x) float32, level of the shape's height 0. near: mask of the coarser cells in which
-    the shape is sampled, and the mask's row (y,) and column (x,) of each point. shift: of the
-    points; see `footprint`.
+    the shape is sampled, and the mask's row (y,) and column (x,) of each point.
     """
     shifts = shifts_on(shift, x_mm, y_mm)
     _raise(*lookup(shape_surface, command), x_mm, y_mm, *shifts, apex_mm, *near, surface_mm)
 
 
-def lookup(surface: HeightMap, command: "PressCommand") -> tuple[Any, ...]:
-    """Arguments of the compiled loops: heights, origin, press, cos, sin."""
+def lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
+    """Arguments of the compiled loops: the heights and the map's place."""
     per_mm = 1.0 / surface.pitch_mm
-    return (
-        np.ascontiguousarray(surface.heights_mm, dtype=np.float32),
+    place = (
         -float(surface.x_mm[0]) * per_mm,
         -float(surface.y_mm[0]) * per_mm,
         float(command.x_mm),
@@ -115,11 +104,13 @@ def lookup(surface: HeightMap, command: "PressCommand") -> tuple[Any, ...]:
         float(np.cos(command.yaw_rad)) * per_mm,
         float(np.sin(command.yaw_rad)) * per_mm,
     )
+    return np.ascontiguousarray(surface.heights_mm, dtype=np.float32), place
 
 
 @compiled(inline="always")
-def column_and_row(column, row, press_x, press_y, cos, sin, x, y):
+def column_and_row(place, x, y):
     """Column and row of a point of the sensor frame on the height map."""
+    column, row, press_x, press_y, cos, sin = place
     dx, dy = x - press_x, y - press_y
     return column + (cos * dx + sin * dy), row + (sin * dx - cos * dy)
 
@@ -146,29 +137,7 @@ def heights_along(heights, columns, rows, count, found):
 
 
 @compiled(nogil=True)
-def _heights(
-    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, out
-):
-    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
-    for i in range(y_mm.size):
-        for j in range(x_mm.size):
-            x, y = x_mm[j], y_mm[i]
-            if shifted:
-                x, y = x + shift[0, i, j], y + shift[1, i, j]
-            columns[j], rows[j] = column_and_row(
-                at_column, at_row, press_x, press_y, cos, sin, x, y
-            )
-        heights_along(heights, columns, rows, x_mm.size, out[i])
-        if shifted:
-            for j in range(x_mm.size):
-                out[i, j] -= shift[2, i, j]
-
-
-@compiled(nogil=True)
-def _raise(
-    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, apex, near,
-    near_rows, near_columns, out,
-):  # fmt: skip
+def _raise(heights, place, x_mm, y_mm, shifted, shift, apex, near, near_rows, near_columns, out):
     columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
     chosen, found = np.empty(x_mm.size, np.int64), np.empty(x_mm.size, np.float32)
     for i in range(y_mm.size):
@@ -180,9 +149,7 @@ def _raise(
             x, y = x_mm[chosen[n]], y_mm[i]
             if shifted:
                 x, y = x + shift[0, i, chosen[n]], y + shift[1, i, chosen[n]]
-            columns[n], rows[n] = column_and_row(
-                at_column, at_row, press_x, press_y, cos, sin, x, y
-            )
+            columns[n], rows[n] = column_and_row(place, x, y)
         heights_along(heights, columns, rows, count, found)
         for n in range(count):
             j = chosen[n]
@@ -193,16 +160,11 @@ def _raise(
 
 @dataclass(frozen=True)
 class Footprint:
-    """A shape over the cells of a grid, all (ny, nx).
+    """A shape over the cells of a grid, all (ny, nx)."""
 
-    heights_mm: mean height of the part over each cell, mm, NOTHING_MM where there is none.
-    shares: covered share of the cell, 0 to 1.
-    peaks_mm: highest point over the cell, mm.
-    """
-
-    heights_mm: np.ndarray
-    shares: np.ndarray
-    peaks_mm: np.ndarray
+    heights_mm: np.ndarray  # mean height of the part over each cell; NOTHING_MM without any
+    shares: np.ndarray  # covered share of the cell, 0 to 1
+    peaks_mm: np.ndarray  # highest point over the cell
 
     def coarsened(self, per_side: int) -> "Footprint":
         """The footprint on cells of per_side x per_side of these."""
@@ -216,76 +178,23 @@ class Footprint:
 
 def footprint(
     surface: HeightMap,
-    command: "PressCommand",
+    command: PressCommand,
     x_mm: np.ndarray,
     y_mm: np.ndarray,
     active: np.ndarray | None = None,
-    shift: "SurfaceShift | None" = None,
+    shift: SurfaceShift | None = None,
 ) -> Footprint:
     """The footprint on cells with centers x_mm (nx,), y_mm (ny,), mm, equally spaced.
 
-    active: bool on coarser cells that each contain a whole number of these; the others are
-        treated as free. None includes all.
+    active: bool on coarser cells that each contain a whole number of these; the others are free.
     shift: of the layer's surface. Cells meet the shape where they are displaced to, and the heights
-        are above the lowered surface.
+    are above the lowered surface.
     """
     heights, shares, peaks = np.empty((3, y_mm.size, x_mm.size))
     included = np.ones((1, 1), bool) if active is None else np.ascontiguousarray(active)
-    place = *lookup(surface, command), _flat_blocks(surface), x_mm, y_mm
-    _footprint(*place, *shifts_on(shift, x_mm, y_mm), included, heights, shares, peaks)
+    shifts = shifts_on(shift, x_mm, y_mm)
+    _footprint(*lookup(surface, command), x_mm, y_mm, *shifts, included, heights, shares, peaks)
     return Footprint(heights, shares, peaks)
-
-
-# Results of `_flat_blocks` for living surfaces, by identity.
-_flat: dict[int, tuple[weakref.ref, np.ndarray]] = {}
-
-
-def _flat_blocks(surface: HeightMap) -> np.ndarray:
-    """Height of each block of BLOCK x BLOCK points, mm; NOT_FLAT where a neighbor differs."""
-    known = _flat.get(id(surface))
-    if known is not None and known[0]() is surface:
-        return known[1]
-    heights = np.asarray(surface.heights_mm, np.float32)
-    blocks = np.empty([-(-side // BLOCK) for side in heights.shape], np.float32)
-    _find_flat_blocks(np.ascontiguousarray(heights), blocks)
-    place = id(surface)
-    _flat[place] = weakref.ref(surface, lambda _: _flat.pop(place, None)), blocks
-    return blocks
-
-
-@compiled(nogil=True)
-def _find_flat_blocks(heights, blocks):
-    """Write the blocks of `_flat_blocks`."""
-    rows, columns = blocks.shape
-    low, high = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.float32)
-    for a in range(rows):
-        for b in range(columns):
-            least = most = heights[a * BLOCK, b * BLOCK]
-            for i in range(a * BLOCK, min((a + 1) * BLOCK, heights.shape[0])):
-                for j in range(b * BLOCK, min((b + 1) * BLOCK, heights.shape[1])):
-                    least, most = min(least, heights[i, j]), max(most, heights[i, j])
-            low[a, b], high[a, b] = least, most
-    for a in range(rows):
-        for b in range(columns):
-            least, most = low[a, b], high[a, b]
-            for i in range(max(a - 1, 0), min(a + 2, rows)):
-                for j in range(max(b - 1, 0), min(b + 2, columns)):
-                    least, most = min(least, low[i, j]), max(most, high[i, j])
-            blocks[a, b] = least if least == most else NOT_FLAT
-
-
-@compiled(inline="always")
-def _sample(heights, cos, sin, cell, count, at, samples):
-    """Write samples, (SAMPLES^2, count), of cells with centers at (2, count) columns and rows."""
-    apart, first = cell / SAMPLES, -(SAMPLES - 1) / 2
-    columns, rows = np.empty(count), np.empty(count)
-    for a in range(SAMPLES):
-        for b in range(SAMPLES):
-            x, y = (first + b) * apart, (first + a) * apart
-            aside, ahead = cos * x + sin * y, sin * x - cos * y
-            for n in range(count):
-                columns[n], rows[n] = at[0, n] + aside, at[1, n] + ahead
-            heights_along(heights, columns, rows, count, samples[SAMPLES * a + b])
 
 
 @compiled(nogil=True, **INNER)
@@ -308,7 +217,15 @@ def _sampled_cells(heights, cos, sin, cell, wall, count, places, at, mean, share
     # Some samples are on the wall, which the map interpolates as a slope. They are left out of the
     # mean: those farther below the mean of all samples than the highest one is above it.
     samples = np.empty((SAMPLES * SAMPLES, count), np.float32)
-    _sample(heights, cos, sin, cell, count, at, samples)
+    apart, first = cell / SAMPLES, -(SAMPLES - 1) / 2
+    columns, rows = np.empty(count), np.empty(count)
+    for a in range(SAMPLES):
+        for b in range(SAMPLES):
+            x, y = (first + b) * apart, (first + a) * apart
+            aside, ahead = cos * x + sin * y, sin * x - cos * y
+            for n in range(count):
+                columns[n], rows[n] = at[0, n] + aside, at[1, n] + ahead
+            heights_along(heights, columns, rows, count, samples[SAMPLES * a + b])
     low, high = np.empty(count, np.float32), np.empty(count, np.float32)
     bound, total, number = np.empty(count), np.empty(count), np.empty(count)
     for n in range(count):
@@ -339,9 +256,8 @@ def _sampled_cells(heights, cos, sin, cell, wall, count, places, at, mean, share
 
 @compiled(nogil=True, **INNER)
 def _corner_heights(
-    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, i, first,
-    last, columns, rows, found, corners,
-):  # fmt: skip
+    heights, place, x_mm, y_mm, shifted, shift, i, first, last, columns, rows, found, corners
+):
     """Write the heights at the corners between the rows i - 1 and i of cells, (nx + 1,)."""
     half = 0.5 * (x_mm[1] - x_mm[0])
     y = y_mm[i] - half if i < y_mm.size else y_mm[i - 1] + half
@@ -355,26 +271,18 @@ def _corner_heights(
                 for m in (left, right):
                     at_x += 0.25 * shift[0, k, m]
                     at_y += 0.25 * shift[1, k, m]
-        columns[j - first], rows[j - first] = column_and_row(
-            at_column, at_row, press_x, press_y, cos, sin, at_x, at_y
-        )
+        columns[j - first], rows[j - first] = column_and_row(place, at_x, at_y)
     heights_along(heights, columns, rows, last - first, found)
     for j in range(first, last):
         corners[j] = found[j - first]
 
 
 @compiled(nogil=True, **INNER)
-def _chosen_cells(
-    heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted, shift,
-    included, i, chosen, columns, rows, mean, share, peak,
-):  # fmt: skip
-    """Write flat cells of row i; return how many others are to be sampled, with their centers."""
+def _chosen_cells(heights, place, x_mm, y_mm, shifted, shift, included, i, chosen, columns, rows):
+    """Write the cells of row i that may lie on the map, and their centers; return their number."""
     # A cell's side in cells of the map: farther outside the map no sample of a cell is on it.
-    reach = (x_mm[1] - x_mm[0]) * np.hypot(cos, sin)
+    reach = (x_mm[1] - x_mm[0]) * np.hypot(place[4], place[5])
     max_column, max_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
-    # So far from its center are the corners of a cell, whichever way it is turned.
-    within_block = 0.5 * np.sqrt(2.0) * reach + 1.0 < BLOCK
-    inner_column, inner_row = heights.shape[1] - 1 - reach, heights.shape[0] - 1 - reach
     down, across = y_mm.size // included.shape[0], x_mm.size // included.shape[1]
     count = 0
     for j in range(x_mm.size):
@@ -383,25 +291,16 @@ def _chosen_cells(
         x, y = x_mm[j], y_mm[i]
         if shifted:
             x, y = x + shift[0, i, j], y + shift[1, i, j]
-        column, row = column_and_row(at_column, at_row, press_x, press_y, cos, sin, x, y)
+        column, row = column_and_row(place, x, y)
         if not (-reach < column < max_column and -reach < row < max_row):
             continue
-        if within_block and reach < column < inner_column and reach < row < inner_row:
-            height = flat[int(row) // BLOCK, int(column) // BLOCK]
-            if height != NOT_FLAT:
-                mean[i, j] = peak[i, j] = height
-                share[i, j] = 1.0 if height > NOTHING_MM / 2 else 0.0
-                continue
         chosen[count], columns[count], rows[count] = j, column, row
         count += 1
     return count
 
 
 @compiled(nogil=True)
-def _footprint(
-    heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted, shift,
-    included, mean, share, peak,
-):  # fmt: skip
+def _footprint(heights, place, x_mm, y_mm, shifted, shift, included, mean, share, peak):
     """Writes mean, share and peak, all (ny, nx), of a Footprint."""
     cell = x_mm[1] - x_mm[0]
     wall = max(STEEPEST * cell, MIN_WALL_MM)
@@ -419,9 +318,8 @@ def _footprint(
             mean[i, j], share[i, j], peak[i, j] = NOTHING_MM, 0.0, NOTHING_MM
     for i in range(y_mm.size):
         count = _chosen_cells(
-            heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted,
-            shift, included, i, chosen, columns, rows, mean, share, peak,
-        )  # fmt: skip
+            heights, place, x_mm, y_mm, shifted, shift, included, i, chosen, columns, rows
+        )
         if count == 0:
             known_from = known_to = 0
             continue
@@ -429,8 +327,8 @@ def _footprint(
         known = known_from <= first < last <= known_to
         for side in range(1 if known else 0, 2):
             _corner_heights(
-                heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift,
-                i + side, first, last, along, below, found, lower if side else upper,
+                heights, place, x_mm, y_mm, shifted, shift, i + side, first, last, along, below,
+                found, lower if side else upper,
             )  # fmt: skip
         heights_along(heights, columns, rows, count, found)
         for n in range(count):
@@ -449,7 +347,7 @@ def _footprint(
                 share[i, j] = 1.0
         upper, lower = lower, upper
         known_from, known_to = first, last
-    _sampled_cells(heights, cos, sin, cell, wall, walls, places, at, mean, share, peak)
+    _sampled_cells(heights, place[4], place[5], cell, wall, walls, places, at, mean, share, peak)
     if shifted:
         for i in range(y_mm.size):
             for j in range(x_mm.size):

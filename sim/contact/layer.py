@@ -1,20 +1,12 @@
 """Response of an elastic layer, bonded to a rigid base, to pressure and shear on its surface.
 
-`Layer` is the response to pressure, frictionless, on windows of a fine grid: what couples the
-pins' springs of a press (`t2twin.sim.contact.contact_solver`). `DomedLayer` is the response to
-tangential traction, on windows of the contact's grid. Both are convolutions with the kernels of
-`t2twin.sim.contact.closed_forms`, computed by FFTs in single precision, which has an error of 1e-6
-and is twice as fast as double precision.
-
-Shape letters: R rows and C columns of a window, M rows and N columns of its nodes, D >= 2 R - 1
-rows and A >= 2 C - 1 columns of its transforms.
+Convolutions with the kernels of `closed_forms`, by FFTs in single precision, which has an error of
+1e-6 and is twice as fast as double precision. Shape letters: R rows and C columns of a window, M
+rows and N columns of its nodes, D >= 2 R - 1 rows and A >= 2 C - 1 columns of its transforms.
 """
 
-from collections import OrderedDict
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -24,8 +16,8 @@ from scipy import fft
 from t2twin.core.jit import INNER, compiled
 from t2twin.sim.contact.closed_forms import (
     HANKEL_RADII,
+    base_part,
     half_space_deflection,
-    pressure_profiles,
     shear_kernels,
     smooth_shear_kernels,
     spectra,
@@ -42,14 +34,7 @@ COMPONENTS = 2
 NODE_MM = 0.5
 PADDING = 2  # nodes around a window on each side, which cubic interpolation needs
 SPRING_SHARE = 0.8  # a pin's compliance over the layer's largest; 0.6 to 1 converge equally fast
-MAX_CACHE_BYTES = 32_000_000  # of a layer's transforms: the windows of a hundred presses
-# Pressure, over Young's modulus, above which neither the friction of a stiffening layer nor its
-# displacement along the surface increases (assumed: it is compressed to a third there). Friction is
-# proportional to the area of real contact, which pressure does not increase beyond full contact
-# (Trejo, Fretigny and Chateauminois, arXiv 1701.08013). A linear response would displace the
-# surface around a tip by several cells, and under an edge that is pressed almost through by several
-# thicknesses.
-FULL_PRESSURE = 4.0
+MAX_WINDOWS = 100  # windows of which a layer keeps the transforms (assumed: a hundred presses)
 # Thicknesses at the middle of a contact with a domed layer are rounded to this, mm, so that few
 # kernels are computed (assumed).
 THICKNESS_STEP_MM = 0.25
@@ -60,20 +45,15 @@ class WindowTransforms:
     """Transforms of kernels that are even or odd along both axes, for windows of a grid.
 
     kernels: (n, rows, columns) around the central cell. odd: how many of the last are odd in one
-    axis. Their transforms are imaginary, and their imaginary parts are kept; the others are real.
+    axis; of their transforms the imaginary parts are kept, of the others the real ones.
     """
 
     def __init__(self, kernels: np.ndarray, odd: int = 0) -> None:
         self.kernels, self._odd = kernels, odd
-        self._cached: OrderedDict[tuple[int, ...], np.ndarray] = OrderedDict()
-        self._lock = Lock()  # threads share a layer
+        self.of = lru_cache(maxsize=MAX_WINDOWS)(self._of)  # threads share a layer
 
-    def of(self, shape: tuple[int, ...]) -> np.ndarray:
-        """(n, D, A // 2 + 1) float32 for windows of (R, C); those of the last ones are cached."""
-        with self._lock:
-            if shape in self._cached:
-                self._cached.move_to_end(shape)
-                return self._cached[shape]
+    def _of(self, shape: tuple[int, ...]) -> np.ndarray:
+        """(n, D, A // 2 + 1) float32 for windows of (R, C)."""
         padded = padded_shape(shape)
         offsets = [np.arange(1 - size, size) for size in shape]
         to = np.ix_(*(offset % size for offset, size in zip(offsets, padded, strict=True)))
@@ -82,15 +62,7 @@ class WindowTransforms:
         cut = np.zeros((len(self.kernels), *padded), np.float32)
         cut[:, *to] = self.kernels[:, *of]
         found, even = np.asarray(fft.rfft2(cut)), len(cut) - self._odd
-        transforms = np.concatenate([np.real(found[:even]), np.imag(found[even:])])
-        with self._lock:
-            self._cached[shape] = transforms
-            while len(self._cached) > 1 and self._bytes() > MAX_CACHE_BYTES:
-                self._cached.popitem(last=False)
-        return transforms
-
-    def _bytes(self) -> int:
-        return sum(each.nbytes for each in self._cached.values())
+        return np.concatenate([np.real(found[:even]), np.imag(found[even:])])
 
 
 @lru_cache(maxsize=256)
@@ -103,16 +75,10 @@ def padded_shape(shape: tuple[int, ...]) -> tuple[int, int]:
 class Layer:
     """Linear response of one elastomer to pressure on a grid of square cells.
 
-    pitch_mm: side of the cells. per_side: number of fine cells along each.
-    Attributes, of the fine grid:
-
-    - rows, columns; pitch_mm, side of a fine cell; x_mm (columns,), y_mm (rows,), cell centers;
-    - rest_mm, thickness_mm, (rows, columns);
-    - max_compliance_mm_per_mpa, largest deflection per pressure over all wavelengths, mm/MPa.
-
-    A domed layer has further kernels, with weights that depend on the place. They are smooth over
-    several cells and are applied on coarser nodes: cubic interpolation has an error of 1e-5 there.
-    A copy or a pickle of a layer is the layer of the same arguments.
+    pitch_mm: side of the cells. per_side: number of fine cells along each. The attributes are of
+    the fine grid. A domed layer has further kernels, with weights that depend on the place. They
+    are smooth over several cells and are applied on coarser nodes: cubic interpolation has an error
+    of 1e-5 there. A copy or a pickle of a layer is the layer of the same arguments.
     """
 
     def __init__(self, elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> None:
@@ -161,28 +127,22 @@ class Layer:
             self._coarse[per_side] = x, y, block_means(self.rest_mm, per_side)
         return self._coarse[per_side]
 
-    def deflection_mm(
-        self, pressure_mpa: np.ndarray, window: tuple[slice, slice] | None = None
-    ) -> np.ndarray:
-        """Surface deflection of the linear layer, mm, under a pressure, MPa.
+    def deflection_mm(self, pressure_mpa: np.ndarray, window: Window | None = None) -> np.ndarray:
+        """Surface deflection by the elastomer's law, mm, under a pressure, MPa.
 
         Both (rows, columns) in the window, whose sides are multiples of per_node; None is the whole
-        grid. The pressure outside it is zero. Each place of a domed layer responds as a layer of
-        its thickness.
+        grid. The pressure outside it is zero.
         """
-        operator = self.operator(window or (slice(0, self.rows), slice(0, self.columns)))
+        window = window or (slice(0, self.rows), slice(0, self.columns))
+        operator = self.operator(window)
         padded = np.zeros((len(pressure_mpa), operator[1]), np.float32)
         padded[:, : pressure_mpa.shape[1]] = pressure_mpa
         linear = np.empty(pressure_mpa.shape, np.float32)
         convolve(padded, *operator, linear)
-        return linear.astype(np.float64)
-
-    def by_law_mm(self, linear_mm: np.ndarray, window: Window | None = None) -> np.ndarray:
-        """Deflection by the elastomer's law from the linear one, (rows, columns) of a window."""
+        linear_mm = linear.astype(np.float64)
         if self.elastomer.law == "linear":
             return linear_mm
-        thickness_mm = self.thickness_mm if window is None else self.thickness_mm[window]
-        return neo_hookean_mm(linear_mm, thickness_mm)
+        return neo_hookean_mm(linear_mm, self.thickness_mm[window])
 
     def operator(self, window: Window) -> tuple[Any, ...]:
         """Arguments of `convolve` for a window, from kernel to work."""
@@ -229,7 +189,14 @@ def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     x, y = (np.arange(1 - size, size) * pitch for size in (layer.columns, layer.rows))
     half_space = half_space_deflection(elastomer, x, y, pitch)
     distance = np.hypot(x[None, :], y[:, None])
-    node_distance, at_nodes = _nodes(layer)
+    # Of the nodes: distances from one of them, (2 M - 1, 2 N - 1), and the thickness, (M, N).
+    x, y = (
+        np.arange(1 - nodes, nodes) * layer.per_node * pitch
+        for nodes in (side // layer.per_node + 2 * PADDING for side in (layer.columns, layer.rows))
+    )
+    # The second half of an axis has the distances from the first node.
+    places = np.meshgrid(*(axis[axis.size // 2 :] - axis[-1] / 2 for axis in (x, y)))
+    node_distance, at_nodes = np.hypot(x[None, :], y[:, None]), elastomer.thickness_at_mm(*places)
     radii = np.linspace(0.0, float(node_distance.max()), HANKEL_RADII)
 
     def kernel_of(profile: np.ndarray, distance_mm: np.ndarray) -> np.ndarray:
@@ -238,11 +205,11 @@ def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     thickness = layer.thickness_mm
     thinnest, thickest = float(thickness.min()), float(thickness.max())
     if thickest - thinnest < 1e-6:
-        profile = pressure_profiles(elastomer, np.array([thickest]), radii, pitch)[0]
+        profile = base_part(elastomer, np.array([thickest]), radii, pitch, False)[0, 0]
         kernel = half_space + kernel_of(profile, distance)
         return kernel.astype(np.float32), NO_KERNELS, np.zeros((0, *at_nodes.shape), "f4"), kernel
     levels = np.linspace(thinnest, thickest, THICKNESSES)
-    profiles = pressure_profiles(elastomer, levels, radii, pitch)
+    profiles = base_part(elastomer, levels, radii, pitch, False)[0]
     nearest = np.rint((thickness - thinnest) / (levels[1] - levels[0])).astype(int)
     shares = np.bincount(nearest.ravel(), minlength=THICKNESSES) / nearest.size
     mean = shares @ profiles
@@ -261,95 +228,47 @@ def _kernels(layer: Layer) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     )
 
 
-def _nodes(layer: Layer) -> tuple[np.ndarray, np.ndarray]:
-    """Distances of the nodes from one of them, (2 M - 1, 2 N - 1), and thickness there, (M, N)."""
-    x, y = (
-        np.arange(1 - nodes, nodes) * layer.per_node * layer.pitch_mm
-        for nodes in (side // layer.per_node + 2 * PADDING for side in (layer.columns, layer.rows))
-    )
-    # The second half of an axis has the distances from the first node.
-    at_x, at_y = np.meshgrid(*(axis[axis.size // 2 :] - axis[-1] / 2 for axis in (x, y)))
-    return np.hypot(x[None, :], y[:, None]), layer.elastomer.thickness_at_mm(at_x, at_y)
-
-
-class ShearLayer:
-    """Response of a layer of one thickness to tangential traction, on windows of a grid.
-
-    kernels: (5, rows, columns), see `shear_kernels`, of a grid of at least the size of every
-    window.
-    """
-
-    def __init__(self, kernels: np.ndarray, pitch_mm: float) -> None:
-        self.pitch_mm = pitch_mm
-        self.transforms = WindowTransforms(kernels, odd=2)
-
-    def displacement_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
-        """(2, rows, columns) displacement along x and y, mm, by traction along x and y, MPa."""
-        return _responses((self,), traction_mpa, 2)[0]
-
-    def compliance_mm_per_mpa(self, side: int) -> float:
-        """Mean displacement per uniform traction on a square of side x side cells, mm/MPa."""
-        along_itself = self.transforms.kernels[0]
-        rows, columns = (length // 2 for length in along_itself.shape)
-        along = np.maximum(side - np.abs(np.arange(-rows, rows + 1)), 0)
-        across = np.maximum(side - np.abs(np.arange(-columns, columns + 1)), 0)
-        return float((along[:, None] * across * along_itself).sum() / side**2)
-
-    def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
-        """(3, rows, columns) displacement along x, y and into the sensor, mm, by traction, MPa."""
-        return _responses((self,), traction_mpa, 3)[0]
-
-    def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
-        """(2, rows, columns) displacement along x and y, mm, by pressure, MPa."""
-        return _responses((self,), pressure_mpa[None], 2)[0]
-
-
 @dataclass(frozen=True)
 class DomedLayer:
     """A layer under shear whose thickness varies from place to place.
 
     Each place responds as a layer of its thickness, to first order in the difference from the
-    thickness at the middle of the contact. middle: the layer of that thickness, middle_mm. slope:
-    change of its response per mm of thickness; None for a flat layer. excess_mm: (rows, columns)
-    thickness above that of the middle. max_mpa: pressure above which neither friction nor the
-    displacement along its surface increases.
+    thickness at the middle of the contact. The transforms are those of `shear_kernels`.
     """
 
-    middle: ShearLayer
-    slope: ShearLayer | None
-    middle_mm: float
-    excess_mm: np.ndarray
-    max_mpa: float = np.inf
-
-    def limit_mpa(self, friction: float | np.ndarray, pressure_mpa: np.ndarray) -> np.ndarray:
-        """The largest traction under a pressure, (rows, columns); friction: also of each cell."""
-        return friction * np.minimum(pressure_mpa, self.max_mpa)
+    middle: WindowTransforms  # of a layer as thick as at the middle
+    slope: WindowTransforms | None  # change per mm of thickness; None for a flat layer
+    middle_mm: float  # thickness at the middle
+    excess_mm: np.ndarray  # (rows, columns) thickness above that of the middle
+    full_mpa: float = np.inf  # see Elastomer.full_mpa
 
     def window(self, window: Window) -> "DomedLayer":
         """The same layer on a part of the grid."""
         return replace(self, excess_mm=self.excess_mm[window])
 
     def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
-        """See ShearLayer.response_mm."""
-        middle, dome = self.parts_mm(traction_mpa)
-        return middle + dome
+        """(3, rows, columns) displacement along x, y and into the sensor, mm, by traction, MPa."""
+        return self.parts_mm(traction_mpa).sum(axis=0)
 
     def parts_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
         """(2, 3, rows, columns) response of the layer of the middle, mm, and what the dome adds."""
-        if self.slope is None:
-            response = self.middle.response_mm(traction_mpa).astype(float)
-            return np.stack([response, np.zeros_like(response)])
-        parts = _responses((self.middle, self.slope), traction_mpa, 3).astype(float)
-        parts[1] *= self.excess_mm
-        return parts
+        return self._parts(traction_mpa, 3)
 
     def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
-        """See ShearLayer.spread_mm."""
-        pressure_mpa = np.minimum(pressure_mpa, self.max_mpa)
-        if self.slope is None:
-            return self.middle.spread_mm(pressure_mpa).astype(float)
-        middle, slope = _responses((self.middle, self.slope), pressure_mpa[None], 2)
-        return middle + self.excess_mm * slope
+        """(2, rows, columns) displacement along x and y, mm, by pressure, MPa."""
+        return self._parts(np.minimum(pressure_mpa, self.full_mpa)[None], 2).sum(axis=0)
+
+    def _parts(self, loads: np.ndarray, components: int) -> np.ndarray:
+        """(2, components, rows, columns) responses to loads, see `respond`."""
+        loads = np.ascontiguousarray(loads, np.float32)
+        shape, work = loads.shape[1:], shear_work(loads.shape[1:], len(loads))
+        found = np.zeros((2, components, *shape), np.float32)
+        respond(loads, self.middle.of(shape), work, False, found[0])
+        if self.slope is not None:
+            respond(loads, self.slope.of(shape), work, True, found[1])
+        parts = found.astype(float)
+        parts[1] *= self.excess_mm
+        return parts
 
 
 def domed_layer(
@@ -358,16 +277,15 @@ def domed_layer(
     """The layer under a contact with a pressure, (ny, nx), on the axes x_mm, (nx,), y_mm, (ny,)."""
     pitch, shape = float(x_mm[1] - x_mm[0]), pressure.shape
     thickness = _thickness_mm(elastomer, x_mm.tobytes(), y_mm.tobytes())
-    most = np.inf if elastomer.law == "linear" else FULL_PRESSURE * elastomer.young_mpa
     if np.ptp(thickness) == 0:
         flat_mm = elastomer.thickness_mm
         layer = cached_shear_layer(elastomer, flat_mm, pitch, shape)
-        return DomedLayer(layer, None, flat_mm, thickness, most)
+        return DomedLayer(layer, None, flat_mm, thickness, elastomer.full_mpa)
     middle = float((pressure * thickness).sum() / pressure.sum())
     middle = max(round(middle / THICKNESS_STEP_MM), 2) * THICKNESS_STEP_MM
     layer = cached_shear_layer(elastomer, middle, pitch, shape)
     slope = _cached_slope(elastomer, middle, pitch, shape)
-    return DomedLayer(layer, slope, middle, thickness - middle, most)
+    return DomedLayer(layer, slope, middle, thickness - middle, elastomer.full_mpa)
 
 
 @lru_cache(maxsize=8)
@@ -379,33 +297,22 @@ def _thickness_mm(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
 @lru_cache(maxsize=MAX_LAYERS)
 def cached_shear_layer(
     elastomer: Elastomer, thickness_mm: float, pitch_mm: float, largest: tuple[int, int]
-) -> ShearLayer:
-    """A layer of one thickness for windows of up to `largest`, computed once per process."""
-    return ShearLayer(shear_kernels(elastomer, thickness_mm, *largest, pitch_mm), pitch_mm)
+) -> WindowTransforms:
+    """Of a layer of one thickness for windows of up to `largest`, see `shear_kernels`."""
+    return WindowTransforms(shear_kernels(elastomer, thickness_mm, *largest, pitch_mm), odd=2)
 
 
 @lru_cache(maxsize=MAX_LAYERS)
 def _cached_slope(
     elastomer: Elastomer, thickness_mm: float, pitch_mm: float, largest: tuple[int, int]
-) -> ShearLayer:
+) -> WindowTransforms:
     """Change of a layer's response per mm of thickness, a central difference."""
     # The half-space's part does not depend on the thickness.
     thinner, thicker = (
         smooth_shear_kernels(elastomer, thickness_mm + step, *largest, pitch_mm)
         for step in (-THICKNESS_STEP_MM, THICKNESS_STEP_MM)
     )
-    return ShearLayer((thicker - thinner) / (2 * THICKNESS_STEP_MM), pitch_mm)
-
-
-def _responses(layers: Sequence[ShearLayer], loads: np.ndarray, components: int) -> np.ndarray:
-    """(layers, components, rows, columns) responses to loads, see `respond`."""
-    loads = np.ascontiguousarray(loads, np.float32)
-    shape = loads.shape[1:]
-    found = np.empty((len(layers), components, *shape), np.float32)
-    work = shear_work(shape, len(loads))
-    for number, (layer, response) in enumerate(zip(layers, found, strict=True)):
-        respond(loads, layer.transforms.of(shape), work, number > 0, response)
-    return found
+    return WindowTransforms((thicker - thinner) / (2 * THICKNESS_STEP_MM), odd=2)
 
 
 def shear_work(shape: tuple[int, ...], loads: int) -> tuple[np.ndarray, ...]:

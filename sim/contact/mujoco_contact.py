@@ -1,24 +1,11 @@
 """What MuJoCo solves in every press: the soft contact of a rigid shape with the pins of a layer.
 
 Each pin is a ball on a vertical slide joint with a spring. The shape is one body on a vertical
-slide joint, pushed with the commanded force F; it has one ball above each pin, at the shape's
-height there. A pin can touch only the ball above it, without friction. Contact forces are therefore
-vertical, and the model is exact for normal contact with any outline or slope.
-
-At rest MuJoCo's contact solver finds the depth d of the shape, the deflections w_i of the pins and
-their contact forces f_i with
-
-    f_i = k_i (w_i - r_i),   f_i >= 0,   w_i >= d - g_i,   f_i = 0 where w_i > d - g_i,
-    sum f_i = F
-
-where g_i is the gap between shape and pin at first touch, and k_i and r_i are stiffness and rest
-deflection of the pin's spring. MuJoCo knows nothing of the elastic layer that couples the pins:
-`t2twin.sim.contact.contact_solver` sets k_i and r_i so that the springs respond as the layer does.
-
-Units inside the model: mm, s, and the force that compresses an unstiffened pin's spring by 1 mm.
-Springs are therefore about 1, and one compiled model serves every elastomer and pitch. The
-`discrete` integrator is implicit in position: with masses far below stiffness x step^2 one step
-reaches the static equilibrium of springs and contact.
+slide joint, pushed with the commanded force; it has one ball above each pin, which touches that pin
+alone and without friction. docs/explanation/contact.md has the equations. Units: mm, s, and the
+force that compresses an unstiffened pin's spring by 1 mm, so that one compiled model serves every
+elastomer and pitch. The `discrete` integrator is implicit in position: with almost no mass one step
+reaches the equilibrium.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
@@ -26,7 +13,6 @@ reaches the static equilibrium of springs and contact.
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from threading import Lock
 
 import mujoco
 import numpy as np
@@ -150,7 +136,7 @@ def _set_up(gap, depth, force, rest, stiffness, heights, springs, rests, places,
         heights[n], springs[n + 1], rests[n + 1] = PARKED_MM, 1.0, 0.0
         places[n + 1] = motion[n + 1] = 0.0
     meets[size], stiff[size] = 0.0, SHAPE_MASS
-    sinks = spring_depth(force, meets, stiff)
+    sinks = spring_depth(force, meets, stiff, np.inf)
     places[0], motion[0] = -depth, -sinks
     for n in range(size):
         carried = max(sinks - meets[n], 0.0) * stiff[n]
@@ -182,12 +168,10 @@ class MujocoPins:
         stiffness: np.ndarray,
     ) -> tuple[float, np.ndarray]:
         """One step to the equilibrium of n <= pins pins under a force, in units of a pin's spring x
-        mm.
+        mm: the shape's depth, mm, and the pins' deflections, (n,), mm.
 
-        gap_mm: (n,) distance of each pin from the shape at first touch. depth_mm: the shape's
-        expected depth, at which the solver starts. spring_rest_mm: (n,) deflections at which the
-        springs carry nothing, mm. stiffness: (n,) of the springs, in units of a pin's spring.
-        Returns the shape's depth, mm, and the pins' deflections (n,), mm.
+        gap_mm: (n,) distance of each pin from the shape at first touch. depth_mm: the expected
+        depth. spring_rest_mm, stiffness: (n,) of the springs, mm, and in units of a pin's spring.
         """
         data, n = self.data, gap_mm.size
         _set_up(gap_mm, depth_mm, force, spring_rest_mm, stiffness, *self._state)
@@ -204,30 +188,25 @@ _log.set()
 
 # Pool of compiled models by number of pins: compiling takes longer than a press.
 _idle: dict[int, list[MujocoPins]] = {}
-_idle_lock = Lock()
 
 
 @contextmanager
 def borrowed_pins(pins: int) -> Iterator[MujocoPins]:
-    """A compiled model with at least this number of pins, used by no other thread in the block.
-
-    Raises T2TwinError for more pins than the largest model has.
-    """
+    """A compiled model with at least this number of pins, which no other thread uses meanwhile."""
     size = next((size for size in POOL_SIZES if size >= pins), None)
     if size is None:
         raise T2TwinError(
             f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
         )
-    with _idle_lock:
-        pool = _idle.setdefault(size, [])
-        model = pool.pop() if pool else None
-    if model is None:
+    pool = _idle.setdefault(size, [])
+    try:
+        model = pool.pop()
+    except IndexError:  # all are in use
         model = MujocoPins(size)
     try:
         yield model
     finally:
-        with _idle_lock:
-            pool.append(model)
+        pool.append(model)
 
 
 def prepare_models() -> None:

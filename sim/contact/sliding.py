@@ -1,33 +1,46 @@
 """A contact in motion: the shape slides and turns while it is pressed.
 
-`advance` moves a contact by one small step. The normal contact and the friction are solved in turn
-until the displacement by shear no longer changes:
-
-- The normal contact sees the shape over the sheared surface. A point of the surface that is
-  displaced by u meets the shape at its place plus u, and shear has lowered or raised it.
-- The friction sees the new pressure. Where the surface sticks, it has moved with the shape since
-  the last step. Elsewhere the traction is at its limit.
-
-The tangential response is linear: a neo-Hookean solid in simple shear has a stress proportional to
-the strain (Treloar, The Physics of Rubber Elasticity, 1975). A press starts without tangential
-traction.
+The normal contact and the friction are solved in turn until the displacement by shear no longer
+changes. The normal contact sees the shape over the sheared surface: a point that is displaced by u
+meets the shape at its place plus u. The friction sees the new pressure. The tangential response is
+linear: a neo-Hookean solid in simple shear has a stress proportional to the strain (Treloar, The
+Physics of Rubber Elasticity, 1975).
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from scipy import ndimage
 
-from t2twin.primitives_cad.shape import Shape
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_bodies
 from t2twin.sim.contact.displacements import is_small, means, moved, unfolded
-from t2twin.sim.contact.friction import PREDICTION_TOLERANCE, TOLERANCE, solve_traction
+from t2twin.sim.contact.elastomer import Elastomer, Friction
+from t2twin.sim.contact.friction import (
+    AT_LIMIT,
+    PREDICTION_TOLERANCE,
+    TOLERANCE,
+    Bodies,
+    balance,
+    solve_traction,
+)
 from t2twin.sim.contact.grid import Window, dilated, window_around, window_shape
+from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.layer import DomedLayer
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.solver_loops import Anderson
-from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift, read_only
+from t2twin.sim.contact.types import (
+    Contact,
+    Motion,
+    PressCommand,
+    SurfaceShift,
+    limit_mpa,
+    read_only,
+)
 
 # Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
 # acceleration. Whole steps overshoot by up to 0.45 of the error, and by several times it where a
@@ -49,30 +62,96 @@ LATE_TOLERANCE = 4.0
 # Cells around the contact in which a step computes the displacement by shear, and the least number
 # with which it keeps the last step's window (assumed).
 WINDOW_CELLS, KEPT_CELLS = 4, 2
+# Of the search for the largest torque that friction can carry (assumed): the rotation times the
+# radius of gyration, mm. Below a motion of STICK_MM a cell's traction is below the limit.
+TURN_MM, STICK_MM = 1.0, 1e-3
+# A body whose force exceeds the limit of friction by this share slides along its prescribed motion.
+# Below, its direction is between those of the force and the motion. A motion of MOTION_MM counts
+# half. Both are assumed.
+MOTION_EXCESS, MOTION_MM = 0.05, 0.02
 
-# Solves the traction of a step within a window of the grid. Arguments: the contact, whose pressure
-# it is; the displacements along the surface by the pressure and by the dome, mm; an initial guess
-# of the traction, MPa. Returns the traction; the displacement of a surface that sticks to the
-# shape, mm; whether the traction converged. All arrays are (2, rows, columns).
-Traction = Callable[
-    [Contact, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, bool]
-]
-# What moves the shape in a step. Its arguments are the contact before, the layer in the window, the
-# displacement along the surface before the step, (2, rows, columns), mm, and the window. Returns
-# the expected displacement of a surface that sticks to the shape, (2, rows, columns), mm, and the
-# traction of the step.
-Drive = Callable[[Contact, DomedLayer, np.ndarray, Window], tuple[np.ndarray, Traction]]
+
+class Step(NamedTuple):
+    """A step within a window of the grid."""
+
+    contact: Contact  # before
+    layer: DomedLayer  # in the window
+    window: Window
+    lateral_mm: np.ndarray  # (2, rows, columns) displacement along the surface before
+
+
+# Displacements along the surface by the pressure and by the dome, mm, and a guess of the traction,
+# MPa; each (2, rows, columns).
+Fields = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+class Drive(Protocol):
+    """What moves the shapes in a step."""
+
+    # Whether the forces are prescribed instead of the motion. The displacement by shear then moves
+    # with the contact, and whole steps do not overshoot.
+    prescribed: bool
+    # Share of an error that a correction removes, with acceleration and late.
+    relaxation: tuple[float, float]
+
+    def traction(
+        self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, bool]:
+        """The traction under the pressure of a contact; the displacement of a surface that sticks
+        to the shape, mm; whether the traction converged. predicts: for the contact before."""
+        ...
+
+
+@dataclass(frozen=True)
+class Slide:
+    """A small motion of the shape: of its origin, mm, and the rotation about it."""
+
+    dx_mm: float
+    dy_mm: float
+    dyaw_rad: float
+    friction: Friction
+    prescribed: ClassVar = False
+    relaxation: ClassVar = RELAXATION, 1.0
+
+    def traction(
+        self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, bool]:
+        """See Drive."""
+        limit = self.friction.limit_mpa(1e-3 * normal.pressure_kpa[step.window], normal.elastomer)
+        spread, dome, guess = fields
+        # The motion of the shape at the displaced points of the surface.
+        command, (rows, columns) = step.contact.command, step.window
+        x = step.contact.x_mm[columns] + step.lateral_mm[0] - command.x_mm
+        y = step.contact.y_mm[rows, None] + step.lateral_mm[1] - command.y_mm
+        cos, sin = np.cos(self.dyaw_rad) - 1, np.sin(self.dyaw_rad)
+        rigid = np.stack([self.dx_mm + cos * x - sin * y, self.dy_mm + sin * x + cos * y])
+        follows = step.lateral_mm + rigid
+        traction = np.zeros_like(guess)
+        if not limit.any():  # without friction
+            return traction, follows, True
+        near = window_around(dilated(limit > 0, 1))
+        part, wanted = (slice(None), *near), follows - spread - dome
+        found = solve_traction(
+            step.layer.middle, limit[near], wanted[part], guess[part],
+            tolerance=PREDICTION_TOLERANCE if predicts else TOLERANCE,
+        )  # fmt: skip
+        traction[part] = found.q_mpa
+        return traction, follows, found.converged
 
 
 def advance(
-    contact: Contact, dx_mm: float, dy_mm: float, dyaw_rad: float, force_n: float, friction: float
+    contact: Contact,
+    dx_mm: float,
+    dy_mm: float,
+    dyaw_rad: float,
+    force_n: float,
+    friction: Friction,
 ) -> Contact:
-    """The contact after a small motion of the shape, with a force.
+    """The contact after a small motion of the shape, see Slide, with a force.
 
-    dx_mm, dy_mm: motion of the shape's origin. dyaw_rad: rotation about it.
     The given contact does not change. Raises T2TwinError as solve_contact does.
     """
-    command, step, friction = contact.command, (dx_mm, dy_mm, dyaw_rad), float(friction)
+    command = contact.command
     moved = replace(
         command,
         x_mm=command.x_mm + dx_mm,
@@ -80,55 +159,22 @@ def advance(
         yaw_rad=command.yaw_rad + dyaw_rad,
         force_n=force_n,
     )
-
-    def drive(
-        contact: Contact, layer: DomedLayer, lateral_mm: np.ndarray, window: Window
-    ) -> tuple[np.ndarray, Traction]:
-        follows = lateral_mm + _rigid(contact, lateral_mm, step, window)
-        tolerance = PREDICTION_TOLERANCE
-
-        def solve(
-            normal: Contact, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
-        ) -> tuple[np.ndarray, np.ndarray, bool]:
-            nonlocal tolerance
-            limit = layer.limit_mpa(friction, 1e-3 * normal.pressure_kpa[window])
-            traction, wanted = np.zeros_like(guess), follows - spread - dome
-            if not limit.any():  # without friction
-                return traction, follows, True
-            near = window_around(dilated(limit > 0, 1))
-            part = (slice(None), *near)
-            found = solve_traction(
-                layer.middle, limit[near], wanted[part], guess[part], tolerance=tolerance
-            )
-            traction[part] = found.q_mpa
-            tolerance = TOLERANCE  # the first call predicts
-            return traction, follows, found.converged
-
-        return follows, solve
-
-    start = replace(contact.motion or still_motion(contact, friction), friction=friction)
+    drive = Slide(dx_mm, dy_mm, dyaw_rad, friction)
+    start = replace(contact.motion or still_motion(contact, (friction,)), friction=(friction,))
     found = step_contact(contact, start, [(contact.shape, moved)], drive)
     return replace(found, settled=contact.settled and found.settled)
 
 
 def step_contact(
-    contact: Contact,
-    start: Motion,
-    bodies: Sequence[tuple[Shape, PressCommand]],
-    drive: Drive,
-    prescribed: bool = False,
+    contact: Contact, start: Motion, bodies: Sequence[tuple[Shape, PressCommand]], drive: Drive
 ) -> Contact:
-    """The contact after a step.
+    """The contact after a step, of bodies as for solve_bodies; raises as that.
 
-    start: the motion of the contact before, with the friction of this step. bodies: those of the
-    contact after; see solve_bodies. drive: what moves the shapes. prescribed: whether the forces
-    are prescribed instead of the motion. The displacement by shear then moves with the contact, and
-    whole steps do not overshoot.
-    Raises T2TwinError as solve_contact does.
+    start: the motion of the contact before, with the friction of this step.
     """
     window, found = _window(contact, start), None
     while True:
-        found = _step(contact, start, bodies, drive, prescribed, window, found)
+        found = _step(contact, start, bodies, drive, window, found)
         outside = _outside(found, window)
         if not outside.any():
             return found
@@ -148,34 +194,33 @@ def _step(
     start: Motion,
     bodies: Sequence[tuple[Shape, PressCommand]],
     drive: Drive,
-    prescribed: bool,
     window: Window,
     earlier: Contact | None,
 ) -> Contact:
     """The contact after a step, unsettled if it left the window. earlier: from which it starts."""
     part, pitch = (slice(None), *window), contact.pitch_mm
     layer = contact.shear_layer.window(window)
-    spread, parts = _response(contact, start, layer, window)
-    lateral = parts.sum(axis=0)[:2] + spread
-    follows, traction_of = drive(contact, layer, lateral, window)
-    travel = None if prescribed else follows - lateral
-    normal, shear, seen, predicted, dome, moves = _predicted(
-        contact, start, earlier, traction_of, layer, window, travel
-    )
+    spread = layer.spread_mm(1e-3 * contact.pressure_kpa[window])
+    parts = layer.parts_mm(start.shear_mpa[part])
+    step = Step(contact, layer, window, parts.sum(axis=0)[:2] + spread)
+    fields = spread, parts[1, :2], start.shear_mpa[part]
+    predictions = _predicted(step, start, earlier, drive, fields)
+    normal, pressure, shear, seen, predicted, dome, moves, travel = predictions
     converged, acceleration = False, Anderson(seen.size)
     possible, reference, with_mujoco = np.zeros_like(seen), seen, not seen.any()
-    pressure = 1e-3 * normal.pressure_kpa[window]
     for number in range(MAX_ROUNDS):
         normal, seen = _press(bodies, normal, window, seen, possible, moves, with_mujoco)
         possible, moves = seen, None
         before, pressure = pressure, 1e-3 * normal.pressure_kpa[window]
         late = number - ACCELERATED_ROUNDS
-        averages = late >= 0 and not prescribed
+        averages = late >= 0 and not drive.prescribed
         if averages:
             pressure = before + DAMPED_RELAXATION * (pressure - before)
-            normal = _with_pressure(normal, pressure, window)
+            pressure_kpa = normal.pressure_kpa.copy()
+            pressure_kpa[window] = 1e3 * pressure
+            normal = replace(normal, pressure_kpa=read_only(pressure_kpa))
         spread = layer.spread_mm(pressure)
-        shear, follows, found = traction_of(normal, spread, dome, shear)
+        shear, follows, found = drive.traction(step, normal, (spread, dome, shear))
         parts = layer.parts_mm(shear)
         sheared, dome = parts.sum(axis=0), parts[1, :2]
         if not pressure.any() or _outside(normal, window).any():
@@ -183,53 +228,52 @@ def _step(
         error = unfolded(sheared, pitch) - seen
         is_due = not averages or (late > 0 and late % AVERAGED_ROUNDS == 0)
         change = seen + error - reference if averages else error
-        change = change / LATE_TOLERANCE if late >= 0 and prescribed else change
+        change = change / LATE_TOLERANCE if late >= 0 and drive.prescribed else change
         converged = is_due and found and is_small(change, sheared, pressure, normal.depth_mm)
         if converged and (with_mujoco or normal.equilibrium.agrees_with_mujoco()):
             break
         with_mujoco |= converged or late >= 0
         reference = seen + error if is_due or late == 0 else reference
-        if prescribed:
+        if drive.prescribed:
             over = _nearest_body(normal, window)
             error = moved(seen + error, -means(error[:2], pressure, over), pitch, over) - seen
-        seen = _corrected(seen, error, late, prescribed, acceleration)
+        corrected = seen + drive.relaxation[late >= 0] * error
+        if late < 0:
+            corrected = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
+        seen = corrected
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
     motion = Motion(
-        start.friction, read_only(traction), read_only(slip_mm), window, layer.middle_mm,
-        spread, parts, travel, unfolded(sheared, pitch) - predicted,
+        start.friction, read_only(traction), read_only(slip_mm), window, parts, travel,
+        unfolded(sheared, pitch) - predicted,
     )  # fmt: skip
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 
 def _predicted(
-    contact: Contact,
-    start: Motion,
-    earlier: Contact | None,
-    traction_of: Traction,
-    layer: DomedLayer,
-    window: Window,
-    travel: np.ndarray | None,
-) -> tuple[Contact, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
-    """The start of a step's rounds, from the contact before or an earlier result."""
-    near, motion = contact, start
+    step: Step, start: Motion, earlier: Contact | None, drive: Drive, fields: Fields
+) -> tuple[Any, ...]:
+    """The start of a step's rounds, from the contact before and its fields or an earlier result."""
+    near, layer, window = step.contact, step.layer, step.window
     if earlier is not None and earlier.motion is not None:
-        near, motion = earlier, earlier.motion
-    (spread, parts), pressure = _response(near, motion, layer, window), near.pressure_kpa[window]
-    pressure, dome = 1e-3 * pressure, parts[1, :2]
-    shear, follows, _ = traction_of(near, spread, dome, motion.shear_mpa[:, *window])
+        near, shear = earlier, earlier.motion.shear_mpa[:, *window]
+        spread = layer.spread_mm(1e-3 * near.pressure_kpa[window])
+        fields = spread, layer.parts_mm(shear)[1, :2], shear
+    (spread, dome, _), pressure = fields, 1e-3 * near.pressure_kpa[window]
+    shear, follows, _ = drive.traction(step, near, fields, predicts=True)
+    travel = None if drive.prescribed else follows - step.lateral_mm
     seen, over, moves = layer.response_mm(shear), _nearest_body(near, window), None
-    if near is contact and travel is None:
+    if near is step.contact and travel is None:
         by_mm = means(follows - seen[:2] - spread, pressure, over)
         seen = moved(seen, by_mm, near.pitch_mm, over)
     predicted = seen = unfolded(seen, near.pitch_mm)
-    if near is contact:
+    if near is step.contact:
         moves = means(follows - seen[:2] - spread, pressure, over)
         if travel is not None:
             more = _repeated(start, travel, pressure, window)
             seen = unfolded(seen + moved(more, moves, near.pitch_mm, over), near.pitch_mm)
-    return near, shear, seen, predicted, dome, moves
+    return near, pressure, shear, seen, predicted, dome, moves, travel
 
 
 def _repeated(
@@ -283,23 +327,6 @@ def _press(
             seen, halvings = (possible + seen) / 2, halvings + 1
 
 
-def _corrected(
-    seen: np.ndarray, error: np.ndarray, late: int, prescribed: bool, acceleration: Anderson
-) -> np.ndarray:
-    """The displacement that the normal contact sees next; late: rounds after ACCELERATED_ROUNDS."""
-    if late >= 0:
-        return seen + (DAMPED_RELAXATION if prescribed else 1.0) * error
-    corrected = seen + (1.0 if prescribed else RELAXATION) * error
-    return acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
-
-
-def _with_pressure(contact: Contact, pressure_mpa: np.ndarray, window: Window) -> Contact:
-    """The contact with another pressure in a window."""
-    pressure_kpa = contact.pressure_kpa.copy()
-    pressure_kpa[window] = 1e3 * pressure_mpa
-    return replace(contact, pressure_kpa=read_only(pressure_kpa))
-
-
 def _window(contact: Contact, start: Motion) -> Window:
     """The window of a step: that of the last one, if it is wide enough."""
     loaded = contact.pressure_kpa > 0
@@ -311,31 +338,245 @@ def _window(contact: Contact, start: Motion) -> Window:
     return window_around(dilated(loaded, WINDOW_CELLS))
 
 
-def _response(
-    contact: Contact, motion: Motion, layer: DomedLayer, window: Window
-) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement by pressure and by traction at the start, the last step's in the same window."""
-    spread, parts = motion.spread_mm, motion.parts_mm
-    known = motion.window == window and motion.middle_mm == layer.middle_mm
-    if spread is None or parts is None or not known:
-        return layer.spread_mm(1e-3 * contact.pressure_kpa[window]), layer.parts_mm(
-            motion.shear_mpa[:, *window]
-        )
-    return spread, parts
-
-
-def still_motion(contact: Contact, friction: float) -> Motion:
+def still_motion(contact: Contact, friction: tuple[Friction, ...]) -> Motion:
     """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
     return Motion(friction, np.zeros((2, *shape)), np.zeros(shape))
 
 
-def _rigid(
-    contact: Contact, lateral_mm: np.ndarray, step: tuple[float, float, float], window: Window
-) -> np.ndarray:
-    """(2, rows, columns) motion of the shape at the displaced points of the surface."""
-    (dx_mm, dy_mm, dyaw_rad), command, (rows, columns) = step, contact.command, window
-    x = contact.x_mm[columns] + lateral_mm[0] - command.x_mm
-    y = contact.y_mm[rows, None] + lateral_mm[1] - command.y_mm
-    cos, sin = np.cos(dyaw_rad) - 1, np.sin(dyaw_rad)
-    return np.stack([dx_mm + cos * x - sin * y, dy_mm + sin * x + cos * y])
+@dataclass(frozen=True)
+class Load:
+    """What one body does to a sensor, in the sensor frame.
+
+    Raises T2TwinError for values that are not finite numbers.
+    """
+
+    shape: Shape  # the height map of its surface is that of a press at x = y = yaw = 0
+    force_n: float  # normal force
+    shear_n: tuple[float, float]  # tangential force on the sensor along x and y
+    torque_nmm: float  # on the sensor about its z axis, clockwise in the image
+    # dx_mm, dy_mm, dyaw_rad of the body's surface along the sensor since the last contact, rotated
+    # about the sensor's z axis. None for a new place of contact, without traction.
+    motion: tuple[float, float, float] | None
+    friction: Friction
+
+    def __post_init__(self) -> None:
+        arguments.number(self.force_n, "force_n")
+        arguments.number(self.torque_nmm, "torque_nmm")
+        for name in ("shear_n", "motion"):
+            for value in getattr(self, name) or ():
+                arguments.number(float(value), name)
+
+
+def owner_of(contact: Contact, names: tuple[str, ...]) -> np.ndarray:
+    """(ny, nx) index among the names of the body that presses most on each cell of a contact.
+
+    0 where no body presses. -1 where the body is not among the names, unless there is only one.
+    """
+    before = contact.bodies
+    if len(before) == len(names) == 1:
+        return np.zeros(contact.pressure_kpa.shape, int)
+    indices = np.array([names.index(name) if name in names else -1 for name in before])
+    return np.where(contact.pressure_kpa > 0, indices[contact.owner], 0)
+
+
+def carry(
+    elastomer: Elastomer, pitch_mm: float, loads: Sequence[Load], before: Contact | None
+) -> Contact:
+    """The contact of bodies with an elastomer, on a grid of pitch_mm.
+
+    loads: one for each body; their shapes have different names. before: the last contact. Where a
+    body with a motion was in contact, the tangential traction continues. The forces and torques of
+    the result are those of the loads, as far as friction can carry them. Raises T2TwinError as
+    solve_contact does.
+    """
+    if not loads:
+        raise T2TwinError("there is no load; expected at least one")
+    shapes = [load.shape for load in loads]
+    names = tuple(shape.name for shape in shapes)
+    commands = [PressCommand(load.shape.name, 0.0, 0.0, 0.0, load.force_n) for load in loads]
+    bodies = list(zip(shapes, commands, strict=True))
+    near = before
+    continuing = [load.shape.name for load in loads if load.motion is not None]
+    if before is None or (len(loads) > 1 and not set(names) <= {*before.bodies} & {*continuing}):
+        near = solve_bodies(bodies, elastomer, pitch_mm, before and before.shift)
+    assert near is not None
+    if before is None and not any(np.any(load.shear_n) or load.torque_nmm for load in loads):
+        return _with_all_shapes(near, shapes)
+    frictions = tuple(load.friction for load in loads)
+    start = still_motion(near, frictions)
+    if before is not None:
+        start = _kept_traction(before.motion or start, before, near, continuing)
+    start = replace(start, friction=frictions)
+    found = step_contact(near, start, bodies, _Push(loads))
+    return _with_all_shapes(found, shapes)
+
+
+def _kept_traction(
+    motion: Motion, before: Contact, now: Contact, continuing: Sequence[str]
+) -> Motion:
+    """The motion of a contact before, whose traction is zero where a cell has another body now."""
+    if len(before.bodies) == len(now.bodies) == 1:
+        return motion
+    owner = owner_of(before, now.bodies)
+    kept = np.isin(np.array(now.bodies), continuing)[owner] & (owner >= 0)
+    kept &= (owner == owner_of(now, now.bodies)) | ~(now.pressure_kpa > 0)
+    # The response to the traction before is no longer that of the motion.
+    return Motion(motion.friction, motion.shear_mpa * kept, motion.slip_mm)
+
+
+def _with_all_shapes(contact: Contact, shapes: Sequence[Shape]) -> Contact:
+    """A contact of several bodies with the highest of their maps as its shape."""
+    if len(shapes) == 1:
+        return contact
+    maps, depths_mm = [shape.surface for shape in shapes], contact.equilibrium.shape_depths_mm
+    pitch = min(each.pitch_mm for each in maps)
+    x, y = (
+        np.arange(
+            min(getattr(each, axis)[0] for each in maps),
+            max(getattr(each, axis)[-1] for each in maps) + pitch / 2,
+            pitch,
+        )
+        for axis in ("x_mm", "y_mm")
+    )
+    here = PressCommand("", 0.0, 0.0, 0.0, 0.0)  # y of a pressed shape points down
+    highest = np.full((y.size, x.size), NOTHING_MM, np.float32)
+    for each, offset in zip(maps, depths_mm - depths_mm.max(), strict=True):
+        highest = np.maximum(highest, heights_at(each, here, x, -y) + np.float32(offset))
+    name, force_n = " and ".join(shape.name for shape in shapes), contact.equilibrium.forces_n.sum()
+    shape = Shape(name, shapes[0].solid, HeightMap(highest, x, y), shapes[0].spacing_mm)
+    command = replace(contact.command, shape=name, force_n=float(force_n))
+    return replace(contact, shape=shape, command=command)
+
+
+@dataclass(frozen=True)
+class _Push:
+    """Bodies with prescribed forces and torques."""
+
+    loads: Sequence[Load]
+    prescribed: ClassVar = True
+    relaxation: ClassVar = 1.0, DAMPED_RELAXATION
+
+    def traction(
+        self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, bool]:
+        """See Drive. A prediction starts from the pressure of the contact before."""
+        contact, (rows, columns), loads = step.contact, step.window, self.loads
+        spread, dome, guess = fields
+        owner = owner_of(normal, tuple(load.shape.name for load in loads))[step.window]
+        pressure = 1e-3 * normal.pressure_kpa[step.window] * (owner >= 0)
+        if predicts:  # with the forces of the loads
+            shares = np.ones(len(loads))
+            for body, load in enumerate(loads):
+                total = pressure[owner == body].sum() * contact.pitch_mm**2
+                shares[body] = load.force_n / total if total > 0 else 1.0
+            pressure = pressure * shares[owner]
+        limit = limit_mpa([load.friction for load in loads], owner, pressure, contact.elastomer)
+        traction, follows = np.zeros_like(guess), step.lateral_mm.copy()
+        if not limit.any():
+            return traction, follows, True
+        near = window_around(dilated(pressure > 0, 1))
+        part = (slice(None), *near)
+        axes, before = (contact.x_mm[columns][near[1]], contact.y_mm[rows][near[0]]), follows[part]
+        bodies = _Bodies(loads, owner[near], pressure[near], limit[near], axes, contact.pitch_mm)
+        found = solve_traction(
+            step.layer.middle, bodies.limit, before - spread[part] - dome[part], guess[part],
+            bodies.arrays, PREDICTION_TOLERANCE if predicts else TOLERANCE,
+        )  # fmt: skip
+        traction[part] = found.q_mpa
+        if predicts:  # the contact moves with the bodies, less the change of the shear
+            follows[part] = bodies.with_motion_mm(bodies.motions, before)
+        else:  # a surface that sticks to the bodies
+            rigid = np.where(bodies.slides[:, None], bodies.motions, bodies.rigid)
+            now = found.displacement_mm + spread[part] + dome[part]
+            surface = np.where(bodies.slides[bodies.owner], now, before)
+            follows[part] = bodies.with_motion_mm(rigid, surface)
+        return traction, follows, found.converged
+
+
+class _Bodies:
+    """Bodies with prescribed wrenches on a window; see `balance` for wrenches and motions."""
+
+    def __init__(
+        self,
+        loads: Sequence[Load],
+        owner: np.ndarray,
+        pressure: np.ndarray,
+        limit: np.ndarray,
+        axes: tuple[np.ndarray, np.ndarray],
+        pitch_mm: float,
+    ) -> None:
+        self.limit = np.ascontiguousarray(limit, np.float32)
+        self.owner = np.ascontiguousarray(owner, np.int64)
+        self.x, self.y = (axis.copy() for axis in axes)
+        self.levers, self.wrenches, self.motions, self.rigid = np.zeros((4, len(loads), 3))
+        self.slides = np.zeros(len(loads), bool)
+        for body, load in enumerate(loads):
+            x, y, radius = self._lever(pressure * (owner == body), pitch_mm)
+            (along_x, along_y), (dx_mm, dy_mm, turn) = load.shear_n, load.motion or (0.0, 0.0, 0.0)
+            torque = load.torque_nmm - (x * along_y - y * along_x)
+            self.levers[body] = x, y, radius
+            self.wrenches[body] = np.array([along_x, along_y, torque / radius]) / pitch_mm**2
+            self.motions[body] = dx_mm - turn * y, dy_mm + turn * x, turn * radius
+            self._find_slide(body)
+
+    def _lever(self, pressure: np.ndarray, pitch_mm: float) -> tuple[float, float, float]:
+        """Center and radius of gyration of a pressure, mm."""
+        total = pressure.sum()
+        if total == 0:
+            return 0.0, 0.0, 1.0
+        down, across = pressure.sum(axis=1) / total, pressure.sum(axis=0) / total
+        x, y = float(across @ self.x), float(down @ self.y)
+        square = float(across @ (self.x - x) ** 2 + down @ (self.y - y) ** 2)
+        return x, y, max(np.sqrt(square), pitch_mm)
+
+    def _find_slide(self, body: int) -> None:
+        """Set whether a body slides as a whole, and along which motion; the force has priority."""
+        limit = np.where(self.owner == body, self.limit, np.float32(0.0))
+        capacity, wrench = float(limit.sum(dtype=float)), self.wrenches[body]
+        if capacity == 0:
+            self.slides[body], self.rigid[body] = True, self.motions[body]
+            return
+        force = float(np.hypot(*wrench[:2])) / capacity
+        if force >= 1 - AT_LIMIT:
+            along, motion = np.array([*wrench[:2], 0.0]) / (force * capacity), self.motions[body]
+            length = max(float(np.linalg.norm(motion)), 1e-30)
+            share = min(max(force - 1.0, 0.0) / MOTION_EXCESS, 1.0) * length / (length + MOTION_MM)
+            ahead = max(float(along @ motion), 0.0) / length
+            self.slides[body] = True
+            self.rigid[body] = (1 - share) * along + share * ahead * motion / length
+        elif wrench[2]:
+            none, found = np.zeros((2, *limit.shape), np.float32), np.zeros(3)
+            found[2] = np.copysign(TURN_MM, wrench[2])
+            balance(
+                none, none, float(limit.max()) / STICK_MM, limit, self.arrays, body, capacity,
+                False, found,
+            )  # fmt: skip
+            self.slides[body] = abs(wrench[2]) >= (1 - AT_LIMIT) * self._torque(limit, found, body)
+            self.rigid[body] = self.slides[body] * found
+
+    def _torque(self, limit: np.ndarray, rigid: np.ndarray, body: int) -> float:
+        """Size of the torque of a body that slides along a rigid motion, see `balance`."""
+        turn_x, turn_y = (
+            (self.levers[body, 1] - self.y[:, None]) / self.levers[body, 2],
+            (self.x - self.levers[body, 0]) / self.levers[body, 2],
+        )
+        along_x, along_y = rigid[0] + turn_x * rigid[2], rigid[1] + turn_y * rigid[2]
+        sizes = np.maximum(np.hypot(along_x, along_y), STICK_MM)
+        return abs(float((limit / sizes * (turn_x * along_x + turn_y * along_y)).sum()))
+
+    @property
+    def arrays(self) -> Bodies:
+        """Arguments of the compiled loops."""
+        return (
+            self.x, self.y, self.owner, self.levers, self.wrenches, self.slides, self.rigid
+        )  # fmt: skip
+
+    def with_motion_mm(self, rigid: np.ndarray, displacement_mm: np.ndarray) -> np.ndarray:
+        """A displacement, (2, rows, columns), mm, and rigid motions, (bodies, 3), together."""
+        found = displacement_mm.copy()
+        for body, (along_x, along_y, turn) in enumerate(rigid):
+            (x, y, radius), here = self.levers[body], self.owner == body
+            found[0] += here * (along_x - turn / radius * (self.y[:, None] - y))
+            found[1] += here * (along_y + turn / radius * (self.x - x))
+        return found

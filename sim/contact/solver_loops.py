@@ -1,9 +1,6 @@
 """Compiled loops of the contact solver's fixed-point iteration, and its Anderson acceleration.
 
-The springs' contact is that of `t2twin.sim.contact.mujoco_contact`, here in closed form.
-Pins are given by their first row, first column and side in the window, all (n,) int64 in cells of
-the layer's fine grid. Every loop runs in one thread and sums in a fixed order, so that results are
-identical on every run.
+Every loop runs in one thread and sums in a fixed order: results are identical on every run.
 """
 
 import numpy as np
@@ -11,7 +8,6 @@ import numpy as np
 from t2twin.core.jit import INNER, compiled
 from t2twin.sim.contact.elastomer import stiffened
 from t2twin.sim.contact.layer import convolve
-from t2twin.sim.contact.pins import spread
 
 MIN_STEPS = 2  # the first step does not include pins that were added before it
 PENETRATION_MM = 1e-3  # of the shape into an inactive pin that is tolerated, mm: a converged step
@@ -22,6 +18,20 @@ FAR_MM = 1e9  # deflection at which the spring of an inactive pin carries nothin
 MEMORY = 4  # earlier steps that Anderson acceleration stores; more does not reduce the steps
 RIDGE = 1e-8  # relative addition to the diagonal of the normal equations: for equal steps
 RESTART_GROWTH = 2.0  # growth of the residual in a step above which the stored ones are discarded
+
+
+@compiled(nogil=True)
+def spread(pressure, bodies, rows, columns, sides, cover, fine):
+    """Write the sum of the pins' pressures, times their cover, to fine, (rows, >= columns)."""
+    for i in range(fine.shape[0]):
+        for j in range(fine.shape[1]):
+            fine[i, j] = 0.0
+    for n in range(pressure.size):
+        if pressure[n] == 0.0:
+            continue
+        for i in range(rows[n], rows[n] + sides[n]):
+            for j in range(columns[n], columns[n] + sides[n]):
+                fine[i, j] += pressure[n] * cover[bodies[n], i, j]
 
 
 @compiled(inline="always")
@@ -54,9 +64,12 @@ def _mean_deflections(
             surface[n] = sunk + 0.5 * curvature * variance
 
 
-@compiled(nogil=True, **INNER)
-def _spring_depth(force, tops, stiffness, near):
-    """See `spring_depth`. Newton's method, from above on a convex function, ends exactly."""
+@compiled(nogil=True)
+def spring_depth(force, tops, stiffness, near):
+    """Depth at which springs with these tops and stiffnesses, (n,), carry a force.
+
+    Newton's method, from above on a convex function, ends exactly. near: an expected depth, or inf.
+    """
     depth = near
     for steps in range(MAX_NEWTON_STEPS):
         total, moment = 0.0, 0.0
@@ -72,34 +85,9 @@ def _spring_depth(force, tops, stiffness, near):
 
 
 @compiled(nogil=True)
-def spring_depth(force, tops, stiffness):
-    """Depth at which springs with these tops and stiffnesses, (n,), carry a force."""
-    return _spring_depth(force, tops, stiffness, np.inf)
-
-
-@compiled(nogil=True, **INNER)
-def _fit_springs(
-    force, compliance, min_slope, gap, edge, area, surface, slope, current, local, rest, near
-):
-    """Fit springs, local and rest, to the surface under `current`; return the shape's depth."""
-    tops, stiffness = np.empty(gap.size), np.empty(gap.size)
-    for n in range(gap.size):
-        # A stiffened place has a stiffer spring. The converged surface does not depend on the
-        # springs, so limiting the slope only keeps them finite.
-        steep = max(slope[n], min_slope)
-        local[n] = (compliance + edge[n]) * steep
-        rest[n] = surface[n] + (edge[n] * slope[n] - local[n]) * current[n]
-        tops[n] = gap[n] + rest[n]
-        stiffness[n] = area[n] * compliance / local[n]
-    return _spring_depth(force, tops, stiffness, near)
-
-
-@compiled(nogil=True)
 def redistribute_force(deflection, rest, local, area, current, pressure):
-    """Pressure of springs compressed by `deflection`, written to pressure, (n,), MPa.
-
-    Returns the share of the force that differs from `current`; inf where nothing is loaded.
-    """
+    """Write the pressure of springs compressed by `deflection`, (n,), MPa. Returns the share of the
+    force that differs from `current`; inf where nothing is loaded."""
     total, moved = 0.0, 0.0
     for n in range(rest.size):
         pressure[n] = max(deflection[n] - rest[n], 0.0) / local[n]
@@ -119,12 +107,9 @@ def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
     """Amplify, in place, the short waves of a step from `current` to pressure.
 
     A layer is stiffer the shorter the waves of a pressure, but the springs are equally stiff for
-    all, so plain steps change short waves too little. Adds to each pin's step a gain times its
-    difference from the mean step of the loaded pins around it.
-
-    reaches: (k,) half widths of the squares that the mean is taken over, fine cells beyond the
-    pin's own. gains: (k,). sums: (rows + 1, columns + 1, 2) work array for summed-area tables, its
-    first row and column zero.
+    all. Adds to each pin's step a gain, (k,), times its difference from the mean step of the loaded
+    pins around it, in squares that reach so many fine cells, (k,), beyond the pin's own. sums:
+    (rows + 1, columns + 1, 2) work array, its first row and column zero.
     """
     down, across = sums.shape[0] - 1, sums.shape[1] - 1
     for i in range(1, down + 1):
@@ -158,7 +143,7 @@ def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
 
 
 @compiled(nogil=True, **INNER)
-def _eliminate(system):
+def eliminate(system):
     """Solve (k, k + 1) equations into their last column; False where they are singular."""
     size = len(system)
     for k in range(size):
@@ -184,9 +169,8 @@ def _eliminate(system):
 def accelerate(memory, normal, counts, point, image, mixed):
     """Write the next point of Anderson acceleration; see Anderson.
 
-    memory: (2 MEMORY + 2, n), changes of the images, changes of the residuals, and the last image
-    and residual. normal: (MEMORY, MEMORY). counts: steps stored, the row of the next one, and
-    whether there is a last step.
+    memory: (2 MEMORY + 2, n), changes of the images, of the residuals, the last image and residual.
+    counts: steps stored, the row of the next one, and whether there is a last step.
     """
     size = image.size
     images, changes, last = memory[:MEMORY], memory[MEMORY : 2 * MEMORY], memory[2 * MEMORY :]
@@ -215,7 +199,7 @@ def accelerate(memory, normal, counts, point, image, mixed):
     for k in range(stored):
         for m in range(stored):
             system[k, m] = normal[k, m] * (1 + RIDGE if k == m else 1.0)
-    if not _eliminate(system):  # the step is zero or repeats an earlier one
+    if not eliminate(system):  # the step is zero or repeats an earlier one
         counts[0] = counts[1] = 0
         return
     for k in range(stored):
@@ -224,11 +208,10 @@ def accelerate(memory, normal, counts, point, image, mixed):
 
 
 class Anderson:
-    """Anderson acceleration of a fixed-point iteration x <- g(x).
+    """Anderson acceleration of a fixed-point iteration x <- g(x) of (n,) unknowns.
 
     Of all mixtures of the last steps with weights that add up to 1 it takes the one with the
     smallest linearized residual g(x) - x (Walker and Ni, SIAM J. Numer. Anal. 49, 2011).
-    size: number of unknowns, n.
     """
 
     def __init__(self, size: int) -> None:
@@ -248,16 +231,20 @@ def spring_step(
     min_slope, ends, gap, area, edge, forces, compliance, surface, slope, current, pressure, local,
     rest, depths,
 ):  # fmt: skip
-    """Fit the springs of each body and write the pressures on them; returns the largest change."""
+    """Fit the springs of each body to the surface under `current`, and write the pressures on them;
+    returns the largest change."""
     change = 0.0
     for body in range(forces.size):
         low, high = ends[body], ends[body + 1]
-        depths[body] = _fit_springs(
-            forces[body], compliance[body], min_slope, gap[low:high], edge[low:high],
-            area[low:high], surface[low:high], slope[low:high], current[low:high],
-            local[low:high], rest[low:high], depths[body],
-        )  # fmt: skip
-        deflection = np.empty(high - low)
+        tops, stiffness, deflection = np.empty((3, high - low))
+        for n in range(low, high):
+            # A stiffened place has a stiffer spring. The converged surface does not depend on the
+            # springs, so limiting the slope only keeps them finite.
+            local[n] = (compliance[body] + edge[n]) * max(slope[n], min_slope)
+            rest[n] = surface[n] + (edge[n] * slope[n] - local[n]) * current[n]
+            tops[n - low] = gap[n] + rest[n]
+            stiffness[n - low] = area[n] * compliance[body] / local[n]
+        depths[body] = spring_depth(forces[body], tops, stiffness, depths[body])
         for n in range(low, high):
             deflection[n - low] = depths[body] - gap[n]
         own = redistribute_force(
@@ -275,15 +262,12 @@ def iterate(
 ):  # fmt: skip
     """Steps on n pins until the pressure changes by less than a tolerance, a share of the force.
 
-    step: size of the steps, 1 for full ones, which are preconditioned and accelerated. min_slope:
-    see `_fit_springs`. pins: bodies, rows, columns, sides, gaps, areas, edge compliances and
-    thicknesses, all (n,). cover: (bodies, R, C). ends: (bodies + 1,) of the bodies among the pins.
-    forces: (bodies,) in units of a fine cell's spring x mm. compliance: (bodies,) of the springs,
-    mm/MPa. operator: see `layer.convolve`. reaches, gains: see `precondition`.
-    current: (n,) the initial pressure, MPa; afterwards that at which the last step started.
-    Writes pressure, local, rest, (n,), depths, (bodies,), and linear, (R, C), the deflection of the
-    linear layer, of the last step. depths are also the expected ones. Returns the last change and
-    the number of steps.
+    step: size of the steps, 1 for full ones, which are preconditioned and accelerated. pins: see
+    Pins.arrays. ends: (bodies + 1,) of the bodies among the pins. forces: (bodies,) in units of a
+    fine cell's spring x mm. compliance: (bodies,) of the springs, mm/MPa. current: (n,) the initial
+    pressure, MPa; afterwards that at which the last step started. Writes pressure, local, rest,
+    (n,), depths, (bodies,), and linear, (R, C), the deflection of the linear layer, of the last
+    step. Returns the last change and the number of steps.
     """
     kernel, across, smooth, node_across, weights, first, taps, work = operator
     bodies, rows, columns, sides, gap, area, edge, thickness = pins

@@ -4,6 +4,7 @@ Frames are those of t2twin.primitives_cad.shape. Every grid is rows x columns: t
 with y, the column index with x.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -13,10 +14,10 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
-from t2twin.primitives_cad.shape import HeightMap, Shape
+from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG, quaternion_of, tilted
 from t2twin.sim.contact.displacements import unfolded
-from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.elastomer import Elastomer, Friction
 from t2twin.sim.contact.friction import AT_LIMIT
 from t2twin.sim.contact.grid import Window
 from t2twin.sim.contact.layer import DomedLayer, domed_layer
@@ -37,10 +38,10 @@ SMALL = "the contact is smaller than the grid, so its pressure and depth are app
 class PressCommand:
     """One commanded press: the shape's pose on the sensor, and the force.
 
-    x_mm, y_mm: position of the shape's origin in the sensor frame, mm. yaw_rad: rotation about the
-    sensor's z. force_n: force along the press axis, N. tilt_x_rad, tilt_y_rad: tilt about the
-    shape's origin, before the yaw, see t2twin.primitives_cad.shape; up to 30 degrees.
-    Raises T2TwinError for values that are not finite numbers, and for a larger tilt.
+    x_mm, y_mm: position of the shape's origin in the sensor frame. yaw_rad: rotation about the
+    sensor's z. force_n: along the press axis. tilt_x_rad, tilt_y_rad: about the shape's origin,
+    before the yaw, up to 30 degrees. Raises T2TwinError for values that are not finite numbers, and
+    for a larger tilt.
     """
 
     shape: str
@@ -71,15 +72,11 @@ class PressCommand:
 
 @dataclass(frozen=True)
 class SurfaceShift:
-    """Displacement of a layer's surface by shear.
+    """Displacement of a layer's surface by shear, on the contact grid's axes."""
 
-    x_mm: (nx,), y_mm: (ny,) the contact grid's axes, mm. values_mm: (3, ny, nx) displacement along
-    x, along y, and into the sensor, mm, or (2, ny, nx) without the last.
-    """
-
-    x_mm: np.ndarray
-    y_mm: np.ndarray
-    values_mm: np.ndarray
+    x_mm: np.ndarray  # (nx,)
+    y_mm: np.ndarray  # (ny,)
+    values_mm: np.ndarray  # (2 or 3, ny, nx) along x, along y, and perhaps into the sensor
 
     def on(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Values on other axes, (3, y, x) or (2, y, x), linear between the grid's points."""
@@ -111,45 +108,34 @@ def _interpolate(values, rows, down, columns, across, found):
 
 @dataclass(frozen=True)
 class PinState:
-    """The active pins of a solved press, all (n,): the state of MuJoCo's model in mm and N.
-
-    x_mm, y_mm, rest_mm: positions of the pins, and heights of their undeformed tops.
-    deflection_mm: deflections. gap_mm: distances from the shape at first touch. spring_rest_mm,
-    stiffness_n_per_mm: rest deflections and stiffnesses of the springs. side_mm: sides of the
-    blocks of the pad that the pins represent.
-    """
+    """The active pins of a solved press, all (n,): the state of MuJoCo's model in mm and N."""
 
     x_mm: np.ndarray
     y_mm: np.ndarray
-    rest_mm: np.ndarray
-    gap_mm: np.ndarray
+    rest_mm: np.ndarray  # heights of their undeformed tops
+    gap_mm: np.ndarray  # distances from the shape at first touch
     deflection_mm: np.ndarray
-    spring_rest_mm: np.ndarray
-    stiffness_n_per_mm: np.ndarray
-    side_mm: np.ndarray
+    spring_rest_mm: np.ndarray  # rest deflections of the springs
+    stiffness_n_per_mm: np.ndarray  # of the springs
+    side_mm: np.ndarray  # sides of the blocks of the pad that they represent
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """What sliding and turning have done to a contact, on its grid.
 
-    friction: coefficient in the step, or of each cell, (ny, nx). shear_mpa: (2, ny, nx) traction on
-    the sensor along x and y. slip_mm: (ny, nx) length of the shape's path over the surface so far.
-    The others are the response to the contact's pressure and traction in a window of the grid, from
-    which the next step starts; None before the first step. middle_mm: see DomedLayer. spread_mm:
-    (2, rows, columns) displacement by the pressure. parts_mm: (2, 3, rows, columns) by the
-    traction. travel_mm: (2, rows, columns) motion of the shape, None where forces were prescribed.
-    error_mm: (3, rows, columns) displacement by shear, less that predicted for the step.
+    The arrays from `window` on are the response to the contact's pressure and traction in a window
+    of the grid, from which the next step starts; None before the first step.
     """
 
-    friction: float | np.ndarray
-    shear_mpa: np.ndarray
-    slip_mm: np.ndarray
+    friction: tuple[Friction, ...]  # of each body in the step
+    shear_mpa: np.ndarray  # (2, ny, nx) traction on the sensor along x and y
+    slip_mm: np.ndarray  # (ny, nx) length of the shape's path over the surface so far
     window: Window | None = None
-    middle_mm: float | None = None
-    spread_mm: np.ndarray | None = None
-    parts_mm: np.ndarray | None = None
+    parts_mm: np.ndarray | None = None  # (2, 3, rows, columns) displacement by the traction
+    # (2, rows, columns) motion of the shape; None where forces were prescribed.
     travel_mm: np.ndarray | None = None
+    # (3, rows, columns) displacement by shear, less that predicted for the step.
     error_mm: np.ndarray | None = None
 
 
@@ -205,11 +191,6 @@ class Contact:
             f"{', smaller than the grid' if self.smaller_than_grid else ''}"
             f"{', bottomed' if self.bottomed else ''}"
         )
-
-    @property
-    def pressing_surface(self) -> HeightMap:
-        """The height map of the shape, with the tilt of the press."""
-        return self.command.tilted(self.shape).surface
 
     @property
     def shape_pose(self) -> tuple[np.ndarray, np.ndarray]:
@@ -302,7 +283,7 @@ class Contact:
         if self.motion is None:
             return np.zeros(self.pressure_kpa.shape, bool)
         pressure_mpa = 1e-3 * self.pressure_kpa
-        limit = self.shear_layer.limit_mpa(self.motion.friction, pressure_mpa)
+        limit = limit_mpa(self.motion.friction, self.owner, pressure_mpa, self.elastomer)
         sizes = np.hypot(*self.motion.shear_mpa)
         return (self.pressure_kpa > 0) & (sizes >= (1 - AT_LIMIT) * limit)
 
@@ -310,6 +291,14 @@ class Contact:
     def slip_share(self) -> float:
         """Share of the cells in contact at which the shape slips."""
         return float(self.slipping.sum() / max((self.pressure_kpa > 0).sum(), 1))
+
+
+def limit_mpa(
+    frictions: Sequence[Friction], owner: np.ndarray, pressure_mpa: np.ndarray, elastomer: Elastomer
+) -> np.ndarray:
+    """The largest traction on each cell, whose body is the owner, (rows, columns) index."""
+    limits = np.stack([friction.limit_mpa(pressure_mpa, elastomer) for friction in frictions])
+    return limits[0] if len(limits) == 1 else np.take_along_axis(limits, owner[None], 0)[0]
 
 
 def read_only(values: np.ndarray) -> np.ndarray:

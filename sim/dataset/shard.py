@@ -22,6 +22,7 @@ from t2twin.core.images import encode_png
 from t2twin.core.machine import trim_memory
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.elastomer import Friction
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.dataset.columns import BACKGROUND, MARKERS, UNIT, Sample, columns_of, schema_of
 from t2twin.sim.dataset.info import Shard, versions
@@ -203,7 +204,8 @@ def _samples(
                 sensors, units = _unit(part, unit, recipe, context.sensors, watch)
                 present = unit
             attempts = path_attempts(recipe, part, name_of(source), number, path, first)
-            press = partial(_touches, sensors, friction, watch)
+            laws = {name: Friction(value) for name, value in friction.items()}
+            press = partial(_touches, sensors, laws, watch)
             touches, accepted = press_until_accepted(attempts, shape, press, rejected)
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
             for index, touch in enumerate(touches, start=path.index):
@@ -257,7 +259,7 @@ def rejection_reason(touch: Touch) -> str | None:
 
 def _touches(
     sensors: SensorPair,
-    friction: dict[str, float],
+    friction: dict[str, Friction],
     watch: Stopwatch,
     shape: Shape,
     sample: PressSample,

@@ -43,9 +43,8 @@ def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarr
         _nearest_cells(contact.x_mm.tobytes(), axes[0]),
     )
     apex = _rest_surface(contact.elastomer, *axes) + np.float32(contact.shape_depth_mm)
-    raise_to_shape(
-        surface, contact.pressing_surface, contact.command, x_mm, y_mm, apex, near, contact.shift
-    )
+    shape = contact.command.tilted(contact.shape).surface
+    raise_to_shape(surface, shape, contact.command, x_mm, y_mm, apex, near, contact.shift)
     return surface if contact.motion is None else _sheared(surface, contact, x_mm, y_mm)
 
 

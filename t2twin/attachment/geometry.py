@@ -1,22 +1,19 @@
 """Surfaces of a MuJoCo model: triangles of its geoms, and height maps of its bodies over a sensor.
 
-The sensor frame and the shape frame are those of t2twin.primitives_cad.shape. A height map of a
-body is in the shape frame of a press at x = y = yaw = 0. Its x is the sensor's x, its y is minus
-the sensor's y, and its height is minus the sensor's z.
+A height map is in the shape frame of a press at x = y = yaw = 0: its x is the sensor's x, its y and
+its height are minus the sensor's y and z.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.height_map import PITCH_MM
@@ -67,11 +64,11 @@ class Region:
     pitch_mm: float = PITCH_MM
 
     @classmethod
-    def of(cls, elastomer: Elastomer, pitch_mm: float = PITCH_MM) -> "Region":
+    def of(cls, elastomer: Elastomer) -> "Region":
         """The region of a layer: its outline and MARGIN_MM, and DEPTH times its thickness."""
         half_x, half_y = elastomer.width_mm / 2, elastomer.length_mm / 2
         depth_mm = DEPTH * elastomer.thickness_mm
-        return cls(half_x + MARGIN_MM, half_y + MARGIN_MM, depth_mm, pitch_mm)
+        return cls(half_x + MARGIN_MM, half_y + MARGIN_MM, depth_mm)
 
 
 class BodySurface(NamedTuple):
@@ -89,13 +86,12 @@ def body_surface(
     position_m: np.ndarray,
     region: Region,
     geometry: Geometry = "collision",
-    excluded: Collection[int] = (),
 ) -> BodySurface | None:
     """The surface of a body, and of all bodies welded to it, over a sensor; None without any.
 
     rotation, (3, 3), position_m, (3,): pose of the sensor in the world. geometry: see `body_geoms`.
-    excluded: ids of geoms that are left out. A plane is a half space. A mesh that MuJoCo collides
-    has the faces of its convex hull, and with "visual" its own.
+    A plane is a half space. A mesh that MuJoCo collides has the faces of its convex hull, and with
+    "visual" its own.
     """
     geoms = body_geoms(model, body_id, geometry)
     to_shape = SHAPE_FROM_SENSOR * np.asarray(rotation, float).T
@@ -109,8 +105,6 @@ def body_surface(
     heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
     top = NOTHING_MM
     for geom, center, turn in zip(geoms.tolist(), centers_mm, rotations, strict=True):
-        if geom in excluded:
-            continue
         place = turn, center, pitch, BEHIND_MM, top, heights
         kind = int(model.geom_type[geom])
         if kind in (PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER):
@@ -148,10 +142,9 @@ def covers_square(heights_mm: np.ndarray, cells: int) -> bool:
 def body_geoms(model: "mujoco.MjModel", body_id: int, geometry: Geometry) -> np.ndarray:
     """Ids of the geoms of a body and of all bodies welded to it.
 
-    geometry: "collision" for those that can collide.
-    "visual" for those that cannot, or all of a body that has only geoms that can.
+    geometry: "collision" for those that can collide; "visual" for those that cannot, or all of a
+    body that has only geoms that can.
     """
-    arguments.choice(geometry, "geometry", get_args(Geometry))
     welded = model.body_weldid[model.geom_bodyid] == model.body_weldid[body_id]
     collides = colliding(model)
     if geometry == "collision":
@@ -185,10 +178,8 @@ _known: "WeakKeyDictionary[mujoco.MjModel, dict[Asset, tuple[np.ndarray, Triangl
 
 
 def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Triangles:
-    """The triangles of a box, mesh or its hull, sdf or hfield, which are computed once.
-
-    Those of a height field are computed again where its data has changed.
-    """
+    """The triangles of a box, mesh or its hull, sdf or hfield, computed once for each state of its
+    data."""
     kind, asset = int(model.geom_type[geom]), int(model.geom_dataid[geom])
     if kind == BOX:
         cube, half_mm = _cube(), MM_PER_M * model.geom_size[geom]
@@ -200,10 +191,18 @@ def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Tria
             "ellipsoid, cylinder or box, or a mesh, sdf or hfield with its asset"
         )
     found = _known.setdefault(model, {})
-    data = _hfield_data(model, asset) if kind == HFIELD else np.empty(0)
+    data = np.empty(0)
+    if kind == HFIELD:
+        start, size = model.hfield_adr[asset], model.hfield_nrow[asset] * model.hfield_ncol[asset]
+        data = model.hfield_data[start : start + size]
     key = kind, asset, hull and kind == MESH and model.mesh_graphadr[asset] >= 0
     if key not in found or not np.array_equal(found[key][0], data):
-        triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset, key[2])
+        if kind == HFIELD:
+            *half, scale, base = model.hfield_size[asset]
+            shape = int(model.hfield_nrow[asset]), int(model.hfield_ncol[asset])
+            triangles = _of_field(scale * data.reshape(shape), np.array(half), base)
+        else:
+            triangles = _of_mesh(model, asset, key[2])
         found[key] = data.copy(), in_blocks(MM_PER_M * triangles)
     return found[key][1]
 
@@ -212,11 +211,6 @@ def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Tria
 def _cube() -> Triangles:
     """A box with half extents of 1 mm."""
     return in_blocks(_of_field(np.ones((2, 2)), np.ones(2), 1.0))
-
-
-def _hfield_data(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
-    start, size = model.hfield_adr[hfield], model.hfield_nrow[hfield] * model.hfield_ncol[hfield]
-    return model.hfield_data[start : start + size]
 
 
 def _of_mesh(model: "mujoco.MjModel", mesh: int, hull: bool) -> np.ndarray:
@@ -230,13 +224,6 @@ def _of_mesh(model: "mujoco.MjModel", mesh: int, hull: bool) -> np.ndarray:
     points, faces = int(graph[0]), int(graph[1])
     start = 2 + 3 * points + 3 * faces
     return vertices[graph[start : start + 3 * faces].reshape(-1, 3)]
-
-
-def _of_hfield(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
-    """Triangles of a height field, (n, 3, 3), m."""
-    *half, scale, base = model.hfield_size[hfield]
-    shape = int(model.hfield_nrow[hfield]), int(model.hfield_ncol[hfield])
-    return _of_field(scale * _hfield_data(model, hfield).reshape(shape), np.array(half), base)
 
 
 def _of_field(heights: np.ndarray, half: np.ndarray, base: float) -> np.ndarray:

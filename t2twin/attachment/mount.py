@@ -1,7 +1,7 @@
 """Attaches a sensor to a MuJoCo model, whose lengths are in meters.
 
-The sensor's body is welded to its mount. MuJoCo excludes contacts between bodies that are welded
-together. The sensor's collision geom reaches behind its base, as far as its mount.
+The sensor's body is welded to its mount; MuJoCo excludes contacts between welded bodies. The
+sensor's collision geom reaches behind its base, as far as its mount.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
@@ -65,44 +65,44 @@ def attach(
 ) -> AttachedSensor:
     """Add a sensor to a MuJoCo model before it is compiled; the spec must be in meters.
 
-    sensor: name of a bundled sensor (`t2twin.sensors()`), or a sensor file. Its table [mount] gives
-    the mass, the color, and the largest depth of the geom. site, body: name of the site or body it
-    is mounted on; body "world" is the world. pos, quat: pose of the sensor's base relative to that,
-    m. The base is the bonded side of the elastomer, and its center is at the pose. The pose's z
-    axis is the sensor's outward normal. Its x axis is the sensor's x axis, to the right in the
-    image of a gel camera.
-    name: of the elements; None for the given sensor's name or its file's, with a number from the
-    second one on. The model gets the body NAME/body, the geom and mesh NAME/surface, and the site
-    NAME/frame at the apex of the undeformed surface. The geom reaches behind the base, as far as
-    the geoms there, so that no body gets through it. optics, markers: of a gel camera, as for
-    `Twin`. layout, imperfections: of a taxel array, as for `Twin`. friction: coefficient of the
-    sensor's geom; None for MuJoCo's default. MuJoCo uses the larger coefficient of both geoms in a
-    contact.
-    geometry: geoms of the touching bodies whose surfaces are pressed into the sensor: "collision",
-    or "visual" for those without collision where there are any. rate_hz: readings per second of
+    sensor: name of a bundled sensor (`t2twin.sensors()`), or a sensor file, whose table [mount]
+    gives the mass, the color, and the largest depth of the geom. site, body: name of the site or
+    body that it is mounted on; body "world" is the world. pos, quat: pose of the center of the
+    sensor's base relative to that, m. The base is the bonded side of the elastomer. The pose's z
+    axis is the sensor's outward normal; its x axis is to the right in the image of a gel camera.
+    name: of the elements; None for the sensor's name, with a number from the second one on. The
+    model gets the body NAME/body, the geom and mesh NAME/surface, and the site NAME/frame at the
+    apex of the undeformed surface. The geom reaches behind the base, as far as the geoms there.
+    optics, markers, layout, imperfections: as for `Twin`. friction: coefficient of the sensor's
+    geom; None for MuJoCo's default. MuJoCo uses the larger one of both geoms in a contact.
+    geometry: geoms of the touching bodies that are pressed into the sensor: "collision", or
+    "visual" for those without collision where there are any. rate_hz: readings per second of
     simulated time; None for one whenever the state has changed. seed: of the camera noise or the
     array's imperfections; None for neither.
+
     Raises T2TwinError for invalid arguments, and for names that do not exist or clash.
     """
     if not isinstance(spec, mujoco.MjSpec):
-        raise T2TwinError(
-            f"spec is {arguments.describe(spec)}; expected a mujoco.MjSpec, for example of "
-            "mujoco.MjSpec.from_file"
-        )
-    options = {"optics": optics, "layout": layout, "imperfections": imperfections}
-    device = _device(sensor, options | {"markers": markers})
+        raise T2TwinError(f"spec is {arguments.describe(spec)}; expected a mujoco.MjSpec")
+    options: dict[str, Any] = {"optics": optics, "layout": layout}
+    options |= {"imperfections": imperfections, "markers": markers}
+    device = load_sensor(sensor)
+    allowed = [option for option in options if option in device.OPTIONS]
+    for option, value in options.items():
+        if value is not None and option not in allowed:
+            names = " and ".join(allowed)
+            raise T2TwinError(f"{option} is given, but {device.name} lacks it; it has {names}")
+    device = device.with_options(options)
     mounted = AttachedSensor(_free_name(spec, name, sensor), device, geometry, rate_hz, seed)
     turn = arguments.vector(quat, "quat", 4)
     if not turn.any():
         raise T2TwinError("quat is 0 0 0 0; expected a quaternion that is not zero")
     pose = arguments.vector(pos, "pos", 3), turn / np.linalg.norm(turn)
-    place, prefix = _place(spec, site, body), f"{mounted.name}/"
+    place = _place(spec, site, body)
     depth_m = _backing_m(spec, place.name, site is not None, *pose, device)
     own = _own_spec(device.mount, mounted.elastomer, friction, depth_m, *pose)
-    if site is not None:
-        spec.attach(own, site=place, prefix=prefix)
-    else:
-        spec.attach(own, frame=place.add_frame(), prefix=prefix)
+    on = {"site": place} if body is None else {"frame": place.add_frame()}
+    spec.attach(own, prefix=f"{mounted.name}/", **on)
     prepare_models()
     return mounted
 
@@ -123,19 +123,6 @@ def _place(
     if body is None and np.isfinite(found.fromto[0]):
         raise T2TwinError(f"site {site} has fromto; expected a site with a position")
     return found
-
-
-def _device(source: str | Path, options: dict[str, Any]) -> Sensor:
-    """The simulated sensor. Raises T2TwinError for an option that it does not have."""
-    device = load_sensor(source)
-    for option, value in options.items():
-        if value is not None and option not in device.OPTIONS:
-            own = " and ".join(each for each in options if each in device.OPTIONS)
-            raise T2TwinError(
-                f"{option} is given, but {device.name} is a {device.spec.kind.replace('-', ' ')}, "
-                f"which does not have it; it has {own}"
-            )
-    return device.with_options(options)
 
 
 def _own_spec(

@@ -1,7 +1,7 @@
 """A sensor that is attached to a MuJoCo model.
 
-The sensor frame has its origin at the apex of the undeformed surface. x is to the right in
-the image, y is down, z is out of the sensor.
+The sensor frame has its origin at the apex of the undeformed surface. x is to the right in the
+image, y is down, z is out of the sensor.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
@@ -21,7 +21,9 @@ import numpy as np
 from trimesh import Trimesh
 
 from t2twin.attachment.contacts import (
+    LIGHT,
     Body,
+    Place,
     Pose,
     body_pose,
     check_state,
@@ -29,29 +31,25 @@ from t2twin.attachment.contacts import (
     find_elements,
     frame_of,
     kept_away,
+    loaded_contact,
     relative_motion,
     sleeping_forces,
+    unread_notices,
 )
 from t2twin.attachment.geometry import Geometry, Region, body_surface
-from t2twin.attachment.loads import LIGHT, loaded_contact, unread_notices
-from t2twin.attachment.stiffness import fit_stiffness
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.machine import cores
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
+from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.sensors.files import Sensor
-from t2twin.sim.touch import Notice, Touch
+from t2twin.sim.touch import Touch
 
-NOTHING = Shape(
-    "nothing",
-    Trimesh(),
-    HeightMap(np.full((2, 2), NOTHING_MM, np.float32), np.array([0.0, 1.0]), np.array([0.0, 1.0])),
-    (1.0, 1.0),
-)
-"""The shape of a touch without contact."""
-
+# The shape of a touch without contact.
+NO_MAP = HeightMap(np.full((2, 2), NOTHING_MM, np.float32), np.arange(2.0), np.arange(2.0))
+NOTHING = Shape("nothing", Trimesh(), NO_MAP, (1.0, 1.0))
 # A touch without contact and without readings.
 NO_TOUCH = Touch(NOTHING, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0))
 MAX_RATE_HZ = 1e6  # largest rate of readings, Hz (assumed: beyond any simulation's steps)
@@ -63,45 +61,44 @@ MAX_JUMP_MM = 2.0
 # Share of a period by which a reading may be early, for rounding errors of the time.
 ROUNDING = 1e-6
 AWAKE = 1  # MuJoCo's mjS_AWAKE
+# Forces at which the depths are fitted, N: those of most grasps (assumed).
+FIT_FORCES_N = (0.5, 1.0, 2.0, 4.0, 8.0, 12.0)
+MIDPOINT = 0.5  # muJoCo's default midpoint of the impedance
+# Limits of the impedance (assumed). A low one also lets bodies creep against friction.
+IMPEDANCE = (0.5, 0.98)
+MAX_POWER = 6.0  # largest power of the impedance's curve (assumed)
+POINTS = 400  # points of a force curve
 
 
 @dataclass
 class State:
-    """The last reading of a sensor from one MjData.
-
-    time_s, period: of the last reading. reads: their number. seen: the state, as bytes.
-    touch, touch_s: the last touch and its time. places: of the bodies that press, by number, the
-    pose and the place of contact, (3,) mm, in the sensor frame. asleep: the poses of bodies that
-    sleep, as bytes. sleeping: these bodies. lock: of one reading at a time.
-    """
+    """The last reading of a sensor from one MjData."""
 
     time_s: float = -inf
     period: int = -1
-    reads: int = 0
-    seen: bytes = b""
+    reads: int = 0  # number of readings
+    seen: bytes = b""  # the state of the simulation
+    # Of the bodies that press, by number: pose and place of contact, (3,) mm, in the sensor frame.
     places: dict[int, tuple[Pose, np.ndarray]] = field(default_factory=dict)
-    touch: Touch | None = None
+    touch: Touch | None = None  # the last one
     touch_s: float = 0.0
-    asleep: bytes = b""
-    sleeping: list[Body] = field(default_factory=list)
-    lock: Lock = field(default_factory=Lock)
+    asleep: bytes = b""  # the poses of bodies that sleep
+    sleeping: list[Body] = field(default_factory=list)  # these bodies
+    lock: Lock = field(default_factory=Lock)  # of one reading at a time
 
     def restart(self) -> None:
         """Forget the readings, but not their number."""
         vars(self).update(vars(State(reads=self.reads, lock=self.lock)))
 
-    def bodies(
-        self, model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose
-    ) -> list[Body]:
+    def bodies(self, at: Place) -> list[Body]:
         """The bodies that act on a sensor's geom; what those that sleep do is found once."""
-        touching = contact_forces(model, data, geom, frame)
+        touching, data = contact_forces(at), at.data
         still = data.body_awake != AWAKE
-        if data.nbody_awake == model.nbody or not still[model.geom_bodyid[geom]]:
+        if data.nbody_awake == at.model.nbody or not still[at.model.geom_bodyid[at.geom]]:
             return touching
-        asleep = b"".join(each.tobytes() for each in (still, data.xpos[still], *frame))
+        asleep = b"".join(each.tobytes() for each in (still, data.xpos[still], *at.frame))
         if asleep != self.asleep:
-            self.sleeping = sleeping_forces(model, data, geom, frame, still)
-            self.asleep = asleep
+            self.asleep, self.sleeping = asleep, sleeping_forces(at, still)
         sleeping = [replace(each, unread_n=dict(each.unread_n)) for each in self.sleeping]
         return sorted(touching + sleeping, key=lambda each: each.number)
 
@@ -172,7 +169,7 @@ class AttachedSensor:
 
     def pose(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> np.ndarray:
         """(4, 4) transform from the sensor frame to the world, m. Raises T2TwinError as `read`."""
-        return frame_of(data, self._found(model, data)[0]).matrix
+        return self._found(model, data).frame.matrix
 
     def read(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Touch:
         """The touch in the current state of a simulation, which does not change.
@@ -180,22 +177,21 @@ class AttachedSensor:
         model: compiled from the spec of `attach`, or from one to which that was attached. data:
         after `mj_step`, `mj_step1` and 2, or `mj_forward`, which compute the contact forces.
         Contacts and poses are those at the beginning of the last step, as for MuJoCo's own sensors.
-        The touch has the reading of this sensor alone. `sensor_to_world` is the
-        sensor's pose. `notices` has each force of MuJoCo's contacts that the contact lacks by more
-        than 1 % and 0.01 N, with the reason. Each reason and each note of the touch is also a
-        T2TwinWarning, once. An unchanged state gives the same touch again, as does each state
-        before the next period of `rate_hz`. The tangential tractions continue those of the last
-        reading of the same MjData,
-        until its time decreases; call `reset` after mj_resetData.
+        The touch has the reading of this sensor alone. `sensor_to_world` is the sensor's pose.
+        `notices` has each force of MuJoCo's contacts that the contact lacks by more than 1 % and
+        0.01 N, with the reason. Each reason and each note of the touch is also a T2TwinWarning,
+        once. An unchanged state gives the same touch again, as does each state before the next
+        period of `rate_hz`. The tangential tractions continue those of the last reading of the same
+        MjData, until its time decreases; call `reset` after mj_resetData.
+
         Raises T2TwinError for another model or data, for values that are not finite, and for a flex
         that touches the sensor.
         """
-        site, geom = self._found(model, data)
-        frame = frame_of(data, site)
+        at = self._found(model, data)
         with self._lock:
             state = self._states.setdefault(data, State())
         with state.lock:
-            return self._read(model, data, geom, frame, state)
+            return self._read(at, state)
 
     def set_stiffness(self, model: "mujoco.MjModel", data: "mujoco.MjData", body: str) -> float:
         """Let a body sink into the sensor as deep in MuJoCo as into the soft layer.
@@ -207,11 +203,12 @@ class AttachedSensor:
         Returns the largest error of the depth at rest from 0.5 to 12 N, mm.
         Raises T2TwinError for an unknown body, one that is not over the sensor, and as `read`.
         """
-        site, geom = self._found(model, data)
+        at = self._found(model, data)
+        geom = at.geom
         touching = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, arguments.text(body, "body"))
         if touching < 0:
             raise T2TwinError(f"the model has no body {body!r}; expected the name of a body")
-        shape = self._shape(model, data, frame_of(data, site), touching, body)
+        shape = self._shape(at, touching, body)
         if shape is None:
             raise T2TwinError(f"body {body} is not over {self.name}; move it there first")
         if model.opt.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
@@ -226,12 +223,14 @@ class AttachedSensor:
             )
         bodies = [touching, model.geom_bodyid[geom]]
         inverse_mass = float(model.body_invweight0[bodies, 0].sum())
-        found = fit_stiffness(shape, self.elastomer, self.device.pitch_mm, inverse_mass)
-        model.geom_solref[geom], model.geom_solimp[geom] = found.solref, found.solimp
-        return found.error_mm
+        solref, solimp, error_mm = _fit_stiffness(
+            shape, self.elastomer, self.device.pitch_mm, inverse_mass
+        )
+        model.geom_solref[geom], model.geom_solimp[geom] = solref, solimp
+        return error_mm
 
-    def _found(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> tuple[int, int]:
-        """The sensor's site and geom in a model, whose state can be read."""
+    def _found(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Place:
+        """The sensor in a state that can be read."""
         check_state(model, data)
         with self._lock:
             if model not in self._elements:
@@ -245,7 +244,8 @@ class AttachedSensor:
                         "which reads only what MuJoCo collides; change contype or conaffinity, or "
                         f"add a pair with geom {model.geom(geom).name}",
                     )
-            return self._elements[model]
+            site, geom = self._elements[model]
+        return Place(model, data, geom, frame_of(data, site))
 
     def _warn(self, cause: str, message: str) -> None:
         """Warn of a cause, once."""
@@ -253,9 +253,8 @@ class AttachedSensor:
         if self._warned.setdefault(cause, own) is own:
             warnings.warn(f"{self.name}: {message}", T2TwinWarning, stacklevel=4)
 
-    def _read(
-        self, model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose, state: State
-    ) -> Touch:
+    def _read(self, at: Place, state: State) -> Touch:
+        data, frame = at.data, at.frame
         if data.time < state.time_s:
             state.restart()
         state.time_s = data.time
@@ -265,22 +264,36 @@ class AttachedSensor:
         seen = b"".join(np.asarray(each).tobytes() for each in values)
         if state.touch is not None and (not is_due or seen == state.seen):
             return state.touch
-        bodies = state.bodies(model, data, geom, frame)
-        pressing = []
+        bodies, pressing, last = state.bodies(at), [], None
         for body in bodies:
             if body.pressing_n >= FORCE_RANGE_N[0]:
                 pressing.append(body)
             elif body.weight_n:
                 body.leave_unread(LIGHT, body.force_n)
-        places = {
-            each.number: (body_pose(data, each.number).in_frame(frame), each.center_mm)
-            for each in pressing
-        }
-        contact, notices = self._contact(model, data, frame, pressing, places, state)
+        places = {}
+        for body in pressing:
+            pose, center_mm = body_pose(at, body.number), body.center_mm
+            before, at_mm = state.places.get(body.number, (None, None))
+            is_near = at_mm is not None and np.hypot(*(center_mm - at_mm)[:2]) <= MAX_JUMP_MM
+            if is_near and state.touch is not None:
+                last = state.touch.contacts.get(self.sensor)  # which the tractions continue
+            if is_near or len(pressing) == 1:
+                body.motion = relative_motion(before, pose, center_mm)
+            body.shape = self._shape(at, body.number, body.name)
+            places[body.number] = pose, center_mm
+        contact, notices = loaded_contact(self.elastomer, self.device.pitch_mm, pressing, last)
         notices += unread_notices(bodies)
-        touch = self._touch(contact, frame, state, data.time)
-        state.touch = replace(touch, notices=tuple(notices))
-        state.touch_s, state.places, state.seen = data.time, places, seen
+        # The noise depends on the number of earlier readings.
+        rng = None if self.seed is None else np.random.default_rng((self.seed, state.reads))
+        reading: Any = None if state.touch is None else state.touch[self.sensor]
+        reading = self.device.read(contact, rng, reading, data.time - state.touch_s)
+        touch = replace(
+            NO_TOUCH, readings={self.sensor: reading}, sensor_to_world=frame.matrix,
+            notices=tuple(notices),
+        )  # fmt: skip
+        if contact is not None:
+            touch = replace(touch, shape=contact.shape, command=contact.command)
+        state.touch, state.touch_s, state.places, state.seen = touch, data.time, places, seen
         state.reads += 1
         for each in notices:
             self._warn(each.reason, str(each))
@@ -288,46 +301,13 @@ class AttachedSensor:
         for note in (each.removeprefix(f"{self.sensor}: ") for each in touch.notes):
             if note not in reasons:
                 self._warn(note, note)
-        return state.touch
+        return touch
 
-    def _contact(
-        self,
-        model: "mujoco.MjModel",
-        data: "mujoco.MjData",
-        frame: Pose,
-        pressing: list[Body],
-        places: dict[int, tuple[Pose, np.ndarray]],
-        state: State,
-    ) -> tuple[Contact | None, list[Notice]]:
-        """The contact of the pressing bodies, which continues the state's last one."""
-        is_any_near = False
-        for body in pressing:
-            pose, center_mm = places[body.number]
-            before, at_mm = state.places.get(body.number, (None, None))
-            is_near = at_mm is not None and np.hypot(*(center_mm - at_mm)[:2]) <= MAX_JUMP_MM
-            is_any_near |= bool(is_near)
-            if is_near or len(pressing) == 1:
-                body.motion = relative_motion(before, pose, center_mm)
-            body.shape = self._shape(model, data, frame, body.number, body.name)
-        last = state.touch.contacts.get(self.sensor) if state.touch and is_any_near else None
-        return loaded_contact(self.elastomer, self.device.pitch_mm, pressing, last)
-
-    def _shape(
-        self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose, body: int, name: str
-    ) -> Shape | None:
+    def _shape(self, at: Place, body: int, name: str) -> Shape | None:
         """The surface of a body over the sensor; None without any."""
-        found = body_surface(model, data, body, *frame, Region.of(self.elastomer), self.geometry)
+        region = Region.of(self.elastomer)
+        found = body_surface(at.model, at.data, body, *at.frame, region, self.geometry)
         return None if found is None else replace(NOTHING, name=name, surface=found.surface)
-
-    def _touch(self, contact: Contact | None, frame: Pose, state: State, time_s: float) -> Touch:
-        """The touch of a contact at a time; its noise depends on the number of earlier readings."""
-        rng = None if self.seed is None else np.random.default_rng((self.seed, state.reads))
-        before: Any = None if state.touch is None else state.touch[self.sensor]
-        reading = self.device.read(contact, rng, before, time_s - state.touch_s)
-        found = replace(NO_TOUCH, readings={self.sensor: reading}, sensor_to_world=frame.matrix)
-        if contact is None:
-            return found
-        return replace(found, shape=contact.shape, command=contact.command)
 
 
 def read_all(
@@ -347,14 +327,10 @@ def read_all(
     chosen = [sensors] if isinstance(sensors, AttachedSensor) else list(sensors)
     if isinstance(states, mujoco.MjData):
         raise T2TwinError("states is one mujoco.MjData; expected a list of them, such as [data]")
-    for each in chosen:
-        if not isinstance(each, AttachedSensor):
-            raise T2TwinError(
-                f"sensors has {arguments.describe(each)}; expected sensors of t2twin.attach"
-            )
-    for each in states:
-        if not isinstance(each, mujoco.MjData):
-            raise T2TwinError(f"states has {arguments.describe(each)}; expected mujoco.MjData")
+    for name, given, kind in ("sensors", chosen, AttachedSensor), ("states", states, mujoco.MjData):
+        wrong = [arguments.describe(each) for each in given if not isinstance(each, kind)]
+        if wrong:
+            raise T2TwinError(f"{name} has {wrong[0]}; expected objects of {kind.__name__}")
     if len({id(each) for each in states}) < len(states):
         raise T2TwinError("states has the same MjData twice; expected one of each environment")
     if workers is not None:
@@ -364,3 +340,67 @@ def read_all(
             [pool.submit(sensor.read, state.model, state) for sensor in chosen] for state in states
         ]
     return [[each.result() for each in of_state] for of_state in touches]
+
+
+def _fit_stiffness(
+    shape: Shape, elastomer: Elastomer, pitch_mm: float, inverse_mass: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """MuJoCo's solref, (2,), and solimp, (5,), with which one contact point of a shape sinks in as
+    deep as into an elastomer, and the largest difference of the depths, mm. inverse_mass: of both
+    bodies, 1/kg.
+
+    At rest, MuJoCo's force at a penetration r is stiffness d(r)^2 r / (d_w^2 (1 - d(r)) A), with
+    the impedance d(r), d_w = d(width), and the inverse mass A. It follows from a + d (b v + k r) =
+    (1 - d) a0 in MuJoCo's documentation, Modeling, Solver parameters, with a = 0. The damping is
+    critical.
+    """
+    from scipy.optimize import least_squares  # slow to import
+
+    if inverse_mass <= 0:
+        raise T2TwinError(f"neither {shape.name} nor the sensor can move; expected a joint")
+    forces = np.array(FIT_FORCES_N)
+    commands = [PressCommand(shape.name, 0.0, 0.0, 0.0, force) for force in FIT_FORCES_N]
+    depths_m = 1e-3 * np.array(
+        [solve_contact(shape, command, elastomer, pitch_mm).depth_mm for command in commands]
+    )
+    width = depths_m[-1]
+    grid = np.linspace(0.0, 1.5 * width, POINTS)
+
+    def solved(unknowns: np.ndarray) -> np.ndarray:
+        return np.interp(forces, _force_n(grid, unknowns, width, inverse_mass), grid)
+
+    start = forces[-1] * inverse_mass / width, 0.6, 0.5, 2.0
+    found = least_squares(
+        lambda unknowns: (solved(unknowns) - depths_m) / width,
+        [np.log(start[0]), *start[1:]],
+        bounds=([-50.0, IMPEDANCE[0], 0.0, 1.0], [50.0, IMPEDANCE[1], 1.0, MAX_POWER]),
+        x_scale=[1.0, 0.1, 0.1, 1.0],
+    ).x
+    log_stiffness, low, _, power = found
+    return (
+        np.array([-np.exp(log_stiffness), -2.0 * np.exp(log_stiffness / 2)]),
+        np.array([low, _high(found), width, MIDPOINT, power]),
+        float(1e3 * np.abs(solved(found) - depths_m).max()),
+    )
+
+
+def _force_n(
+    penetration_m: np.ndarray, unknowns: np.ndarray, width_m: float, inverse_mass: float
+) -> np.ndarray:
+    """MuJoCo's force at rest, with log of stiffness, impedance, its rise and its power."""
+    log_stiffness, low, _, power = unknowns
+    high = _high(unknowns)
+    share = np.minimum(penetration_m / width_m, 1.0)
+    curve = np.where(
+        share <= MIDPOINT,
+        share**power / MIDPOINT ** (power - 1),
+        1 - (1 - share) ** power / (1 - MIDPOINT) ** (power - 1),
+    )
+    impedance = low + (high - low) * curve
+    per_m = np.exp(log_stiffness) * (impedance / high) ** 2 / (1 - impedance)
+    return per_m * penetration_m / inverse_mass
+
+
+def _high(unknowns: np.ndarray) -> float:
+    """The impedance at the width."""
+    return float(unknowns[1] + unknowns[2] * (IMPEDANCE[1] - unknowns[1]))
