@@ -9,7 +9,6 @@ import torch
 from msgspec import structs
 from torch import nn
 
-from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics import shear_metrics
@@ -18,8 +17,8 @@ from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.onnx_export import export_onnx
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
-from t2twin.translate.networks.field_net import SHEAR, FieldNet, ShearHead, box_means, displacements
-from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
+from t2twin.translate.networks.field_net import ShearHead, box_means, displacements
+from t2twin.translate.runs.checkpoint import build, save_weights
 from t2twin.translate.runs.config import BEST, RunConfig
 from t2twin.translate.training.train import train
 from t2twin.translate.uncertainty.calibration import (
@@ -38,13 +37,6 @@ def config_for(data_dir: Path, *, shear: bool) -> RunConfig:
     if not shear:
         info = structs.replace(info, has_shear=False)
     return RunConfig("field", SMOKE, 0, info, None, None, 1, False, 1)
-
-
-def network(data_dir: Path, *, shear: bool) -> FieldNet:
-    torch.manual_seed(0)
-    translator = build(config_for(data_dir, shear=shear))
-    assert isinstance(translator, FieldTranslator)
-    return translator.network
 
 
 @pytest.fixture(scope="module")
@@ -67,15 +59,6 @@ def run_dir(
     folder = tmp_path_factory.mktemp("trained") / "run"
     train("field", moving_dataset, "smoke", folder, epochs=1, init_from=still_run)
     return folder
-
-
-def test_pairs_contain_the_shear_force(moving_dataset: Path, tmp_path: Path) -> None:
-    pairs = load_pairs(moving_dataset, "train", 64, False, tmp_path, True)
-    assert pairs.shear_n is not None and pairs.is_moving is not None
-    assert pairs.shear_n.shape == (10, 2) and pairs.is_moving.any()
-    assert not pairs.shear_n[~pairs.is_moving].any()
-    part = pairs.subset(np.array([3, 5]))
-    np.testing.assert_array_equal(part.shear_n, pairs.shear_n[[3, 5]])
 
 
 def translator_of(data_dir: Path, pairs: Pairs, *, shear: bool) -> FieldTranslator:
@@ -156,22 +139,6 @@ def test_overfits_one_batch() -> None:
         optimizer.step()
         losses.append(float(loss.detach()))
     assert losses[-1] < 0.1 * losses[0]
-
-
-def test_weights_without_shear_are_a_start_but_not_a_run(
-    moving_dataset: Path, still_run: Path
-) -> None:
-    target = network(moving_dataset, shear=True)
-    with pytest.raises(T2TwinError, match="does not fit"):
-        load_weights(still_run / BEST, target)
-    load_weights(still_run / BEST, target, optional=(SHEAR,))
-    assert torch.equal(target.mean_frame, build_still(moving_dataset, still_run).mean_frame)
-
-
-def build_still(data_dir: Path, run: Path) -> FieldNet:
-    plain = network(data_dir, shear=False)
-    load_weights(run / BEST, plain)
-    return plain
 
 
 def test_a_trained_run_predicts_it_in_both_engines(
