@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 import t2twin
-from t2twin.primitives_cad.export import write_ball
+from t2twin.primitives_cad.solids import write_ball
 from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors.pair import SensorPair
 

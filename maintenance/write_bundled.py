@@ -82,7 +82,7 @@ def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = solids.CHORDAL_MM)
 def keypoint_transform(name: str) -> np.ndarray:
     """(4, 4) transform from a tool's frame to the frame of one of its shapes, up to the height."""
     tool, _, at = name.partition("/")
-    keypoint = next(each for each in tools.keypoints(tool) if each.name == at)
+    keypoint = next(each for each in tools.KEYPOINTS[tool] if each.name == at)
     # The smallest rotation of its direction to +z (Rodrigues), the point to 0; none is downward.
     x, y, cosine = keypoint.direction
     skew = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])

@@ -13,6 +13,7 @@ import pickle
 import re
 from contextlib import suppress
 from functools import partial
+from math import sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +24,6 @@ from t2twin.core.cache_dir import cache_dir, short_digest
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import installed_version
-from t2twin.primitives_cad import primitive_parameters
-from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
 from t2twin.primitives_cad.shape import SUFFIXES, HeightMap, Shape, seed_of
 
 if TYPE_CHECKING:
@@ -32,6 +31,33 @@ if TYPE_CHECKING:
 
 BUNDLED = Path(__file__).parent / "bundled"  # folder of the bundled shapes
 MAKERS = ("cadquery", "cadquery-ocp", "trimesh")  # distributions whose versions affect meshes
+# The families of primitives, their parameters and the split by version are those of Grella et al.
+# 2023. The sizes, mm, are assumed, for a DIGIT with a view of about 12.5 x 16.7 mm. Lines and the
+# largest flat versions extend beyond it, as tools do; a network trained on one length of lines
+# would predict it everywhere.
+PLATE_SIDE_MM = 46.0  # side of a primitive's square base plate, mm (assumed: fits the longest line)
+PLATE_THICKNESS_MM = 3.0  # thickness of the base plate, mm (assumed)
+FEATURE_HEIGHT_MM = 6.0  # above the plate (assumed: more than the thickest soft layer, 4.07 mm)
+VALIDATION_VERSION = 3  # of each family, in the validation split; the others are for training
+# Parameters of versions 1 to 4 of each family (assumed). radius: of line-smooth's long edges'
+# rounding, else of the outline. edge: wall thickness. curvature: of the spherical cap. length:
+# along y.
+FAMILIES: dict[str, dict[str, tuple[float, float, float, float]]] = {
+    "line-smooth": {
+        "width": (1.6, 3.0, 2.2, 7.0),
+        "radius": (0.4, 1.2, 0.8, 2.0),
+        "length": (28.0, 20.0, 24.0, 40.0),
+    },
+    "square": {"side": (5.6, 8.4, 7.0, 16.0)},
+    "circle-empty": {"radius": (3.0, 4.6, 4.0, 6.5), "edge": (0.8, 1.6, 1.1, 1.3)},
+    "circle": {"radius": (2.5, 5.0, 3.6, 8.0)},
+    "bump": {"height": (0.8, 1.6, 1.2, 2.0), "curvature": (4.0, 9.0, 7.0, 6.0)},
+    "square-empty": {"side": (6.0, 8.4, 7.2, 13.0), "edge": (0.8, 1.6, 1.1, 1.3)},
+    "hemisphere": {"radius": (2.5, 4.0, 3.3, 5.5)},
+    "line-sharp": {"width": (1.0, 2.6, 1.8, 5.5), "length": (40.0, 20.0, 24.0, 28.0)},
+}
+
+PRIMITIVES = tuple(f"{family}-{version}" for family in FAMILIES for version in (1, 2, 3, 4))
 KEYPOINTS: dict[str, tuple[str, ...]] = {
     "pliers": ("jaw-tip", "teeth", "pivot", "handle"),
     "clamp": ("screw", "pad", "frame", "handle"),
@@ -45,6 +71,9 @@ TOOLS = tuple(KEYPOINTS)
 OBJECTS = tuple(f"{tool}/{keypoint}" for tool in TOOLS for keypoint in KEYPOINTS[tool])
 NAMES = PRIMITIVES + OBJECTS
 
+MIN_SPACING_MM = 1.0  # of the press grid, so that presses on narrow shapes differ (assumed)
+SPACING_STEP_MM = 0.05  # spacings are rounded to this, mm (assumed)
+GRID_INTERVALS = 6  # along one side of the protocol's 7 x 7 grid (Grella et al. 2023)
 OBJECT_SPACING_MM = (1.5, 1.5)  # of the 3 x 3 grid at a tool's keypoint (Grella et al. 2023)
 FILE_SPACING_MM = 1.5  # largest spacing on a file's shape (assumed: stays near the center)
 
@@ -55,8 +84,7 @@ def split(name: str) -> str:
         return "test"
     if name not in PRIMITIVES:
         raise T2TwinError(_unknown(name))
-    is_validation = primitive_parameters.version(name) == primitive_parameters.VALIDATION_VERSION
-    return "val" if is_validation else "train"
+    return "val" if version(name) == VALIDATION_VERSION else "train"
 
 
 def load(
@@ -113,8 +141,8 @@ def _unknown(name: str) -> str:
     """The message for an unknown name."""
     # Names of families and tools are not shapes; their members are listed instead.
     groups = {
-        group: [n for n in NAMES if group in (primitive_parameters.family(n), n.partition("/")[0])]
-        for group in (*primitive_parameters.FAMILIES, *TOOLS)
+        group: [n for n in NAMES if group in (family(n), n.partition("/")[0])]
+        for group in (*FAMILIES, *TOOLS)
     }
     near = difflib.get_close_matches(name.lower(), (*NAMES, *groups), n=4, cutoff=0.5)
     named = dict.fromkeys(full for guess in near for full in groups.get(guess, (guess,)))
@@ -125,19 +153,56 @@ def _unknown(name: str) -> str:
     return f"there is no shape {name!r}; {hint}; a path to a file of {files} is also allowed"
 
 
-def spacing_mm(name: str) -> tuple[float, float]:
-    """Spacings along x and y of the protocol's grid on a catalogue shape, mm."""
-    return OBJECT_SPACING_MM if name in OBJECTS else primitive_parameters.spacings_mm(name)
+def family(name: str) -> str:
+    """Family of a primitive: `square` of `square-2`."""
+    return name.rpartition("-")[0]
+
+
+def version(name: str) -> int:
+    """Version of a primitive, 1 to 4: 2 of `square-2`."""
+    return int(name.rpartition("-")[2])
+
+
+def parameters(name: str) -> dict[str, float]:
+    """The parameters of a primitive by name, mm."""
+    sizes = FAMILIES[family(name)]
+    return {parameter: versions[version(name) - 1] for parameter, versions in sizes.items()}
+
+
+def extents_mm(name: str) -> tuple[float, float]:
+    """Sides of a primitive's outline along x and y, mm."""
+    match parameters(name):
+        case {"width": width, "length": length}:
+            return width, length
+        case {"height": height, "curvature": curvature}:
+            side = 2.0 * cap_radius_mm(height, curvature)
+        case {"radius": radius}:
+            side = 2.0 * radius
+        case sizes:
+            side = sizes["side"]
+    return side, side
+
+
+def cap_radius_mm(height_mm: float, curvature_mm: float) -> float:
+    """Radius of the circle where a spherical cap of this height ends, mm: sqrt(2 R h - h^2)."""
+    return sqrt(2.0 * curvature_mm * height_mm - height_mm**2)
+
+
+def grid_mm(extent: float) -> float:
+    """Spacing of a 7 x 7 grid of presses that covers a feature of this extent (mm), mm."""
+    steps = round(extent / GRID_INTERVALS / SPACING_STEP_MM)
+    return round(max(steps * SPACING_STEP_MM, MIN_SPACING_MM), 2)
 
 
 def properties(name: str) -> dict[str, Any]:
     """Fields of a catalogue shape besides its name, solid and surface."""
     if name in OBJECTS:
         return {"spacing_mm": OBJECT_SPACING_MM}
+    x_mm, y_mm = extents_mm(name)
     return {
-        "spacing_mm": primitive_parameters.spacings_mm(name),
-        "parameters": primitive_parameters.parameters(name),
-        "base_mm": -primitive_parameters.FEATURE_HEIGHT_MM,
+        "spacing_mm": (grid_mm(x_mm), grid_mm(y_mm)),
+        "parameters": parameters(name),
+        "base_mm": -FEATURE_HEIGHT_MM,
     }
 
 
@@ -220,7 +285,7 @@ def _prepared(path: Path, scale: float | None, center: bool) -> Shape:
             f"{path} has parts that are narrower than {wide:g} x {narrow:g} mm, up to "
             f"{narrow_mm:.2g} mm above the others; a press may miss them",
         )
-    spacing = min(primitive_parameters.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
+    spacing = min(grid_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(
         name=os.fsencode(path.stem).decode(errors="replace"),  # a file name may be invalid text
         solid=mesh,

@@ -1,4 +1,6 @@
-"""CadQuery solids of the primitives in the shape frame, and triangle meshes of CadQuery solids."""
+"""CadQuery solids of the primitives and of a ball, and triangle meshes of CadQuery solids."""
+
+from pathlib import Path
 
 import cadquery as cq
 import numpy as np
@@ -6,18 +8,21 @@ import trimesh
 from OCP.BRepMesh import BRepMesh_IncrementalMesh  # pyright: ignore[reportAttributeAccessIssue]
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad.primitive_parameters import (
+from t2twin.core.files import atomic_write
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.catalogue import (
     FEATURE_HEIGHT_MM,
     PLATE_SIDE_MM,
     PLATE_THICKNESS_MM,
     cap_radius_mm,
-    family,
-    parameters,
 )
+from t2twin.primitives_cad.shape import Shape
 
 CHORDAL_MM = 0.005  # error requested from the mesher (assumed: half of the documented 0.01 mm)
 ANGULAR_RAD = 0.25  # largest angle between the normals of neighboring triangles, rad (assumed)
 BEYOND_MM = 1.0e3  # a length beyond any primitive, mm
+# length of the ball's stem from its center (assumed: more than an elastomer's thickness)
+STEM_MM = 5.0
 
 
 def primitive(name: str) -> cq.Shape:
@@ -33,31 +38,26 @@ def plate(width_mm: float, length_mm: float) -> cq.Workplane:
 
 def feature(name: str) -> cq.Workplane:
     """The feature on the plate: from the plate's top to z = 0."""
-    sizes = parameters(name)
-    kind = family(name)
-    if kind == "line-sharp":
-        return _floor().rect(sizes["width"], sizes["length"]).extrude(FEATURE_HEIGHT_MM)
-    if kind == "line-smooth":
-        bar = _floor().rect(sizes["width"], sizes["length"]).extrude(FEATURE_HEIGHT_MM)
-        return bar.faces(">Z").edges("|Y").fillet(sizes["radius"])
-    if kind == "square":
-        return _floor().rect(sizes["side"], sizes["side"]).extrude(FEATURE_HEIGHT_MM)
+    sizes, kind = catalogue.parameters(name), catalogue.family(name)
+    floor = cq.Workplane().workplane(offset=-FEATURE_HEIGHT_MM)
+    if kind in ("hemisphere", "bump"):
+        curvature = sizes.get("curvature", sizes.get("radius", 0.0))
+        return _capped_cylinder(sizes.get("height", curvature), curvature)
+    if kind.startswith("line"):
+        outline = floor.rect(sizes["width"], sizes["length"])
+    elif kind.startswith("square"):
+        outline = floor.rect(sizes["side"], sizes["side"])
+    else:
+        outline = floor.circle(sizes["radius"])
     if kind == "square-empty":
         inner = sizes["side"] - 2.0 * sizes["edge"]
-        outline = _floor().rect(sizes["side"], sizes["side"]).rect(inner, inner)
-        return outline.extrude(FEATURE_HEIGHT_MM)
-    if kind == "circle":
-        return _floor().circle(sizes["radius"]).extrude(FEATURE_HEIGHT_MM)
-    if kind == "circle-empty":
-        outline = _floor().circle(sizes["radius"]).circle(sizes["radius"] - sizes["edge"])
-        return outline.extrude(FEATURE_HEIGHT_MM)
-    if kind == "hemisphere":
-        return _capped_cylinder(sizes["radius"], sizes["radius"])
-    return _capped_cylinder(sizes["height"], sizes["curvature"])
-
-
-def _floor() -> cq.Workplane:
-    return cq.Workplane().workplane(offset=-FEATURE_HEIGHT_MM)
+        outline = outline.rect(inner, inner)
+    elif kind == "circle-empty":
+        outline = outline.circle(sizes["radius"] - sizes["edge"])
+    solid = outline.extrude(FEATURE_HEIGHT_MM)
+    if kind == "line-smooth":
+        return solid.faces(">Z").edges("|Y").fillet(sizes["radius"])
+    return solid
 
 
 def _capped_cylinder(height_mm: float, curvature_mm: float) -> cq.Workplane:
@@ -101,3 +101,12 @@ def watertight(points: np.ndarray, triangles: np.ndarray) -> trimesh.Trimesh:
     if not mesh.is_watertight or mesh.volume <= 0.0:
         raise T2TwinError("the solid's mesh is not closed; it must be a watertight solid")
     return mesh
+
+
+def write_ball(path: Path, diameter_mm: float) -> Shape:
+    """Write a ball on a stem of its diameter as STEP, pressing side up; returns the shape."""
+    stem = cq.Workplane().circle(diameter_mm / 2).extrude(-STEM_MM)
+    ball = stem.union(cq.Workplane().sphere(diameter_mm / 2))
+    with atomic_write(path) as temporary:
+        cq.exporters.export(ball, str(temporary), cq.exporters.ExportTypes.STEP)
+    return catalogue.load(path)

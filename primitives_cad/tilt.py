@@ -11,17 +11,18 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
-from t2twin.primitives_cad.height_map import MAX_CELLS, REACH_MM
-from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.primitives_cad.triangles import (
+from t2twin.primitives_cad.height_map import (
     EDGE_MM,
+    MAX_CELLS,
     OUTLINE,
+    REACH_MM,
     STEEP,
     in_blocks,
     moved,
     raise_to_triangle,
     raise_to_triangles,
 )
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 
 MAX_TILT_DEG = 30.0  # about either axis (assumed: several times what a robot's press is off)
 FAR_MM = 1.0e4  # a height beyond every solid, mm

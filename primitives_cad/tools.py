@@ -12,6 +12,7 @@ from t2twin.primitives_cad.shape import Keypoint
 
 CHORDAL_MM = {"pliers": 0.0025}  # the error along their handles is larger than requested (measured)
 UP = (0.0, 0.0, 1.0)
+Point = tuple[float, float]  # x, y, mm
 
 
 def solid(tool: str) -> cq.Shape:
@@ -19,15 +20,19 @@ def solid(tool: str) -> cq.Shape:
     return SOLIDS[tool]().val()  # pyright: ignore[reportReturnType]
 
 
-def keypoints(tool: str) -> tuple[Keypoint, ...]:
-    """The four keypoints of a tool, in the tool's own frame."""
-    return KEYPOINTS[tool]
-
-
 def _turned(x_mm: float, y_mm: float, angle_deg: float) -> tuple[float, float]:
     """A point after a turn about the origin."""
     turn = radians(angle_deg)
     return (x_mm * cos(turn) - y_mm * sin(turn), x_mm * sin(turn) + y_mm * cos(turn))
+
+
+def _outline(start: Point, *onward: Point | tuple[Point, Point]) -> cq.Workplane:
+    """A closed outline of lines to points, and of arcs through a point to another."""
+    outline = cq.Workplane().moveTo(*start)
+    for one, other in onward:
+        is_arc = isinstance(one, tuple)
+        outline = outline.threePointArc(one, other) if is_arc else outline.lineTo(one, other)
+    return outline.close()
 
 
 def _slab(outline: cq.Workplane, half_thickness_mm: float, rounding_mm: float) -> cq.Workplane:
@@ -51,13 +56,8 @@ SLEEVE_AT_MM = (17.4, -74.0)  # center of the plastic sleeve, mm
 
 
 def _pliers() -> cq.Workplane:
-    lever = (  # the steel from the pivot into the sleeve
-        cq.Workplane()
-        .moveTo(-6.0, -4.0)
-        .threePointArc((4.0, -22.0), (11.5, -46.0))
-        .lineTo(19.0, -45.0)
-        .threePointArc((15.5, -24.0), (10.0, -3.0))
-        .close()
+    lever = _outline(  # the steel from the pivot into the sleeve
+        (-6.0, -4.0), ((4.0, -22.0), (11.5, -46.0)), (19.0, -45.0), ((15.5, -24.0), (10.0, -3.0))
     )
     sleeve = (  # the plastic grip: bowed outwards, with a lip before the fingers and a round end
         cq.Workplane()
@@ -79,19 +79,13 @@ def _pliers() -> cq.Workplane:
 
 
 def _jaw() -> cq.Workplane:
-    jaw = (
-        cq.Workplane()
-        .moveTo(0.0, 0.0)
-        .lineTo(-BOSS_RADIUS_MM, 0.0)
-        .threePointArc((-10.4, 25.0), (-JAW_TIP_WIDTH_MM, JAW_TIP_MM))
-        .lineTo(0.0, JAW_TIP_MM)
-        .lineTo(0.0, TEETH_TO_MM)
-    )
+    teeth = []
     for tooth in range(round((TEETH_TO_MM - TEETH_FROM_MM) / TOOTH_PITCH_MM)):
         crest = TEETH_TO_MM - tooth * TOOTH_PITCH_MM
-        jaw = jaw.lineTo(-TOOTH_DEPTH_MM, crest - TOOTH_PITCH_MM / 2.0)
-        jaw = jaw.lineTo(0.0, crest - TOOTH_PITCH_MM)
-    jaw = jaw.close().extrude(PLIERS_THICKNESS_MM / 2.0, both=True)
+        teeth += [(-TOOTH_DEPTH_MM, crest - TOOTH_PITCH_MM / 2.0), (0.0, crest - TOOTH_PITCH_MM)]
+    tip = (-10.4, 25.0), (-JAW_TIP_WIDTH_MM, JAW_TIP_MM)
+    corners = (0.0, 0.0), (-BOSS_RADIUS_MM, 0.0), tip, (0.0, JAW_TIP_MM), (0.0, TEETH_TO_MM)
+    jaw = _outline(*corners, *teeth).extrude(PLIERS_THICKNESS_MM / 2.0, both=True)
     outer = jaw.edges(cq.selectors.BoxSelector((-20.0, 1.0, -9.0), (-5.3, 47.0, 9.0)))
     jaw = outer.edges("not |Z").fillet(1.0)
     # The round opening for pipes behind the flat teeth.
@@ -172,10 +166,8 @@ def _screw() -> cq.Workplane:
 
 def _turned_part(profile: list[tuple[float, float]], chamfer_mm: float) -> cq.Workplane:
     """A solid of revolution about y: (radius, y) pairs from the bottom to the top, mm."""
-    outline = cq.Workplane().moveTo(0.0, profile[0][1])
-    for place in profile:
-        outline = outline.lineTo(*place)
-    part = outline.lineTo(0.0, profile[-1][1]).close().revolve(360.0, (0, 0, 0), (0, 1, 0))
+    outline = _outline((0.0, profile[0][1]), *profile, (0.0, profile[-1][1]))
+    part = outline.revolve(360.0, (0, 0, 0), (0, 1, 0))
     return part.faces("<Y or >Y").chamfer(chamfer_mm) if chamfer_mm else part
 
 
@@ -248,15 +240,10 @@ def _scissors_handle(ring_half_length_mm: float) -> cq.Workplane:
     ring = _oval(at, RING_HALF_WIDTH_MM, ring_half_length_mm)
     hole = _oval(at, RING_HALF_WIDTH_MM - RING_BAR_MM, ring_half_length_mm - RING_BAR_MM)
     ring = ring.cut(hole).faces("|Z").edges().fillet(2.6)
-    arm = (
-        cq.Workplane()
-        .moveTo(2.2, -19.0)
-        .threePointArc((6.0, -34.0), (12.0, -46.5))
-        .lineTo(21.0, -45.5)
-        .threePointArc((15.0, -32.0), (12.0, -19.0))
-        .close()
+    arm = _outline(
+        (2.2, -19.0), ((6.0, -34.0), (12.0, -46.5)), (21.0, -45.5), ((15.0, -32.0), (12.0, -19.0))
     )
-    tang = cq.Workplane().polyline([(-5.0, 0.0), (8.5, 0.0), (11.5, -24.0), (4.0, -24.0)]).close()
+    tang = _outline((-5.0, 0.0), (8.5, 0.0), (11.5, -24.0), (4.0, -24.0))
     tang = tang.extrude(BLADE_THICKNESS_MM)
     return tang.union(_slab(arm, HANDLE_THICKNESS_MM / 2.0, 1.5)).union(ring.cut(hole))
 

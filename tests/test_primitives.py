@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from maintenance.write_bundled import tessellate_symmetric
-from t2twin.primitives_cad import catalogue, primitive_parameters, solids
-from t2twin.primitives_cad.primitive_parameters import FEATURE_HEIGHT_MM, PLATE_SIDE_MM
+from t2twin.primitives_cad import catalogue, solids
+from t2twin.primitives_cad.catalogue import FEATURE_HEIGHT_MM, PLATE_SIDE_MM
 
-PLATE_MM3 = PLATE_SIDE_MM**2 * primitive_parameters.PLATE_THICKNESS_MM
+PLATE_MM3 = PLATE_SIDE_MM**2 * catalogue.PLATE_THICKNESS_MM
 CHORDAL_MM = 0.01
 """Promised distance of a mesh from its solid, mm."""
 
 
 def feature_mm3(name: str) -> float:
     """Volume above the plate, by the closed form of each family."""
-    sizes = primitive_parameters.parameters(name)
+    sizes = catalogue.parameters(name)
     tall = FEATURE_HEIGHT_MM
-    match primitive_parameters.family(name):
+    match catalogue.family(name):
         case "line-sharp":
             return sizes["width"] * sizes["length"] * tall
         case "line-smooth":
@@ -68,19 +68,17 @@ def test_mesh_is_closed_and_stands_in_the_shape_frame(name, shapes):
     assert shape.mesh.is_winding_consistent
     assert shape.mesh.volume == pytest.approx(PLATE_MM3 + feature_mm3(name), rel=2e-3)
     half = PLATE_SIDE_MM / 2.0
-    bottom = -FEATURE_HEIGHT_MM - primitive_parameters.PLATE_THICKNESS_MM
+    bottom = -FEATURE_HEIGHT_MM - catalogue.PLATE_THICKNESS_MM
     assert shape.mesh.bounds == pytest.approx(np.array([[-half, -half, bottom], [half, half, 0.0]]))
 
 
 def test_chordal_error_on_the_largest_curved_primitives():
     rng = np.random.default_rng(0)
     for name in ("hemisphere-4", "bump-2"):
-        radius = primitive_parameters.parameters(name).get(
-            "curvature", primitive_parameters.parameters(name).get("radius")
-        )
+        radius = catalogue.parameters(name).get("curvature".parameters(name).get("radius"))
         assert radius is not None
         mesh = tessellate_symmetric(solids.primitive(name))
-        faces = mesh.triangles[:, :, 2].min(axis=1) >= -primitive_parameters.parameters(name).get(
+        faces = mesh.triangles[:, :, 2].min(axis=1) >= -catalogue.parameters(name).get(
             "height", radius
         )
         mesh.update_faces(faces)
@@ -88,7 +86,7 @@ def test_chordal_error_on_the_largest_curved_primitives():
         error = np.abs(np.linalg.norm(on_triangles(mesh, rng) - center, axis=1) - radius)
         assert len(mesh.faces) > 100
         assert error.max() < CHORDAL_MM
-    radius = primitive_parameters.parameters("circle-4")["radius"]
+    radius = catalogue.parameters("circle-4")["radius"]
     points = on_triangles(tessellate_symmetric(solids.primitive("circle-4")), rng)
     wall = points[(points[:, 2] > -FEATURE_HEIGHT_MM + 1e-6) & (points[:, 2] < -1e-6)]
     assert len(wall) > 100
@@ -96,27 +94,22 @@ def test_chordal_error_on_the_largest_curved_primitives():
 
 
 def test_versions_differ_and_validation_lies_inside_its_family():
-    for versions in primitive_parameters.FAMILIES.values():
-        assert len(versions) == 4
-        for parameter in versions[0]:
-            values = [version[parameter] for version in versions]
-            assert len(set(values)) == 4
-            validation = values.pop(primitive_parameters.VALIDATION_VERSION - 1)
-            assert min(values) < validation < max(values)
+    for sizes in catalogue.FAMILIES.values():
+        for versions in map(list, sizes.values()):
+            assert len(versions) == len(set(versions)) == 4
+            validation = versions.pop(catalogue.VALIDATION_VERSION - 1)
+            assert min(versions) < validation < max(versions)
 
 
 def test_the_grid_covers_the_feature():
     """From side to side along either axis; on narrow ones beyond."""
-    assert primitive_parameters.spacings_mm("square-2") == (1.4, 1.4)
-    assert primitive_parameters.spacings_mm("line-sharp-1") == pytest.approx((1.0, 6.65), abs=0.05)
+    assert catalogue.load("square-2").spacing_mm == (1.4, 1.4)
+    assert catalogue.load("line-sharp-1").spacing_mm == pytest.approx((1.0, 6.65), abs=0.05)
     for name in catalogue.PRIMITIVES:
-        for spacing, extent in zip(
-            primitive_parameters.spacings_mm(name),
-            primitive_parameters.extents_mm(name),
-            strict=True,
-        ):
-            covered = primitive_parameters.GRID_INTERVALS * spacing
-            if spacing > primitive_parameters.MIN_SPACING_MM:
+        spacings = catalogue.properties(name)["spacing_mm"]
+        for spacing, extent in zip(spacings, catalogue.extents_mm(name), strict=True):
+            covered = catalogue.GRID_INTERVALS * spacing
+            if spacing > catalogue.MIN_SPACING_MM:
                 assert covered == pytest.approx(extent, abs=0.16)
             else:
                 assert covered >= extent - 0.16
@@ -127,4 +120,4 @@ def test_splits():
     assert len(catalogue.OBJECTS) == 20
     by_split = [catalogue.split(name) for name in catalogue.NAMES]
     assert [by_split.count(split) for split in ("train", "val", "test")] == [24, 8, 20]
-    assert {catalogue.split(f"{family}-3") for family in primitive_parameters.FAMILIES} == {"val"}
+    assert {catalogue.split(f"{family}-3") for family in catalogue.FAMILIES} == {"val"}

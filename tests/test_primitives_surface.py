@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from t2twin.primitives_cad import catalogue, height_map, primitive_parameters
+from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.shape import NOTHING_MM
 
 CHORDAL_MM = 0.01
@@ -20,7 +20,7 @@ def grid(heights):
 def test_caps_have_their_sphere_s_heights(name, radius, height, shapes):
     heights = shapes(name).surface
     x, y = grid(heights)
-    inside = np.hypot(x, y) < primitive_parameters.cap_radius_mm(height, radius) - 0.1
+    inside = np.hypot(x, y) < catalogue.cap_radius_mm(height, radius) - 0.1
     expected = np.sqrt(radius**2 - x[inside] ** 2 - y[inside] ** 2) - radius
     # Near a hemisphere's rim the surface is steep: a chord's error there is taken along it.
     steep = radius / np.sqrt(radius**2 - x[inside] ** 2 - y[inside] ** 2)
@@ -30,11 +30,9 @@ def test_caps_have_their_sphere_s_heights(name, radius, height, shapes):
 def test_square_ends_where_its_side_does(shapes):
     shape = shapes("square-2")
     x, y = grid(shape.surface)
-    half = primitive_parameters.parameters("square-2")["side"] / 2.0
+    half = catalogue.parameters("square-2")["side"] / 2.0
     on_top = np.maximum(np.abs(x), np.abs(y)) <= half + 1e-9
-    on_plate = ~on_top & (
-        np.maximum(np.abs(x), np.abs(y)) <= primitive_parameters.PLATE_SIDE_MM / 2.0 + 1e-9
-    )
+    on_plate = ~on_top & (np.maximum(np.abs(x), np.abs(y)) <= catalogue.PLATE_SIDE_MM / 2.0 + 1e-9)
     heights = shape.surface.heights_mm
     assert (heights[on_top] == 0.0).all()
     assert (heights[on_plate] == shape.base_mm).all()
@@ -68,11 +66,10 @@ def test_only_what_is_within_reach_counts():
     tower.apply_translation((50.0, 0.0, 0.0))
     both = trimesh.util.concatenate([low, tower])
     assert isinstance(both, trimesh.Trimesh)
-    lowered, heights = height_map.aligned(both, reach_mm=10.0)
-    assert np.abs(heights.x_mm).max() < 10.0 + 2 * heights.pitch_mm
+    lowered, heights = height_map.aligned(both)
+    assert np.abs(heights.x_mm).max() < height_map.REACH_MM + 2 * heights.pitch_mm
     assert heights.sample(np.zeros(1), np.zeros(1))[0] == 0.0
     assert lowered.bounds[1, 2] == pytest.approx(9.0)
-    assert height_map.aligned(both, reach_mm=60.0)[1].sample(np.zeros(1), np.zeros(1))[0] == -9.0
 
 
 def test_large_maps_take_a_coarser_pitch():

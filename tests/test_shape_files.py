@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from t2twin.core.errors import T2TwinError
-from t2twin.primitives_cad import catalogue, contact_sheet, export, primitive_parameters
+from t2twin.primitives_cad import catalogue, export
 from t2twin.primitives_cad import mesh_files as read
 
 
@@ -144,7 +144,7 @@ def test_the_mosaic_holds_every_feature(shapes):
         * export.PLATE_PITCH_MM[1]
         * 3.0
     )
-    single_plate = primitive_parameters.PLATE_SIDE_MM**2 * 3.0
+    single_plate = catalogue.PLATE_SIDE_MM**2 * 3.0
     features = sum(shapes(name).mesh.volume - single_plate for name in catalogue.PRIMITIVES)
     assert solid.isValid()
     assert len(solid.Solids()) == 1
@@ -154,12 +154,12 @@ def test_the_mosaic_holds_every_feature(shapes):
 
 def test_sheet_draws_shapes_and_places_points():
     mesh = trimesh.creation.box((10.0, 10.0, 2.0))
-    picture, places = contact_sheet.draw(
-        mesh, (0.0, 90.0), (200, 200), contact_sheet.STEEL, [(0, 0, 1), (5, 5, 1)]
+    picture, places = export.draw(
+        mesh, (0.0, 90.0), (200, 200), export.STEEL, [(0, 0, 1), (5, 5, 1)]
     )
     assert picture.shape == (200, 200, 3)
     assert picture.dtype == np.uint8
-    np.testing.assert_array_equal(picture[2, 2], contact_sheet.PAPER)
-    assert (picture[100, 100] != contact_sheet.PAPER).any()
+    np.testing.assert_array_equal(picture[2, 2], export.PAPER)
+    assert (picture[100, 100] != export.PAPER).any()
     # Seen from straight above, y is up in the picture and the box fills 0.88 of it.
     assert places == pytest.approx(np.array([[100.0, 100.0], [188.0, 12.0]]), abs=1.0)

@@ -70,9 +70,9 @@ def test_chordal_error_of_tools(tool, solids):
 
 def test_tools_have_the_catalogue_s_keypoints():
     for tool in catalogue.TOOLS:
-        names = tuple(keypoint.name for keypoint in tools.keypoints(tool))
+        names = tuple(keypoint.name for keypoint in tools.KEYPOINTS[tool])
         assert names == catalogue.KEYPOINTS[tool]
-        places = np.array([keypoint.point_mm for keypoint in tools.keypoints(tool)])
+        places = np.array([keypoint.point_mm for keypoint in tools.KEYPOINTS[tool]])
         apart = np.linalg.norm(places[:, None] - places[None], axis=-1) + 100.0 * np.eye(4)
         assert apart.min() > 5.0
 
@@ -80,7 +80,7 @@ def test_tools_have_the_catalogue_s_keypoints():
 @pytest.mark.parametrize("name", catalogue.OBJECTS)
 def test_keypoint_lies_on_the_tool_and_faces_outwards(name):
     tool, _, at = name.partition("/")
-    keypoint = next(each for each in tools.keypoints(tool) if each.name == at)
+    keypoint = next(each for each in tools.KEYPOINTS[tool] if each.name == at)
     assert np.linalg.norm(keypoint.direction) == pytest.approx(1.0, abs=1e-4)
     apart, normal = distance_mm(catalogue.tool_mesh(tool), np.array(keypoint.point_mm))
     assert apart < PROMISED_MM

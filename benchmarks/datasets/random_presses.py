@@ -266,21 +266,17 @@ def draw_spread(values: np.ndarray, tools: np.ndarray) -> None:
 
 def draw_shapes() -> None:
     """The first random shapes of all, from above and aside."""
-    from t2twin.primitives_cad import contact_sheet
+    from t2twin.primitives_cad import export
 
     rows, columns = SHEET
-    page = Image.new(
-        "RGB", (columns * TILE_PX[0], rows * TILE_PX[1]), tuple(contact_sheet.PAPER.tolist())
-    )
+    page = Image.new("RGB", (columns * TILE_PX[0], rows * TILE_PX[1]), tuple(export.PAPER.tolist()))
     pen = ImageDraw.Draw(page)
     for seed in range(rows * columns):
         left, top = seed % columns * TILE_PX[0], seed // columns * TILE_PX[1]
-        tile, _ = contact_sheet.draw(
-            random_shape(seed).mesh, contact_sheet.PRIMITIVE_VIEW, TILE_PX, contact_sheet.RESIN
-        )
+        tile, _ = export.draw(random_shape(seed).mesh, export.PRIMITIVE_VIEW, TILE_PX, export.RESIN)
         page.paste(Image.fromarray(tile), (left, top))
         at = left + 6, top + TILE_PX[1] - 18
-        pen.text(at, f"random-{seed}", fill=contact_sheet.INK, font_size=11)
+        pen.text(at, f"random-{seed}", fill=export.INK, font_size=11)
     with atomic_write(SHAPES_PICTURE) as temporary:
         page.save(temporary, format="PNG", optimize=True)
 

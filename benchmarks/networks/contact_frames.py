@@ -36,7 +36,7 @@ from benchmarks.optics.fitted_optics import (
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.catalogue import OBJECTS
-from t2twin.primitives_cad.export import write_ball
+from t2twin.primitives_cad.solids import write_ball
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand

@@ -87,14 +87,14 @@ def draw(sensors: SensorPair, samples: list[Touch]) -> Image.Image:
 
 def _drawn_shape(name: str) -> Image.Image:
     """The shape, or the whole tool, with the shape's name."""
-    from t2twin.primitives_cad import contact_sheet
+    from t2twin.primitives_cad import export
 
     tool = name.split("/")[0]
     is_tool = tool in catalogue.TOOLS
     mesh = catalogue.tool_mesh(tool) if is_tool else catalogue.load(name).mesh
-    view = contact_sheet.TOOL_VIEWS[tool] if is_tool else contact_sheet.PRIMITIVE_VIEW
-    drawing = Image.fromarray(contact_sheet.draw(mesh, view, SHAPE_PX, contact_sheet.STEEL)[0])
-    ImageDraw.Draw(drawing).text((6, 4), name, fill=contact_sheet.INK, font_size=15)
+    view = export.TOOL_VIEWS[tool] if is_tool else export.PRIMITIVE_VIEW
+    drawing = Image.fromarray(export.draw(mesh, view, SHAPE_PX, export.STEEL)[0])
+    ImageDraw.Draw(drawing).text((6, 4), name, fill=export.INK, font_size=15)
     return drawing
 
 

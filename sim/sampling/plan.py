@@ -16,7 +16,7 @@ from msgspec import UNSET, structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
+from t2twin.primitives_cad.catalogue import PRIMITIVES
 from t2twin.primitives_cad.shape import RANDOM_PREFIX, SUFFIXES, Shape
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.optical.units import log_uniform
@@ -295,7 +295,7 @@ def _grid_press(part: Part, name: str, index: int, seed: int) -> PressSample:
     place = catalogue.NAMES.index(name)
     forces = part.force_n if isinstance(part.force_n, tuple) else (part.force_n,)
     at, which = divmod(index, len(forces))
-    command = protocol.press_of(name, catalogue.spacing_mm(name), at)
+    command = protocol.press_of(name, catalogue.properties(name)["spacing_mm"], at)
     force = forces[which]
     if isinstance(force, ForceRange):
         force = sample_force(np.random.default_rng((seed, FORCE_STREAM, place, index)), force)

@@ -40,7 +40,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, is_empty, locked, write_json
 from t2twin.core.records import read_json
 from t2twin.core.templates import render
-from t2twin.primitives_cad.export import write_ball
 from t2twin.sim.calibrate.calibrate import (
     DEFAULT_TOLERANCE,
     FORMAT,
@@ -330,6 +329,8 @@ def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> O
     )  # fmt: skip
     for sentence in coverage_sentences(optics.coverage):
         report(sentence)
+    from t2twin.primitives_cad.solids import write_ball  # slow to import
+
     write_ball(config.out / BALL, config.ball_diameter_mm)
     return write_fit(config.out, optics, config.sensor.own_gel, digest)
 

@@ -16,17 +16,17 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compiled
-from t2twin.primitives_cad.height_map import PITCH_MM
-from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
-from t2twin.primitives_cad.triangles import (
+from t2twin.primitives_cad.height_map import (
     EDGE_MM,
     FAST,
     OUTLINE,
+    PITCH_MM,
     STEEP,
     Triangles,
     in_blocks,
     raise_to_triangles,
 )
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.sim.contact.elastomer import Elastomer
 
 if TYPE_CHECKING:
@@ -253,7 +253,7 @@ def _of_grid(points: np.ndarray) -> np.ndarray:
 
 
 # Loops that raise a map, (2 rows + 3, 2 columns + 3) float32, centered on the axis, with a rim of
-# NOTHING_MM, to a geom with a formula; for triangles see t2twin.primitives_cad.triangles. A geom's
+# NOTHING_MM, to a geom with a formula; for triangles see t2twin.primitives_cad.height_map. A geom's
 # pose is its rotation to the shape frame, (3, 3), and its center, (3,). Surfaces above `behind` are
 # left out. Each loop takes the greatest height so far and returns the new one.
 

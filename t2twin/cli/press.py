@@ -39,8 +39,7 @@ DEEPEST = 0.5
 
 def shapes() -> None:
     """List the names of the shapes that can be pressed."""
-    from t2twin.primitives_cad.catalogue import OBJECTS
-    from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
+    from t2twin.primitives_cad.catalogue import OBJECTS, PRIMITIVES
 
     print("primitives, versions 1 to 4 (3 is for validation):")
     _print_columns(PRIMITIVES)
@@ -62,8 +61,7 @@ def primitives(out: Path = Path("data/primitives")) -> None:
     Args:
         out: Folder to write into.
     """
-    from t2twin.primitives_cad.contact_sheet import draw_sheet
-    from t2twin.primitives_cad.export import export_shapes
+    from t2twin.primitives_cad.export import draw_sheet, export_shapes
 
     export_shapes(out)
     sheet = draw_sheet(out / "contact_sheet.png")
