@@ -139,16 +139,10 @@ def tool_mesh(tool: str) -> "trimesh.Trimesh":
 
 def _unknown(name: str) -> str:
     """The message for an unknown name."""
-    # Names of families and tools are not shapes; their members are listed instead.
-    groups = {
-        group: [n for n in NAMES if group in (family(n), n.partition("/")[0])]
-        for group in (*FAMILIES, *TOOLS)
-    }
-    near = difflib.get_close_matches(name.lower(), (*NAMES, *groups), n=4, cutoff=0.5)
-    named = dict.fromkeys(full for guess in near for full in groups.get(guess, (guess,)))
+    near = difflib.get_close_matches(name.lower(), NAMES, n=4, cutoff=0.5)
     hint = "names are like square-2, pliers/jaw-tip or random-17; see `t2twin shapes`"
-    if named:
-        hint = f"near names are {', '.join(named)}"
+    if near:
+        hint = f"near names are {', '.join(near)}"
     files = ", ".join(SUFFIXES)
     return f"there is no shape {name!r}; {hint}; a path to a file of {files} is also allowed"
 

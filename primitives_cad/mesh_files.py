@@ -36,12 +36,7 @@ FOLD_RAD = math.pi - 1e-3  # least angle between neighboring triangles of a fold
 # 0.1 mm at some of ten poses, and none of these; the contact area on a gel was within 3 %.
 SMALLEST_MM, NARROWEST_MM = 0.5, 0.2
 LARGEST_MM = 1000.0  # largest size of a solid, mm (assumed: larger ones are in other units)
-# largest size of what a hand holds (assumed); files up to half a unit are likely in meters
-HAND_MM = 500.0
-METER_MM, INCH_MM = 1000.0, 25.4
-
-INCHES = re.compile(rb"\binch(es)?\b", re.IGNORECASE)  # words of a file for its unit
-HEAD_BYTES = 2000  # bytes from the start of a file in which its unit may be named (assumed)
+UNITS = {"inches": 25.4, "meters": 1000.0}  # units of files that a scale makes mm
 STL_CORNER = re.compile(rb"^\s*vertex\b", re.IGNORECASE | re.MULTILINE)  # a corner in text STL
 PLY_FACES = re.compile(rb"^element face (\d+)", re.MULTILINE)  # the number of faces in PLY
 UPRIGHT = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # from glTF's y up (glTF 2.0, 3.4) to z up
@@ -93,7 +88,7 @@ def read_solid(path: Path, scale: float | None = None) -> tuple[trimesh.Trimesh,
     suffix = path.suffix.lower()
     if suffix not in READERS:
         raise T2TwinError(f"{path} is not a solid's file; one of {', '.join(SUFFIXES)} is needed")
-    head = read_bytes(path)[:HEAD_BYTES]
+    read_bytes(path)
     kind = suffix[1:].upper()
     try:
         mesh, unit_mm = READERS[suffix](path)
@@ -104,7 +99,7 @@ def read_solid(path: Path, scale: float | None = None) -> tuple[trimesh.Trimesh,
         raise T2TwinError(f"{path} cannot be read as {kind}: {words}") from error
     of_file = mesh.metadata.get("note")
     unit_mm = unit_mm if scale is None else scale
-    _check_size(path, np.ptp(mesh.vertices, axis=0), unit_mm, INCHES.search(head) is not None)
+    _check_size(path, np.ptp(mesh.vertices, axis=0), unit_mm)
     if unit_mm != 1.0:
         mesh.apply_scale(unit_mm)
     mesh, repaired = close_mesh(mesh)
@@ -114,33 +109,28 @@ def read_solid(path: Path, scale: float | None = None) -> tuple[trimesh.Trimesh,
     return mesh, tuple(f"{path} {clause}" for clause in (of_file, repaired) if clause)
 
 
-def _check_size(path: Path, sides: np.ndarray, unit_mm: float, in_inches: bool) -> None:
-    """Raises T2TwinError for sides (3,) that cannot be pressed, with a likely scale if too small.
-
-    in_inches: whether the file names inches.
-    """
+def _check_size(path: Path, sides: np.ndarray, unit_mm: float) -> None:
+    """Raises T2TwinError for sides (3,) that cannot be pressed, with likely scales if too small."""
     if sides[:2].min() == 0.0:
         raise T2TwinError(
             f"{path} is flat: it has no {'xy'[int(sides[:2].argmin())]}; a surface that is seen "
             "from above (+z) is needed"
         )
-    if _fits(sides * unit_mm):
-        return
-    hint, (width, length, height) = "", (float(side) * unit_mm for side in sides)
-    name, scale = ("inches", INCH_MM) if in_inches else ("meters", METER_MM)
-    largest = float(sides.max())
-    is_likely = (in_inches or largest * scale <= HAND_MM) and _fits(sides * scale)
-    if largest * unit_mm <= LARGEST_MM and is_likely:
-        hint = f"; if it is in {name}, a scale of {scale:g} makes it {largest * scale:g} mm large"
-    raise T2TwinError(
-        f"{path} is {width:g} x {length:g} mm seen from above and {height:g} mm high; at least "
-        f"{SMALLEST_MM:g} x {NARROWEST_MM:g} mm and at most {LARGEST_MM:g} mm are allowed{hint}"
-    )
 
+    def fits(scale: float) -> bool:
+        narrow, wide = sorted(sides[:2] * scale)
+        is_seen = narrow >= NARROWEST_MM and wide >= SMALLEST_MM
+        return is_seen and float(sides.max()) * scale <= LARGEST_MM
 
-def _fits(sides_mm: np.ndarray) -> bool:
-    narrow, wide = sorted(sides_mm[:2])
-    return narrow >= NARROWEST_MM and wide >= SMALLEST_MM and sides_mm.max() <= LARGEST_MM
+    if not fits(unit_mm):
+        width, length, height = (float(side) * unit_mm for side in sides)
+        scales = [f"{scale:g} if it is in {unit}" for unit, scale in UNITS.items() if fits(scale)]
+        is_small = float(sides.max()) * unit_mm <= LARGEST_MM
+        raise T2TwinError(
+            f"{path} is {width:g} x {length:g} mm seen from above and {height:g} mm high; at least "
+            f"{SMALLEST_MM:g} x {NARROWEST_MM:g} mm and at most {LARGEST_MM:g} mm are allowed"
+            + (f"; a scale may be missing: {', '.join(scales)}" if scales and is_small else "")
+        )
 
 
 def _mesh(corners: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
@@ -252,7 +242,7 @@ def _glb(path: Path) -> Read:
     if any(each.get("mode") == GLTF_FAN for mesh in about["meshes"] for each in mesh["primitives"]):
         raise ValueError("it has fans of triangles, which are not read; export it without")
     mesh = _loaded(content, "glb")
-    return _mesh(mesh.vertices @ UPRIGHT.T, mesh.faces), METER_MM
+    return _mesh(mesh.vertices @ UPRIGHT.T, mesh.faces), UNITS["meters"]
 
 
 def _threemf(path: Path) -> Read:
@@ -415,33 +405,29 @@ def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str] | None:
 
 def _rims(mesh: trimesh.Trimesh, edges: np.ndarray) -> list[list[int]]:
     """Corners around each hole, from the edges (n, 2) around all; empty where they do not close."""
-    onward: dict[int, list[int]] = {}
+    ends: dict[int, list[int]] = {}
     for a, b in edges.tolist():
-        onward.setdefault(a, []).append(b)
-    rims = []
-    while onward:
-        walk = [next(iter(onward))]
-        while following := onward.pop(walk[-1], None):
-            if len(following) > 1:
-                turns = _turns(mesh, walk[-2:], following)
-                following.append(following.pop(int(turns.argmin())))
-                onward[walk[-1]] = following[:-1]
-            corner = following[-1]
-            if corner not in walk:
-                walk.append(corner)
-                continue
-            at = walk.index(corner)
-            rims.append(walk[at:])
-            del walk[at + 1 :]
-        if len(walk) > 1:
+        ends.setdefault(a, []).append(b)
+    following = {}
+    for a, b in edges.tolist():
+        if b not in ends:
             return []
+        onward = ends[b][int(_turns(mesh, a, b, ends[b]).argmin())]
+        following[a, b] = b, onward
+    rims = []
+    while following:
+        edge, rim = next(iter(following)), []
+        while edge in following:
+            rim.append(edge[0])
+            edge = following.pop(edge)
+        rims.append(rim)
     return rims
 
 
-def _turns(mesh: trimesh.Trimesh, walk: list[int], corners: list[int]) -> np.ndarray:
-    """Angles from a walk's last edge to edges to corners, rad; the least stays on the same hole."""
-    here, normal = mesh.vertices[walk[-1]], mesh.vertex_normals[walk[-1]]
-    back = np.asarray(mesh.vertices[walk[0]] - here)
+def _turns(mesh: trimesh.Trimesh, before: int, at: int, corners: list[int]) -> np.ndarray:
+    """Angles from the edge to a corner to edges onward, rad; the least stays on the same hole."""
+    here, normal = mesh.vertices[at], mesh.vertex_normals[at]
+    back = np.asarray(mesh.vertices[before] - here)
     ways = np.asarray(mesh.vertices[corners] - here)
     along = ways @ back - (ways @ normal) * (back @ normal)
     return np.arctan2(np.cross(back, ways) @ normal, along) % (2.0 * np.pi)

@@ -95,7 +95,9 @@ class Feature:
         if self.outline == "polygon":
             apart = max(distance for _, distance in self.sides)
             return 2.0 * apart / float(np.sin(2.0 * np.pi / len(self.sides)))
-        return self.radius_mm + float(np.hypot(self.half_length_mm, self.half_width_mm))
+        if self.outline == "bar":  # of a bent one the farthest corners are cut
+            return float(np.hypot(self.half_length_mm, self.half_width_mm))
+        return self.radius_mm + self.half_width_mm
 
 
 @dataclass(frozen=True)
@@ -270,21 +272,16 @@ def _log_uniform(rng: np.random.Generator, limits: tuple[float, float]) -> float
 def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     """Heights over two axes of one spacing, (ny, nx) float32, mm; the highest is not yet at 0."""
     heights = np.full((y_mm.size, x_mm.size), NOTHING_MM, np.float32)
-    x, y = x_mm, y_mm[:, None]
     for feature in composition.features:
         rows, columns = (
             slice(*np.searchsorted(axis, (middle - feature.reach_mm, middle + feature.reach_mm)))
             for axis, middle in ((y_mm, feature.y_mm), (x_mm, feature.x_mm))
         )
-        dx, dy = x[columns] - feature.x_mm, y[rows] - feature.y_mm
-        cos, sin = np.cos(feature.turn_rad), np.sin(feature.turn_rad)
-        places = _places(feature, cos * dx + sin * dy, cos * dy - sin * dx)
-        there = places[0] >= 0.0
-        below = _below(feature, *(each[there] for each in places))
-        on_x, on_y = (np.broadcast_to(each, there.shape)[there] for each in (x[columns], y[rows]))
-        raised = -below + composition.tilt[0] * on_x + composition.tilt[1] * on_y
-        part = heights[rows, columns]
-        part[there] = np.maximum(part[there], raised.astype(np.float32))
+        part, x, y = heights[rows, columns], x_mm[columns], y_mm[rows]
+        at, below = _surface(feature, x - feature.x_mm, (y - feature.y_mm)[:, None])
+        raised = -below + composition.tilt[0] * x[at[1]] + composition.tilt[1] * y[at[0]]
+        part[at] = np.maximum(part[at], raised.astype(np.float32))
+    x, y = x_mm, y_mm[:, None]
     for angle, apart in composition.cuts:
         heights[np.cos(angle) * x + np.sin(angle) * y > apart] = NOTHING_MM
     for middle_x, middle_y, radius in composition.holes:
@@ -292,48 +289,55 @@ def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> 
     return heights
 
 
-def _places(
-    feature: Feature, u: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distances of points inside the outline and the long sides, and their places along these."""
-    match feature.outline:
+def _surface(
+    feature: Feature, dx: np.ndarray, dy: np.ndarray
+) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Rows and columns (n,) of a feature's points, and their depths (n,) below the shape's top, mm.
+
+    dx, dy: (1, nx) and (ny, 1) from the feature's middle.
+    """
+    cos, sin = np.cos(feature.turn_rad), np.sin(feature.turn_rad)
+    u, v = cos * dx + sin * dy, cos * dy - sin * dx
+    half_width = feature.wall_mm / 2 or feature.half_width_mm
+    radius, curve = feature.radius_mm, feature.curve
+    match feature.outline:  # distances inside the outline, of a bar inside its long sides
         case "half-plane":
-            return u, u, v
-        case "disc":
-            inner = feature.half_width_mm - np.hypot(u, v)
-        case "ring":
-            inner = feature.half_width_mm - np.abs(np.hypot(u, v) - feature.radius_mm)
+            sideways = u
         case "polygon":
-            inner = np.full(u.shape, np.inf)
+            sideways = np.full(u.shape, np.inf)
             for angle, apart in feature.sides:
-                inner = np.minimum(inner, apart - np.cos(angle) * u - np.sin(angle) * v)
+                sideways = np.minimum(sideways, apart - np.cos(angle) * u - np.sin(angle) * v)
             if feature.wall_mm:
-                inner = np.minimum(inner, feature.wall_mm - inner)
-        case _:
-            across, along = u, v
-            if radius := feature.radius_mm:  # bent about a point next to its center
-                across = radius - np.hypot(u - radius, v)
-                along = radius * np.arctan2(v, radius - u)
-            sideways = feature.half_width_mm - np.abs(across)
-            return np.minimum(sideways, feature.half_length_mm - np.abs(along)), sideways, along
-    return inner, inner, inner
-
-
-def _below(
-    feature: Feature, inner: np.ndarray, sideways: np.ndarray, along: np.ndarray
-) -> np.ndarray:
-    """Depths of a feature's surface below the shape's top at places, mm."""
-    curve, below = feature.curve, np.zeros_like(inner)
-    offset = (feature.wall_mm / 2 or feature.half_width_mm) - sideways
+                sideways = np.minimum(sideways, feature.wall_mm - sideways)
+        case "bar":  # a bent one is bent about a point next to its center
+            across = radius - np.hypot(u - radius, v) if radius else u
+            sideways = half_width - np.abs(across)
+        case _:  # a disc has no radius of a center line
+            sideways = half_width - np.abs(np.hypot(u, v) - radius)
+    at = np.nonzero(sideways >= 0.0)
+    u, v, sideways = u[at], v[at], sideways[at]
+    inner = sideways
+    if feature.outline == "bar":
+        along = radius * np.arctan2(v, radius - u) if radius else v
+        inner = np.minimum(sideways, feature.half_length_mm - np.abs(along))
+        keep = (inner >= 0.0) & (not radius or np.hypot(u, v) <= feature.reach_mm)
+        at, v, sideways, inner = (
+            (at[0][keep], at[1][keep]),
+            along[keep],
+            sideways[keep],
+            inner[keep],
+        )
+    below = np.full(inner.shape, feature.lower_mm)
     if feature.profile == "rounded":
         rest = curve - np.minimum(inner, curve)
-        below = np.where(rest > 0.0, curve - np.sqrt(curve * curve - rest * rest), 0.0)
+        below += np.where(rest > 0.0, curve - np.sqrt(curve * curve - rest * rest), 0.0)
     elif feature.profile == "rod":
-        below = curve - np.sqrt(np.maximum(curve * curve - offset * offset, 0.0))
+        offset = half_width - sideways
+        below += curve - np.sqrt(np.maximum(curve * curve - offset * offset, 0.0))
     elif feature.profile == "wedge":
-        below = offset * curve
-    below = feature.lower_mm + below
-    part = along / feature.teeth_pitch_mm - np.floor(along / feature.teeth_pitch_mm)
-    if feature.teeth == "pointed":
-        return below + feature.teeth_depth_mm * np.abs(2.0 * part - 1.0)
-    return below + feature.teeth_depth_mm * (part < 0.5) if feature.teeth == "square" else below
+        below += (half_width - sideways) * curve
+    if feature.teeth != "none":
+        part = v / feature.teeth_pitch_mm % 1.0
+        is_pointed = feature.teeth == "pointed"
+        below += feature.teeth_depth_mm * (np.abs(2.0 * part - 1.0) if is_pointed else part < 0.5)
+    return at, below

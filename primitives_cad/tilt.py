@@ -86,17 +86,11 @@ def rotation_of(tilt_x_rad: float, tilt_y_rad: float) -> np.ndarray:
 
 def quaternion_of(tilt_x_rad: float, tilt_y_rad: float, yaw_rad: float) -> np.ndarray:
     """w, x, y, z, (4,), of the rotation of a press from the shape frame to the sensor frame."""
-    x, y, z = tilt_x_rad / 2, tilt_y_rad / 2, yaw_rad / 2
+    from scipy.spatial.transform import Rotation  # slow to import
+
     # Turning over and tilting about x add up.
-    over = np.array([-np.sin(x), np.cos(x)])
-    (w, along_x), (along_y, along_z) = np.cos(y) * over, np.sin(y) * over * (1.0, -1.0)
-    cos, sin = np.cos(z), np.sin(z)
-    return np.array([
-        cos * w - sin * along_z,
-        cos * along_x - sin * along_y,
-        cos * along_y + sin * along_x,
-        cos * along_z + sin * w,
-    ])  # fmt: skip
+    angles = tilt_x_rad + np.pi, tilt_y_rad, yaw_rad
+    return Rotation.from_euler("xyz", angles).as_quat(scalar_first=True)
 
 
 def _surface(
@@ -148,36 +142,33 @@ def raise_to_map(source, floor, first_x, first_y, cell, rotation, pitch, heights
     turned[:2] /= pitch
     middle = np.array([heights.shape[1] // 2, heights.shape[0] // 2, 0.0])
     frame = (turned, middle, first_x, first_y, cell)
+    to_right, to_upper = rotation[2, 0], rotation[2, 1]
     for i in range(source.shape[0] - 1):
-        j = 0
-        while j < source.shape[1] - 1:
-            end = j + 1
-            if ups[i + 1, j + 1] != NOT_SOLID:
-                end = _end_of_part(source, ups, i, j)
-                top = _raise_part(frame, source, ups, i, j, end, floor, edge, top, heights)
+        end = 0
+        while end < source.shape[1] - 1:
             j = end
-    return top
-
-
-@compiled(nogil=True)
-def _raise_part(frame, source, ups, i, j, end, floor, edge, top, heights):
-    """Raise to cells of row i from column j to before end, and to sides at them that face up."""
-    to_right, to_upper = frame[0][2, 0], frame[0][2, 1]
-    lower, upper, left, right = ups[i, j + 1], ups[i + 2, j + 1], ups[i + 1, j], ups[i + 1, end + 1]
-    a, b = _at(frame, i, j, source[i, j]), _at(frame, i, end, source[i, end])
-    c, d = _at(frame, i + 1, end, source[i + 1, end]), _at(frame, i + 1, j, source[i + 1, j])
-    ab, bc = _shift(lower, -to_upper, edge), _shift(right, to_right, edge)
-    cd, da = _shift(upper, to_upper, edge), _shift(left, -to_right, edge)
-    top = _raise_face(a, b, c, ab, bc, edge, top, heights)
-    top = _raise_face(a, c, d, edge, cd, da, top, heights)
-    if lower == NOT_SOLID and to_upper < 0.0:
-        top = _raise_side(frame, a, b, (i, j), (i, end), floor, edge, top, heights)
-    if right == NOT_SOLID and to_right > 0.0:
-        top = _raise_side(frame, b, c, (i, end), (i + 1, end), floor, edge, top, heights)
-    if upper == NOT_SOLID and to_upper > 0.0:
-        top = _raise_side(frame, c, d, (i + 1, end), (i + 1, j), floor, edge, top, heights)
-    if left == NOT_SOLID and to_right < 0.0:
-        top = _raise_side(frame, d, a, (i + 1, j), (i, j), floor, edge, top, heights)
+            end = j + 1
+            if ups[i + 1, j + 1] == NOT_SOLID:
+                continue
+            # Cells of row i from column j to before end are one part; so are sides at them.
+            end = _end_of_part(source, ups, i, j)
+            lower, upper = ups[i, j + 1], ups[i + 2, j + 1]
+            left, right = ups[i + 1, j], ups[i + 1, end + 1]
+            a, b = _at(frame, i, j, source[i, j]), _at(frame, i, end, source[i, end])
+            c = _at(frame, i + 1, end, source[i + 1, end])
+            d = _at(frame, i + 1, j, source[i + 1, j])
+            ab, bc = _shift(lower, -to_upper, edge), _shift(right, to_right, edge)
+            cd, da = _shift(upper, to_upper, edge), _shift(left, -to_right, edge)
+            top = _raise_face(a, b, c, ab, bc, edge, top, heights)
+            top = _raise_face(a, c, d, edge, cd, da, top, heights)
+            if lower == NOT_SOLID and to_upper < 0.0:
+                top = _raise_side(frame, a, b, (i, j), (i, end), floor, edge, top, heights)
+            if right == NOT_SOLID and to_right > 0.0:
+                top = _raise_side(frame, b, c, (i, end), (i + 1, end), floor, edge, top, heights)
+            if upper == NOT_SOLID and to_upper > 0.0:
+                top = _raise_side(frame, c, d, (i + 1, end), (i + 1, j), floor, edge, top, heights)
+            if left == NOT_SOLID and to_right < 0.0:
+                top = _raise_side(frame, d, a, (i + 1, j), (i, j), floor, edge, top, heights)
     return top
 
 

@@ -150,49 +150,25 @@ def test_a_scale_is_for_files_only(tmp_path):
         t2twin.load_shape(shape, scale=2.0)
 
 
-def hint_of(path, **options):
-    """The scale that the refusal of a file names, or None, and the sentence."""
-    with pytest.raises(T2TwinError, match=r"0\.5 x 0\.2 mm and at most 1000 mm") as caught:
-        read_solid(path, **options)
-    found = re.search(r"a scale of (\S+)", str(caught.value))
-    return found and float(found[1]), str(caught.value)
-
-
 @pytest.mark.parametrize(
-    "sides, scale",
+    "name, sides, units",
     [
-        ((0.03, 0.02, 0.01), 1000.0),
-        ((0.12, 0.33, 0.03), 1000.0),
-        ((0.4, 0.18, 0.2), 1000.0),
-        ((0.3, 0.2, 0.9), None),  # larger than a hand in meters
-        ((1200.0, 900.0, 10.0), None),
-        ((0.001, 900.0, 10.0), None),
+        ("it.stl", (0.03, 0.02, 0.01), ("inches", "meters")),
+        ("it.stl", (0.12, 0.33, 0.03), ("inches", "meters")),
+        ("it.stl", (0.4, 0.18, 1.2), ("inches",)),
+        ("it.stl", (1200.0, 900.0, 10.0), ()),
+        ("it.glb", (1200.0, 900.0, 10.0), ()),
     ],
 )
-def test_a_scale_in_a_refusal_follows_from_the_size_and_works(sides, scale, tmp_path):
-    path = tmp_path / "it.stl"
+def test_a_refusal_names_scales_that_work(name, sides, units, tmp_path):
+    path = tmp_path / name
     box(sides, at=(0, 0, 0)).export(path)
-    named, sentence = hint_of(path)
-    assert named == (scale and pytest.approx(scale, rel=0.05))
-    assert "inch" not in sentence and "micro" not in sentence
-    if named:
-        assert read_solid(path, named)[0].is_watertight
-
-
-def test_a_glb_of_another_unit_than_the_meter_is_refused(tmp_path):
-    y_up(box()).export(tmp_path / "mm.glb")
-    assert hint_of(tmp_path / "mm.glb")[0] is None
-
-
-@pytest.mark.parametrize("text", ["# one unit is an inch", "# INCHES"])
-def test_inches_are_named_only_where_the_file_does(text, tmp_path):
-    lines = obj_text(box((0.4, 0.3, 0.2), at=(0, 0, 0)))
-    (tmp_path / "in.obj").write_text(f"{text}\n{lines}")
-    (tmp_path / "pinch.obj").write_text(f"# pinched\n{lines}")
-    scale, sentence = hint_of(tmp_path / "in.obj")
-    assert scale == 25.4 and "in inches" in sentence
-    assert read_solid(tmp_path / "in.obj", scale)[0].extents == pytest.approx((10.16, 7.62, 5.08))
-    assert hint_of(tmp_path / "pinch.obj")[0] == 1000.0
+    with pytest.raises(T2TwinError, match=r"0\.5 x 0\.2 mm and at most 1000 mm") as caught:
+        read_solid(path)
+    found = dict(re.findall(r"(?<= )(\S+) if it is in (\w+)", str(caught.value)))
+    assert tuple(found.values()) == units
+    for scale in found:
+        assert read_solid(path, float(scale))[0].is_watertight
 
 
 def test_the_smallest_solid_is_felt_wherever_it_is_pressed(tmp_path):

@@ -75,13 +75,10 @@ def test_mesh_is_closed_and_stands_in_the_shape_frame(name, shapes):
 def test_chordal_error_on_the_largest_curved_primitives():
     rng = np.random.default_rng(0)
     for name in ("hemisphere-4", "bump-2"):
-        radius = catalogue.parameters(name).get("curvature".parameters(name).get("radius"))
-        assert radius is not None
+        sizes = catalogue.parameters(name)
+        radius = sizes.get("curvature") or sizes["radius"]
         mesh = tessellate_symmetric(solids.primitive(name))
-        faces = mesh.triangles[:, :, 2].min(axis=1) >= -catalogue.parameters(name).get(
-            "height", radius
-        )
-        mesh.update_faces(faces)
+        mesh.update_faces(mesh.triangles[:, :, 2].min(axis=1) >= -sizes.get("height", radius))
         center = np.array([0.0, 0.0, -radius])
         error = np.abs(np.linalg.norm(on_triangles(mesh, rng) - center, axis=1) - radius)
         assert len(mesh.faces) > 100
