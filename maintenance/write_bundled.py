@@ -15,7 +15,7 @@ import numpy as np
 import trimesh
 
 from t2twin.core.files import atomic_write
-from t2twin.primitives_cad import catalogue, height_map, solids, tools
+from t2twin.primitives_cad import catalogue, height_map, mesh_files, solids, tools
 from t2twin.primitives_cad.catalogue import path_of
 from t2twin.primitives_cad.shape import Shape
 
@@ -60,13 +60,16 @@ def build(name: str, tool: trimesh.Trimesh | None = None) -> Shape:
 
 def tool_mesh(tool: str) -> trimesh.Trimesh:
     """A watertight mesh of a tool's CAD solid, mm, in the tool's own frame."""
-    return solids.tessellate(tools.solid(tool), tools.CHORDAL_MM.get(tool, solids.CHORDAL_MM))
+    chordal_mm = tools.CHORDAL_MM.get(tool, mesh_files.CHORDAL_MM)
+    return mesh_files.watertight(*mesh_files.triangles_of(tools.solid(tool), chordal_mm))
 
 
-def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = solids.CHORDAL_MM) -> trimesh.Trimesh:
+def tessellate_symmetric(
+    solid: cq.Shape, chordal_mm: float = mesh_files.CHORDAL_MM
+) -> trimesh.Trimesh:
     """A watertight mesh, exactly mirror symmetric, of a solid symmetric in x and in y, mm."""
-    corner = cq.Workplane().box(*3 * [solids.BEYOND_MM], centered=(False, False, True))
-    points, triangles = solids.triangles_of(solid.intersect(corner.val()), chordal_mm)  # pyright: ignore[reportArgumentType]
+    corner = cq.Workplane().box(*3 * [mesh_files.BEYOND_MM], centered=(False, False, True))
+    points, triangles = mesh_files.triangles_of(solid.intersect(corner.val()))  # pyright: ignore[reportArgumentType]
     points[np.abs(points) < SAME_MM] = 0.0
     on_cut = (points[triangles][:, :, :2] == 0.0).all(axis=1).any(axis=1)
     triangles = triangles[~on_cut]
@@ -76,7 +79,7 @@ def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = solids.CHORDAL_MM)
         # Mirroring turns triangles inwards; reversing their vertices turns them back.
         order = triangles if turn % 2 == 0 else triangles[:, ::-1]
         all_triangles.append(order + turn * len(points))
-    return solids.watertight(np.concatenate(all_points), np.concatenate(all_triangles))
+    return mesh_files.watertight(np.concatenate(all_points), np.concatenate(all_triangles))
 
 
 def keypoint_transform(name: str) -> np.ndarray:

@@ -36,7 +36,6 @@ MAKERS = ("cadquery", "cadquery-ocp", "trimesh")  # distributions whose versions
 # largest flat versions extend beyond it, as tools do; a network trained on one length of lines
 # would predict it everywhere.
 PLATE_SIDE_MM = 46.0  # side of a primitive's square base plate, mm (assumed: fits the longest line)
-PLATE_THICKNESS_MM = 3.0  # thickness of the base plate, mm (assumed)
 FEATURE_HEIGHT_MM = 6.0  # above the plate (assumed: more than the thickest soft layer, 4.07 mm)
 VALIDATION_VERSION = 3  # of each family, in the validation split; the others are for training
 # Parameters of versions 1 to 4 of each family (assumed). radius: of line-smooth's long edges'

@@ -20,7 +20,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked, write_json
 from t2twin.core.progress import Progress
-from t2twin.primitives_cad import catalogue, solids, tools
+from t2twin.primitives_cad import catalogue, mesh_files, solids, tools
 from t2twin.primitives_cad.catalogue import FAMILIES, PRIMITIVES
 from t2twin.primitives_cad.height_map import rasterize_triangles
 from t2twin.primitives_cad.shape import NOTHING_MM
@@ -78,7 +78,7 @@ def _write_shape(folder: Path, name: str) -> dict[str, Any]:
     """Write both files of one shape; returns its entry in the manifest."""
     if name == MOSAIC:
         solid = plate_solid()
-        mesh = solids.tessellate(solid)
+        mesh = mesh_files.watertight(*mesh_files.triangles_of(solid))
         about = {"places_mm": plate_positions(), "pitch_mm": PLATE_PITCH_MM}
     elif name in catalogue.TOOLS:
         solid, mesh = tools.solid(name), catalogue.tool_mesh(name)
@@ -110,7 +110,7 @@ def _write_shape(folder: Path, name: str) -> dict[str, Any]:
         "volume_mm3": round(solid.Volume(), 3),
         "bounding_box_mm": [[round(float(x), 4) for x in corner] for corner in mesh.bounds],
         "triangles": len(mesh.faces),
-        "chordal_error_mm": tools.CHORDAL_MM.get(name, solids.CHORDAL_MM),
+        "chordal_error_mm": tools.CHORDAL_MM.get(name, mesh_files.CHORDAL_MM),
     }
 
 

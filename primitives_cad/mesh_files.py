@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
@@ -24,8 +25,14 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 from t2twin.primitives_cad.shape import STL_HEADER_BYTES, STL_RECORD, SUFFIXES
 
+if TYPE_CHECKING:
+    import cadquery as cq  # slow to import
+
 Read = tuple[trimesh.Trimesh, float]  # a mesh and its unit, mm
 
+CHORDAL_MM = 0.005  # error requested from the mesher (assumed: half of the documented 0.01 mm)
+ANGULAR_RAD = 0.25  # largest angle between the normals of neighboring triangles, rad (assumed)
+BEYOND_MM = 1.0e3  # a length beyond any primitive, mm
 MAX_BYTES = 500_000_000  # size limit of files, bytes (assumed: about 2 million triangles as text)
 MAX_TRIANGLES = 2_000_000  # of a file (assumed: finer than any print, and minutes of computing)
 # largest coordinate, in the file's units (assumed: corners lose precision beyond it)
@@ -306,19 +313,46 @@ def _step(path: Path) -> Read:
     import cadquery as cq
     from OCP.Message import Message  # pyright: ignore[reportAttributeAccessIssue]
 
-    from t2twin.primitives_cad import solids
-
     kernel = Message.DefaultMessenger_s()
     for printer in list(kernel.Printers()):  # it prints to standard output
         kernel.RemovePrinter(printer)
     content = cq.importers.importStep(str(path))
     found = content.solids().vals()
     mesh: trimesh.Trimesh = trimesh.util.concatenate(  # pyright: ignore[reportAssignmentType]
-        [_mesh(*solids.triangles_of(each)) for each in found or content.faces().vals()]  # pyright: ignore[reportArgumentType]
+        [_mesh(*triangles_of(each)) for each in found or content.faces().vals()]  # pyright: ignore[reportArgumentType]
     )
     if len(found) > 1:
         mesh.metadata["note"] = f"contains {len(found)} solids, which are pressed as one shape"
     return mesh, 1.0
+
+
+def triangles_of(
+    solid: "cq.Shape", chordal_mm: float = CHORDAL_MM
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) mm and triangles (m, 3), with an error of about chordal_mm.
+
+    Each face of the solid has its own points.
+    """
+    from OCP.BRepMesh import BRepMesh_IncrementalMesh  # pyright: ignore[reportAttributeAccessIssue]
+
+    own = solid.copy()
+    # CadQuery requests an error relative to each edge's length; here it is absolute, in mm.
+    BRepMesh_IncrementalMesh(own.wrapped, chordal_mm, False, ANGULAR_RAD, True)
+    # With such a tolerance CadQuery returns the existing mesh.
+    vertices, faces = own.tessellate(BEYOND_MM)
+    points = np.array([vertex.toTuple() for vertex in vertices], dtype=np.float64)
+    return points.reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3)
+
+
+def watertight(points: np.ndarray, triangles: np.ndarray) -> trimesh.Trimesh:
+    """A mesh of points (n, 3) mm and triangles (m, 3), with coincident vertices merged."""
+    mesh = trimesh.Trimesh(points, triangles, process=False)
+    mesh.merge_vertices()
+    mesh.update_faces((mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1))
+    mesh.remove_unreferenced_vertices()
+    if not mesh.is_watertight or mesh.volume <= 0.0:
+        raise T2TwinError("the solid's mesh is not closed; it must be a watertight solid")
+    return mesh
 
 
 READERS = dict(zip(SUFFIXES, (_stl, _obj, _ply, _threemf, _glb, _step, _step), strict=True))

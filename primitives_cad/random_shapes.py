@@ -10,9 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from t2twin.primitives_cad.catalogue import PLATE_THICKNESS_MM
 from t2twin.primitives_cad.height_map import REACH_MM
-from t2twin.primitives_cad.shape import NOTHING_MM, RANDOM_PREFIX, HeightMap, Shape
+from t2twin.primitives_cad.shape import (
+    NOTHING_MM,
+    PLATE_THICKNESS_MM,
+    RANDOM_PREFIX,
+    HeightMap,
+    Shape,
+)
 
 # of the height map (assumed: two pixels of a DIGIT, a fifth of the narrowest feature)
 PITCH_MM = 0.1

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 NOTHING_MM = -1.0e3  # height where the solid has no surface, mm: far below any layer's thickness
 SUFFIXES = (".stl", ".obj", ".ply", ".3mf", ".glb", ".step", ".stp")  # of solids' files
+PLATE_THICKNESS_MM = 3.0  # thickness of base plates, mm (assumed)
 RANDOM_PREFIX = "random-"  # start of the names of random shapes, before their seed
 STL_HEADER_BYTES = 84  # of binary STL: 80 of text, then the number of triangles
 # one triangle of binary STL

@@ -1,26 +1,14 @@
-"""CadQuery solids of the primitives and of a ball, and triangle meshes of CadQuery solids."""
+"""CadQuery solids of the primitives and of a ball, in the shape frame."""
 
 from pathlib import Path
 
 import cadquery as cq
-import numpy as np
-import trimesh
-from OCP.BRepMesh import BRepMesh_IncrementalMesh  # pyright: ignore[reportAttributeAccessIssue]
 
-from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.catalogue import (
-    FEATURE_HEIGHT_MM,
-    PLATE_SIDE_MM,
-    PLATE_THICKNESS_MM,
-    cap_radius_mm,
-)
-from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.catalogue import FEATURE_HEIGHT_MM, PLATE_SIDE_MM, cap_radius_mm
+from t2twin.primitives_cad.shape import PLATE_THICKNESS_MM, Shape
 
-CHORDAL_MM = 0.005  # error requested from the mesher (assumed: half of the documented 0.01 mm)
-ANGULAR_RAD = 0.25  # largest angle between the normals of neighboring triangles, rad (assumed)
-BEYOND_MM = 1.0e3  # a length beyond any primitive, mm
 # length of the ball's stem from its center (assumed: more than an elastomer's thickness)
 STEM_MM = 5.0
 
@@ -74,33 +62,6 @@ def _capped_cylinder(height_mm: float, curvature_mm: float) -> cq.Workplane:
         .close()
     )
     return profile.revolve(360.0, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-
-
-def tessellate(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trimesh:
-    """A watertight mesh of a solid, mm, with an error of about chordal_mm."""
-    return watertight(*triangles_of(solid, chordal_mm))
-
-
-def triangles_of(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) mm and triangles (m, 3); each face of the solid has its own points."""
-    own = solid.copy()
-    # CadQuery requests an error relative to each edge's length; here it is absolute, in mm.
-    BRepMesh_IncrementalMesh(own.wrapped, chordal_mm, False, ANGULAR_RAD, True)
-    # With such a tolerance CadQuery returns the existing mesh.
-    vertices, faces = own.tessellate(BEYOND_MM)
-    points = np.array([vertex.toTuple() for vertex in vertices], dtype=np.float64)
-    return points.reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3)
-
-
-def watertight(points: np.ndarray, triangles: np.ndarray) -> trimesh.Trimesh:
-    """A mesh of points (n, 3) mm and triangles (m, 3), with coincident vertices merged."""
-    mesh = trimesh.Trimesh(points, triangles, process=False)
-    mesh.merge_vertices()
-    mesh.update_faces((mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1))
-    mesh.remove_unreferenced_vertices()
-    if not mesh.is_watertight or mesh.volume <= 0.0:
-        raise T2TwinError("the solid's mesh is not closed; it must be a watertight solid")
-    return mesh
 
 
 def write_ball(path: Path, diameter_mm: float) -> Shape:

@@ -69,10 +69,10 @@ def test_a_tool_is_found_however_it_lies(tools, name):
 
 @pytest.mark.exhaustive
 def test_a_tool_of_coarser_triangles_is_found(tools):
-    from t2twin.primitives_cad import solids as primitive_solids
-    from t2twin.primitives_cad import tools as solids
+    from t2twin.primitives_cad import mesh_files
+    from t2twin.primitives_cad.tools import solid
 
-    coarse = primitive_solids.tessellate(solids.solid("wrench"), 0.05)
+    coarse = mesh_files.watertight(*mesh_files.triangles_of(solid("wrench"), 0.05))
     assert len(coarse.faces) < len(tools["wrench"].faces) / 3
     assert tool_in(coarse) == "wrench"
 

@@ -292,18 +292,16 @@ def test_gaps_between_the_triangles_of_a_step_solid_are_closed(tmp_path, monkeyp
     """The kernel leaves some in valid solids; here one triangle is lost."""
     import cadquery as cq
 
-    from t2twin.primitives_cad import solids
-
     path = step(tmp_path / "ball.step", cq.Workplane().sphere(5.0).val())
     whole, notes = read_solid(path)
     assert notes == ()
-    triangles_of = solids.triangles_of
+    triangles_of = mesh_files.triangles_of
 
     def all_but_one(*given):
         points, triangles = triangles_of(*given)
         return points, triangles[1:]
 
-    monkeypatch.setattr(solids, "triangles_of", all_but_one)
+    monkeypatch.setattr(mesh_files, "triangles_of", all_but_one)
     mesh, (note,) = read_solid(path)
     assert mesh.is_watertight and "1 small hole" in note
     assert mesh.volume == pytest.approx(whole.volume, rel=1e-3)

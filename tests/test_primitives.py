@@ -8,8 +8,9 @@ import pytest
 from maintenance.write_bundled import tessellate_symmetric
 from t2twin.primitives_cad import catalogue, solids
 from t2twin.primitives_cad.catalogue import FEATURE_HEIGHT_MM, PLATE_SIDE_MM
+from t2twin.primitives_cad.shape import PLATE_THICKNESS_MM
 
-PLATE_MM3 = PLATE_SIDE_MM**2 * catalogue.PLATE_THICKNESS_MM
+PLATE_MM3 = PLATE_SIDE_MM**2 * PLATE_THICKNESS_MM
 CHORDAL_MM = 0.01
 """Promised distance of a mesh from its solid, mm."""
 
@@ -68,7 +69,7 @@ def test_mesh_is_closed_and_stands_in_the_shape_frame(name, shapes):
     assert shape.mesh.is_winding_consistent
     assert shape.mesh.volume == pytest.approx(PLATE_MM3 + feature_mm3(name), rel=2e-3)
     half = PLATE_SIDE_MM / 2.0
-    bottom = -FEATURE_HEIGHT_MM - catalogue.PLATE_THICKNESS_MM
+    bottom = -FEATURE_HEIGHT_MM - PLATE_THICKNESS_MM
     assert shape.mesh.bounds == pytest.approx(np.array([[-half, -half, bottom], [half, half, 0.0]]))
 
 
