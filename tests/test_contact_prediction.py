@@ -33,7 +33,7 @@ from t2twin.translate.inference.contact import (
 )
 from t2twin.translate.inference.load import load
 from t2twin.translate.inference.onnx_export import PARITY_COUNTS, export_onnx, open_onnx
-from t2twin.translate.models.contact import (
+from t2twin.translate.models.field import (
     CENTER,
     MAPS,
     center_of_pressure,
@@ -42,7 +42,7 @@ from t2twin.translate.models.contact import (
     fit_contact_limits,
     read_contact,
 )
-from t2twin.translate.networks.field_net import CONTACT, LIMITS, SCALE, FieldNet
+from t2twin.translate.models.field_net import CONTACT, LIMITS, SCALE, FieldNet
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, HOME, load_config
 from t2twin.translate.training.train import train

@@ -30,8 +30,8 @@ from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.models import field as field_model
 from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.field_net import SCALE, FieldNet, grid_of, resampling_weights
 from t2twin.translate.models.presets import PRESETS
-from t2twin.translate.networks.field_net import SCALE, FieldNet, grid_of, resampling_weights
 from t2twin.translate.training.train import recalibrate, train
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,

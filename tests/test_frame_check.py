@@ -15,7 +15,7 @@ from t2twin.sim.dataset.store import read_info, split_shards
 from t2twin.translate.data.images import to_input
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.networks.frame_check import (
+from t2twin.translate.models.frame_check import (
     CLASSES,
     SIDE,
     TRANSFORMED,

@@ -11,10 +11,8 @@ from t2twin.sim.dataset.generate import sensor_info
 from t2twin.translate.data.pairs import DataInfo, Examples
 from t2twin.translate.inference.load import fold_batchnorm
 from t2twin.translate.models.presets import find_preset
-from t2twin.translate.models.resnet18 import ResNet18Translator
-from t2twin.translate.models.touch2touch import Touch2Touch
-from t2twin.translate.networks.pix2pix import PatchGAN, UNet
-from t2twin.translate.networks.resnet18 import ResNet18
+from t2twin.translate.models.resnet18 import ResNet18, ResNet18Translator
+from t2twin.translate.models.touch2touch import PatchGAN, Touch2Touch, UNet
 from t2twin.translate.runs.checkpoint import TRANSLATORS
 
 CPU = torch.device("cpu")

@@ -16,8 +16,8 @@ from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.onnx_export import export_onnx
 from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.field_net import ShearHead, box_means, displacements
 from t2twin.translate.models.presets import PRESETS
-from t2twin.translate.networks.field_net import ShearHead, box_means, displacements
 from t2twin.translate.runs.checkpoint import build, save_weights
 from t2twin.translate.runs.config import BEST, RunConfig
 from t2twin.translate.training.train import train

@@ -96,7 +96,7 @@ def test_stopped_and_resumed_is_as_undisturbed(
 def test_bf16_trains_float32_weights_that_are_validated_in_float32(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: Model
 ) -> None:
-    monkeypatch.setattr(training, "has_bf16", lambda: True)
+    monkeypatch.setattr(training.checkpoint, "has_bf16", lambda: True)
     train(model, data_dir, replace(PRESETS[model]["smoke"], bf16=True), tmp_path, epochs=1)
     config, state = load_config(tmp_path), load_file(tmp_path / "last.safetensors")
     assert config.precision == "bf16" and "trained in bfloat16" in (tmp_path / CARD).read_text()

@@ -176,7 +176,7 @@ def ball_references(folder: Path) -> tuple[list[str], np.ndarray, np.ndarray, li
 
 def _errors(contacts: list[ContactEstimate], references: list[Any]) -> dict[str, float]:
     """Errors of the contacts of all presses, in the cells of the contact maps."""
-    from t2twin.translate.models.contact import CONTACT_KPA
+    from t2twin.translate.models.field import CONTACT_KPA
 
     iou = []
     for contact, reference in zip(contacts, references, strict=True):
@@ -189,7 +189,7 @@ def _errors(contacts: list[ContactEstimate], references: list[Any]) -> dict[str,
 
 def _depth_errors(depths_mm: Iterable[np.ndarray], references: list[Any]) -> dict[str, float]:
     """Errors of depths in the contacts of all presses, in the cells of the contact maps."""
-    from t2twin.translate.models.contact import CONTACT_KPA
+    from t2twin.translate.models.field import CONTACT_KPA
 
     rmse, deepest = [], []
     for found, reference in zip(depths_mm, references, strict=True):

@@ -31,7 +31,7 @@ from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.evaluation.metrics import REPORTED_LEVEL
 from t2twin.translate.inference.contact import ContactEstimate
 from t2twin.translate.inference.predictor import TrainedTranslator
-from t2twin.translate.models.contact import CONTACT_KPA
+from t2twin.translate.models.field import CONTACT_KPA
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG
 from t2twin.translate.uncertainty.ood import OODClass

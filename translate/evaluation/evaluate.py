@@ -56,8 +56,8 @@ from t2twin.translate.evaluation.records import FORMAT, METRICS, Evaluation, Fig
 from t2twin.translate.evaluation.table import results_tables
 from t2twin.translate.inference.load import load
 from t2twin.translate.inference.predictor import TrainedTranslator, parts_of
-from t2twin.translate.models.contact import CONTACT_KPA, EVEN, center_of_pressure
-from t2twin.translate.networks.field_net import side_of_maps
+from t2twin.translate.models.field import CONTACT_KPA, EVEN, center_of_pressure
+from t2twin.translate.models.field_net import side_of_maps
 from t2twin.translate.runs.config import BEST
 from t2twin.translate.runs.log import read_log
 from t2twin.translate.uncertainty.estimate import Estimate, half_width

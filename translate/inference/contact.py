@@ -15,7 +15,7 @@ from PIL import Image
 from torch.nn import functional
 
 from t2twin.core.draw import relief
-from t2twin.translate.models.contact import CENTER, EVEN, MAPS
+from t2twin.translate.models.field import CENTER, EVEN, MAPS
 from t2twin.translate.uncertainty.estimate import with_std
 from t2twin.translate.uncertainty.ood import OODClass
 

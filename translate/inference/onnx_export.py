@@ -40,7 +40,7 @@ from t2twin.core.machine import installed_version
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.inference.predictor import COUNTS, TrainedTranslator
 from t2twin.translate.models.base import TACTILE_IMAGES, FromPixels
-from t2twin.translate.models.contact import CENTER, MAPS
+from t2twin.translate.models.field import CENTER, MAPS
 from t2twin.translate.runs.config import BEST
 
 INPUT, BACKGROUND = "images", "background"
@@ -239,7 +239,7 @@ def _key(run: TrainedTranslator) -> str:
         known.update(np.asarray(values, float).tobytes())
     known.update(repr((run.config.model, preset, array.full_scale_counts)).encode())
     translate = Path(__file__).parents[1]
-    folders = (translate / name for name in ("inference", "models", "networks", "uncertainty"))
+    folders = (translate / name for name in ("inference", "models", "uncertainty"))
     for source in sorted(path for folder in folders for path in folder.glob("*.py")):
         known.update(source.read_bytes())
     return known.hexdigest()[:32]

@@ -41,8 +41,8 @@ from t2twin.translate.data.pairs import ImageFile, Pictures, TactilePictures
 from t2twin.translate.inference.contact import contacts_of
 from t2twin.translate.models.base import TACTILE_IMAGES, Translator
 from t2twin.translate.models.field import FEATURES, FieldTranslator
+from t2twin.translate.models.frame_check import FrameCheck
 from t2twin.translate.models.touch2touch import GENERATED
-from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.uncertainty.estimate import VALUES, Estimate, half_width

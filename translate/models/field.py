@@ -8,10 +8,10 @@ Without markers it is unknown, and squared errors of such touches would dominate
 0.67 of the true one, measured).
 
 Shape letters: B batch, S image side, N taxels, F places of the dense counts, R rows and C columns
-of a tactile image.
+of a tactile image, H side of the contact maps.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -19,6 +19,7 @@ from typing import Self
 
 import numpy as np
 import torch
+from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.columns import RANDOM_FAMILY
@@ -26,23 +27,18 @@ from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.pads import reading_matrix
 from t2twin.sim.taxels.phi import barycentric
 from t2twin.translate.data.images import COLORS, WHITE_GREY, to_input
-from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
+from t2twin.translate.data.pairs import DataInfo, Examples, ImageFile, Pairs
 from t2twin.translate.models.base import TACTILE_IMAGES, Outputs, Translator, adamw
-from t2twin.translate.models.contact import (
-    CONTACT_KPA,
-    contact_losses,
-    contact_scale,
-    fit_contact_knots,
-    fit_contact_limits,
-    read_contact,
-)
+from t2twin.translate.models.field_net import CONTACT, CONTACT_KNOTS, SCALE, SHEAR, FieldNet
 from t2twin.translate.models.presets import Preset
-from t2twin.translate.networks.field_net import CONTACT, SCALE, SHEAR, FieldNet
 from t2twin.translate.uncertainty.calibration import (
+    MIN_ERRORS,
     Errors,
     calibrated,
     fit_calibration,
+    fit_knots,
     fit_scale,
+    identity_knots,
     negative_log_likelihood,
     part_of,
     scaled,
@@ -72,6 +68,22 @@ OTHER_PRESSES = 1 / 3  # Share of other presses in that calibration, relative to
 # Presses of a dataset that the limits of contact are set on, at most (assumed: quantiles of half a
 # percent need some hundreds)
 LIMIT_PRESSES = 400
+# Pressure from which a cell is in contact, kPa (assumed: a hundredth of a gel's modulus)
+CONTACT_KPA = 5.0
+# Weight of errors in the contact relative to others (assumed: it is about a tenth of the view)
+IN_CONTACT_WEIGHT = 4.0
+SQUARED_WEIGHT = 0.3  # Weight of squared errors relative to absolute errors (assumed)
+CONTACT_ROUNDING = 0.03  # As ROUNDING, fraction of the scale (assumed)
+MIN_SCALES = (0.01, 1.0)  # Of depth, mm, and pressure, kPa (assumed), for presses without contact
+# Share of the images without contact that show one, and limit on the share of those with a contact
+# in which it is missed (assumed)
+FALSE_SHARE, MISSED_SHARE = 0.01, 0.005
+MIN_WITHOUT_CONTACT = 20  # Minimum number of held-out images that a limit is set on (assumed)
+SCALE_PRESSES = 2000  # Presses that the scales are measured on
+EVEN = 0.5  # Probability from which a cell is in contact
+MAPS = ("depth_mm", "depth_std_mm", "pressure_kpa", "pressure_std_kpa", "probability")
+CENTER = ("center_mm", "center_std_mm")  # Names of the predictions, see `read_contact`
+SPREADS = ("depth", "pressure")  # Outputs with a spread
 BATCH_SIZE = 64  # Images in one batch of prediction; bounds memory
 FEATURES = "frame_features"  # Name of the features for the frame check among the predictions
 
@@ -354,9 +366,12 @@ class FieldTranslator(Translator):
         """Largest logits of pairs without and with a contact, as for `fit_contact_limits`."""
 
         def largest(pixels: np.ndarray) -> torch.Tensor:
-            inputs = (_input(pixels[part]) for part in _parts(len(pixels)))
-            found = [self.outputs(each, True)["contact"].amax(dim=(1, 2)).cpu() for each in inputs]
-            return torch.cat([torch.empty(0), *found])
+            found = [torch.empty(0)]
+            for start in range(0, len(pixels), BATCH_SIZE):
+                part = pixels[start : start + BATCH_SIZE].astype(np.float32)
+                logit = self.outputs(to_input(part / WHITE_GREY), True)["contact"]
+                found.append(logit.amax(dim=(1, 2)).cpu())
+            return torch.cat(found)
 
         without_contact, with_contact = [torch.empty(0)] * 2, [torch.empty(0)] * 2
         for pairs in sets:
@@ -395,8 +410,9 @@ class FieldTranslator(Translator):
         self, pairs: Pairs, with_contact: bool = False
     ) -> Iterator[tuple[Examples, Outputs]]:
         """Pairs and their outputs, batch by batch."""
-        for part in _parts(len(pairs)):
-            examples = self.examples(pairs, np.arange(len(pairs))[part])
+        for start in range(0, len(pairs), BATCH_SIZE):
+            batch = np.arange(start, min(start + BATCH_SIZE, len(pairs)))
+            examples = self.examples(pairs, batch)
             images = self._with_frame(examples.images)
             yield replace(examples, images=images), self.outputs(images, with_contact)
 
@@ -416,13 +432,114 @@ class FieldTranslator(Translator):
         return other
 
 
-def _parts(number: int) -> list[slice]:
-    return [slice(start, start + BATCH_SIZE) for start in range(0, number, BATCH_SIZE)]
+def contact_scale(maps: ImageFile) -> torch.Tensor:
+    """(2,) root mean squares of depth, mm, and pressure, kPa, in the contacts of training pairs."""
+    depth, pressure = torch.from_numpy(maps[:SCALE_PRESSES]).float().unbind(dim=1)
+    inside = pressure > CONTACT_KPA
+    values = [each[inside].square().mean().sqrt().nan_to_num() for each in (depth, pressure)]
+    return torch.stack(values).maximum(torch.tensor(MIN_SCALES))
 
 
-def _input(pixels: np.ndarray) -> torch.Tensor:
-    """The network's input of (B, S, S, c) uint8."""
-    return to_input(pixels.astype(np.float32) / WHITE_GREY)
+def contact_errors(network: FieldNet, outputs: Outputs, maps: torch.Tensor) -> Outputs:
+    """Outputs minus targets, of the scales. maps: (B, 2, H, H) depth, mm, and pressure, kPa."""
+    scaled = zip(SPREADS, maps.unbind(dim=1), network.contact_scale, strict=True)
+    return {name: outputs[name] - values / scale for name, values, scale in scaled}
+
+
+def contact_losses(network: FieldNet, outputs: Outputs, maps: torch.Tensor) -> Outputs:
+    """The losses of a batch by name. maps: as for `contact_errors`."""
+    inside = (maps[:, 1] > CONTACT_KPA).float()
+    weight = 1.0 + (IN_CONTACT_WEIGHT - 1.0) * inside
+    weight = weight / weight.mean()
+    losses = {}
+    for name, error in contact_errors(network, outputs, maps).items():
+        rounded = (error.square() + CONTACT_ROUNDING**2).sqrt() - CONTACT_ROUNDING
+        losses[f"contact_{name}"] = (weight * (rounded + SQUARED_WEIGHT * error.square())).mean()
+        likelihood = negative_log_likelihood(error.detach(), outputs[f"{name}_spread"])
+        losses[f"contact_{name}_spread"] = likelihood.mean()
+    losses["contact_mask"] = functional.binary_cross_entropy_with_logits(outputs["contact"], inside)
+    return losses
+
+
+def read_contact(network: FieldNet, outputs: Outputs, view_mm: tuple[float, float]) -> Outputs:
+    """The calibrated predictions, by the names in MAPS, (B, H, H), and in CENTER, (B, 2).
+
+    The pressure is 0 where the probability of contact is below one half. The center of pressure is
+    from the middle of the view; not a number without contact. view_mm: half the width and height.
+    """
+    depth_std = calibrated(outputs["depth_spread"], network.contact_depth_knots)
+    std = calibrated(outputs["pressure_spread"], network.contact_pressure_knots)
+    largest = outputs["contact"].amax(dim=(1, 2), keepdim=True)
+    probability = torch.sigmoid(outputs["contact"])
+    has_contact = largest > outputs["contact_limit"]
+    probability = torch.where(has_contact, probability, probability.clamp(max=EVEN))
+    pressure = torch.where(probability > EVEN, outputs["pressure"].clamp(min=0.0), 0.0)
+    center, spread = center_of_pressure(pressure, std, view_mm)
+    center_std = calibrated(spread.log(), network.contact_center_knots)
+    mm, kpa = network.contact_scale[0], network.contact_scale[1]  # a trace cannot iterate
+    maps = (mm * outputs["depth"], mm * depth_std, kpa * pressure, kpa * std, probability)
+    return dict(zip((*MAPS, *CENTER), (*maps, center, center_std), strict=True))
+
+
+def fit_contact_limits(
+    network: FieldNet, without_contact: Sequence[torch.Tensor], with_contact: Sequence[torch.Tensor]
+) -> None:
+    """Sets the limits of contact, so that hardly any image without contact shows one.
+
+    Largest logits of held-out images, each without and with background frames.
+    """
+    for mode, (none, some) in enumerate(zip(without_contact, with_contact, strict=True)):
+        limit = torch.zeros(())
+        if min(len(none), len(some)) >= MIN_WITHOUT_CONTACT:
+            limit = torch.minimum(
+                torch.quantile(none, 1.0 - FALSE_SHARE), torch.quantile(some, MISSED_SHARE)
+            )
+        network.contact_limits[mode] = limit.clamp(min=0.0)
+
+
+def center_of_pressure(
+    pressure: torch.Tensor, std: torch.Tensor, view_mm: tuple[float, float]
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """(B, 2) center of pressure, mm, and its standard deviation if errors are independent."""
+    side = pressure.shape[-1]
+    middles = (torch.arange(side, device=pressure.device) + 0.5) * 2.0 / side - 1.0
+    total = pressure.sum(dim=(1, 2))
+    total = torch.where(total > 0.0, total, torch.nan)
+    centers, stds = [], []
+    for half, axis in zip(view_mm, (1, 2), strict=True):  # summed over rows, then over columns
+        at = half * middles
+        center = (pressure.sum(dim=axis) @ at) / total
+        squares = std.square().sum(dim=axis) * (at - center[:, None]).square()
+        centers.append(center)
+        stds.append(squares.sum(dim=1).sqrt() / total)
+    return torch.stack(centers, dim=1), torch.stack(stds, dim=1)
+
+
+def fit_contact_knots(
+    network: FieldNet, view_mm: tuple[float, float], parts: Iterable[tuple[Outputs, torch.Tensor]]
+) -> None:
+    """Sets the knots of the contact from outputs and maps of held-out presses."""
+    names = ("depth", "depth_spread", "pressure", "pressure_spread", "contact")
+    parts = [({name: outputs[name] for name in names}, maps) for outputs, maps in parts]
+    if not parts:
+        return
+    outputs = {name: torch.cat([each[name] for each, _ in parts]) for name in names}
+    maps = torch.cat([each for _, each in parts])
+
+    def fit(name: str, spread: torch.Tensor, error: torch.Tensor) -> None:
+        key = f"contact_{name}_knots"
+        knots = fit_knots(spread.double().cpu(), error.double().cpu(), CONTACT_KNOTS[key])
+        getattr(network, key).copy_(knots)
+
+    for name, error in contact_errors(network, outputs, maps).items():
+        fit(name, outputs[f"{name}_spread"].exp(), error)
+    network.contact_center_knots.copy_(identity_knots(len(CONTACT_KNOTS["contact_center_knots"])))
+    found = read_contact(network, outputs | {"contact_limit": network.contact_limits[1]}, view_mm)
+    true, _ = center_of_pressure(maps[:, 1], torch.zeros_like(maps[:, 1]), view_mm)
+    error = found["center_mm"] - true
+    known = error.isfinite().all(dim=1)
+    if int(known.sum()) >= MIN_ERRORS:
+        fit("center", found["center_std_mm"][known], error[known])
 
 
 def _mostly_new_shapes(pairs: Pairs) -> Pairs:

@@ -25,10 +25,10 @@ from t2twin.sim.dataset.columns import COUNTS, IMAGE
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.distributed import device
 from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.field_net import CONTACT, SHEAR
+from t2twin.translate.models.frame_check import FrameCheck
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
-from t2twin.translate.networks.field_net import CONTACT, SHEAR
-from t2twin.translate.networks.frame_check import FrameCheck
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG, RunConfig, load_config
 from t2twin.translate.runs.log import EpochPart, EpochRecord

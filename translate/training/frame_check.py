@@ -28,7 +28,7 @@ from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import augment, resized, to_input
 from t2twin.translate.data.pairs import has_backgrounds, load_pairs, usable_cache
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.networks.frame_check import (
+from t2twin.translate.models.frame_check import (
     CLASSES,
     SIDE,
     TRANSFORMED,

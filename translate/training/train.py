@@ -32,31 +32,12 @@ from t2twin.sim.dataset.columns import IMAGE
 from t2twin.sim.dataset.info import COUNTS
 from t2twin.sim.dataset.store import read_info, sha256_of
 from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
-from t2twin.translate.models import distributed
+from t2twin.translate.models import distributed, presets
 from t2twin.translate.models.base import Translator
-from t2twin.translate.models.presets import (
-    FIXED,
-    GENERATES,
-    MAX_EPOCHS,
-    SOURCE_TO_TARGET,
-    Model,
-    Preset,
-    check_direction,
-    find_model,
-    find_preset,
-    is_reverse,
-)
-from t2twin.translate.networks.field_net import CONTACT, SHEAR, side_of_maps
+from t2twin.translate.models.field_net import CONTACT, SHEAR, side_of_maps
+from t2twin.translate.models.presets import Model, Preset
+from t2twin.translate.runs import checkpoint
 from t2twin.translate.runs.card import CARD, write_card
-from t2twin.translate.runs.checkpoint import (
-    build,
-    has_bf16,
-    load_history,
-    load_state,
-    load_weights,
-    save_state,
-    save_weights,
-)
 from t2twin.translate.runs.config import (
     BEST,
     CONFIG,
@@ -123,7 +104,7 @@ def train(
     minutes: float | None = None,
     steps: int | None = None,
     init_from: str | Path | None = None,
-    direction: str = SOURCE_TO_TARGET,
+    direction: str = presets.SOURCE_TO_TARGET,
     iou_weight: float | None = None,
     contact_alone: bool = False,
     frame_check: bool = True,
@@ -142,10 +123,10 @@ def train(
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     _check_limits(epochs, minutes, steps, seed)
-    name, settings = find_model(model), for_steps(find_preset(model, preset), steps)
-    reverse = is_reverse(direction, **read_info(data_dir).values)
+    name, settings = presets.find_model(model), for_steps(presets.find_preset(model, preset), steps)
+    reverse = presets.is_reverse(direction, **read_info(data_dir).values)
     info = load_info(data_dir, reverse)
-    check_direction(info.direction, name)
+    presets.check_direction(info.direction, name)
     if isinstance(preset, str) and info.source.value == info.target.value == IMAGE:
         settings = replace(settings, grey=False)
     settings = _with_iou_weight(settings, iou_weight, name, info)
@@ -155,7 +136,7 @@ def train(
         settings = replace(settings, learning_rate=WARM_START_SHARE * settings.learning_rate)
     config = RunConfig(
         model, settings, seed, info, epochs, minutes, epochs or settings.epochs,
-        bf16=settings.bf16 and has_bf16(),
+        bf16=settings.bf16 and checkpoint.has_bf16(),
         processes=distributed.process_count(),
         steps=steps,
         init_from=None if weights is None else sha256_of(weights),
@@ -282,12 +263,12 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
             "another folder"
         )
     state = out_dir / LAST
-    return (earlier, load_history(state)) if state.is_file() else None
+    return (earlier, checkpoint.load_history(state)) if state.is_file() else None
 
 
 def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
     """Raises T2TwinError for limits and seeds out of range, and for epochs with steps."""
-    for name, value, most in (("steps", steps, MAX_STEPS), ("epochs", epochs, MAX_EPOCHS)):
+    for name, value, most in (("steps", steps, MAX_STEPS), ("epochs", epochs, presets.MAX_EPOCHS)):
         if value is not None:
             arguments.whole_number(value, name, 1, most)
     if steps is not None and epochs is not None:
@@ -310,10 +291,10 @@ def for_steps(preset: Preset, steps: int | None) -> Preset:
 def _with_iou_weight(preset: Preset, weight: float | None, model: Model, info: DataInfo) -> Preset:
     """The preset with a weight of the soft IoU loss, None for its own."""
     weight = arguments.number(preset.iou_weight if weight is None else weight, "iou_weight", 0.0)
-    if weight and not (model == GENERATES and info.target.value == COUNTS):
+    if weight and not (model == presets.GENERATES and info.target.value == COUNTS):
         raise T2TwinError(
             f"iou_weight is {weight:g}, but a {model} {info.direction} run predicts no tactile "
-            f"image; expected 0, or {GENERATES} to counts"
+            f"image; expected 0, or {presets.GENERATES} to counts"
         )
     return replace(preset, iou_weight=weight)
 
@@ -395,22 +376,22 @@ class Trainer:
                 planned = round(config.steps / self.steps)
             elif config.epochs is None and config.preset.steps:
                 planned = min(planned, round(config.preset.steps / self.steps))
-            if config.minutes is not None and config.preset.schedule != FIXED:
+            if config.minutes is not None and config.preset.schedule != presets.FIXED:
                 planned = min(planned, int(config.minutes * 60 / epoch_seconds))
             # Layers on another run's have the statistics of that run's images.
             if config.contact_data is None and self.pairs.pictures is None:
                 detector = fit_ood_detector(self.pairs.images)
             self.config = structs.replace(
                 config,
-                planned_epochs=min(max(1, planned), MAX_EPOCHS),
+                planned_epochs=min(max(1, planned), presets.MAX_EPOCHS),
                 epoch_steps=self.steps,
                 ood_detector=detector,
             )
-        self.translator = build(self.config)
+        self.translator = checkpoint.build(self.config)
         if self.weights is not None:
             load_initial_weights(self.weights, self.translator)
         if resumed:
-            self.history, self.part = load_state(state, self.translator)
+            self.history, self.part = checkpoint.load_state(state, self.translator)
         else:
             self.translator.prepare(self.pairs)
             if self.rank == 0:
@@ -435,14 +416,22 @@ class Trainer:
                 record = self._epoch(len(self.history), bar)
                 self.history.append(record)
                 self.part = EpochPart()
-                bar.print_line(self._progress())
-                bar.set_postfix_str(f"val {record.val_rmse_percent:.2f} %")
+                best, depth_mm = best_epoch(self.history), record.val_contact_error_mm
+                minutes = sum(each.seconds for each in self.history) / 60
+                bar.print_line(
+                    f"epoch {record.epoch:,} of {self.config.planned_epochs:,}, {minutes:.1f} "
+                    f"minutes, validation RMSE {record.val_rmse_percent:.2f} %, best "
+                    f"{best.val_rmse_percent:.2f} % in epoch {best.epoch:,}"
+                    + ("" if depth_mm is None else f", depth {depth_mm:.4f} mm")
+                )
                 if board is not None:
                     # The best weights first: if killed in between, the epoch is repeated.
-                    if best_epoch(self.history) is record:
+                    if best is record:
                         self.translator.in_float32().calibrate(self.validation)
-                        save_weights(self.out_dir / BEST, self.translator.predictor)
-                    save_state(self.out_dir / LAST, self.translator, self.history, self.part)
+                        checkpoint.save_weights(self.out_dir / BEST, self.translator.predictor)
+                    checkpoint.save_state(
+                        self.out_dir / LAST, self.translator, self.history, self.part
+                    )
                     write_log(self.out_dir, self.history)
                     for name, value in record.numbers.items():
                         board.add_scalar(name, value, record.epoch)
@@ -451,26 +440,12 @@ class Trainer:
         if board is not None:
             board.close()
 
-    def _progress(self) -> str:
-        """The last epoch as one line."""
-        last, best = self.history[-1], best_epoch(self.history)
-        total = self.config.planned_epochs
-        minutes = sum(record.seconds for record in self.history) / 60
-        error_mm, best_mm = last.val_contact_error_mm, best.val_contact_error_mm
-        contact = "" if error_mm is None else f", depth {error_mm:.4f} mm, then {best_mm:.4f} mm"
-        return (
-            f"epoch {last.epoch:,} of {total:,}, step {last.epoch * self.steps:,} of "
-            f"{total * self.steps:,}, {minutes:.1f} minutes, validation RMSE "
-            f"{last.val_rmse_percent:.2f} %, best {best.val_rmse_percent:.2f} % in epoch "
-            f"{best.epoch:,}{contact}"
-        )
-
     def _epoch(self, epoch: int, bar: Progress) -> EpochRecord:
         """Trains for the rest of an epoch and validates. Returns the record of the epoch."""
         started = time.perf_counter() - self.part.seconds
         config, translator = self.config, self.translator
         share = 1.0
-        if config.preset.schedule != FIXED:  # half a cosine to zero
+        if config.preset.schedule != presets.FIXED:  # half a cosine to zero
             share = 0.5 * (1.0 + math.cos(math.pi * epoch / config.planned_epochs))
         for optimizer in translator.optimizers.values():
             for group in optimizer.param_groups:
@@ -490,7 +465,7 @@ class Trainer:
             now = time.perf_counter()
             if config.processes == 1 and now - saved >= SAVE_SECONDS and step + 1 < self.steps:
                 part = EpochPart(step + 1, _numbers(sums), now - started)
-                save_state(self.out_dir / LAST, translator, self.history, part)
+                checkpoint.save_state(self.out_dir / LAST, translator, self.history, part)
                 saved = now
         for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
             distributed.average([each for each in network.buffers() if each.is_floating_point()])
@@ -540,7 +515,7 @@ class Trainer:
 
     def _measure(self) -> float:
         """Estimated seconds per epoch, from a few steps of other networks."""
-        translator, processes = build(self.config), self.config.processes
+        translator, processes = checkpoint.build(self.config), self.config.processes
         rng, started = np.random.default_rng(self.config.seed), 0.0
         mine = np.arange(self.batch)[self.rank :: processes]
         for step in range(1 + TIMED_STEPS):
@@ -580,7 +555,7 @@ class Trainer:
 
 def load_initial_weights(path: Path, translator: Translator) -> None:
     """Loads the weights of another run; of shear and contact only if both networks have them."""
-    load_weights(path, translator.predictor, optional=(SHEAR, CONTACT))
+    checkpoint.load_weights(path, translator.predictor, optional=(SHEAR, CONTACT))
     trained = next(iter(translator.networks.values()))
     if trained is not translator.predictor:  # the predictor is its weight average
         trained.load_state_dict(translator.predictor.state_dict())
@@ -611,9 +586,9 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
             f"the dataset that {run_dir} was trained on is missing; give it with the others"
         )
     config.need(config.has_uncertainty, run_dir, "the calibration of uncertainty", "a field run")
-    translator = build(config)
+    translator = checkpoint.build(config)
     with locked(run_dir):
-        load_weights(run_dir / BEST, translator.predictor)
+        checkpoint.load_weights(run_dir / BEST, translator.predictor)
         sets = []
         for folder in folders:
             reverse = read_info(folder).source.value != IMAGE
@@ -624,7 +599,7 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
             pairs.subset(np.sort(rng.choice(len(pairs), number, replace=False))) for pairs in sets
         ]
         translator.calibrate(*samples)
-        save_weights(run_dir / BEST, translator.predictor)
+        checkpoint.save_weights(run_dir / BEST, translator.predictor)
         fit_frame_check(run_dir, own[0])
         write_card(run_dir, own[0])
     return sum(map(len, samples))

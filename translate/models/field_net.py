@@ -27,8 +27,8 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
-from t2twin.translate.networks.frame_check import convolution, features_of
-from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
+from t2twin.translate.models.frame_check import convolution, features_of
+from t2twin.translate.models.resnet18 import BasicBlock, ResNet18
 from t2twin.translate.uncertainty.calibration import (
     PLACE_SHARES,
     PRESS_SHARES,
