@@ -44,10 +44,3 @@ def test_a_line_of_its_own_takes_the_place_of_the_next(capsys, now):
             if n % 50 == 49:
                 bar.print_line(f"part {n // 50}")
     assert capsys.readouterr().err.splitlines() == [f"work: part {n}" for n in range(4)]
-
-
-def test_what_is_not_wanted_says_nothing(capsys):
-    with Progress(total=2, disable=True) as bar:
-        bar.update()
-        bar.print_line("half")
-    assert capsys.readouterr().err == ""

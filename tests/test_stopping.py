@@ -61,13 +61,7 @@ runpy.run_module("t2twin", run_name="__main__", alter_sys=False)
 
 
 @pytest.mark.parametrize(
-    ("number", "module"),
-    [
-        (signal.SIGTERM, "t2twin.cli"),
-        (signal.SIGINT, "numpy"),
-        (signal.SIGTERM, "mujoco"),
-        (signal.SIGINT, "numba"),
-    ],
+    ("number", "module"), [(signal.SIGTERM, "t2twin.cli"), (signal.SIGINT, "mujoco")]
 )
 def test_a_command_is_stopped_while_it_is_being_loaded(number, module, tmp_path):
     process = subprocess.Popen(
@@ -166,7 +160,6 @@ def test_files_are_moved_all_or_none(tmp_path):
     "lay, words",
     [
         (os.mkfifo, "is a folder or a device"),
-        (lambda path: path.symlink_to("/dev/zero"), "is a folder or a device"),
         (Path.mkdir, "is a folder or a device"),
         (lambda path: None, "there is no file .*it; give another"),
         (lambda path: path.symlink_to(path.name), "cannot be read"),

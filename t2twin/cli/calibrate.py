@@ -20,6 +20,8 @@ class FitOptions:
     """Options of a fit to presses, of `t2twin calibrate` and `t2twin adapt`.
 
     Args:
+        background: A background frame of the unit, in the size of the sensor's images or larger.
+        sensor: Gel camera: a bundled name or a .toml file, whose gel, camera and LEDs hold.
         held_out: Number of presses, the last by name, that are scored and not fitted; default: a
             third.
         scale_px_per_mm: Image scale in the middle of the gel; default: of the sensor's file. It is
@@ -33,6 +35,8 @@ class FitOptions:
             forces; default: a fifth.
     """
 
+    background: Path
+    sensor: str = SOURCE
     held_out: int | None = None
     scale_px_per_mm: float | None = None
     ball_tolerance_mm: float = 0.1
@@ -51,37 +55,34 @@ class FitOptions:
             self.force_tolerance_n, self.young_tolerance_mpa,
         )  # fmt: skip
 
-    def camera(self, sensor: str) -> "Camera":
-        """The camera of a sensor, by name or file, with the given scale."""
+    @property
+    def camera(self) -> "Camera":
+        """The camera of the sensor with the given scale."""
         from t2twin.sim.calibrate.calibrate import sensor_and_camera
 
-        _, camera = sensor_and_camera(sensor, None)
+        _, camera = sensor_and_camera(self.sensor, None)
         if self.scale_px_per_mm is None:
             return camera
         return replace(camera, scale_px_per_mm=self.scale_px_per_mm)
 
 
 def calibrate(
-    background: Path,
     fit: Annotated[FitOptions, tyro.conf.arg(name="")],
     presses: Path | None = None,
     ball_diameter_mm: float | None = None,
     out: Path = Path("runs/optics"),
-    sensor: str = SOURCE,
 ) -> None:
     """Fit a gel camera's light to your unit, from its background and presses of one ball.
 
     From the background alone, without presses, the light is a rough guess.
 
     Args:
-        background: A background frame of the unit, in the size of the sensor's images or larger.
         presses: Folder of frames of the ball at different places and depths, which need not be
             known. Measurements are read from a table in it, forces.csv: a column file, and any of
             force_n, depth_mm (from first contact) and ball_diameter_mm.
         ball_diameter_mm: The ball's diameter, mm.
         out: Folder for optics.npz and, with presses, optics.json, optics_strip.png and
             optics_coverage.png, which shows the part of the image that no press covers.
-        sensor: Gel camera: a bundled name or a .toml file, whose gel, camera and LEDs hold.
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import locked
@@ -92,7 +93,7 @@ def calibrate(
 
     if (presses is None) != (ball_diameter_mm is None):
         raise T2TwinError("expected both --presses and --ball-diameter-mm, or none of them")
-    camera = fit.camera(sensor)
+    background, camera, sensor = fit.background, fit.camera, fit.sensor
     frame = upright_frame(read_frame(background), camera)
     for warning in contact_warnings(frame, str(background), sensor):
         print(f"t2twin: {warning}", file=sys.stderr)
@@ -159,7 +160,6 @@ def _cells(score: "Score") -> list[str]:
 
 
 def adapt(
-    background: Path,
     presses: Path,
     ball_diameter_mm: float,
     fit: Annotated[FitOptions, tyro.conf.arg(name="")],
@@ -168,7 +168,6 @@ def adapt(
     model: str = "field",
     init_from: Path | None = None,
     workers: int | None = None,
-    sensor: str = SOURCE,
 ) -> None:
     """Adapt a translator to your own gel camera, from its background frame and presses of one ball.
 
@@ -177,7 +176,6 @@ def adapt(
     fitted to these too; no network is trained on real frames. Resumes an interrupted adaptation.
 
     Args:
-        background: Frame of the unit without contact, in the size of the sensor's images or larger.
         presses: Folder of frames of the ball at different, unknown positions and depths. Known
             values belong in its table forces.csv: file, force_n, depth_mm, ball_diameter_mm.
         ball_diameter_mm: Diameter of the ball, mm.
@@ -186,7 +184,6 @@ def adapt(
         model: Model to train: field, resnet18 or touch2touch.
         init_from: Run whose weights initialize the training; the pretrained run unless given.
         workers: Processes that press at once; one per core unless given.
-        sensor: Gel camera: a bundled name or a .toml file, whose gel, camera and LEDs hold.
     """
     from t2twin.adaptation.pipeline import adapt as run_adaptation
     from t2twin.adaptation.real_frame_evaluation import scores_table
@@ -194,8 +191,8 @@ def adapt(
     from t2twin.sim.calibrate.measurements import uncertainty_table
 
     result = run_adaptation(
-        background, presses, ball_diameter_mm, out, fit.held_out, minutes,
-        fit.camera(sensor), model, init_from, workers, tolerance=fit.tolerance, sensor=sensor,
+        fit.background, presses, ball_diameter_mm, out, fit.held_out, minutes,
+        fit.camera, model, init_from, workers, tolerance=fit.tolerance, sensor=fit.sensor,
     )  # fmt: skip
     print(text(uncertainty_table(result.uncertainty)), end="\n\n")
     spent = ", ".join(f"{name} {each:.1f}" for name, each in result.minutes.items())

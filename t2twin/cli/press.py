@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -41,16 +41,14 @@ def shapes() -> None:
     """List the names of the shapes that can be pressed."""
     from t2twin.primitives_cad.catalogue import OBJECTS, PRIMITIVES
 
-    print("primitives, versions 1 to 4 (3 is for validation):")
-    _print_columns(PRIMITIVES)
-    print("tools at their keypoints, for testing:")
-    _print_columns(OBJECTS)
+    for title, names in (
+        ("primitives, versions 1 to 4 (3 is for validation):", PRIMITIVES),
+        ("tools at their keypoints, for testing:", OBJECTS),
+    ):
+        print(title)
+        for start in range(0, len(names), 4):
+            print("  " + "".join(f"{name:22}" for name in names[start : start + 4]).rstrip())
     print("also any STL, STEP, OBJ, PLY, 3MF or GLB file, pressing side up (+z; +y in GLB)")
-
-
-def _print_columns(names: Sequence[str]) -> None:
-    for start in range(0, len(names), 4):
-        print("  " + "".join(f"{name:22}" for name in names[start : start + 4]).rstrip())
 
 
 def primitives(out: Path = Path("data/primitives")) -> None:

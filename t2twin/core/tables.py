@@ -3,22 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-NONE = "–"
-"""Text of a figure that is unknown."""
+NONE = "–"  # a figure that is unknown
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table whose first column names its rows.
+    """A table whose first column names its rows."""
 
-    columns: titles, one per cell of a row. groups: rows of cells by the title of their group, ""
-    for none. title: a line above the table. notes: sentences below it.
-    """
-
-    columns: Sequence[str]
-    groups: Mapping[str, Sequence[Sequence[str]]]
-    title: str = ""
-    notes: Sequence[str] = ()
+    columns: Sequence[str]  # titles, one per cell of a row
+    groups: Mapping[str, Sequence[Sequence[str]]]  # rows of cells by the title of their group or ""
+    title: str = ""  # a line above the table
+    notes: Sequence[str] = ()  # sentences below it
 
 
 def text(table: Table) -> str:
