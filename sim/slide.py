@@ -23,16 +23,12 @@ from t2twin.sim.touch import Touch
 
 @dataclass(frozen=True)
 class PathRow:
-    """A row of a path.
+    """A row of a path."""
 
-    x_mm, y_mm: position of the shape's origin, right and down in the image. yaw_deg: rotation,
-    clockwise in the image. force_n: force, N; 0 lifts the shape off.
-    """
-
-    x_mm: float
+    x_mm: float  # position of the shape's origin, right and down in the image
     y_mm: float
-    yaw_deg: float
-    force_n: float
+    yaw_deg: float  # clockwise in the image
+    force_n: float  # 0 lifts the shape off
 
 
 PATH_COLUMNS = tuple(field.name for field in fields(PathRow))
@@ -86,28 +82,25 @@ def path_commands(
         )
     if not 1 <= len(rows) <= MAX_SLIDE_STEPS + 1:
         raise T2TwinError(f"{source} has {len(rows)} rows; expected 1 to {MAX_SLIDE_STEPS + 1:,}")
-    for number, (row, before) in enumerate(zip(rows, [rows[0], *rows], strict=False), start=1):
-        _check_row(row.tolist(), before.tolist(), f"{source}, row {number}")
+    low, high = FORCE_RANGE_N
+    before = rows[0]
+    for number, row in enumerate(rows, start=1):
+        place, force_n = f"{source}, row {number}", row[3]
+        if not np.isfinite(row).all():
+            raise T2TwinError(f"{place} is {row.tolist()}; expected finite numbers")
+        if force_n and not low <= force_n <= high:
+            raise T2TwinError(
+                f"{place}: force_n is {force_n:g}; expected 0 or a force from {low:g} to {high:g} N"
+            )
+        if force_n and before[3] and abs(row[2] - before[2]) > MAX_MOTION:
+            raise T2TwinError(
+                f"{place}: yaw_deg is {row[2]:g} after {before[2]:g}; expected a rotation of at "
+                f"most {MAX_MOTION:g} degrees between two rows"
+            )
+        before = row
     if not rows[:, 3].any():
         raise T2TwinError(f"{source} has no row with contact; expected a force_n above 0 N")
     return _commands(PressCommand(shape, 0.0, 0.0, 0.0, 0.0, *tilt_rad), rows.astype(float))
-
-
-def _check_row(row: list[float], before: list[float], place: str) -> None:
-    """Raises T2TwinError for values of a row, or a turn since the row before, out of range."""
-    low, high = FORCE_RANGE_N
-    for name, value in zip(PATH_COLUMNS, row, strict=True):
-        if not np.isfinite(value):
-            raise T2TwinError(f"{place}: {name} is {value:g}; expected a finite number")
-    if row[3] != 0 and not low <= row[3] <= high:
-        raise T2TwinError(
-            f"{place}: force_n is {row[3]:g}; expected 0 or a force from {low:g} to {high:g} N"
-        )
-    if row[3] and before[3] and abs(row[2] - before[2]) > MAX_MOTION:
-        raise T2TwinError(
-            f"{place}: yaw_deg is {row[2]:g} after {before[2]:g}; expected a rotation of at most "
-            f"{MAX_MOTION:g} degrees between two rows"
-        )
 
 
 def touches_along(

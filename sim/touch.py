@@ -1,14 +1,5 @@
-"""The result of a press, and the folder that it is saved to.
-
-press.json                 the command, the contacts, versions, an attached sensor's pose
-CAMERA.png                 a gel camera's image; CAMERA is its name, such as digit
-ARRAY.json                 a taxel array's counts, such as cyskin-20.json
-contact_SENSOR.npz         surface and pressure of each contact
-tactile_image.png          the counts as an image, 16 bits a pixel
-tactile_picture.png        the same in colors, with the taxels; of a second array with its name
-markers.csv                centers of the markers, if the gel has any
-scene_SENSOR.xml           each contact as a MuJoCo scene
-"""
+"""The result of a press, and the folder that it is saved to; docs/reference/file-formats.md lists
+its files."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -60,15 +51,12 @@ MaybeNone = Any
 
 @dataclass(frozen=True)
 class Notice:
-    """One cause for which a touch differs from what a physics engine computes.
+    """One cause for which a touch differs from what a physics engine computes."""
 
-    body: name of the touching body. reason: a clause that names the cause. force_n: the force on
-    the sensor that the contact lacks, along x, y and z of the sensor frame, N; 0 where only the
-    shape is approximate.
-    """
-
-    body: str
-    reason: str
+    body: str  # name of the touching body
+    reason: str  # a clause that names the cause
+    # the force on the sensor that the contact lacks, along x, y and z of the sensor frame, N; 0
+    # where only the shape is approximate
     force_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
@@ -184,17 +172,9 @@ class Touch:
         return None if self.of_camera is None else self.of_camera.sensor.markers
 
     @property
-    def memory(self) -> np.ndarray | None:
-        """(m, n) state of the first taxel array's memory after the counts; None without one."""
-        return None if self.of_array is None else self.of_array.memory
-
-    @property
     def markers_mm(self) -> np.ndarray:
-        """(n, 2) x and y of the markers' centers on the deformed gel, mm, x right and y down.
-
-        They are in the order of `markers.rest_mm`, and some are outside the image.
-        Raises T2TwinError if there are no markers.
-        """
+        """(n, 2) x and y of the markers' centers on the deformed gel, mm, in the order of
+        `markers.rest_mm`; some are outside the image. Raises T2TwinError without markers."""
         if self.of_camera is None:
             raise T2TwinError("the touch has no markers; expected a twin with markers=True")
         return self.of_camera.markers_mm
@@ -203,8 +183,7 @@ class Touch:
     def tactile_image(self) -> np.ndarray:
         """(rows, columns) float32, counts: barycentric interpolation between the taxels.
 
-        Raises T2TwinError if no taxel array was pressed, and for a layout that phi refuses, such as
-        one with all taxels on a line.
+        Raises T2TwinError without a taxel array, and for a layout that phi refuses.
         """
         if self.of_array is None:
             raise T2TwinError("no taxel array was pressed, so there is no tactile image")
@@ -214,11 +193,6 @@ class Touch:
     def dense_counts(self) -> np.ndarray:
         """(n,) uint16: noiseless counts of the first taxel array at its dense places."""
         return self.of_array.dense_counts
-
-    @property
-    def tractions(self) -> np.ndarray:
-        """(3, n) float32, kPa: pressure and shear along x and y at the dense places."""
-        return self.of_array.tractions
 
     def save(self, folder: str | Path) -> None:
         """Write all files of the folder, or none; removes those of an earlier touch there.
@@ -234,7 +208,10 @@ class Touch:
             if mesh_file is not None:
                 (temporary / mesh_file).write_bytes(binary_stl(*self.shape.triangles))
             for sensor, contact in self.contacts.items():
-                _write_contact(temporary, sensor, contact, mesh_file)
+                names = ("surface_mm", "pressure_kpa", "x_mm", "y_mm")
+                arrays = {name: getattr(contact, name) for name in names}
+                np.savez_compressed(temporary / f"contact_{sensor}.npz", **arrays)
+                scene_path(temporary, sensor).write_text(scene.scene(contact, mesh_file))
             for sensor, reading in self.readings.items():
                 reading.save(temporary, sensor)
             if self.markers is not None:
@@ -300,17 +277,6 @@ def marker_rows(touch: Touch) -> list[list[Any]]:
 def scene_path(folder: Path, sensor: str) -> Path:
     """The scene of a sensor, by its name, in the folder of a saved touch."""
     return folder / f"scene_{sensor}.xml"
-
-
-def _write_contact(folder: Path, sensor: str, contact: Contact, mesh_file: str | None) -> None:
-    np.savez_compressed(
-        folder / f"contact_{sensor}.npz",
-        surface_mm=contact.surface_mm,
-        pressure_kpa=contact.pressure_kpa,
-        x_mm=contact.x_mm,
-        y_mm=contact.y_mm,
-    )
-    scene_path(folder, sensor).write_text(scene.scene(contact, mesh_file))
 
 
 def _press_json(touch: Touch) -> dict[str, Any]:

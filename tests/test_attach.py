@@ -202,9 +202,9 @@ def test_the_memory_decays_in_simulated_time():
     mujoco.mj_step(model, data, 100)
     lifted = attached.read(model, data)
     decay = np.exp(-(data.time - start_s) / np.array(attached.device.flaws.memory_s))
-    assert lifted.memory == pytest.approx(decay[:, None] * pressed.memory)
+    assert lifted.of_array.memory == pytest.approx(decay[:, None] * pressed.of_array.memory)
     attached.reset()
-    rested = attached.read(model, data).memory
+    rested = attached.read(model, data).of_array.memory
     assert rested is not None and not rested.any()
 
 

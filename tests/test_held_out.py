@@ -8,7 +8,7 @@ import trimesh
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.sampling.held_out import check_held_out, invariants, tool_in
+from t2twin.sim.dataset.generate import check_held_out, invariants, tool_in
 from t2twin.sim.sampling.recipe import Part, Place, Recipe
 
 

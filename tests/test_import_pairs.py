@@ -12,9 +12,8 @@ from spots import write_spots
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
-from t2twin.sim.dataset.card import CARD
 from t2twin.sim.dataset.import_pairs import import_pairs
-from t2twin.sim.dataset.store import lists, read_info, read_split, verify_dataset
+from t2twin.sim.dataset.store import CARD, lists, read_info, read_split, verify_dataset
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate

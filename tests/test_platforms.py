@@ -20,7 +20,6 @@ def macos(monkeypatch, tmp_path):
     monkeypatch.setattr("platform.processor", lambda: "")
     monkeypatch.setattr("platform.machine", lambda: "arm64")
     monkeypatch.setattr(machine, "CPUINFO", tmp_path / "cpuinfo")
-    monkeypatch.setattr(shard, "STATUS", tmp_path / "status")
 
 
 def test_macos_has_cores_and_a_processor(macos):
@@ -31,13 +30,12 @@ def test_macos_has_cores_and_a_processor(macos):
 
 def test_memory_is_in_bytes(macos, monkeypatch):
     """macOS gives the peak in bytes, Linux in KiB."""
-    used = SimpleNamespace(ru_maxrss=50_000_000)
+    used, tally = SimpleNamespace(ru_maxrss=50_000_000), shard.Tally()
     monkeypatch.setattr(resource, "getrusage", lambda who: used)
-    assert shard.peak_memory() == 50_000_000
-    monkeypatch.setattr("sys.platform", "linux")
-    assert shard.peak_memory() == 50_000_000 * 1024
-    shard.STATUS.write_text("Name:\tpython\nVmHWM:\t    2048 kB\n")
-    assert shard.peak_memory() == 2 * 2**20
+    for platform, unit in (("darwin", 1), ("linux", 1024)):
+        monkeypatch.setattr("sys.platform", platform)
+        tally.add_peak_memory()
+        assert tally.peaks[shard.process_name()] == 50_000_000 * unit
 
 
 def test_doctor_wants_no_egl_on_macos(macos, monkeypatch):

@@ -16,7 +16,7 @@ from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import LOG, lists, read_info, read_split, sha256_of, verify_dataset
 from t2twin.sim.optical import pyrender_renderer
 from t2twin.sim.sampling import plan as planning
-from t2twin.sim.sampling.plan import MAX_ATTEMPTS, plan, sample_force, sample_press
+from t2twin.sim.sampling.plan import MAX_ATTEMPTS, MotionPath, plan, sample_force, sample_press
 from t2twin.sim.sampling.recipe import ForceRange, bundled_recipes, load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 
@@ -205,8 +205,8 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
 
 
 def test_draws_keep_to_their_distributions():
-    part = load_recipe("open").parts[0]
-    drawn = [sample_press(part, "random-0", n, k, (0, 0), 0).command for n in range(500)
+    recipe = load_recipe("open")
+    drawn = [sample_press(recipe, 0, "random-0", n, MotionPath(k), 0).command for n in range(500)
              for k in range(4)]  # fmt: skip
     forces = np.array([command.force_n for command in drawn])
     assert 0.01 < (forces == 0).mean() < 0.035

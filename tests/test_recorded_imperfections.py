@@ -172,7 +172,7 @@ def test_the_memory_goes_along_a_path(twin, shape):
     level = np.rint(ARRAY.noiseless(touches[0].cyskin, LAYOUT))
     for touch, time_s in zip(touches, (0.0, SAMPLE_S, 2 * SAMPLE_S), strict=True):
         decay = np.exp(-time_s / np.array(RECORDED.memory_s))
-        assert touch.memory == pytest.approx(decay[:, None] * level, abs=0.51)
+        assert touch.of_array.memory == pytest.approx(decay[:, None] * level, abs=0.51)
     alone = twin.sensors.press(shape, commands[1], np.random.default_rng(1), only=ARRAY.name)
     most = level.argmax()
     assert touches[1].counts[most] > alone.counts[most]
@@ -186,5 +186,5 @@ def test_a_slide_continues_the_memory_of_its_touch(twin, shape):
     readings = {ARRAY.name: replace(touch[ARRAY.name], memory=None)}
     fresh = twin.slide(replace(touch, readings=readings), dx_mm=0.2, force_n=1, steps=1, seed=1)[0]
     most = touch.counts.argmax()
-    assert (slid.memory > fresh.memory + 500)[:, most].all()
+    assert (slid.of_array.memory > fresh.of_array.memory + 500)[:, most].all()
     assert slid.counts[most] > fresh.counts[most]

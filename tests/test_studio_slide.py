@@ -96,7 +96,9 @@ def test_a_slide_continues_the_memory(session):
     first = session.press(noisy).touch
     slid = session.press(noisy.with_changes({"x_mm": 0.2, "force_n": 1.0})).touch
     most = first.counts.argmax()
-    assert (slid.memory[1] > 0.8 * first.memory[1])[most] and slid.counts[most] > 0
+    assert (slid.of_array.memory[1] > 0.8 * first.of_array.memory[1])[most] and slid.counts[
+        most
+    ] > 0
     other = session.press(noisy.with_changes({"layout": "cyskin-63", "force_n": 1.0})).touch
     assert other.memory.shape == (2, 63)
 

@@ -22,6 +22,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import structs
 from PIL import Image, ImageDraw
 from tqdm import tqdm
 
@@ -35,8 +36,14 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.shard import press_until_accepted
 from t2twin.sim.sampling import protocol
-from t2twin.sim.sampling.plan import PressSample, press_attempts, random_name, sample_force
-from t2twin.sim.sampling.recipe import Part, load_recipe
+from t2twin.sim.sampling.plan import (
+    MotionPath,
+    PressSample,
+    path_attempts,
+    random_name,
+    sample_force,
+)
+from t2twin.sim.sampling.recipe import Recipe, load_recipe
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.touch import Touch
 
@@ -151,17 +158,18 @@ def tail(times_ms: list[float]) -> dict[str, float]:
 
 def press_some(first: int, last: int) -> Pressed:
     """The shapes of a chunk that begins with the first, four presses each."""
-    sensors, made, part = SensorPair(), Pressed(), load_recipe("open").parts[0]
+    sensors, made = SensorPair(), Pressed()
+    recipe = structs.replace(load_recipe("open"), seed=SEED)
     sensors.press(random_shape(0), PressCommand("", 0.0, 0.0, 0.0, 8.0))  # compiled, laid out
     for number in range(first, min(first + CHUNK, last)):
         shape = catalogue.load(random_name(SEED, number))
         for press in range(A_SHAPE):
-            _press(part, shape, number, press, sensors, made)
+            _press(recipe, shape, number, press, sensors, made)
     return made
 
 
 def _press(
-    part: Part, shape: Shape, number: int, press: int, sensors: SensorPair, made: Pressed
+    recipe: Recipe, shape: Shape, number: int, press: int, sensors: SensorPair, made: Pressed
 ) -> None:
     """One press, drawn until it touches the features, as a dataset's."""
     took_ms = 0.0
@@ -173,7 +181,7 @@ def _press(
         took_ms = 1e3 * (time.thread_time() - start)
         return [touch]
 
-    attempts = press_attempts(part, shape.name, number, press, (SEED, 0))
+    attempts = path_attempts(recipe, 0, shape.name, number, MotionPath(press))
     try:
         (touch,), _ = press_until_accepted(attempts, shape, press_it, made.again)
     except Exception as error:

@@ -4,21 +4,25 @@ import json
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
+import sys
 import threading
 import time
-from collections import Counter
 from collections.abc import Generator, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import trimesh
 from msgspec import structs
 from msgspec.json import encode
 
@@ -30,7 +34,6 @@ from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.elastomer import elastomer_json
-from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.info import (
     FORMAT,
     IMAGE,
@@ -42,20 +45,19 @@ from t2twin.sim.dataset.info import (
     Shard,
     versions,
 )
-from t2twin.sim.dataset.shard import (
-    STAGES,
-    ShardContext,
-    ShardResult,
-    make_shard,
-    make_shard_in_worker,
-    peak_memory,
-    process_name,
+from t2twin.sim.dataset.shard import STAGES, ShardContext, Tally, make_shard, make_shard_in_worker
+from t2twin.sim.dataset.store import (
+    INFO,
+    LOG,
+    read_info,
+    sha256_of,
+    write_card,
+    write_info,
+    write_whole,
 )
-from t2twin.sim.dataset.store import INFO, LOG, read_info, sha256_of, write_info, write_whole
 from t2twin.sim.optical.pyrender_renderer import FRAME_SECONDS
 from t2twin.sim.sampling import protocol
-from t2twin.sim.sampling.held_out import check_held_out
-from t2twin.sim.sampling.plan import Batch, plan
+from t2twin.sim.sampling.plan import Batch, load_shape, plan, solids_in
 from t2twin.sim.sampling.recipe import NAMED, PAPER, Recipe, checked, load_recipe
 from t2twin.sim.sensors.files import Sensor
 from t2twin.sim.sensors.pair import SensorPair
@@ -63,24 +65,44 @@ from t2twin.sim.sensors.pair import SensorPair
 STATE = ("shards", "complete")  # fields of info.json that are no parameters of the dataset
 MAX_WORKERS = 1000  # processes (assumed: more than any machine has cores)
 CONNECT_SECONDS = 20  # timeout of the connection to a Dask scheduler
+SAME_SHARE = 0.02
+"""Solids are the same if each invariant differs by less than this share. Assumed: twice the effect
+of a coarse mesh. Of 200 random shapes and the 32 primitives the nearest differs by 0.6."""
 
 
 @dataclass(frozen=True)
 class RunTiming:
-    """Time and memory of one run of `t2twin simdata`: a line of the dataset's log.jsonl.
+    """Time and memory of one run of `t2twin simdata`: a line of the dataset's log.jsonl."""
 
-    ended: UTC, ISO 8601. stage_seconds: processor time of all pairs. peak_memory_bytes: the sum of
-    all processes' peaks. rejected: attempts by reason. notes: pairs with each note of their touch.
-    """
-
-    ended: str
+    ended: str  # UTC, ISO 8601
     pairs: int
     workers: int
     seconds: float
-    stage_seconds: dict[str, float]
-    peak_memory_bytes: int
-    rejected: dict[str, int] = field(default_factory=dict)
-    notes: dict[str, int] = field(default_factory=dict)
+    stage_seconds: dict[str, float]  # processor time of all pairs
+    peak_memory_bytes: int  # the sum of all processes' peaks
+    rejected: dict[str, int] = field(default_factory=dict)  # attempts by reason
+    notes: dict[str, int] = field(default_factory=dict)  # pairs with each note of their touch
+
+    def __str__(self) -> str:
+        stages = ", ".join(
+            f"{stage} {1e3 * seconds / max(self.pairs, 1):.1f}"
+            for stage, seconds in self.stage_seconds.items()
+            if stage != "shape" and seconds
+        )
+        busy = sum(self.stage_seconds.values()) / (self.workers * self.seconds)
+        rejected = "".join(
+            f"{counted(count, 'press', 'presses')} rejected and sampled again: {reason}\n"
+            for reason, count in self.rejected.items()
+        )
+        notes = "".join(f"{counted(count, 'pair')}: {note}\n" for note, count in self.notes.items())
+        return (
+            f"{counted(self.pairs, 'pair')} in {self.seconds:.0f} s with "
+            f"{counted(self.workers, 'worker')}: {self.pairs / self.seconds:.1f} pairs/s, "
+            f"workers busy {100 * busy:.0f} % of the time\n"
+            f"processor time of a pair, ms: {stages}; and {self.stage_seconds['shape']:.1f} s to "
+            f"load the shapes\n{rejected}{notes}"
+            f"peak memory of all processes together: {self.peak_memory_bytes / 2**30:.2f} GiB"
+        )
 
 
 def make_dataset(
@@ -185,33 +207,80 @@ def _recipe(
     """The recipe of a scale or of `recipe`, and its sensors."""
     if (scale is None) == (recipe is None):
         raise T2TwinError("expected a scale of the protocol or a recipe, and not both")
-    if sensors is not None:
-        arguments.instance(sensors, "sensors", SensorPair)
     if recipe is not None:
         recipe = checked(recipe) if isinstance(recipe, Recipe) else load_recipe(recipe)
         if seed is not None:
             recipe = structs.replace(recipe, seed=seed)
     else:
-        assert scale is not None
         protocol.scale_of(arguments.text(scale, "scale"))
         paper = load_recipe(PAPER)
         parts = tuple(structs.replace(part, scale=scale) for part in paper.parts)
         recipe = structs.replace(paper, seed=seed or 0, parts=parts)
-    if sensors is None:
-        return recipe, sensors_of(recipe)
-    names = {"source": sensors.source.name, "target": sensors.target.name}
-    return structs.replace(recipe, **names), sensors
-
-
-def sensors_of(recipe: Recipe) -> SensorPair:
-    """The sensors of a recipe; the light of gel cameras is replaced where it samples the light."""
-    pair, light = SensorPair.of(recipe.source, recipe.target), recipe.light
-    pair = pair.with_options(layout=recipe.layout, frames=light.frames)
-    if light.renderer != "baked":
-        pair = pair.with_options(renderer=light.renderer)
+    if sensors is not None:
+        arguments.instance(sensors, "sensors", SensorPair)
+        names = {"source": sensors.source.name, "target": sensors.target.name}
+        return structs.replace(recipe, **names), sensors
+    light = recipe.light
+    renderer = None if light.renderer == "baked" else light.renderer
+    sensors = SensorPair.of(
+        recipe.source, recipe.target, layout=recipe.layout, frames=light.frames, renderer=renderer
+    )
     if light.optics is not None:
-        pair = pair.with_optics(light.optics)
-    return pair.with_imperfections(recipe.imperfections)
+        role = "source" if sensors.camera is sensors.source else "target"
+        sensors = replace(sensors, **{role: sensors.camera.with_options({"optics": light.optics})})
+    return recipe, sensors.with_imperfections(recipe.imperfections)
+
+
+def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
+    """Prepares a user's solids, prints their notes, and raises T2TwinError if one of them in
+    training or validation is a whole tool, a test object. Solids are compared, not names.
+    """
+    for part in recipe.parts:
+        if part.shapes in NAMED:
+            continue
+        for path in Progress(solids_in(part.shapes), desc="held-out check", unit="solid"):
+            shape = load_shape(part, path, cache_dir)
+            for note in shape.notes:
+                Progress.write(f"t2twin: {note}", file=sys.stderr)
+            if part.split == "test" and not part.val_share:
+                continue
+            tool = tool_in(shape.mesh)
+            if tool is not None:
+                raise T2TwinError(
+                    f"{path} is the tool {tool}, which is a test object; remove it, or give its "
+                    'part split = "test" and no val_share'
+                )
+
+
+def tool_in(mesh: trimesh.Trimesh) -> str | None:
+    """The name of the first tool that a body of a mesh equals, or None."""
+    own = invariants(mesh)
+    for tool in catalogue.TOOLS:
+        known = _tool_invariants(tool)
+        if (np.abs(own[:, None] / known - 1.0) < SAME_SHARE).all(axis=-1).any():
+            return tool
+    return None
+
+
+@cache
+def _tool_invariants(tool: str) -> np.ndarray:
+    return invariants(catalogue.tool_mesh(tool))
+
+
+def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
+    """(bodies, 4): area^(3/2) / volume and the principal second moments / volume^(5/3), rising,
+    of each body that encloses a volume.
+
+    They do not change by rotation, reflection and scale, and by less than 1 % for a mesh ten times
+    as coarse.
+    """
+    rows = []
+    for body in mesh.split(only_watertight=False, repair=False):
+        if volume := abs(body.volume):
+            inertia = np.abs(body.principal_inertia_components)  # about the axes
+            second = np.sort(inertia.sum() / 2.0 - inertia)  # along the axes
+            rows.append([body.area**1.5 / volume, *second / volume ** (5 / 3)])
+    return np.array(rows).reshape(-1, 4)
 
 
 def _make_dataset(
@@ -227,7 +296,12 @@ def _make_dataset(
     if is_new and not is_empty(folder):
         raise T2TwinError(f"{folder} is not empty and contains no dataset; choose another folder")
     present = wanted if is_new else read_info(folder)
-    _check_same_parameters(folder, present, wanted)
+    for name in ("scale", "seed", *(each.name for each in fields(DatasetInfo))):
+        if name not in STATE and getattr(present, name) != getattr(wanted, name):
+            raise T2TwinError(
+                f"{folder} holds a dataset made with another {name.replace('_', ' ')}; choose "
+                "another folder, or remove that one"
+            )
     try:
         present_shards = {batch.path: _made(folder, batch, present) for batch in batches}
         made = {path: shard for path, shard in present_shards.items() if shard is not None}
@@ -238,32 +312,17 @@ def _make_dataset(
         info = replace(present, complete=True, shards=made)
         write_info(folder, info)
         write_card(folder, info)
+        return info
     except BaseException:
-        _remove_temporary(folder)
-        if is_new and not any(folder.glob("*/*.parquet")):
+        if is_new and not any(folder.glob("*/[!.]*.parquet")):
             (folder / INFO).unlink(missing_ok=True)
             for split in SPLITS:
-                with suppress(OSError):
-                    (folder / split).rmdir()
+                shutil.rmtree(folder / split, ignore_errors=True)
         raise
-    _remove_temporary(folder)
-    return info
-
-
-def _check_same_parameters(folder: Path, present: DatasetInfo, wanted: DatasetInfo) -> None:
-    for name in ("scale", "seed", *(each.name for each in fields(DatasetInfo))):
-        if name not in STATE and getattr(present, name) != getattr(wanted, name):
-            raise T2TwinError(
-                f"{folder} holds a dataset made with another {name.replace('_', ' ')}; choose "
-                "another folder, or remove that one"
-            )
-
-
-def _remove_temporary(folder: Path) -> None:
-    """Remove the temporary files of killed workers, also of other machines."""
-    for place in (folder, *(folder / split for split in SPLITS)):
-        for left_over in place.glob(TEMPORARY_NAMES):
-            left_over.unlink(missing_ok=True)
+    finally:  # temporary files of killed workers, also of other machines
+        for place in (folder, *(folder / split for split in SPLITS)):
+            for left_over in place.glob(TEMPORARY_NAMES):
+                left_over.unlink(missing_ok=True)
 
 
 def _made(folder: Path, batch: Batch, info: DatasetInfo) -> Shard | None:
@@ -282,9 +341,7 @@ def _make_shards(
     context: ShardContext, todo: list[Batch], workers: int, scheduler: str | None
 ) -> dict[str, Shard]:
     """Make shards, and log the time; returns them by path."""
-    start, made, peaks = time.monotonic(), {}, {}
-    seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
-    rejected, notes = Counter(), Counter()
+    start, made, total = time.monotonic(), {}, Tally()
     # The largest first, so that no long one is left alone at the end.
     todo = sorted(todo, key=lambda batch: -batch.pairs)
     pairs = sum(batch.pairs for batch in todo)
@@ -297,27 +354,23 @@ def _make_shards(
         bar.write(f"{counted(pairs, 'pair')} to make with {where}")
         if context.recipe.light.renderer == "pyrender":
             bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
-        for batch, result in results:
-            made[batch.path] = result.shard
-            for stage, value in result.seconds.items():
-                seconds[stage] += value
-            rejected.update(result.rejected)
-            notes.update(result.notes)
-            peaks[result.process] = result.peak_memory
+        for batch, (shard, tally) in results:
+            made[batch.path] = shard
+            total.add(tally)
             bar.update(batch.pairs)
-    busy = len(peaks)
-    peaks[process_name()] = peak_memory()
+    busy = len(total.peaks)
+    total.add_peak_memory()
     timing = RunTiming(
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
         pairs=pairs,
         workers=busy,
         seconds=round(time.monotonic() - start, 2),
-        stage_seconds={stage: round(value, 3) for stage, value in seconds.items()},
-        peak_memory_bytes=sum(peaks.values()),
-        rejected=dict(sorted(rejected.items())),
-        notes=dict(sorted(notes.items())),
+        stage_seconds={stage: round(total.seconds[stage], 3) for stage in STAGES},
+        peak_memory_bytes=sum(total.peaks.values()),
+        rejected=dict(sorted(total.rejected.items())),
+        notes=dict(sorted(total.notes.items())),
     )
-    print(summary(timing))
+    print(timing)
     log = Path(context.folder) / LOG
     before = log.read_text() if log.is_file() else ""
     write_whole(log, (before + json.dumps(asdict(timing)) + "\n").encode())
@@ -326,7 +379,7 @@ def _make_shards(
 
 def _results(
     context: ShardContext, todo: list[Batch], workers: int, scheduler: str | None
-) -> Generator[tuple[Batch, ShardResult]]:
+) -> Generator[tuple[Batch, tuple[Shard, Tally]]]:
     """Each shard as it is finished: made in this process, in others, or on a cluster."""
     if scheduler is None and workers == 1:
         for batch in todo:
@@ -370,14 +423,14 @@ def _start_worker() -> None:
     """Initialize a worker: signals are for its parent, which ends it, also when killed."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
-    if parent is not None:
+    assert parent is not None
+
+    def end_with_parent() -> None:
         parent.join()
         os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 @contextmanager
@@ -407,26 +460,3 @@ def _distributed() -> ModuleType:
             "--scheduler needs Dask; install it with: pip install 't2twin[cluster]'"
         ) from error
     return distributed
-
-
-def summary(run: RunTiming) -> str:
-    """The text printed after a run: pairs per second, stages of a pair, memory."""
-    stages = ", ".join(
-        f"{stage} {1e3 * run.stage_seconds[stage] / max(run.pairs, 1):.1f}"
-        for stage in STAGES
-        if stage != "shape" and run.stage_seconds[stage]
-    )
-    busy = sum(run.stage_seconds.values()) / (run.workers * run.seconds)
-    rejected = "".join(
-        f"{counted(count, 'press', 'presses')} rejected and sampled again: {reason}\n"
-        for reason, count in run.rejected.items()
-    )
-    notes = "".join(f"{counted(count, 'pair')}: {note}\n" for note, count in run.notes.items())
-    return (
-        f"{counted(run.pairs, 'pair')} in {run.seconds:.0f} s with "
-        f"{counted(run.workers, 'worker')}: "
-        f"{run.pairs / run.seconds:.1f} pairs/s, workers busy {100 * busy:.0f} % of the time\n"
-        f"processor time of a pair, ms: {stages}; and {run.stage_seconds['shape']:.1f} s to load "
-        f"the shapes\n{rejected}{notes}"
-        f"peak memory of all processes together: {run.peak_memory_bytes / 2**30:.2f} GiB"
-    )

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from msgspec import Meta, Struct, structs
+from msgspec import Meta, Struct
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
@@ -23,7 +23,6 @@ from t2twin.core.files import new_folder, read_file
 from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names, convert
 from t2twin.sim.contact.elastomer import elastomer_json
-from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.columns import COUNTS, IMAGE, POSE, column, schema_of
 from t2twin.sim.dataset.info import (
     FORMAT,
@@ -35,7 +34,7 @@ from t2twin.sim.dataset.info import (
     Shard,
     versions,
 )
-from t2twin.sim.dataset.store import write_info, write_shard
+from t2twin.sim.dataset.store import write_card, write_info, write_shard
 from t2twin.sim.sampling.plan import file_stem, shard_path
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.tables import read_csv
@@ -56,14 +55,11 @@ Count = Annotated[float, Meta(ge=0.0, le=MAX_COUNTS)]
 
 
 class Pair(Struct):
-    """A row of the table. place: its file and line or row, for messages.
-
-    image: a file next to the table; in Parquet also its bytes, or both as {bytes, path}.
-    """
+    """A row of the table."""
 
     taxels: list[Count]
-    place: str = ""
-    image: Any = None
+    place: str = ""  # its file and line or row, for messages
+    image: Any = None  # a file next to the table; in Parquet also its bytes, or {bytes, path}
     split: Literal["train", "val", "test"] | None = None
     shape: Name | int | None = None
     family: Name | int | None = None
@@ -90,7 +86,15 @@ def import_pairs(
     Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size or a
     duplicate, for a wrong number of counts, and for counts outside 0 to full_scale.
     """
-    table_path = _find_table(arguments.path(source, "source"))
+    source = arguments.path(source, "source")
+    tables = [source]
+    if source.is_dir():
+        tables = [path for path in source.glob("[!.]*") if path.suffix.lower() in SUFFIXES]
+    if len(tables) != 1 or not tables[0].is_file() or tables[0].suffix.lower() not in SUFFIXES:
+        raise T2TwinError(
+            f"{source} is not a table of pairs; expected a .csv or .parquet file, or a folder with "
+            "one such file and its images"
+        )
     folder = arguments.path(folder, "folder").absolute()
     arguments.instance(layout, "layout", Layout)
     sensors = arguments.instance(sensors or SensorPair(), "sensors", SensorPair)
@@ -98,22 +102,9 @@ def import_pairs(
     arguments.whole_number(full_scale, "full_scale", 1, MAX_COUNTS)
     check_seed(seed)
     with new_folder(folder) as temporary:
-        pairs = _with_splits(read_pairs(table_path, layout, full_scale), seed)
-        return _write(pairs, table_path.parent, temporary, layout, full_scale, sensors)
-
-
-def _find_table(source: Path) -> Path:
-    """The table: source, or the only one in that folder. Raises T2TwinError without one."""
-    tables = [source]
-    if source.is_dir():
-        files = (path for path in source.iterdir() if not path.name.startswith("."))
-        tables = [path for path in files if path.suffix.lower() in SUFFIXES]
-    if len(tables) != 1 or not tables[0].is_file() or tables[0].suffix.lower() not in SUFFIXES:
-        raise T2TwinError(
-            f"{source} is not a table of pairs; expected a .csv or .parquet file, or a folder with "
-            "one such file and its images"
-        )
-    return tables[0]
+        pairs = read_pairs(tables[0], layout, full_scale)
+        _sample_splits(pairs, seed)
+        return _write(pairs, tables[0].parent, temporary, layout, full_scale, sensors)
 
 
 def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
@@ -139,9 +130,9 @@ def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
                 f"{path}, {place}: taxels are {pair.taxels!s:.60}; expected the {layout.size} of "
                 f"layout {layout.name}, from 0 to {full_scale}"
             )
-        given = [str(each) for each in (pair.shape, pair.family) if each not in (None, "")]
-        shape, family = (given or [OWN])[0], (given or [OWN])[-1]
-        pairs.append(structs.replace(pair, place=f"{path}, {place}", shape=shape, family=family))
+        given = [str(each) for each in (pair.shape, pair.family) if each not in (None, "")] or [OWN]
+        pair.place, pair.shape, pair.family = f"{path}, {place}", given[0], given[-1]
+        pairs.append(pair)
     if not pairs:
         raise T2TwinError(f"{path} contains no pairs")
     counts = np.array([pair.taxels for pair in pairs])
@@ -164,19 +155,15 @@ def _read_parquet(path: Path) -> tuple[list[str], Iterator[tuple[str, dict[str, 
     return table.column_names, given
 
 
-def _with_splits(pairs: list[Pair], seed: int) -> list[Pair]:
-    """The pairs with their splits; a random split if no row has one."""
+def _sample_splits(pairs: list[Pair], seed: int) -> None:
+    """Give the pairs a random split, if no row has one."""
     without = [pair for pair in pairs if pair.split is None]
-    if not without:
-        return pairs
-    if len(without) < len(pairs):
+    if without and len(without) < len(pairs):
         raise T2TwinError(f"{without[0].place}: split is empty; expected one in all rows or none")
     ends = np.rint(np.cumsum(SHARES) * len(pairs)).astype(int)
     order = np.random.default_rng(seed).permutation(len(pairs))
-    sampled = {
-        int(row): SPLITS[int(np.searchsorted(ends, n, "right"))] for n, row in enumerate(order)
-    }
-    return [structs.replace(pair, split=sampled[n]) for n, pair in enumerate(pairs)]
+    for n, row in enumerate(order if without else ()):
+        pairs[row].split = SPLITS[np.searchsorted(ends, n, "right")]
 
 
 def _write(
@@ -199,7 +186,7 @@ def _write(
     known: dict[bytes, str] = {}
     size: list[tuple[int, int, int]] = []
     for path, own in by_shard.items():
-        rows = (_row(pair, n, _image(pair, images, known, size)) for n, pair in enumerate(own))
+        rows = (_row(pair, n, images, known, size) for n, pair in enumerate(own))
         shards[path] = Shard(write_shard(folder / path, rows, schema), len(own))
     info = DatasetInfo(
         format=FORMAT,
@@ -228,26 +215,13 @@ def _write(
     return info
 
 
-def _row(pair: Pair, index: int, pixels: np.ndarray) -> dict[str, Any]:
-    """A row of a shard; columns that it lacks are empty."""
-    return {
-        "shape": pair.shape,
-        "family": pair.family,
-        "split": pair.split,
-        "index": index,
-        **{name: getattr(pair, name) for name in POSE},
-        column("source", IMAGE): {
-            "bytes": encode_png(pixels),
-            "path": f"{file_stem(str(pair.shape))}-{index}.png",
-        },
-        column("target", COUNTS): np.rint(pair.taxels).astype(np.uint16),
-    }
+def _row(
+    pair: Pair, index: int, folder: Path, known: dict[bytes, str], size: list[tuple[int, int, int]]
+) -> dict[str, Any]:
+    """A row of a shard; columns that it lacks are empty.
 
-
-def _image(
-    pair: Pair, folder: Path, known: dict[bytes, str], size: list[tuple[int, int, int]]
-) -> np.ndarray:
-    """The pixels of a pair. known: places of the earlier images by hash; size: theirs, if any."""
+    known: places of the earlier images by hash. size: theirs, if any.
+    """
     content = pair.image
     if isinstance(content, dict):
         content = content.get("bytes") or content.get("path")
@@ -272,4 +246,13 @@ def _image(
     first = known.setdefault(hashlib.sha256(pixels.tobytes()).digest(), pair.place)
     if first != pair.place:
         raise T2TwinError(f"{first} and {pair.place} have the same image; remove one")
-    return pixels
+    name = f"{file_stem(str(pair.shape))}-{index}.png"
+    return {
+        "shape": pair.shape,
+        "family": pair.family,
+        "split": pair.split,
+        "index": index,
+        **{name: getattr(pair, name) for name in POSE},
+        column("source", IMAGE): {"bytes": encode_png(pixels), "path": name},
+        column("target", COUNTS): np.rint(pair.taxels).astype(np.uint16),
+    }

@@ -1,21 +1,7 @@
 """Converts a dataset to LeRobot's format v3.0 (https://huggingface.co/docs/lerobot).
 
 An episode is a press, or a press and the further touches of its path. A frame is one pair. Images
-stay PNG files, so that no video codec changes them.
-
-The features, without those of columns that lack a value in some row; ROLE is source or target:
-
-    observation.images.ROLE             the image of a gel camera
-    observation.images.ROLE_background  the background frame of its unit
-    observation.ROLE_depth_map_um, ...  the contact maps of a gel camera
-    observation.ROLE_counts             the counts of a taxel array
-    observation.ROLE_dense_counts       the dense counts
-    observation.ROLE_pressure_kpa, ...  pressure and shear on the cover at their places
-    observation.ROLE_contact            depth and force, with motion also friction, shear forces,
-                                        torque and share of slip
-    action                              the commanded pose and force
-    ROLE_settled, ...                   flags of the contact solver
-    press_index, ROLE_unit, ...         columns index, unit and markers
+stay PNG files, so that no video codec changes them. `features_of` lists the features.
 """
 
 from collections.abc import Iterator
@@ -35,7 +21,6 @@ from t2twin.core.files import new_folder, write_json
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.core.templates import render
-from t2twin.sim.dataset.card import CARD
 from t2twin.sim.dataset.columns import (
     BACKGROUND,
     COUNTS,
@@ -48,7 +33,15 @@ from t2twin.sim.dataset.columns import (
     with_features,
 )
 from t2twin.sim.dataset.info import SPLITS, CameraInfo, DatasetInfo
-from t2twin.sim.dataset.store import INFO, iter_shards, lists, read_info, table_writer, write_whole
+from t2twin.sim.dataset.store import (
+    CARD,
+    INFO,
+    iter_shards,
+    lists,
+    read_info,
+    table_writer,
+    write_whole,
+)
 from t2twin.sim.sensors.defaults import ROLES
 
 VERSION = "v3.0"  # LeRobot's version of the format
@@ -208,17 +201,13 @@ def _write_frames(
 
 @dataclass(frozen=True)
 class Feature:
-    """A feature of LeRobot.
-
-    dtype: "image", "float32", "int64" or "bool". shape: (rows, columns, 3) of an image, else
-    (components,). names: of the axes of an image or of the components, if they have names. columns:
-    the dataset's, either one image or list, or one scalar per component; none for the indices.
-    """
+    """A feature of LeRobot."""
 
     name: str
-    dtype: str
-    shape: tuple[int, ...]
-    names: tuple[str, ...] | None
+    dtype: str  # "image", "float32", "int64" or "bool"
+    shape: tuple[int, ...]  # (rows, columns, 3) of an image, else (components,)
+    names: tuple[str, ...] | None  # of the axes of an image or of the components, if any
+    # the dataset's, one image or list, or one scalar per component; none for the indices
     columns: tuple[str, ...] = ()
 
     @property
@@ -264,8 +253,10 @@ INDICES = (
 def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
     """The features of a dataset. present: names of the columns with a value in every row.
 
-    The type of a column decides: an image, a list and a flag are a feature each. Numbers of a
-    sensor are components of its contact; those of the press belong to the action.
+    The type of a column decides. An image is observation.images.ROLE, a background frame
+    observation.images.ROLE_background; a list, such as the counts, is observation.ROLE_counts; a
+    flag and an index keep their names. Numbers of a sensor, such as depth and force, are components
+    of observation.ROLE_contact; those of the press belong to action.
     """
     features: list[Feature] = []
     components: dict[str, list[str]] = {f"observation.{role}_contact": [] for role in ROLES}

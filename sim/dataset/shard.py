@@ -38,7 +38,6 @@ from t2twin.sim.sampling.plan import (
     load_shape,
     name_of,
     path_attempts,
-    paths_of,
     sample_friction,
 )
 from t2twin.sim.sampling.recipe import Recipe
@@ -62,8 +61,6 @@ STAGES = (
 )
 """Stages of a shard. "shape" is done once for all presses of a shape."""
 
-STATUS = Path("/proc/self/status")  # with the memory of this process, on Linux
-
 # Random streams of a seed, of the units: markers, artifacts, and which are the fixed one.
 MARKER_STREAM, ARTIFACT_STREAM, FIXED_STREAM = 18, 21, 22
 
@@ -75,11 +72,14 @@ Press = Callable[[Shape, PressSample], list[Touch]]
 """Makes a press and the touches of its path; the last one is rejected, or none."""
 
 
-class Stopwatch:
-    """Processor time by stage, s, summed over many pairs."""
+class Tally:
+    """What is counted of a shard, or of many: processor time, rejected attempts, notes, memory."""
 
     def __init__(self) -> None:
-        self.seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
+        self.seconds = dict.fromkeys(STAGES, 0.0)  # processor time by stage
+        self.rejected: Counter[str] = Counter()  # attempts by reason
+        self.notes: Counter[str] = Counter()  # pairs by the notes of their touch
+        self.peaks: dict[str, int] = {}  # peak memory of the processes by name, bytes
 
     @contextmanager
     def running(self, stage: str) -> Iterator[None]:
@@ -90,15 +90,18 @@ class Stopwatch:
         finally:
             self.seconds[stage] += time.process_time() - start
 
+    def add(self, other: "Tally") -> None:
+        """Add the counts of a later shard."""
+        for stage, seconds in other.seconds.items():
+            self.seconds[stage] += seconds
+        self.rejected.update(other.rejected)
+        self.notes.update(other.notes)
+        self.peaks |= other.peaks
 
-def peak_memory() -> int:
-    """Peak memory of this process, bytes; getrusage on Linux includes the parent's before exec."""
-    if STATUS.is_file():
-        for line in STATUS.read_text().splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
-    unit = 1 if sys.platform == "darwin" else 1024  # of getrusage, bytes
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    def add_peak_memory(self) -> None:
+        """Add the peak memory of this process."""
+        unit = 1 if sys.platform == "darwin" else 1024  # of getrusage, bytes
+        self.peaks[process_name()] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def process_name() -> str:
@@ -108,68 +111,54 @@ def process_name() -> str:
 
 @dataclass(frozen=True, eq=False)
 class ShardContext:
-    """Input of all shards of a dataset. cache: as for catalogue.load. versions: of info.json."""
+    """Input of all shards of a dataset."""
 
     recipe: Recipe
     sensors: SensorPair
     folder: str
-    cache: str | None
-    versions: dict[str, str]
-
-
-@dataclass(frozen=True)
-class ShardResult:
-    """A shard that was made; the fields are those of RunTiming, of this shard and process."""
-
-    shard: Shard
-    seconds: dict[str, float]
-    process: str
-    peak_memory: int
-    rejected: dict[str, int]
-    notes: dict[str, int]
+    cache: str | None  # as for catalogue.load
+    versions: dict[str, str]  # of info.json
 
 
 @lru_cache(maxsize=1)
 def _read_context(file: str) -> ShardContext:
     """The context of a run. Raises T2TwinError without it, and where versions differ."""
     try:
-        context = pickle.loads(Path(file).read_bytes())
+        found, installed = pickle.loads(Path(file).read_bytes()), versions()
     except OSError as error:
         raise T2TwinError(
             f"the worker {process_name()} cannot read {file}; use a folder that all workers share"
         ) from error
-    installed = versions()
-    for name, version in context.versions.items():
+    for name, version in found.versions.items():
         if installed[name] != version:
             raise T2TwinError(
                 f"the worker {process_name()} has {name} {installed[name]} and the dataset "
                 f"{version}; all must have the same"
             )
-    return context
+    return found
 
 
-def make_shard_in_worker(context_file: str, batch: Batch) -> ShardResult:
+def make_shard_in_worker(context_file: str, batch: Batch) -> tuple[Shard, Tally]:
     """As make_shard, in another process. context_file: the pickled context."""
     return make_shard(_read_context(context_file), batch)
 
 
-def make_shard(context: ShardContext, batch: Batch) -> ShardResult:
+def make_shard(context: ShardContext, batch: Batch) -> tuple[Shard, Tally]:
     """Press, render, encode and write the pairs of a shard.
 
     Raises T2TwinError as press_until_accepted does, and where the file cannot be written.
     """
-    watch, rejected, notes = Stopwatch(), Counter(), Counter()
-    start = time.process_time()
+    tally, start = Tally(), time.process_time()
     values: dict[str, str] = dict(zip(ROLES, context.sensors.values, strict=True))
     columns = columns_of(values, context.recipe)
 
     def rows() -> Iterator[dict[str, Any]]:
-        for sample in _samples(batch, context, watch, rejected):
-            with watch.running("encoding"):
-                notes.update(sample.touch.notes)
+        for sample in _samples(batch, context, tally):
+            with tally.running("encoding"):
+                tally.notes.update(sample.touch.notes)
             row = {}
             for each in columns:
-                with watch.running(each.column.stage):
+                with tally.running(each.column.stage):
                     row[each.name] = each.column.value(sample, each.role)
             yield row
 
@@ -177,36 +166,32 @@ def make_shard(context: ShardContext, batch: Batch) -> ShardResult:
     digest = write_shard(path, rows(), schema_of(values, context.recipe))
     trim_memory()
     # The rows are made while the shard is written; the rest of the time is the writing.
-    watch.seconds["writing"] += time.process_time() - start - sum(watch.seconds.values())
-    shard = Shard(digest, batch.pairs)
-    return ShardResult(
-        shard, watch.seconds, process_name(), peak_memory(), dict(rejected), dict(notes)
-    )
+    tally.seconds["writing"] += time.process_time() - start - sum(tally.seconds.values())
+    tally.add_peak_memory()
+    return Shard(digest, batch.pairs), tally
 
 
-def _samples(
-    batch: Batch, context: ShardContext, watch: Stopwatch, rejected: Counter[str]
-) -> Iterator[Sample]:
+def _samples(batch: Batch, context: ShardContext, tally: Tally) -> Iterator[Sample]:
     """The touches of a shard, shape by shape, path by path."""
     recipe, part = context.recipe, batch.part
     ranges = {name: sensor.FRICTION for name, sensor in context.sensors.by_name.items()}
     present, sensors, units = None, context.sensors, {}
     for source, number in zip(batch.shapes, batch.numbers, strict=True):
-        with watch.running("shape"):
+        with tally.running("shape"):
             shape = load_shape(recipe.parts[part], source, context.cache)
         first, friction = 0, {}
         if recipe.motion:
             friction = sample_friction(recipe.motion, ranges, (recipe.seed, part), number)
-        for path in paths_of(recipe, batch, number):
+        for path in batch.paths(recipe, number):
             unit = number if recipe.light.each == "shape" else number * batch.presses + path.index
             unit = 0 if recipe.light.kind == "fixed" else unit
             if unit != present:
-                sensors, units = _unit(part, unit, recipe, context.sensors, watch)
+                sensors, units = _unit(part, unit, recipe, context.sensors, tally)
                 present = unit
             attempts = path_attempts(recipe, part, name_of(source), number, path, first)
             laws = {name: Friction(value) for name, value in friction.items()}
-            press = partial(_touches, sensors, laws, watch)
-            touches, accepted = press_until_accepted(attempts, shape, press, rejected)
+            press = partial(_touches, sensors, laws, tally)
+            touches, accepted = press_until_accepted(attempts, shape, press, tally.rejected)
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
             for index, touch in enumerate(touches, start=path.index):
                 yield Sample(touch, index, batch.split, path.index, friction, units)
@@ -260,22 +245,22 @@ def rejection_reason(touch: Touch) -> str | None:
 def _touches(
     sensors: SensorPair,
     friction: dict[str, Friction],
-    watch: Stopwatch,
+    tally: Tally,
     shape: Shape,
     sample: PressSample,
 ) -> list[Touch]:
     """The touches of a path, up to the first rejected one. Raises OffPadError off a pad."""
-    touch = sensors.press(shape, sample.command, sample.rng, timed=watch.running)
+    touch = sensors.press(shape, sample.command, sample.rng, timed=tally.running)
     touches = [touch]
     for command in sample.further:
         sensors.check_over_pads(touch, command)
     for command in sample.further:
         if rejection_reason(touch):
             return touches
-        with watch.running("motion"):
+        with tally.running("motion"):
             touch = slide_to(sensors, touch, command, friction)
         touches.append(touch)
-    with watch.running("read source"):
+    with tally.running("read source"):
         read = touches[:1]
         for each in touches[1:]:
             read.append(sensors.with_readings(each, sample.rng, before=read[-1]))
@@ -302,7 +287,7 @@ def _markers(rng: np.random.Generator, share: float) -> Markers | None:
 
 
 def _unit(
-    part: int, number: int, recipe: Recipe, sensors: SensorPair, watch: Stopwatch
+    part: int, number: int, recipe: Recipe, sensors: SensorPair, tally: Tally
 ) -> tuple[SensorPair, dict[str, dict[str, Any]]]:
     """The sensors of a part's unit, with sampled light and markers, and its columns by role."""
     own: dict[str, Any] = {}
@@ -319,7 +304,7 @@ def _unit(
         }
         columns[role] = {UNIT: number}
         if not _is_fixed(recipe, part, number):
-            with watch.running("light"):
+            with tally.running("light"):
                 light, artifacts = rngs[UNIT_STREAM], rngs[ARTIFACT_STREAM]
                 draw = recipe.light.draw, recipe.light.artifacts or None
                 sensor = sensor.sampled(light, artifacts, *draw)
@@ -328,7 +313,7 @@ def _unit(
             sensor = replace(sensor, markers=markers)
             columns[role][MARKERS] = sensor.markers is not None
         if recipe.background_frames:
-            with watch.running("encoding"):
+            with tally.running("encoding"):
                 png = encode_png(sensor.background_frame(rngs[FRAME_STREAM]))
             columns[role][BACKGROUND] = {"bytes": png, "path": f"background-{number}-{role}.png"}
         own[role] = sensor

@@ -1,7 +1,6 @@
 """Reads, writes and verifies a paired dataset; docs/reference/file-formats.md lists its files.
 
-A shard is written to a temporary name and renamed, so it is complete or absent. Its sha256 is
-compared when a process first reads it: 2 s per GB on one core, so 3 s for the scale paper.
+A shard's sha256 is compared when a process first reads it: 3 s for the scale paper.
 """
 
 import hashlib
@@ -11,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from io import BufferedRandom
 from itertools import islice
 from pathlib import Path
@@ -26,19 +26,51 @@ from t2twin.core.files import atomic_write, read_file
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.core.records import decode_json
-from t2twin.sim.dataset.columns import BACKGROUND, IMAGE_TYPE, schema_of
+from t2twin.core.templates import render
+from t2twin.sim.dataset.columns import (
+    BACKGROUND,
+    IMAGE,
+    IMAGE_TYPE,
+    Stored,
+    columns_of,
+    schema_of,
+    type_name,
+)
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo, plain
 
 INFO, LOG = "info.json", "log.jsonl"
+CARD, CROISSANT = "README.md", "croissant.json"
+
+SPLIT_NAMES = {
+    "train": ("train", "cr:TrainingSplit"),
+    "val": ("validation", "cr:ValidationSplit"),
+    "test": ("test", "cr:TestSplit"),
+}
+"""Names of the splits on the Hugging Face hub, and their kinds in Croissant."""
+
+SIZES = (
+    (1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K"), (1e6, "100K<n<1M"), (1e7, "1M<n<10M")
+)  # fmt: skip
+"""Size categories of the hub, each with the number of rows that it ends at."""
+
+CROISSANT_TYPES = {
+    IMAGE: "sc:ImageObject",
+    "string": "sc:Text",
+    "bool": "sc:Boolean",
+    "int16": "cr:Int16",
+    "int32": "cr:Int32",
+    "int64": "cr:Int64",
+    "uint16": "cr:UInt16",
+    "uint32": "cr:UInt32",
+    "float32": "cr:Float32",
+    "float64": "cr:Float64",
+}
 
 BATCH_ROWS = 128
 """Rows of a row group, some 9 MB: the memory of a shard that is being written."""
 
 MAX_DICTIONARY_BYTES = 32_000_000
 """Largest dictionary of background frames in a row group: at most one frame per row."""
-
-_intact: set[tuple[Path, int, int, str]] = set()
-"""Shards whose sha256 this process has compared: path, size, time of change, sha256."""
 
 
 def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema) -> str:
@@ -127,6 +159,41 @@ def write_info(folder: Path, info: DatasetInfo) -> None:
     write_whole(folder / INFO, f"{text}\n".encode())
 
 
+def write_card(folder: Path, info: DatasetInfo) -> None:
+    """Writes the metadata of a dataset whose shards exist: README.md and croissant.json.
+
+    The card's header declares splits, columns and license to the Hugging Face hub and `datasets`.
+    croissant.json declares the same in the Croissant format 1.1 of MLCommons
+    (https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html).
+    """
+    sizes = {path: (folder / path).stat().st_size for path in sorted(info.shards)}
+    values = {
+        "info": info,
+        "splits": {split: SPLIT_NAMES[split] for split in SPLITS if info.pairs[split]},
+        "columns": [_described(each, info) for each in columns_of(info.values, info.recipe)],
+        "size": next(name for end, name in SIZES if sum(info.pairs.values()) < end),
+        "sizes": sizes,
+        "types": CROISSANT_TYPES,
+    }
+    write_whole(folder / CARD, render("sim/dataset/card.md", **values).encode())
+    write_whole(folder / CROISSANT, render("sim/dataset/croissant.json", **values).encode())
+
+
+def _described(stored: Stored, info: DatasetInfo) -> dict[str, Any]:
+    """A column as the templates list it; value_type: of its elements."""
+    kind, size = stored.column.type, stored.column.size
+    if pa.types.is_list(kind):
+        kind = kind.value_type
+    return {
+        "name": stored.name,
+        "value_type": IMAGE if kind == IMAGE_TYPE else type_name(kind),
+        "size": None if size is None else size(info.sensors[stored.role]),
+        "sensor": info.sensors[stored.role].name if stored.role else None,
+        "unit": stored.column.unit,
+        "about": stored.column.about,
+    }
+
+
 def read_info(folder: str | Path) -> DatasetInfo:
     """A dataset's info.json.
 
@@ -204,19 +271,23 @@ def _opened(folder: str | Path, shard: str, info: DatasetInfo) -> Iterator[pq.Pa
     """A shard. Raises T2TwinError where its bytes are not those of info.json."""
     path = (Path(folder) / shard).absolute()
     try:
-        about, sha256 = path.stat(), info.shards[shard].sha256
-        key = (path, about.st_size, about.st_mtime_ns, sha256)
-        is_intact = key in _intact or sha256_of(path) == sha256
+        about = path.stat()
+        found = _sha256_at(path, about.st_size, about.st_mtime_ns)
     except OSError as error:
         raise T2TwinError(f"{path} cannot be read ({error.strerror}); {_repair(info)}") from error
-    if not is_intact:
+    if found != info.shards[shard].sha256:
         raise T2TwinError(
             f"{path} is not the shard that was written, by its SHA-256; `t2twin simdata --verify "
             f"{folder}` lists all damage, and {_repair(info)}"
         )
-    _intact.add(key)
     with pq.ParquetFile(path) as file:
         yield file
+
+
+@cache
+def _sha256_at(path: Path, size: int, changed_ns: int) -> str:
+    """sha256 of a file of this size and time of change, computed once in a process."""
+    return sha256_of(path)
 
 
 def _repair(info: DatasetInfo) -> str:
@@ -228,9 +299,9 @@ def _repair(info: DatasetInfo) -> str:
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of a dataset. part: a file below its folder. reason: a message."""
+    """A fault of a dataset."""
 
-    part: str
+    part: str  # a file below its folder
     reason: str
 
     def __str__(self) -> str:

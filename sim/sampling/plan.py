@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from msgspec import UNSET, structs
+from msgspec import UNSET
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
@@ -51,47 +51,38 @@ class MotionPath:
 
 @dataclass(frozen=True)
 class PressSample:
-    """One press of a part, or one attempt at it.
+    """One press of a part, or one attempt at it."""
 
-    index: its number among the shape's. command: of 0 N without contact. rng: of the sensors'
-    noise. attempt: None for a press on the grid. further: the touches of its path after it.
-    """
-
-    index: int
-    command: PressCommand
-    rng: np.random.Generator
-    attempt: int | None
-    further: tuple[PressCommand, ...] = ()
+    index: int  # its number among the shape's
+    command: PressCommand  # of 0 N without contact
+    rng: np.random.Generator  # of the sensors' noise
+    attempt: int | None  # None for a press on the grid
+    further: tuple[PressCommand, ...] = ()  # the touches of its path after it
 
 
 @dataclass(frozen=True)
 class Batch:
-    """The presses of one shard.
+    """The presses of one shard."""
 
-    path: below the dataset's folder. shapes, numbers: names or files of the shapes, and their
-    numbers in the part. indices: of the presses on the grid, None elsewhere. presses: of a shape.
-    """
-
-    path: str
+    path: str  # below the dataset's folder
     split: Split
     part: int
-    shapes: tuple[str, ...]
-    numbers: tuple[int, ...]
-    indices: tuple[int, ...] | None
-    presses: int
+    shapes: tuple[str, ...]  # their names or files
+    numbers: tuple[int, ...]  # of the shapes in the part
+    indices: tuple[int, ...] | None  # of the presses on the grid, None elsewhere
+    presses: int  # of a shape
 
     @property
     def pairs(self) -> int:
         return self.presses * len(self.shapes)
 
-
-def paths_of(recipe: Recipe, batch: Batch, number: int) -> tuple[MotionPath, ...]:
-    """The paths of a shape of a shard. number: of the shape in the part."""
-    if batch.indices is not None:
-        return tuple(map(MotionPath, batch.indices))
-    if not recipe.motion:
-        return tuple(map(MotionPath, range(batch.presses)))
-    return sample_paths(recipe.motion, batch.presses, (recipe.seed, batch.part), number)
+    def paths(self, recipe: Recipe, number: int) -> tuple[MotionPath, ...]:
+        """The paths of a shape of the shard. number: of the shape in the part."""
+        if self.indices is not None:
+            return tuple(map(MotionPath, self.indices))
+        if not recipe.motion:
+            return tuple(map(MotionPath, range(self.presses)))
+        return sample_paths(recipe.motion, self.presses, (recipe.seed, self.part), number)
 
 
 def file_stem(shape: str) -> str:
@@ -105,8 +96,7 @@ def shard_path(split: str, shape: str) -> str:
 
 def name_of(source: str) -> str:
     """Name of a shape in the dataset: a file's stem, or the name."""
-    suffix = Path(source).suffix
-    return Path(source).stem if suffix and _is_solid(suffix) else source
+    return Path(source).stem if Path(source).suffix.lower() in SUFFIXES else source
 
 
 def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch]:
@@ -132,7 +122,8 @@ def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch
 
 def solids_in(folder: str) -> tuple[str, ...]:
     """The files of solids in a recipe's folder, sorted. Raises T2TwinError without any."""
-    found = sorted(str(path) for path in Path(folder).glob("*") if _is_solid(path.suffix))
+    files = Path(folder).glob("*")
+    found = sorted(str(path) for path in files if path.suffix.lower() in SUFFIXES)
     if not found:
         allowed = f"{', '.join(NAMED)}, or a folder with {', '.join(SUFFIXES)} files"
         raise T2TwinError(f"{folder} contains no solids; shapes must be {allowed}")
@@ -146,20 +137,19 @@ def load_shape(part: Part, source: str, cache_dir: str | Path | None = None) -> 
     return catalogue.load(source, cache_dir, part.solid_scale, bool(part.center))
 
 
-def _is_solid(suffix: str) -> bool:
-    """Whether files of this suffix contain solids."""
-    return suffix.lower() in SUFFIXES
-
-
 def _part_batches(
     recipe: Recipe, number: int, part: Part, names: tuple[str, ...]
 ) -> Iterator[Batch]:
     shapes = _shapes(recipe, number, names)
     if part.place == "grid":
         for place, name in enumerate(shapes):
-            indices, split = grid_indices(part, name), _split(part, name, place, len(shapes))
+            # all forces of a list at each grid press
+            grid = protocol.indices(name, protocol.scale_of(str(part.scale)))
+            forces = len(part.force_n) if isinstance(part.force_n, tuple) else 1
+            own = tuple(index * forces + which for index in grid for which in range(forces))
+            split = _split(part, name, place, len(shapes))
             path = shard_path(split, name)
-            yield Batch(path, split, number, (name,), (place,), indices, len(indices))
+            yield Batch(path, split, number, (name,), (place,), own, len(own))
         return
     assert part.presses is not None
     shapes_per_shard = max(1, round(PRESSES_PER_SHARD / part.presses))
@@ -211,71 +201,51 @@ def max_attempts(part: Part) -> int:
     return MAX_ATTEMPTS * (1 + STAND_INS) if part.shapes == RANDOM else MAX_ATTEMPTS
 
 
-def name_at(name: str, attempt: int) -> str:
-    """The shape of an attempt: the planned one, or one of its stand-ins."""
-    which = attempt // MAX_ATTEMPTS
-    if which == 0:
-        return name
-    number = int(name.removeprefix(RANDOM_PREFIX)) + FIRST_STAND_IN + (which - 1) * STAND_IN_STEP
-    return f"{RANDOM_PREFIX}{number}"
-
-
-def grid_indices(part: Part, name: str) -> tuple[int, ...]:
-    """Indices of a shape's presses on the grid, rising: all forces of a list at each grid press."""
-    assert isinstance(part.scale, str)  # a number is of files, which have no grid
-    grid = protocol.indices(name, protocol.scale_of(part.scale))
-    forces = len(part.force_n) if isinstance(part.force_n, tuple) else 1
-    return tuple(index * forces + which for index in grid for which in range(forces))
-
-
-def press_attempts(
-    part: Part, name: str, number: int, index: int, seed: tuple[int, int], first: int = 0
-) -> Iterator[PressSample]:
-    """The attempts at one press of a shape; one on the grid, else max_attempts(part).
-
-    number: of the shape in the part. seed: the recipe's seed and the part's number.
-    """
-    if part.place == "grid":
-        yield _grid_press(part, name, index, seed[0])
-        return
-    for attempt in range(first, max_attempts(part)):
-        yield sample_press(part, name, number, index, seed, attempt)
-
-
 def path_attempts(
     recipe: Recipe, part: int, name: str, number: int, path: MotionPath, first: int = 0
 ) -> Iterator[PressSample]:
-    """The attempts at a path, as press_attempts. A path with motion has contact."""
-    seed, own = (recipe.seed, part), recipe.parts[part]
-    if not path.steps:
-        yield from press_attempts(own, name, number, path.index, seed, first)
+    """The attempts at a press and its path; one on the grid, else max_attempts of the part.
+
+    number: of the shape in the part.
+    """
+    own = recipe.parts[part]
+    if own.place == "grid":
+        yield _grid_press(own, name, path.index, recipe.seed)
         return
-    assert recipe.motion
-    own = structs.replace(own, background_share=0.0)
-    for each in press_attempts(own, name, number, path.index, seed, first):
-        assert each.attempt is not None
-        further = sample_commands(recipe.motion, path, each.command, seed, number, each.attempt)
-        yield replace(each, further=further)
+    for attempt in range(first, max_attempts(own)):
+        yield sample_press(recipe, part, name, number, path, attempt)
 
 
 def sample_press(
-    part: Part, name: str, number: int, index: int, seed: tuple[int, int], attempt: int
+    recipe: Recipe, part: int, name: str, number: int, path: MotionPath, attempt: int
 ) -> PressSample:
-    """One attempt at a press that is not on the grid; see press_attempts."""
-    rng = np.random.default_rng((*seed, PRESS_STREAM, number, index, attempt))
-    assert isinstance(part.place, Place)
-    if part.place.normal_mm is not None:
-        x, y = part.place.normal_mm * rng.standard_normal(2)
+    """One attempt at a press that is not on the grid, and at its path, which has contact.
+
+    Later attempts are at stand-ins of the shape.
+    """
+    own, seed = recipe.parts[part], (recipe.seed, part)
+    rng = np.random.default_rng((*seed, PRESS_STREAM, number, path.index, attempt))
+    place, which = own.place, attempt // MAX_ATTEMPTS
+    assert isinstance(place, Place)
+    if place.normal_mm is not None:
+        x, y = place.normal_mm * rng.standard_normal(2)
     else:
-        assert part.place.uniform_mm is not None
-        x, y = rng.uniform(-part.place.uniform_mm, part.place.uniform_mm, 2)
+        assert place.uniform_mm is not None
+        x, y = rng.uniform(-place.uniform_mm, place.uniform_mm, 2)
     yaw = rng.uniform(0.0, 2.0 * np.pi)
-    force = sample_force(rng, part.force_n)
-    if rng.random() < part.background_share:
+    force = sample_force(rng, own.force_n)
+    if rng.random() < own.background_share and not path.steps:
         force = 0.0
-    tilt = sample_tilt(rng, part.place)
-    command = PressCommand(name_at(name, attempt), float(x), float(y), float(yaw), force, *tilt)
-    return PressSample(index, command, rng, attempt)
+    tilt = sample_tilt(rng, place)
+    if which:
+        stand_in = int(name.removeprefix(RANDOM_PREFIX)) + FIRST_STAND_IN
+        name = f"{RANDOM_PREFIX}{stand_in + (which - 1) * STAND_IN_STEP}"
+    command = PressCommand(name, float(x), float(y), float(yaw), force, *tilt)
+    further = ()
+    if path.steps:
+        assert recipe.motion
+        further = sample_commands(recipe.motion, path, command, seed, number, attempt)
+    return PressSample(path.index, command, rng, attempt, further)
 
 
 def sample_tilt(rng: np.random.Generator, place: Place) -> tuple[float, float]:
@@ -291,7 +261,7 @@ def sample_tilt(rng: np.random.Generator, place: Place) -> tuple[float, float]:
 
 
 def _grid_press(part: Part, name: str, index: int, seed: int) -> PressSample:
-    """A press of the protocol with the part's force, or one of its forces (grid_indices)."""
+    """A press of the protocol with the part's force, or one of its forces."""
     place = catalogue.NAMES.index(name)
     forces = part.force_n if isinstance(part.force_n, tuple) else (part.force_n,)
     at, which = divmod(index, len(forces))
@@ -310,7 +280,7 @@ def sample_force(rng: np.random.Generator, forces: float | tuple[float, ...] | F
     if not isinstance(forces, ForceRange):
         return float(forces)
     while True:
-        force = float(np.exp(rng.uniform(np.log(forces.low), np.log(forces.high))))
+        force = float(log_uniform(rng, (forces.low, forces.high)))
         if not any(first <= force <= last for first, last in forces.leave_out):
             return force
 

@@ -1,10 +1,9 @@
 """A recipe: the distributions of shapes, positions, forces and light; a bundled or a TOML file."""
 
-from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import asdict, fields
 from math import log
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType, to_builtins
 
@@ -126,6 +125,7 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         on_grid, on_catalogue = self.place == "grid", self.shapes in ("primitives", "tools")
         is_random, by_version = self.shapes == RANDOM, self.split == "by-version"
+        of_grid = self.scale in ("smoke", "light", "small")
         of_files = bool(self.center) or self.solid_scale is not None
         has_shares, is_tools = self.background_share or self.val_share, self.shapes == "tools"
         for is_wrong, reason in (
@@ -137,6 +137,8 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
             (on_grid and has_shares, "the grid must not have background_share or val_share"),
             (by_version and self.shapes != "primitives", "only primitives can be split by-version"),
             (by_version and self.val_share, "split by-version must not have val_share"),
+            (self.split == "val" and self.val_share, "split val must not have val_share"),
+            (not on_grid and of_grid, f"scale {self.scale} has no effect, as it is of the grid"),
             (self.shapes in NAMED and of_files, "center and mm per unit are for files only"),
             (is_tools and self.split != "test", "the split of tools must be test"),
         ):
@@ -167,10 +169,18 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     artifacts: Artifacts | UnsetType = UNSET
 
     def __post_init__(self) -> None:
-        if self.artifacts and self.kind == "fixed":
-            raise T2TwinError('artifacts of light need kind = "drawn", as they differ by unit')
-        if self.fixed_share and self.kind == "fixed":
-            raise T2TwinError('fixed_share of light needs kind = "drawn"')
+        for name, default in zip(self.__struct_fields__, self.__struct_defaults__, strict=True):
+            of_drawn = name in ("each", "draw", "fixed_share", "artifacts")
+            if self.kind == "fixed" and of_drawn and getattr(self, name) != default:
+                raise T2TwinError(f'{name} of light needs kind = "drawn"')
+        for name, value in asdict(self.draw).items():
+            is_unused = name.startswith("around_") == (self.optics is None)
+            if is_unused and value != getattr(UnitRanges, name):
+                state = "has no" if self.optics is None else "has an"
+                raise T2TwinError(
+                    f"{name} of light.draw has no effect, as light {state} optics file around "
+                    "which units are sampled"
+                )
 
 
 class Motion(Struct, frozen=True, forbid_unknown_fields=True):
@@ -231,6 +241,9 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")
         if self.motion and len(own) == len(self.parts):
             raise T2TwinError("motion needs a part whose place is a distribution, not the grid")
+        presses = max(part.presses or 1 for part in self.parts)
+        if self.motion and self.motion.still < 1.0 and presses == 1:
+            raise T2TwinError("motion has no effect: a path needs two touches, and presses is 1")
         if self.motion and self.light.kind == "fixed" and self.motion.markers not in (0.0, 1.0):
             raise T2TwinError(
                 f"markers of motion is {self.motion.markers:g}; expected 0 or 1, as a fixed light "
@@ -285,7 +298,6 @@ def load_recipe(source: str | Path) -> Recipe:
     # the decoder ignores unknown fields of a dataclass
     draw, ranges = content.get("light", {}).get("draw", {}), [f.name for f in fields(UnitRanges)]
     check_names(draw, ranges, f"{path}: light.draw", what="range")
-    _check_effects(recipe, path)
     return recipe
 
 
@@ -295,66 +307,4 @@ def checked(recipe: Recipe) -> Recipe:
         content = to_builtins(recipe)
     except TypeError:  # a value that JSON cannot represent
         raise T2TwinError("the recipe has values other than numbers, text and lists") from None
-    recipe = convert(content, Recipe, "the recipe")
-    _check_effects(recipe, "the recipe")
-    return recipe
-
-
-NEAR = tuple(field.name for field in fields(UnitRanges) if field.name.startswith("around_"))
-"""Ranges of units that are sampled near an optics file; the others are of all other units."""
-
-SWITCHES = (
-    (Part, "split", "val", ("val_share",)),
-    (Light, "kind", "fixed", ("draw", "each")),
-    (UnitRanges, "leak_amount", (0.0, 0.0), ("leak_part",)),
-    (UnitRanges, "linear_amount", 0.0, ("linear_gamma",)),
-    (UnitRanges, "linear_amount", 1.0, ("gamma",)),
-    (UnitRanges, "edge_dark_amount", (0.0, 0.0), ("edge_px", "edge_soft_px")),
-    (UnitRanges, "specks", (0, 0), ("speck_px", "speck_grey")),
-    (Artifacts, "streaks", (0, 0), (
-        "streak_grey", "streak_px", "streak_length_px", "streak_off_deg", "streak_bend_part",
-        "streak_moved_px")),
-    (Artifacts, "glares", (0, 0), ("glare_grey", "glare_px")),
-    (Artifacts, "worn", 0.0, ("wear_part", "speckle_part")),
-    (Artifacts, "drift_grey", (0.0, 0.0), ("drift_even_part",)),
-    (Motion, "slide", 0.0, ("slide_mm",)),
-    (Motion, "twist", 0.0, ("twist_deg",)),
-    (Motion, "still", 1.0, ("steps", "force_change")),
-)  # fmt: skip
-"""A record, its field, the value that switches further fields off, and these fields."""
-
-
-def _check_effects(recipe: Recipe, source: object) -> None:
-    """Raises T2TwinError for a field other than its default that has no effect."""
-    for name, of, reason in _without_effect(recipe):
-        raise T2TwinError(
-            f"{source}: {name} of {of} has no effect, as {reason}; leave it out or change that"
-        )
-
-
-def _without_effect(recipe: Recipe) -> Iterator[tuple[str, str, str]]:
-    """Fields without effect: name, record and reason."""
-    light, motion = recipe.light, recipe.motion
-    parts = [(f"the part of {part.shapes} shapes", part) for part in recipe.parts]
-    others = {"light": light, "light.draw": light.draw, "light.artifacts": light.artifacts}
-    for of, record in [*parts, *others.items(), ("motion", motion)]:
-        for kind, switch, value, names in SWITCHES:
-            if isinstance(record, kind) and getattr(record, switch) == value:
-                for name in names:
-                    if getattr(record, name) != _default(kind, name):
-                        yield name, of, f"its {switch} is {value}"
-    for of, part in parts:
-        if part.place != "grid" and part.scale in ("smoke", "light", "small"):
-            yield "scale", of, "its place is not the grid"
-    own = {field.name for field in fields(UnitRanges)} - {*NEAR}
-    unused, state = (NEAR, "has no") if light.optics is None else (sorted(own), "has an")
-    for name in unused:
-        if getattr(light.draw, name) != _default(UnitRanges, name):
-            yield name, "light.draw", f"light {state} optics file around which units are sampled"
-    if motion and motion.still < 1.0 and max(part.presses or 1 for part in recipe.parts) == 1:
-        yield "motion", "the recipe", "each shape has one press, and a path needs two touches"
-
-
-def _default(kind: type, name: str) -> Any:
-    """The default of a field."""
-    return getattr(Part("primitives") if kind is Part else kind(), name)
+    return convert(content, Recipe, "the recipe")

@@ -64,11 +64,6 @@ class SensorPair:
             both.append(sensor.with_options(own) if own else sensor)
         return SensorPair(*both)
 
-    def with_optics(self, optics: str | Path) -> "SensorPair":
-        """The same pair with an optics file of its first gel camera. Raises as `camera`."""
-        role = "source" if self.camera is self.source else "target"
-        return replace(self, **{role: self.camera.with_options({"optics": optics})})
-
     def with_imperfections(self, name: str | None) -> "SensorPair":
         """The same pair with imperfections of its taxel arrays; None for those of a dataset."""
         if name is not None:
@@ -85,11 +80,6 @@ class SensorPair:
     def values(self) -> tuple[str, str]:
         """Columns of the readings of source and target in a dataset: "image" or "counts"."""
         return self.source.VALUE, self.target.VALUE
-
-    @cached_property
-    def roles(self) -> dict[str, str]:
-        """The roles, source and target, by the sensors' names in a touch."""
-        return dict(zip(self.by_name, ROLES, strict=True))
 
     @property
     def camera(self) -> GelCamera:
@@ -136,16 +126,16 @@ class SensorPair:
         Raises T2TwinError as solve_contact does.
         """
         readings: dict[str, Reading] = {}
-        for name, sensor in self.by_name.items():
+        for role, (name, sensor) in zip(ROLES, self.by_name.items(), strict=True):
             if only not in (None, name):
                 continue
             contact = None
             if command.force_n != 0.0:
-                with timed(f"press {self.roles[name]}"):
+                with timed(f"press {role}"):
                     contact = sensor.press(shape, command)
                     sensor.prepare(contact)
-            with timed(f"read {self.roles[name]}"):
-                readings[name] = sensor.read(contact, rng, _reading(before, name))
+            with timed(f"read {role}"):
+                readings[name] = sensor.read(contact, rng, before and before.readings.get(name))
         return Touch(shape, command, readings)
 
     def check_over_pads(self, touch: Touch, command: PressCommand) -> None:
@@ -178,12 +168,9 @@ class SensorPair:
     ) -> Touch:
         """The touch with the images and the counts of its contacts; rng, before as for `press`."""
         readings = {
-            name: self.by_name[name].read(reading.contact, rng, _reading(before, name))
+            name: self.by_name[name].read(
+                reading.contact, rng, before and before.readings.get(name)
+            )
             for name, reading in touch.readings.items()
         }
         return replace(touch, readings=readings)
-
-
-def _reading(touch: Touch | None, name: str) -> Any:
-    """A sensor's reading in a touch; None without one."""
-    return None if touch is None else touch.readings.get(name)

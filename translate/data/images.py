@@ -4,7 +4,6 @@ Shape letters: B images, h rows, w columns, S image side, c channels.
 """
 
 from collections.abc import Sequence
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -170,36 +169,17 @@ def check_pixels(pixels: np.ndarray, size: int, channels: Sequence[int]) -> None
         )
 
 
-HINTS: dict[type, str] = {
-    torch.Tensor: "tensor.cpu().numpy() converts a tensor, channels must be last",
-    Image.Image: "numpy.asarray(image.convert('RGB')) converts a PIL image",
-    str: "numpy.asarray(PIL.Image.open(path).convert('RGB')) reads a file",
-    PathLike: "numpy.asarray(PIL.Image.open(path).convert('RGB')) reads a file",
-}
-
-
 def _array(value: object, name: str, expected: str) -> np.ndarray:
     if isinstance(value, np.ndarray) and value.dtype == np.uint8:
         return value
-    if isinstance(value, np.ndarray):
-        raise T2TwinError(
-            f"{name} has type {value.dtype}; expected {expected}, of uint8, from 0 to 255"
-        )
-    hints = [f"; {hint}" for kind, hint in HINTS.items() if isinstance(value, kind)]
+    found = f"of {value.dtype}" if isinstance(value, np.ndarray) else describe(value)
     raise T2TwinError(
-        f"{name} is {describe(value)}; expected {expected}, NumPy arrays of uint8{''.join(hints)}"
+        f"{name} is {found}; expected {expected}, NumPy arrays of uint8 from 0 to 255"
     )
 
 
 def _wrong_shape(array: np.ndarray, name: str, expected: str) -> T2TwinError:
-    shape, hint = array.shape, ""
-    if 0 in shape:
-        hint = "; it has no pixels"
-    elif array.ndim in (3, 4) and shape[-1] == 4:
-        hint = "; image[..., :3] leaves out the transparency of an RGBA image"
-    elif array.ndim in (3, 4) and shape[-3] in (1, COLORS):
-        axes = (1, 2, 0) if array.ndim == 3 else (0, 2, 3, 1)
-        hint = f"; it may be channels-first: images.transpose{axes} puts the channels last"
-    elif array.ndim == 3:
-        hint = "; a batch of grey images is (B, h, w, 1), made by images[..., None]"
-    return T2TwinError(f"{name} has shape {shape}; expected {expected}, of uint8{hint}")
+    return T2TwinError(
+        f"{name} has shape {array.shape}; expected {expected}, of uint8, with pixels, channels "
+        "last, without transparency"
+    )

@@ -1,11 +1,7 @@
-"""The pairs of one dataset split: images in a cache of decoded files, counts in memory.
+"""The pairs of one dataset split: images in a cache of decoded .npy files, counts in memory.
 
-Source and target are those of a run, which may exchange those of the dataset.
-
-The cache is the folder `cache` of the dataset, with one uint8 .npy file per split, size and color.
-One more has background frames, images without contact, and the index of each pair's frame. A
-recipe with a fixed light has one frame. File names contain the first digits of the SHA-256 of
-info.json, so that another dataset in the same folder has other files.
+Source and target are those of a run, which may exchange those of the dataset. The cache is the
+folder `cache` of the dataset; its file names contain the first digits of info.json's SHA-256.
 
 Shape letters: P pairs, B batch, U background frames, S image side, c channels, N taxels, F places
 of the dense counts, H side of the contact maps.
@@ -16,7 +12,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from itertools import groupby, islice, repeat
+from itertools import groupby, islice
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, cast
 
@@ -24,7 +20,7 @@ import numpy as np
 import torch
 from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec import field as renamed
-from numpy.lib import format as npy
+from numpy.lib.format import open_memmap
 from PIL import Image
 from torch.nn import functional
 
@@ -65,13 +61,10 @@ BATCH_SIZE = 256  # Images decoded together; bounds memory to 60 MB
 
 @dataclass(frozen=True)
 class ImageFile:
-    """Images in an .npy file, read on access.
-
-    places: index in the file of each image, which may repeat; None for all in their order.
-    """
+    """Images in an .npy file, read on access."""
 
     path: Path
-    places: np.ndarray | None = None
+    places: np.ndarray | None = None  # indices in the file, which may repeat; None for all
 
     def __len__(self) -> int:
         images = np.load(self.path, mmap_mode="r") if self.places is None else self.places
@@ -147,30 +140,22 @@ Pictures = InputImages | TactilePictures  # The pictures of the source's reading
 
 @dataclass(frozen=True)
 class Pairs:
-    """The pairs of one split.
+    """The pairs of one split. What was not loaded, or is not in the dataset, is None."""
 
-    source, target: the readings of both sides: the P images, (S, S, c) each, or counts.
-    shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
-    dense_counts: (P, F) uint16, counts of the target, and backgrounds, of the source, if they were
-    loaded. shear_n: (P, 2), N, along x and y on the gel camera, and is_moving: (P,) bool, of
-    recipes with motion. contact: (P, 2, H, H) float16, depth, mm, and pressure, kPa, on the view of
-    the source, if they were loaded. pictures: of the counts of a source that is a taxel array.
-    """
-
-    source: Readings
+    source: Readings  # P images, (S, S, c) each, or counts
     target: Readings
-    shapes: np.ndarray
+    shapes: np.ndarray  # (P,) names
     families: np.ndarray
-    x_mm: np.ndarray
+    x_mm: np.ndarray  # (P,), of the presses
     y_mm: np.ndarray
     yaw_rad: np.ndarray
     force_n: np.ndarray
-    dense_counts: np.ndarray | None = None
-    backgrounds: ImageFile | None = None
-    shear_n: np.ndarray | None = None
-    is_moving: np.ndarray | None = None
-    contact: ImageFile | None = None
-    pictures: TactilePictures | None = None
+    dense_counts: np.ndarray | None = None  # (P, F) uint16, of the target
+    backgrounds: ImageFile | None = None  # background frames of the source
+    shear_n: np.ndarray | None = None  # (P, 2), along x and y on the gel camera
+    is_moving: np.ndarray | None = None  # (P,) bool, of recipes with motion
+    contact: ImageFile | None = None  # (P, 2, H, H) float16, mm and kPa, on the source's view
+    pictures: TactilePictures | None = None  # of the counts of a source that is a taxel array
 
     def __len__(self) -> int:
         return len(self.target)
@@ -208,23 +193,17 @@ class Pairs:
 
 
 class DataInfo(Struct, frozen=True):
-    """What a run has of its dataset: its two sensors, and the SHA-256 of info.json.
+    """What a run has of its dataset: the part "data" of its config.json."""
 
-    recipe: name of the recipe, None for imported pairs. train_pairs: number of training pairs.
-    force_n: smallest and largest force of its presses, N; absent for imported pairs. has_shear,
-    has_contact: whether the pairs contain the shear force and the contact maps of the source; only
-    present if true.
-    The part "data" of a run's config.json, in which some fields have other names.
-    """
-
-    sha256: Sha256 = renamed(name="info_sha256")
+    sha256: Sha256 = renamed(name="info_sha256")  # of info.json
     source: SensorInfo
     target: SensorInfo
-    recipe: str | None = None
+    recipe: str | None = None  # its name, None for imported pairs
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
+    # smallest and largest force of the presses; absent for imported pairs
     force_n: tuple[float, float] | UnsetType = UNSET
-    has_shear: bool | UnsetType = UNSET
-    has_contact: bool | UnsetType = UNSET
+    has_shear: bool | UnsetType = UNSET  # whether the pairs contain the shear force,
+    has_contact: bool | UnsetType = UNSET  # and the contact maps of the source; absent if not
 
     @property
     def direction(self) -> str:
@@ -346,34 +325,28 @@ def _pngs(data_dir: Path, info: DatasetInfo, split: str, name: str) -> Iterator[
 
 
 def load_backgrounds(data_dir: Path, split: str, size: int, cache: Path, name: str) -> ImageFile:
-    """The background frames of a split's pairs at size x size.
+    """The background frames of a split's pairs at size x size, each distinct one stored once.
 
     cache: folder of the decoded frames. name: of the dataset, for their file names. Raises
     T2TwinError if a shard cannot be read.
     """
     info = read_info(data_dir)
+    index = cache / f"{split}-background-{size}-index-{name}.npy"
+
+    def write(file: BinaryIO) -> None:
+        pngs = _pngs(data_dir, info, split, column(info.role_of(IMAGE), BACKGROUND))
+        pairs, title = info.pairs[cast(Any, split)], f"background frames of {split}"
+        bar = Progress(pngs, total=pairs, desc=title, unit="pair", disable=pairs < 1000)
+        frames, lengths = [], []
+        for png, same in groupby(bar):
+            frames.append(_decode(png, None, size, grey=False))
+            lengths.append(sum(1 for _ in same))
+        with index.open("wb") as places:
+            np.save(places, np.repeat(np.arange(len(lengths)), lengths))
+        np.save(file, np.stack(frames))
+
     frames = cache / f"{split}-background-{size}-rgb-{name}.npy"
-    index = cache / f"{split}-background-{name}.npy"
-
-    def stored() -> Iterator[bytes]:
-        """Each pair's frame; with a fixed light, all have the first."""
-        own = _pngs(data_dir, info, split, column(info.role_of(IMAGE), BACKGROUND))
-        pairs, recipe = info.pairs[cast(Any, split)], info.recipe
-        if recipe is not None and recipe.light.kind == "fixed":
-            return repeat(next(own), pairs)
-        title = f"background frames of {split}"
-        return iter(Progress(own, total=pairs, desc=title, unit="pair", disable=pairs < 1000))
-
-    def write_index(file: BinaryIO) -> None:
-        lengths = [sum(1 for _ in pairs) for _, pairs in groupby(stored())]
-        np.save(file, np.repeat(np.arange(len(lengths)), lengths))
-
-    def write_frames(file: BinaryIO) -> None:
-        distinct = (png for png, _ in groupby(stored()))
-        np.save(file, np.stack([_decode(png, None, size, grey=False) for png in distinct]))
-
-    write_once(index, write_index)
-    write_once(frames, write_frames)
+    write_once(frames, write)
     return ImageFile(frames, np.load(index))
 
 
@@ -390,17 +363,18 @@ def load_contact(
     if side is None or sensor.value != IMAGE or sensor.contact_grid is None:
         return None
     grid = sensor.contact_grid
-    shape = (pairs, 2, side, side)
 
     def write(file: BinaryIO) -> None:
-        _write_header(file, shape, np.float16)
+        written, done = open_memmap(file.name, "w+", np.float16, (pairs, 2, side, side)), 0
         for table in iter_shards(data_dir, split, names):
             maps = np.stack([lists(table, name).astype(np.float32) for name in names], axis=1)
             maps = maps.reshape(-1, 2, *grid) * UNITS[:, None, None]
             resampled = functional.interpolate(
                 torch.from_numpy(maps), (side, side), mode="bilinear", antialias=True
             )
-            file.write(resampled.numpy().astype(np.float16).tobytes())
+            written[done : done + len(maps)] = resampled.numpy()
+            done += len(maps)
+        written.flush()
 
     path = cache / f"{split}-contact-{role}-{side}-{sha256_of(data_dir / INFO)[:12]}.npy"
     write_once(path, write)
@@ -417,12 +391,6 @@ def usable_cache(data_dir: Path, out_dir: Path) -> Path:
     return (data_dir if os.access(data_dir, os.W_OK) else out_dir) / CACHE
 
 
-def _write_header(file: BinaryIO, shape: tuple[int, ...], kind: Any) -> None:
-    """The header of an .npy file, whose values follow."""
-    descr = npy.dtype_to_descr(np.dtype(kind))
-    npy.write_array_header_1_0(file, {"descr": descr, "fortran_order": False, "shape": shape})
-
-
 def _write_images(
     file: BinaryIO,
     images: Iterator[bytes],
@@ -436,11 +404,13 @@ def _write_images(
         ThreadPoolExecutor() as pool,
         Progress(total=rows, desc=f"decoding {name}", unit="image", disable=rows < 1000) as bar,
     ):
-        _write_header(file, shape, np.uint8)
+        decoded, done = open_memmap(file.name, "w+", np.uint8, shape), 0
         while encoded := list(islice(images, BATCH_SIZE)):
-            for pixels in pool.map(lambda png: _decode(png, stored, size, channels == 1), encoded):
-                file.write(pixels.tobytes())
+            found = pool.map(lambda png: _decode(png, stored, size, channels == 1), encoded)
+            decoded[done : done + len(encoded)] = list(found)
+            done += len(encoded)
             bar.update(len(encoded))
+        decoded.flush()
 
 
 def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bool) -> np.ndarray:
@@ -455,17 +425,11 @@ def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bo
 
 @dataclass(frozen=True)
 class Examples:
-    """A batch of B pairs for one training step.
+    """A batch of B pairs for one training step."""
 
-    images: pictures of the source's readings, as `Translator.to_input` returns them, (B, c, S, S).
-    targets: (B, N) float32 counts, or images, (B, S, S, c) in grey levels. dense_counts: (B, F)
-    float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
-    shear_n: (B, 2) float32, of recipes with motion. contact: (B, 2, H, H) float32, contact maps.
-    """
-
-    images: torch.Tensor
-    targets: torch.Tensor
-    dense_counts: torch.Tensor | None = None
-    force_n: torch.Tensor | None = None
-    shear_n: torch.Tensor | None = None
-    contact: torch.Tensor | None = None
+    images: torch.Tensor  # (B, c, S, S), pictures of the source as `Translator.to_input` returns
+    targets: torch.Tensor  # (B, N) float32 counts, or images, (B, S, S, c) in grey levels
+    dense_counts: torch.Tensor | None = None  # (B, F) float32, for translators that learn it
+    force_n: torch.Tensor | None = None  # (B,) float32, 0 without contact
+    shear_n: torch.Tensor | None = None  # (B, 2) float32, of recipes with motion
+    contact: torch.Tensor | None = None  # (B, 2, H, H) float32, contact maps
