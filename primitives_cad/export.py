@@ -160,7 +160,13 @@ def draw_sheet(path: str | Path) -> Path:
         at = (corner[0] + size[0] / 2, corner[1] + size[1] - LABEL_PX)
         pen.text(at, name, fill=INK, font=ImageFont.load_default(LABEL_PX), anchor="mm")
         for point, (x, y) in zip(points, places, strict=True):
-            _mark(pen, point.name, corner, x, y)
+            # A dot, and its name outwards where there is space.
+            font, (at_x, at_y) = ImageFont.load_default(KEYPOINT_PX), np.add(corner, (x, y))
+            pen.circle((at_x, at_y), 5, fill=MARK, outline="white")
+            wide = font.getlength(point.name) + 24
+            left = x > TOOL_PX[0] - wide or wide < x < TOOL_PX[0] / 2
+            place, anchor = (at_x - 10 if left else at_x + 10, at_y), "rm" if left else "lm"
+            pen.text(place, point.name, MARK, font, anchor, stroke_width=3, stroke_fill="white")
     with atomic_write(Path(path)) as temporary:
         page.save(temporary, format="PNG")
     return Path(path)
@@ -209,15 +215,3 @@ def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
     crease = np.clip(1.0 - CREASE_STRENGTH * np.clip(around - filled, 0.0, None), 0.45, 1.0)
     shaded = (light * crease)[..., None] * color
     return np.where(solid[..., None], shaded, PAPER)
-
-
-def _mark(pen: ImageDraw.ImageDraw, name: str, corner: tuple[int, int], x: float, y: float) -> None:
-    """Draw a dot at a keypoint and its name, outwards where there is space."""
-    font = ImageFont.load_default(KEYPOINT_PX)
-    at_x, at_y = corner[0] + x, corner[1] + y
-    pen.ellipse((at_x - 5, at_y - 5, at_x + 5, at_y + 5), fill=MARK, outline=(255, 255, 255))
-    width = font.getlength(name) + 24
-    left = x > TOOL_PX[0] - width or width < x < TOOL_PX[0] / 2
-    place = (at_x - 10 if left else at_x + 10, at_y)
-    anchor, white = "rm" if left else "lm", (255, 255, 255)
-    pen.text(place, name, MARK, font, anchor, stroke_width=3, stroke_fill=white)

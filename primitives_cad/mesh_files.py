@@ -220,13 +220,7 @@ def _fans(polygons: np.ndarray, corners: np.ndarray) -> np.ndarray:
 def _ply(path: Path) -> Read:
     """The faces of PLY. trimesh cuts larger ones without regard to notches."""
     content = path.read_bytes()
-    try:
-        mesh = _loaded(content, "ply")
-    except ValueError as error:
-        words = str(error).rstrip(".!")
-        raise ValueError(
-            f"{words}; faces of a binary file must have one number of corners"
-        ) from error
+    mesh = _loaded(content, "ply")
     announced = PLY_FACES.search(content)
     are_triangles = announced is not None and int(announced[1]) == len(mesh.faces)
     if not are_triangles and (mesh.face_adjacency_angles > FOLD_RAD).any():
@@ -362,35 +356,27 @@ def close_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
     """A mesh (mm), closed if possible, and a clause about closed holes or what stays open."""
     note = None
     if not mesh.is_watertight:
-        mesh, note, closed = _merged(mesh)
-        if not closed:
-            return mesh, note
+        loose = mesh.copy()
+        loose.merge_vertices(digits_vertex=LOOSE_DIGITS)
+        loose.update_faces(loose.nondegenerate_faces())
+        single = loose.copy()
+        single.update_faces(single.unique_faces())
+        single.remove_unreferenced_vertices()
+        if not len(single.faces):  # all triangles are smaller than the rounding
+            return mesh, _openness(mesh)
+        if single.is_watertight:
+            mesh = single
+        elif _balanced(loose):  # bodies that share edges or faces
+            mesh = loose
+        elif (filled := _filled(single)) is not None:
+            mesh, note = filled
+        else:
+            return single, _openness(single)
     with np.errstate(invalid="ignore", divide="ignore"):  # a sheet has no center of volume
         if not mesh.is_winding_consistent or mesh.volume <= 0.0:
             trimesh.repair.fix_normals(mesh)
         sheet = mesh.volume <= THINNEST_MM * mesh.area / 2.0
     return mesh, f"encloses no volume; {UPPER}" if sheet else note
-
-
-def _merged(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None, bool]:
-    """The mesh with merged corners and closed holes, a clause about it; whether it is closed."""
-    loose = mesh.copy()
-    loose.merge_vertices(digits_vertex=LOOSE_DIGITS)
-    loose.update_faces(loose.nondegenerate_faces())
-    single = loose.copy()
-    single.update_faces(single.unique_faces())
-    single.remove_unreferenced_vertices()
-    if not len(single.faces):  # all triangles are smaller than the rounding
-        return mesh, _openness(mesh), False
-    if single.is_watertight:
-        return single, None, True
-    if _balanced(loose):  # bodies that share edges or faces
-        return loose, None, True
-    if 0 < len(_rim_edges(single)) <= MAX_RIM_EDGES:
-        filled = _filled(single)
-        if filled is not None:
-            return *filled, True
-    return single, _openness(single), False
 
 
 def _openness(mesh: trimesh.Trimesh) -> str:
@@ -424,6 +410,8 @@ def _rim_edges(mesh: trimesh.Trimesh) -> np.ndarray:
 
 def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str] | None:
     """The mesh with holes closed by fans, and a clause about them; None for large or odd holes."""
+    if not 0 < len(_rim_edges(mesh)) <= MAX_RIM_EDGES:
+        return None
     mesh = mesh.copy()
     trimesh.repair.fix_winding(mesh)
     rims = _rims(mesh, _rim_edges(mesh))

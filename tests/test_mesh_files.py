@@ -260,8 +260,8 @@ def test_a_face_with_a_notch_is_cut_within_its_outline(tmp_path):
 @pytest.mark.parametrize(
     "faces, words",
     [
-        (ply(mixed()), "one number of corners"),
-        (ply(squares())[:-3], "one number of corners"),
+        (ply(mixed()), "cannot be read as PLY"),
+        (ply(squares())[:-3], "cannot be read as PLY"),
         (ply_text([[0, 1, 99]]), "corners that it lacks"),
         (ply_text([[4, 8, 2, 0]]), "notches"),
     ],
