@@ -7,7 +7,6 @@ Run it after changes of the default gel camera's LEDs, camera or dome; it takes 
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from msgspec import structs
@@ -56,7 +55,7 @@ def block(
     along = (x - x_mm) * cos + (y - y_mm) * sin
     across = (y - y_mm) * cos - (x - x_mm) * sin
     beyond = np.stack([np.abs(along) - width_mm / 2, np.abs(across) - length_mm / 2])
-    return _flat(np.hypot(*np.maximum(beyond, 0.0)), depth_mm)
+    return depth_mm * np.exp(-np.hypot(*np.maximum(beyond, 0.0)) / SKIRT_MM)
 
 
 def ring(
@@ -66,15 +65,11 @@ def ring(
     x, y = np.meshgrid(*optical_grid(gel))
     distance = np.hypot(x - x_mm, y - y_mm)
     outside = np.maximum(np.maximum(inner_mm - distance, distance - outer_mm), 0.0)
-    return _flat(outside, depth_mm)
+    return depth_mm * np.exp(-outside / SKIRT_MM)
 
 
-def _flat(distance_mm: np.ndarray, depth_mm: float) -> np.ndarray:
-    return depth_mm * np.exp(-distance_mm / SKIRT_MM)
-
-
-def bake(sensor: GelCamera, out: Path) -> Optics:
-    """Fit, write to out, and return the optics of a sensor with up to three LEDs."""
+def bake(sensor: GelCamera) -> Optics:
+    """Fits the optics of a sensor with up to three LEDs."""
     camera, gel, ambient = sensor.camera, sensor.own_gel, sensor.spec.light.ambient
     leds = sensor.spec.light.leds
     with ReferenceRenderer(leds, ambient, camera, gel, led_points=BACKGROUND_POINTS) as renderer:
@@ -95,9 +90,7 @@ def bake(sensor: GelCamera, out: Path) -> Optics:
     )  # fmt: skip
     table = fit_response(blank, gel, surfaces, renders)
     colors = np.array([led.color for led in leds])
-    optics = replace(blank, response=np.einsum("kij,kc->kcij", table, colors))
-    optics.save(out)
-    return optics
+    return replace(blank, response=np.einsum("kij,kc->kcij", table, colors))
 
 
 def fit_response(
@@ -131,12 +124,8 @@ def fit_response(
     return np.array(table).reshape(count, PLACE_TERMS, COSINE_TERMS)
 
 
-def main() -> None:
+if __name__ == "__main__":
     sensor = load_sensor(SOURCE)
     assert isinstance(sensor, GelCamera) and sensor.optics_path is not None
-    bake(sensor, sensor.optics_path)
+    bake(sensor).save(sensor.optics_path)
     print(f"wrote {sensor.optics_path}")
-
-
-if __name__ == "__main__":
-    main()

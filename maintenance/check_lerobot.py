@@ -13,7 +13,6 @@ import io
 import json
 import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -30,41 +29,30 @@ SCALARS = {  # columns of the dataset by feature; of contacts, the first ones
 }
 
 
-class _ToTensor:
-    """(3, rows, columns) float32 from 0 to 1, as torchvision.transforms.ToTensor returns."""
+def to_tensor(image: Image.Image) -> Any:
+    """(3, rows, columns) float32 from 0 to 1, as torchvision.transforms.ToTensor()."""
+    import torch
 
-    def __call__(self, image: Image.Image) -> Any:
-        import torch
-
-        return torch.from_numpy(np.array(image, np.float32) / 255).permute(2, 0, 1)
-
-
-class _StandIn(ModuleType):
-    """A module of torchvision. Names in capitals are empty classes, others modules."""
-
-    ToTensor = _ToTensor
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        if name.islower():
-            return importlib.import_module(f"{self.__name__}.{name}")
-        return type(name, (), {})
+    return torch.from_numpy(np.array(image, np.float32) / 255).permute(2, 0, 1)
 
 
 class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
-    """Finds the stand-in in place of torchvision."""
+    """Finds a stand-in in place of torchvision, whose members in capitals are empty classes."""
 
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> Any:
         if fullname.split(".")[0] != "torchvision":
             return None
         return importlib.util.spec_from_loader(fullname, self, is_package=True)
 
-    def create_module(self, spec: Any) -> ModuleType:
-        return _StandIn(spec.name)
+    def exec_module(self, module: Any) -> None:
+        def member(name: str) -> Any:
+            if name.startswith("__"):
+                raise AttributeError(name)
+            if name.islower():
+                return importlib.import_module(f"{module.__name__}.{name}")
+            return type(name, (), {})
 
-    def exec_module(self, module: ModuleType) -> None:
-        pass
+        module.__getattr__, module.ToTensor = member, lambda: to_tensor
 
 
 def check(data: Path, converted: Path) -> str:
@@ -93,9 +81,8 @@ def check(data: Path, converted: Path) -> str:
 
 def _check_frame(item: dict[str, Any], row: dict[str, Any], place: str) -> None:
     """Images and counts must be equal, other values equal in float32."""
-    names = {f"{role}_image": role for role in ROLES}
-    names |= {f"{role}_background": f"{role}_background" for role in ROLES}
-    for column, name in names.items():
+    for column in (f"{role}_{name}" for role in ROLES for name in ("image", "background")):
+        name = column.removesuffix("_image")
         if column in row:
             pixels = np.asarray(Image.open(io.BytesIO(row[column]["bytes"])).convert("RGB"))
             values = item[f"observation.images.{name}"].numpy().transpose(1, 2, 0)

@@ -24,11 +24,12 @@ SAME_MM = 1.0e-7  # distance below which points coincide, mm: the CAD kernel's t
 
 def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
     """Write the files of catalogue shapes and of their tools."""
-    meshes = {tool: tool_mesh(tool) for tool in sorted({_tool(name) for name in names} - {""})}
+    used = {name.partition("/")[0] for name in names if name in catalogue.OBJECTS}
+    meshes = {tool: tool_mesh(tool) for tool in sorted(used)}
     for tool, mesh in meshes.items():
         _write(path_of(tool), _mesh_arrays(mesh.vertices, mesh.faces))
     for name in names:
-        tool = meshes.get(_tool(name))
+        tool = meshes.get(name.partition("/")[0])
         shape = build(name, tool)
         if tool is None:
             arrays = _mesh_arrays(shape.mesh.vertices, shape.mesh.faces)
@@ -94,11 +95,6 @@ def keypoint_transform(name: str) -> np.ndarray:
     transform[:3, :3] = turn
     transform[:3, 3] = -turn @ np.asarray(keypoint.point_mm)
     return transform
-
-
-def _tool(name: str) -> str:
-    """The tool of a shape, "" for a primitive."""
-    return name.partition("/")[0] if name in catalogue.OBJECTS else ""
 
 
 def packed(values: np.ndarray) -> np.ndarray:

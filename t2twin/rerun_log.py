@@ -1,7 +1,4 @@
-"""Recordings for the viewer of Rerun, of touches and of predictions.
-
-The extra t2twin[rerun] installs it; `rerun FILE.rrd` shows a recording.
-"""
+"""Recordings for the viewer of Rerun, of touches and of predictions; the extra t2twin[rerun]."""
 
 import importlib
 from collections.abc import Iterable, Iterator
@@ -15,15 +12,11 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.touch import Touch
 
 SUFFIX = ".rrd"
-
-PREDICTED = (
+PREDICTED = (  # recorded values of a line of `t2twin live`
     "counts", "counts_std", "force_n", "force_std_n", "latency_ms", "contact/largest_depth_mm",
     "contact/area_mm2", "contact/force_in_view_n",
 )  # fmt: skip
-"""Recorded values of a line of `t2twin live`."""
-
-MM_PER_M = 1000.0
-"""Unit of depth images, mm."""
+MM_PER_M = 1000.0  # of depth images
 
 
 class RerunLog:

@@ -12,25 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from t2twin.core.draw import (
-    COLORS,
-    SLIP_RGB,
-    STICK_RGB,
-    color_bar,
-    colored_tactile_image,
-    draw_contact,
-    draw_tactile_image,
-    figure,
-    in_a_row,
-)
-from t2twin.core.files import (
-    check_own,
-    created_folder,
-    locked,
-    move_into,
-    temporary_folder,
-    write_csv,
-)
+from t2twin.core import draw, files
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.touch import MARKER_COLUMNS, MARKERS_CSV, Touch, marker_rows
 
@@ -65,9 +47,9 @@ def write_slide(folder: Path, touches: Iterable[Touch], number: int) -> list[Row
     touches: may compute each touch when it is needed. number: how many there are.
     Raises T2TwinError for a folder with other files, or that cannot be written.
     """
-    with locked(folder):
-        check_own(folder, SLIDE_CSV, "slide")
-        with temporary_folder(folder, "slide") as temporary:
+    with files.locked(folder):
+        files.check_own(folder, SLIDE_CSV, "slide")
+        with files.temporary_folder(folder, "slide") as temporary:
             rows = _write(temporary, touches, number)
             _replace(folder, temporary)
     return rows
@@ -112,17 +94,18 @@ def _write(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
     assert last is not None  # a path has at least one contact
     shown[last[0]] = last[1]
     names = list(dict.fromkeys(name for row in rows for name in row))
-    write_csv(folder / SLIDE_CSV, names, [[row.get(name) for name in names] for row in rows])
+    files.write_csv(folder / SLIDE_CSV, names, [[row.get(name) for name in names] for row in rows])
     for sensor, of_steps in counts.items():
         names = ["step", *(f"taxel_{n}" for n in range(of_steps[0].size))]
         lines = [[step, *values.tolist()] for step, values in enumerate(of_steps)]
-        write_csv(folder / f"counts{_after_first(counts, sensor, f'_{sensor}')}.csv", names, lines)
+        name = f"counts{_after_first(counts, sensor, f'_{sensor}')}.csv"
+        files.write_csv(folder / name, names, lines)
     if markers:
-        write_csv(folder / MARKERS_CSV, ("step", *MARKER_COLUMNS), markers)
+        files.write_csv(folder / MARKERS_CSV, ("step", *MARKER_COLUMNS), markers)
     width_in = 2 * PANEL_WIDTH * len(last[1].contacts)
     height_in = FORCE_HEIGHT + PANEL_HEIGHT * len(shown)
-    draw = partial(_draw_slide, rows=rows, shown=shown)
-    (folder / "slide.png").write_bytes(figure("png", width_in, height_in, draw))
+    filled = partial(_draw_slide, rows=rows, shown=shown)
+    (folder / "slide.png").write_bytes(draw.figure("png", width_in, height_in, filled))
     _write_animation(folder, images, counts, last[1])
     return rows
 
@@ -177,8 +160,9 @@ def _write_animation(
             tactile = device.phi(counts[sensor][step].astype(np.float32))
             layout, scale = device.layout, device.spec.tactile_image.px_per_mm
             places = layout.x_mm, layout.y_mm
-            pictures.append(colored_tactile_image(tactile, *places, brightest, px_per_mm=scale))
-        page = in_a_row(pictures, HEIGHT_PX)
+            colored = draw.colored_tactile_image(tactile, *places, brightest, px_per_mm=scale)
+            pictures.append(colored)
+        page = draw.in_a_row(pictures, HEIGHT_PX)
         pages.append(page.quantize(palette=page.quantize()))  # the second pass dithers
     first, *others = pages
     each = {"save_all": True, "append_images": others, "duration": FRAME_MS, "loop": 0}
@@ -200,12 +184,12 @@ def _replace(folder: Path, temporary: Path) -> None:
     new.sort(key=lambda path: path.name != SLIDE_CSV)  # first: it marks the folder of a slide
     sensors = {path.stem.split("_", 1)[1].rpartition("_")[0] for path in folder.glob("contact_*")}
     old_frames = ["[0-9]*.png", *(f"{sensor}_[0-9]*.png" for sensor in sensors)]
-    with created_folder(folder / FRAMES):
+    with files.created_folder(folder / FRAMES):
         for pattern in (*OPTIONAL_FILES, *(f"{FRAMES}/{name}" for name in old_frames)):
             for path in folder.glob(pattern):
                 path.unlink()
-        move_into(folder, new)
-        move_into(folder / FRAMES, frames)
+        files.move_into(folder, new)
+        files.move_into(folder / FRAMES, frames)
 
 
 def _draw_slide(page: Figure, rows: list[Row], shown: dict[int, Touch]) -> None:
@@ -229,11 +213,11 @@ def _draw_slide(page: Figure, rows: list[Row], shown: dict[int, Touch]) -> None:
         for step, touch in shown.items():
             _draw_reading(page, panels[f"reading of {sensor}, {step}"], touch[sensor], largest)
             axes, contact = panels[f"contact of {sensor}, {step}"], touch.contacts[sensor]
-            peak_kpa = draw_contact(axes, contact)
+            peak_kpa = draw.draw_contact(axes, contact)
             slips = f"step {step}: {100 * contact.slip_share:.0f} % of the contact slips"
             axes.set_title(f"{slips}\narrows: at most {peak_kpa:.3g} kPa", loc="left")
             axes.set(xlabel="x, mm", ylabel="y (down), mm")
-    colors = {"stick": STICK_RGB, "slip": SLIP_RGB}
+    colors = {"stick": draw.STICK_RGB, "slip": draw.SLIP_RGB}
     handles = [Patch(color=tuple(np.divide(rgb, 255)), label=name) for name, rgb in colors.items()]
     page.legend(handles=handles, loc="outside lower center", ncols=2)
 
@@ -252,7 +236,7 @@ def _draw_force(axes: Axes, rows: list[Row], sensor: str, contact: Contact) -> N
     elif turned_deg.any():
         label, travel = "rotation of the shape, degrees", np.cumsum([0.0, *turned_deg])
     force_n = np.hypot(column(f"{sensor}_shear_x_n"), column(f"{sensor}_shear_y_n"))
-    lines = axes.plot(travel, force_n, ".-", color=COLORS[0], label="tangential force")
+    lines = axes.plot(travel, force_n, ".-", color=draw.COLORS[0], label="tangential force")
     if contact.motion is not None:
         limit_n = contact.motion.friction[0].limit_n(column("force_n"))
         limit_n = np.where(np.isnan(force_n), np.nan, limit_n)
@@ -264,7 +248,7 @@ def _draw_force(axes: Axes, rows: list[Row], sensor: str, contact: Contact) -> N
         other = axes.twinx()
         other.spines["right"].set_visible(True)
         torque_nmm = column(f"{sensor}_torque_nmm")
-        lines += other.plot(travel, torque_nmm, ".-", color=COLORS[1], label="torque")
+        lines += other.plot(travel, torque_nmm, ".-", color=draw.COLORS[1], label="torque")
         other.set_ylabel("torque, N mm")
     axes.legend(handles=lines, loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
 
@@ -275,9 +259,9 @@ def _draw_reading(page: Figure, axes: Axes, reading: Any, largest: float) -> Non
     device = reading.sensor
     if getattr(reading, "image", None) is None:
         image, limits = reading.tactile_image, (0.0, largest)
-        drawn = draw_tactile_image(axes, image, device.phi, device.layout, limits)
+        drawn = draw.draw_tactile_image(axes, image, device.phi, device.layout, limits)
         axes.set_title(f"tactile image of {device.name}", loc="left")
-        color_bar(page, drawn, axes, 0.07, "counts")
+        draw.color_bar(page, drawn, axes, 0.07, "counts")
         return
     axes.imshow(reading.image)
     axes.set(xticks=[], yticks=[])

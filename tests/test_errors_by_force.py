@@ -59,14 +59,6 @@ def test_many_forces_lie_in_bins_as_wide_in_the_logarithm() -> None:
     assert edges.tolist() == [1, MAX_FORCES, 1, 1]  # an unknown one in none
 
 
-def test_presses_of_unknown_force_are_in_no_bin() -> None:
-    pairs = presses(np.full(5, np.nan))
-    bins, of_force = force_bins(pairs, pairs)
-    assert bins["low_n"].isna().all()
-    values = values_of_pairs(pairs.counts, pairs)
-    assert by_force(pairs.counts, values, pairs, (bins, of_force), 1.0) == ()
-
-
 def test_the_mean_array_of_a_force_is_its_training_presses() -> None:
     """2 N are trained on often enough, 4 N once too seldom: there it is the split's own mean."""
     trained = np.repeat([2.0, 4.0], [MIN_PRESSES, MIN_PRESSES - 1])
@@ -97,15 +89,16 @@ def test_every_force_is_measured_by_its_own_mean_array() -> None:
 
 
 def test_what_is_predicted_where_nothing_is_touched_is_a_phantom() -> None:
-    pairs = presses(np.array([0.0, 0.0, 8.0]))
-    predicted = np.full((3, 20), 50.0)
-    bins = force_bins(pairs, pairs)
-    nothing, touched = by_force(
-        predicted, values_of_pairs(predicted, pairs), pairs, bins, FULL_SCALE
-    )
+    """Presses of unknown force are in no bin."""
+    pairs, predicted = presses(np.array([0.0, 0.0, 8.0, np.nan])), np.full((4, 20), 50.0)
+    values, bins = values_of_pairs(predicted, pairs), force_bins(pairs, pairs)
+    nothing, touched = by_force(predicted, values, pairs, bins, FULL_SCALE)
     assert (nothing.phantom_counts, nothing.rmse_counts) == (1000.0, 50.0)
     assert nothing.of_mean_array is nothing.mean_of is None
-    assert touched.phantom_counts is None
+    assert (touched.phantom_counts, touched.pairs) == (None, 1)
+    unknown = presses(np.full(5, np.nan))
+    values, bins = values_of_pairs(unknown.counts, unknown), force_bins(unknown, unknown)
+    assert by_force(unknown.counts, values, unknown, bins, 1.0) == ()
 
 
 def test_intervals_by_force_are_those_of_the_same_resamples() -> None:
@@ -124,19 +117,6 @@ def forces_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Of four forces and none."""
     folder = tmp_path_factory.mktemp("forces") / "data"
     return write_spots(folder, 300, 40, 0, 3, (0.0, 0.5, 1.0, 2.0, 8.0), scale=None)
-
-
-def test_one_force_has_one_entry_that_is_the_whole(
-    runs: list[Path], data_dir: Path, tmp_path: Path
-) -> None:
-    evaluation = evaluate(runs, data_dir, "val", tmp_path)
-    assert not evaluation.has_forces and MEAN_ARRAY_OF_FORCE not in evaluation.models
-    for row in evaluation.models.values():
-        (only,) = row.by_force
-        assert (only.low_n, only.high_n, only.mean_n) == (8.0, 8.0, 8.0)
-        assert only.pairs == row.overall["pairs"]
-        assert only.rmse_counts == row.overall["rmse_counts"]
-        assert only.rmse_percent == row.overall["rmse_percent"]
 
 
 def test_several_forces_have_an_entry_each_and_a_row_of_their_mean_arrays(

@@ -101,14 +101,10 @@ def values_of(errors: np.ndarray) -> pd.DataFrame:
         {
             "squared_error": errors**2,
             "ssim": 1.0 - errors / 1e4,
-            "ssim_contact": 1.0 - errors / 5e3,
-            "contact_iou": 1.0 - errors / 5e3,
             "centroid_error_mm": np.where(errors > 0, errors / 1e3, np.nan),
             "total_error": errors,
             "total": 1e4,
-            "squared_error_under": errors**2,
             "squared_error_near": np.nan,
-            "squared_error_beyond": np.nan,
         }
     )
 

@@ -83,17 +83,12 @@ def test_no_primitive_is_taken_for_a_tool(shapes):
         assert tool_in(shapes(name).mesh) is None, name
 
 
-def test_a_recipe_with_a_whole_tool_is_refused(recipe, tools):
-    block = trimesh.creation.box((9.0, 8.0, 7.0))
-    with pytest.raises(T2TwinError, match=r"b\.stl is the tool allen-key"):
-        recipe(a=block, b=turned(tools["allen-key"], 3))
-
-
-def test_a_tool_beside_another_body_is_refused(recipe, tools):
+def test_a_tool_among_other_solids_is_refused(recipe, tools):
+    """In a file of its own, and beside another body."""
     block = trimesh.creation.box((9.0, 8.0, 7.0), transform=np.eye(4) + np.eye(4, k=3) * 80.0)
-    both = trimesh.util.concatenate([block, tools["allen-key"]])
-    with pytest.raises(T2TwinError, match="is the tool allen-key"):
-        recipe(both=both)
+    both = trimesh.util.concatenate([block, turned(tools["allen-key"], 3)])
+    with pytest.raises(T2TwinError, match=r"b\.stl is the tool allen-key"):
+        recipe(a=block, b=both)
 
 
 def test_only_a_part_that_is_for_the_test_alone_may_have_tools(recipe, tools, tmp_path):

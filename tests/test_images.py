@@ -37,15 +37,15 @@ def test_every_kind_of_image_is_read_alike(digit: Image.Image, tmp_path: Path) -
         assert np.abs(read - grey).mean() < 3.0, name
 
 
-def test_a_bomb_and_a_pipe_are_refused_in_a_sentence(tmp_path):
-    """Few bytes, many pixels; and a named pipe, which nobody writes to."""
-    black = Image.new("1", (20_000, 20_000))
-    black.save(tmp_path / "bomb.png")
-    with pytest.raises(T2TwinError, match="pixels"):
-        open_image(tmp_path / "bomb.png")
+def test_a_bomb_a_pipe_and_a_very_large_file_are_refused(tmp_path):
+    """Few bytes, many pixels; a named pipe, which nobody writes to; a sparse file."""
+    Image.new("1", (20_000, 20_000)).save(tmp_path / "bomb.png")
     os.mkfifo(tmp_path / "pipe.png")
-    with pytest.raises(T2TwinError, match="is a folder or a device"):
-        open_image(tmp_path / "pipe.png")
+    with (tmp_path / "sparse.png").open("wb") as file:
+        file.truncate(10**12)
+    for name, said in (("bomb", "pixels"), ("pipe", "is a folder"), ("sparse", "at most 100 MB")):
+        with pytest.raises(T2TwinError, match=said):
+            open_image(tmp_path / f"{name}.png")
 
 
 @pytest.mark.parametrize("kept", [0.3, 0.9])
@@ -57,11 +57,3 @@ def test_an_image_that_is_cut_off_is_refused(kept, digit, tmp_path):
     assert open_image(tmp_path / "longer.png").size == (240, 320)
     with pytest.raises(T2TwinError, match=r"cut\.png cannot be read as an image: it is damaged"):
         open_image(tmp_path / "cut.png")
-
-
-def test_a_very_large_file_is_not_opened(tmp_path):
-    with (tmp_path / "sparse.png").open("wb") as file:
-        file.write(b"\x89PNG\r\n\x1a\n")
-        file.truncate(10**12)
-    with pytest.raises(T2TwinError, match="at most 100 MB"):
-        open_image(tmp_path / "sparse.png")

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from session import FOLDERS, Products
+from session import FOLDERS
 
 ROOT = Path(__file__).parents[1]
 ON_THE_SPOT = (
@@ -52,33 +52,3 @@ def test_runs_of_the_repository_are_not_found():
     from t2twin.translate.runs.config import pretrained_runs
 
     assert set(Translators().names) <= set(pretrained_runs())
-
-
-def test_a_product_is_made_once_and_a_change_of_it_is_seen(tmp_path):
-    made = []
-
-    def build(folder):
-        made.append(folder.name)
-        (folder / "cache").mkdir(parents=True)
-        (folder / "file").write_text("product")
-
-    first, second = Products(tmp_path), Products(tmp_path)
-    assert first.make("a/product", build) == second.make("a/product", build)
-    assert made == ["product"]
-    (tmp_path / "a/product/cache/image").touch()
-    assert first.changed() == []
-    (tmp_path / "a/product/file").write_text("changed")
-    (tmp_path / "a/product/more").touch()
-    assert set(first.changed()) == {"product/file", "product/more"}
-
-
-def test_an_unfinished_product_is_made_again(tmp_path):
-    products = Products(tmp_path)
-
-    def fail(folder):
-        folder.mkdir()
-        raise RuntimeError("interrupted")
-
-    with pytest.raises(RuntimeError, match="interrupted"):
-        products.make("product", fail)
-    assert list(products.make("product", Path.mkdir).iterdir()) == []

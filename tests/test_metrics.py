@@ -21,22 +21,14 @@ def test_perfect_prediction(phi: Phi, true: np.ndarray) -> None:
 
 def test_rmse_is_over_samples_and_taxels(phi: Phi, true: np.ndarray) -> None:
     """One taxel of one sample off by 12,000 of 6 x 20: 12,000 / sqrt(120)."""
-    off = true.copy()
+    off, some = true.copy(), np.arange(20) < 8
     off[2, 7] += 12000.0
-    summary = overall(compare(off, true, phi, FULL_SCALE), FULL_SCALE)
-    assert summary["rmse_counts"] == pytest.approx(12000.0 / np.sqrt(120))
-    assert summary["rmse_percent"] == pytest.approx(30.0 / np.sqrt(120))
-
-
-def test_error_of_a_group_of_the_taxels(phi: Phi, true: np.ndarray) -> None:
-    off = true.copy()
-    off[2, 7] += 12000.0
-    some = np.arange(20) < 8
     groups = {"under": some, "near": ~some, "beyond": np.zeros(20, bool)}
     summary = overall(compare(off, true, phi, FULL_SCALE, taxel_groups=groups), FULL_SCALE)
+    assert summary["rmse_counts"] == pytest.approx(12000.0 / np.sqrt(120))
+    assert summary["rmse_percent"] == pytest.approx(30.0 / np.sqrt(120))
     assert summary["rmse_under_counts"] == pytest.approx(12000.0 / np.sqrt(6 * 8))
-    assert summary["rmse_near_counts"] == 0.0
-    assert "rmse_beyond_counts" not in summary
+    assert summary["rmse_near_counts"] == 0.0 and "rmse_beyond_counts" not in summary
 
 
 def test_weaker_response_keeps_its_shape(phi: Phi, true: np.ndarray) -> None:

@@ -100,34 +100,15 @@ def report_data(page: Path, data_dir: Path, runs: list[Path]) -> ReportData:
     return read_report_data(page.parent, data_dir, runs)
 
 
-def test_limits_name_the_optics_and_the_law_of_the_elastomer(
-    report_data: ReportData, read: Reader
-) -> None:
-    text = read.text("limits")
-    assert "the light in the sensor's file, which was not calibrated on your sensor" in text
-    assert "stiffens like that of a neo-Hookean solid" in text
-    assert "digit: a layer of 4.07 mm with a modulus of 0.5 MPa" in text
-    assert "pads of 4 mm; capacitive taxels" in text
+def test_limits_name_the_optics(report_data: ReportData, read: Reader) -> None:
+    own = "the light in the sensor's file, which was not calibrated on your sensor"
+    assert own in read.text("limits")
     other = structs.replace(report_data.info.source, optics_sha256="0123456789ab" + 52 * "0")
-    text = limits_text(replace(report_data, info=replace(report_data.info, source=other)))
-    assert "not calibrated on your sensor" not in text
-    assert "custom optics file (SHA-256 0123456789ab)" in text
-
-
-def limits_text(report: ReportData) -> str:
+    report = replace(report_data, info=replace(report_data.info, source=other))
     text = render_section(
         run_report.TEMPLATES, "limits", report=report, **run_report.limits(report)
     )
-    return " ".join(text.split())
-
-
-def test_summary_says_what_the_evaluation_found(read: Reader, report_data: ReportData) -> None:
-    said = read.text("summary")
-    for evaluation in report_data.evaluations.values():
-        rows = evaluation.models
-        for name in ("touch2touch", "resnet18", "mean-array"):
-            assert f"{rows[name].overall['rmse_percent']:.2f} % for {name_of(name)}" in said
-    assert "A simulated gel camera, digit (" in said and "All data are simulated" in said
+    assert own not in " ".join(text.split()) and "(SHA-256 0123456789ab)" in text
 
 
 def test_samples_stand_at_their_quantiles(report_data: ReportData) -> None:
@@ -169,72 +150,51 @@ def refuse(*arguments: object) -> None:
     raise AssertionError("evaluated again")
 
 
-def test_evaluation_is_taken_up_again(
-    page: Path, data_dir: Path, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The report's own, also of runs that were copied since; not of runs in another order."""
+def test_evaluations_are_taken_up_again(
+    page: Path, data_dir: Path, runs: list[Path], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """The report's own, also of copied runs, not in another order; one beside it; one named."""
     monkeypatch.setattr(run_report, "evaluate", refuse)
-    here = page.parent
-    folders = read_report_data(here, data_dir, runs).folders
-    assert folders == {"val": here / "evaluate-val", "test": here / "evaluate-test"}
+    here, out, named = page.parent, tmp_path / "report", tmp_path / "named"
+    own = {split: here / f"evaluate-{split}" for split in ("val", "test")}
+    assert read_report_data(here, data_dir, runs).folders == own
     copies = [shutil.copytree(run, tmp_path / run.name) for run in runs]
-    assert read_report_data(here, data_dir, copies).folders == folders
+    assert read_report_data(here, data_dir, copies).folders == own
     with pytest.raises(AssertionError, match="evaluated again"):
         read_report_data(here, data_dir, runs[::-1])
-
-
-def test_report_draws_what_evaluate_wrote(
-    page: Path,
-    data_dir: Path,
-    runs: list[Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """First the folder that is named, then the one beside the report's."""
-    for split in ("val", "test"):
-        for folder in ("evaluate", "named"):
-            shutil.copytree(page.parent / f"evaluate-{split}", tmp_path / folder / split)
-    monkeypatch.setattr(run_report, "evaluate", refuse)
-    out, named = tmp_path / "report", tmp_path / "named"
-    beside = read_report_data(out, data_dir, runs)
-    assert beside.folders == {split: tmp_path / "evaluate" / split for split in ("val", "test")}
-    assert not out.exists()
-    monkeypatch.setattr("t2twin.report.run_report.draw_report", lambda out, report_data: out / PAGE)
+    for split, folder in own.items():
+        for copy in ("evaluate", "named"):
+            shutil.copytree(folder, tmp_path / copy / split)
+    beside = read_report_data(out, data_dir, runs).folders
+    assert beside == {split: tmp_path / "evaluate" / split for split in own} and not out.exists()
+    monkeypatch.setattr(run_report, "draw_report", lambda out, report_data: out / PAGE)
     arguments = ["report", "--data", str(data_dir), "--out", str(out), "--runs", *map(str, runs)]
     main([*arguments, "--evaluation", str(named)])
     said = f"using the evaluation in {named / 'val'} and {named / 'test'}\n"
     assert said in capsys.readouterr().out
-    # Each split is scanned for by itself, and what cannot be read is passed over.
-    (named / "val" / METRICS).write_text("{")
+    (named / "val" / METRICS).write_text("{")  # each split is scanned for by itself
     mixed = read_report_data(out, data_dir, runs, named).folders
     assert mixed == {"val": tmp_path / "evaluate" / "val", "test": named / "test"}
 
 
-@pytest.mark.parametrize("spoilt", ["weights", "dataset", "predictions", "split", "format"])
 def test_an_evaluation_of_something_else_is_not_drawn(
-    page: Path,
-    data_dir: Path,
-    runs: list[Path],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    spoilt: str,
+    page: Path, data_dir: Path, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run_report, "evaluate", refuse)
     own = tmp_path / "evaluate-val"
-    shutil.copytree(page.parent / "evaluate-val", own)
-    shutil.copytree(page.parent / "evaluate-test", tmp_path / "evaluate-test")
+    for split in ("val", "test"):
+        shutil.copytree(page.parent / f"evaluate-{split}", tmp_path / f"evaluate-{split}")
     evaluation, predictions = read_evaluation(own), read_predictions(own)
     model = replace(evaluation.models["resnet18"], weights_sha256="0" * 64)
-    others = {
-        "weights": replace(evaluation, models=evaluation.models | {"resnet18": model}),
-        "dataset": replace(evaluation, info_sha256="0" * 64),
-        "split": replace(evaluation, split="test"),
-        "format": replace(evaluation, format=2),
-    }
-    if spoilt == "predictions":
-        replace(predictions, truth=predictions.truth[1:]).save(own)
-    else:
-        write_json(own / METRICS, msgspec.to_builtins(others[spoilt]))
-    with pytest.raises(AssertionError, match="evaluated again"):
-        read_report_data(tmp_path, data_dir, runs)
+    others = [
+        replace(evaluation, models=evaluation.models | {"resnet18": model}),
+        replace(evaluation, info_sha256="0" * 64), replace(evaluation, split="test"),
+        replace(evaluation, format=2), evaluation,
+    ]  # fmt: skip
+    for other in others:
+        write_json(own / METRICS, msgspec.to_builtins(other))
+        if other is evaluation:
+            replace(predictions, truth=predictions.truth[1:]).save(own)
+        with pytest.raises(AssertionError, match="evaluated again"):
+            read_report_data(tmp_path, data_dir, runs)

@@ -15,7 +15,6 @@ from t2twin.report.page import PAGE
 from t2twin.report.run_report import SECTIONS, write_report
 from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.translate.evaluation.records import read_evaluation
 
 ROWS, COLUMNS = 24, 48
 FULL_SCALE = 1000
@@ -82,29 +81,10 @@ def test_what_is_known_is_drawn_and_nothing_else(page: Path, read: Reader) -> No
     ]  # fmt: skip
 
 
-def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> None:
-    evaluation = read_evaluation(page.parent / "evaluate-val")
-    assert not evaluation.paper and evaluation.full_scale_counts == FULL_SCALE
-    rows = {name: cells for name, *cells in read.rows["results"][:5] if name}
-    for name, title in (("resnet18", "ResNet18"), ("nearest-neighbour", "nearest neighbor")):
-        overall = evaluation.models[name].overall
-        assert [cell.split(" (")[0] for cell in rows[title][:2]] == [
-            f"{overall['rmse_counts']:,.0f}",
-            f"{overall['rmse_percent']:.2f}",
-        ]
-
-
 def test_names_from_outside_do_no_harm(page: Path, read: Reader) -> None:
     assert not {"script", "link", "iframe"} & {tag for tag, _ in read.tags}
     text = page.read_text(encoding="utf-8")
     assert "$\\foo_{$" in text and 30 * "x" not in text and "\x07" not in text
-
-
-def test_the_dataset_alone_has_its_page_too(data_dir: Path, tmp_path: Path) -> None:
-    main(["report", "--data", str(data_dir), "--out", str(tmp_path)])
-    read, text = read_page(tmp_path / PAGE)
-    assert not {"script", "link", "iframe"} & {tag for tag, _ in read.tags}
-    assert "24 pairs of 4 shapes" in text and "16 pairs of 4 shapes" in text
 
 
 def test_test_pairs_alone_are_evaluated_and_drawn(

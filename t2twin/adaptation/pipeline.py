@@ -22,19 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.adaptation.real_frame_evaluation import (
-    INITIAL,
-    TRAINED,
-    AdaptationResult,
-    RunScores,
-    background_counts,
-    baseline_rmse_percent,
-    choose,
-    evaluate_frames,
-    publish,
-    simulate_references,
-    write_adapt_page,
-)
+from t2twin.adaptation import real_frame_evaluation as check
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, is_empty, locked, write_json
@@ -155,7 +143,7 @@ def adapt(
     report: Callable[[str], object] = print,
     tolerance: Tolerance = DEFAULT_TOLERANCE,
     sensor: str | Path = SOURCE,
-) -> AdaptationResult:
+) -> check.AdaptationResult:
     """Adapts a translator to one gel camera, or resumes an interrupted adaptation.
 
     Writes optics.npz, optics_coverage.png, optics.json, recipe.toml, data/, training/, averaged/,
@@ -203,37 +191,39 @@ def adapt(
 
 def _check(
     config: AdaptConfig, presses: Presses, fitted: OpticsRecord, minutes: dict[str, float]
-) -> AdaptationResult:
+) -> check.AdaptationResult:
     """Writes the more accurate run and the page. minutes: by step, of the steps so far."""
     assert fitted.uncertainty is not None
     diameters_mm = {press.name: press.ball_diameter_mm for press in fitted.uncertainty.presses}
     names = [press.name for press in fitted.held_out]
-    references = simulate_references(
+    references = check.simulate_references(
         names,
         np.array([(press.x_mm, press.y_mm, press.depth_mm) for press in fitted.held_out]),
         presses.frames[[presses.names.index(name) for name in names]],
         [diameters_mm[name] for name in names],
         SensorPair.of(config.sensor, optics=config.out / OPTICS, frames=1),
     )
-    folders, still = {TRAINED: config.trained_dir}, presses.background
+    folders, still = {check.TRAINED: config.trained_dir}, presses.background
     if config.init_from is not None:
-        folders[INITIAL] = config.init_from
+        folders[check.INITIAL] = config.init_from
     runs = {name: load_run(folder) for name, folder in folders.items()}
     errors = {
         name: [
-            evaluate_frames(run, frames, references, still)
+            check.evaluate_frames(run, frames, references, still)
             for frames in (references.frames, references.simulated)
         ]
         for name, run in runs.items()
     }
     scores = {
-        name: RunScores(*(each.scores for each in both), background_counts(runs[name], still))
+        name: check.RunScores(
+            *(each.scores for each in both), check.background_counts(runs[name], still)
+        )
         for name, both in errors.items()
     }
-    kept = choose(scores)
-    publish(folders[kept], kept, scores, config.out / config.model)
-    zero, mean_array = baseline_rmse_percent(references, runs[kept])
-    result = AdaptationResult(
+    kept = check.choose(scores)
+    check.publish(folders[kept], kept, scores, config.out / config.model)
+    zero, mean_array = check.baseline_rmse_percent(references, runs[kept])
+    result = check.AdaptationResult(
         model=config.model,
         kept=kept,
         runs=scores,
@@ -245,7 +235,7 @@ def _check(
         minutes=minutes,
         uncertainty=fitted.uncertainty,
     )
-    write_adapt_page(config.out, runs[kept], *errors[kept], references, result)
+    check.write_adapt_page(config.out, runs[kept], *errors[kept], references, result)
     return result
 
 

@@ -276,18 +276,13 @@ def color_bar(page: Figure, drawn: ScalarMappable, axes: Any, width: float, titl
 
 
 class Panel(NamedTuple):
-    """An image with its title: of a camera, (R, C, 3) uint8, or tactile, (R, C) counts.
-
-    Of a tactile image: scale, the title of its color scale, which all panels with this title share;
-    phi and layout as for `draw_tactile_image`. A scale that starts with "difference" is one of
-    differences.
-    """
+    """An image with its title: of a camera, (R, C, 3) uint8, or tactile, (R, C) counts."""
 
     title: str
     image: np.ndarray
-    phi: Any = None
+    phi: Any = None  # of a tactile image, as for `draw_tactile_image`, and layout
     layout: Any = None
-    scale: str = ""
+    scale: str = ""  # title of its color scale, which panels share; "difference..." of differences
 
 
 def panels_image(panels: Sequence[Panel], width_in: float = 100.0) -> bytes:

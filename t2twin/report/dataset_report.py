@@ -22,7 +22,6 @@ from t2twin.report.page import (
     SPLIT_COLORS,
     SPLIT_NAMES,
     check_out,
-    listed,
     printable,
     shape_name,
     write_page,
@@ -133,11 +132,11 @@ class Dataset:
     def forces_text(self) -> str:
         """Forces as text: "8 N", "1, 2 and 8 N" or "0.52 to 11.9 N"."""
         touching = [f"{force:.3g}" for force in self.forces_n if force > 0]
-        if not touching:
-            return "none"
         if len(touching) > MAX_LISTED_FORCES:
             return f"{touching[0]} to {touching[-1]} N"
-        return listed(touching) + " N"
+        if len(touching) > 1:
+            return f"{', '.join(touching[:-1])} and {touching[-1]} N"
+        return f"{touching[0]} N" if touching else "none"
 
     @property
     def without_contact(self) -> np.ndarray:

@@ -30,17 +30,12 @@ NAMES = {
     "resnet18": "ResNet18",
     **SPLIT_NAMES,
 }
-BASELINE_COLORS = {
-    MEAN_ARRAY: "#222222",
-    MEAN_ARRAY_OF_FORCE: "#888888",
-    NEAREST_NEIGHBOR: COLORS[5],
-}
+BASELINE_COLORS = {MEAN_ARRAY: "#222222", NEAREST_NEIGHBOR: COLORS[5]}
 SPLIT_COLORS = {"train": "#999999", "val": COLORS[0], "test": COLORS[1]}
 KIND_NAMES = {"image": "gel camera", "counts": "taxel array"}
 
-MAX_NAME, NAME_END = 20, 6
-"""Maximum length of a displayed shape name, and length of its preserved end (assumed: half of a
-phone's width)."""
+MAX_NAME = 20  # characters of a displayed shape name (assumed: half of a phone's width)
+NAME_END = 6  # characters of its end that are preserved
 
 Values = Callable[[], Mapping[str, Any] | None]
 """Computes the values of a section's block, or None to leave the section out."""
@@ -61,9 +56,8 @@ def write_page(
 ) -> Path:
     """Writes out/index.html, a self-contained page, and returns its path.
 
-    templates: files with blocks of the sections' names. sections: the title of the link to each, ""
-    for none, and its values, by name, in their order; the first is above the links. shared: values
-    for all of them.
+    templates: files with blocks of the sections' names. sections: by name, the title of the link to
+    each, "" for none, and its values; the first is above the links. shared: values for all of them.
     """
     bodies = {}
     for name in Progress(list(sections), desc="report", unit="section"):
@@ -100,16 +94,6 @@ def shape_name(shape: str, most: int = MAX_NAME) -> str:
     return name if len(name) <= most else f"{name[: most - NAME_END - 1]}…{name[-NAME_END:]}"
 
 
-def listed(items: Sequence[str]) -> str:
-    """Texts as a list, such as "a, b and c"."""
-    return " and ".join(filter(None, (", ".join(items[:-1]), items[-1])))
-
-
-def tenths(value: float) -> str:
-    """A number with one decimal and a typographic minus sign."""
-    return f"{round(value, 1) + 0.0:.1f}".replace("-", "−")
-
-
 def printable(text: str) -> str:
     """Text with spaces in place of non-printable characters."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
@@ -118,10 +102,8 @@ def printable(text: str) -> str:
 LABELS = {
     "name_of": name_of,
     "shape_name": shape_name,
-    "listed": listed,
     "split_names": SPLIT_NAMES,
     "kind_names": KIND_NAMES,
     "pi": math.pi,
-    "tenths": tenths,
 }
 """Functions and names for all templates of the pages."""

@@ -41,23 +41,18 @@ PAPER: dict[str, dict[str, Figures]] = {
 }
 """Results of Grella et al. 2023 by split and model: root of L3, and one SSIM per model."""
 
-TAXEL_GROUPS = ("under", "near", "beyond")
-"""Groups of taxels: under the view; outside, within one pitch; farther."""
-
+TAXEL_GROUPS = ("under", "near", "beyond")  # the view; within one pitch of it; farther
 SLACK = 1e-6  # tolerance of positions for rounding, fraction of a pitch
-
+# Largest distance of a taxel outside its triangle of trained taxels, in barycentric coordinates
+# (assumed: layouts.OUTSIDE_MM for a triangle 1 mm high)
 OUTSIDE_PARTS = 0.01
-"""Largest distance of a taxel outside its triangle of trained taxels, in barycentric coordinates
-(assumed: layouts.OUTSIDE_MM for a triangle 1 mm high)."""
-
 SEED = 1  # of the second readings; the noise of datasets has other seeds
 MAX_FORCES = 12  # forces with a bin each (assumed: the lines of a table)
 DECIMALS = 2  # to which forces are rounded, N (assumed)
 BINS_PER_DOUBLING = 2  # of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed)
-
+# Minimum number of training presses for a mean array (assumed: its standard error is a seventh of
+# the presses' standard deviation)
 MIN_PRESSES = 50
-"""Minimum number of training presses for a mean array (assumed: its standard error is a seventh of
-the presses' standard deviation)."""
 
 
 class Neighbors(NamedTuple):
@@ -65,11 +60,6 @@ class Neighbors(NamedTuple):
 
     index: np.ndarray  # (P, k), of stored images
     distance_grey: np.ndarray  # (P, k), RMS difference at FEATURE_SIZE; infinite beyond the last
-
-
-def mean_array(train: Pairs) -> np.ndarray:
-    """Mean counts of the training pairs: (N,) float32."""
-    return train.counts.mean(axis=0, dtype=float).astype(np.float32)
 
 
 def neighbors(
@@ -175,7 +165,7 @@ def force_bins(pairs: Pairs, train: Pairs) -> tuple[pd.DataFrame, np.ndarray]:
     low_n, trained_n = (_low_edges_n(each.force_n, single) for each in (pairs, train))
     high_n = low_n if single else low_n * 2 ** (1 / BINS_PER_DOUBLING)
     bins = pd.DataFrame({"low_n": low_n, "high_n": high_n, "mean_of": "training"})
-    arrays = np.tile(mean_array(train), (len(pairs), 1))
+    arrays = np.tile(train.counts.mean(axis=0, dtype=float), (len(pairs), 1)).astype(np.float32)
     for edge in np.unique(low_n[~np.isnan(low_n)]):
         members, counts = low_n == edge, train.counts[trained_n == edge]
         if len(counts) < MIN_PRESSES:
@@ -211,7 +201,8 @@ def predict_baselines(
     the target. trained_layouts: of runs that only interpolate between their own taxels; the layout
     floor is that of the first one unlike the dataset's.
     """
-    rows = {MEAN_ARRAY: np.tile(mean_array(train), (len(pairs), 1))}
+    mean = train.counts.mean(axis=0, dtype=float).astype(np.float32)
+    rows = {MEAN_ARRAY: np.tile(mean, (len(pairs), 1))}
     if of_force is not None:
         rows[MEAN_ARRAY_OF_FORCE] = of_force
     rows[NEAREST_NEIGHBOR] = train.counts[near.index[:, 0]]

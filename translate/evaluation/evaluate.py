@@ -40,18 +40,7 @@ from t2twin.translate.data.pairs import (
     load_pairs,
     usable_cache,
 )
-from t2twin.translate.evaluation import metrics
-from t2twin.translate.evaluation.baselines import (
-    FEATURE_SIZE,
-    MEAN_IMAGE,
-    NEAREST_NEIGHBOR,
-    NEIGHBORS,
-    PAPER,
-    force_bins,
-    neighbors,
-    predict_baselines,
-    view_on,
-)
+from t2twin.translate.evaluation import baselines, metrics
 from t2twin.translate.evaluation.records import FORMAT, METRICS, Evaluation, Figures, ModelRow
 from t2twin.translate.evaluation.table import results_tables
 from t2twin.translate.inference.load import load
@@ -64,27 +53,14 @@ from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
 SPLITS = ("val", "test")
 
-RESULTS, BOTH = "results.md", "both"
-"""Table of validation and test, and the name of both, as far as a dataset has them."""
-
-MAX_SHAPES = 200
-"""Maximum number of shapes with figures of their own (assumed: more are not read)."""
-
-TOUCH2TOUCH, RESNET18 = "touch2touch", "resnet18"
-"""Runs whose difference has an interval: the paper compares these models."""
-
-OF_PAIRS, OF_OPTICS = "each pair's own", "that of the default optics"
-"""Sources of frames that are not files."""
-
+RESULTS, BOTH = "results.md", "both"  # table of validation and test, as far as there are pairs
+MAX_SHAPES = 200  # with figures of their own (assumed: more are not read)
+TOUCH2TOUCH, RESNET18 = "touch2touch", "resnet18"  # the paper's: their difference has an interval
+OF_PAIRS, OF_OPTICS = "each pair's own", "that of the default optics"  # frames that are not files
+MIN_CELLS = 4  # of a contact (assumed: smaller ones are not resolved)
+# Arrays of the pairs in predictions.npz, besides the truth and each model's predictions and std
 PREDICTIONS, TRUTH, STD = "predictions.npz", "truth", "std of "
-"""File of the predictions; in it, the name of the truth, and the start of the names of standard
-deviations. Each model's predictions have its name."""
-
 PAIR_ARRAYS = ("shape", "family", "x_mm", "y_mm", "yaw_rad", "force_n")
-"""Further arrays of the file."""
-
-MIN_CELLS = 4
-"""Least number of cells of a contact (assumed: smaller ones are not resolved)."""
 
 Found = tuple[dict[str, pd.DataFrame], dict[str, dict[str, Any]], "Predictions", dict[str, Any]]
 """Values of the pairs and further fields by row, predictions, and fields of the evaluation."""
@@ -126,44 +102,37 @@ def prepare(
                 "the baselines"
             )
     loaded = [load(run, engine="torch") for run in runs]
-    reverse = _is_reverse(loaded, dataset)
+    first, source, target = loaded[0].config.data, dataset.source, dataset.target
+    reverse = first.source.value != source.value
+    if source.value == target.value:
+        names = (first.source.name, first.target.name)
+        reverse = names == (target.name, source.name) and source.name != target.name
     info = load_info(data_dir, reverse)
     for run in loaded:
         own = run.config.data
+        if own.direction != first.direction:
+            raise T2TwinError(
+                f"{loaded[0].run_dir} is a {first.direction} run and {run.run_dir} a "
+                f"{own.direction} run; evaluate runs of one direction together"
+            )
         gives = run.config.is_image_to_counts or own.target.fits(info.target)
         if own.direction != info.direction or not own.source.fits(info.source) or not gives:
             raise T2TwinError(
                 f"{run.run_dir} predicts {own.target.words} from {own.source.words}; "
                 f"{data_dir} has {info.source.words} and {info.target.words}"
             )
-    trained = dict(zip(run_names(loaded), loaded, strict=True))
-    applied = trained
+    applied = trained = dict(zip(run_names(loaded), loaded, strict=True))
     if loaded[0].config.is_image_to_counts:
         applied = {name: run.at_layout(info.array.taxels) for name, run in trained.items()}
-    source, frame = None, None
+    still = None, None
     if any(run.has_uncertainty for run in loaded):
-        source, frame = _background(dataset, data_dir, background)
+        still = _background(dataset, data_dir, background)
     elif background is not None:
         raise T2TwinError(
             f"{background} is a background frame, which only field runs use; none of the runs is "
             "one"
         )
-    return EvaluationInputs(data_dir, dataset, info, trained, applied, source, frame, reverse)
-
-
-def _is_reverse(runs: Sequence[TrainedTranslator], dataset: DatasetInfo) -> bool:
-    """Whether source and target of the runs, which have one direction, exchange the dataset's."""
-    first, source, target = runs[0].config.data, dataset.source, dataset.target
-    for run in runs:
-        if run.config.direction != first.direction:
-            raise T2TwinError(
-                f"{runs[0].run_dir} is a {first.direction} run and {run.run_dir} a "
-                f"{run.config.direction} run; evaluate runs of one direction together"
-            )
-    if source.value != target.value:
-        return first.source.value != source.value
-    names = (first.source.name, first.target.name)
-    return names == (target.name, source.name) and source.name != target.name
+    return EvaluationInputs(data_dir, dataset, info, trained, applied, *still, reverse)
 
 
 def _background(
@@ -246,19 +215,16 @@ def predict_runs(
     has_dense_counts = target.value == COUNTS and target.dense_x_mm is not None
     predictions, estimates, contacts = {}, {}, {}
     for name, run in inputs.applied.items():
-        preset = run.config.preset
-        if not run.has_uncertainty:
-            own = load_pairs(
-                inputs.data_dir, split, preset.size, preset.grey, cache, reverse=inputs.reverse
-            )
-            predictions[name] = run.predict_pixels(own.inputs, progress=name)
-            continue
+        preset, is_sure = run.config.preset, run.has_uncertainty
         side = side_of_maps(preset.size) if run.predicts_contact else None
         # Pairs with dense counts usually have background frames too.
         own = load_pairs(
-            inputs.data_dir, split, preset.size, preset.grey, cache, has_dense_counts,
+            inputs.data_dir, split, preset.size, preset.grey, cache, is_sure and has_dense_counts,
             inputs.reverse, side,
         )  # fmt: skip
+        if not is_sure:
+            predictions[name] = run.predict_pixels(own.inputs, progress=name)
+            continue
         images = own.inputs
         if inputs.frame is not None:
             frame = to_pixels(inputs.frame, preset.size, grey=False)
@@ -290,9 +256,7 @@ def contact_metrics(
     """The errors of a run that predicts the contact, in the cells of its maps.
 
     pictures: inputs of P pairs, as for `estimate_pixels`. contact: their contact maps. force_n:
-    (P,), 0 without contact; other pairs may have their contact outside the view. Errors of a press
-    are those in its true contact; each press has the same weight. docs/reference/metrics.md has the
-    definitions.
+    (P,), 0 without contact; other pairs may have their contact outside the view.
     """
     half, view_mm = half_width(metrics.REPORTED_LEVEL), run.config.data.camera.view_mm
     parts, false_contacts = [], []
@@ -389,11 +353,10 @@ def evaluate(
     runs: folders that `train` has made, all of one direction between the dataset's sensors.
     touch2touch and field runs from images to counts may have another taxel layout than the dataset,
     which is then read from their images or dense counts. split: "val" or "test" (or "train").
-    Returns the content of metrics.json (module records). The rows are the baselines and floors
-    (module baselines), then the runs, by their models' names, with the folder's name for runs of
-    the same model. predictions.npz contains the counts or images of each row.
     background: an image of the dataset's sensor without contact, for field runs. The default is the
     frames of the pairs, or that of the default optics, if the dataset was made with either.
+    Returns the content of metrics.json: baselines and floors, then the runs, by their models'
+    names. predictions.npz contains the counts or images of each row.
     Raises T2TwinError for no runs, a folder that is not a run, sensors other than the dataset's,
     and a layout that a run cannot be read at. It also does for a background frame without a field
     run, and for a split or training split without pairs.
@@ -423,9 +386,8 @@ def evaluate_splits(
     for each in splits:
         folder = out_dir / each if is_both else out_dir
         with locked(folder):
-            evaluations[each], predictions = _evaluate(
-                inputs, each, usable_cache(inputs.data_dir, folder)
-            )
+            cache = usable_cache(inputs.data_dir, folder)
+            evaluations[each], predictions = _evaluate(inputs, each, cache)
             predictions.save(folder)
             write_json(folder / METRICS, msgspec.to_builtins(evaluations[each]))
     if is_both:
@@ -438,26 +400,23 @@ def evaluate_splits(
 def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evaluation, Predictions]:
     info = inputs.info
     pairs, train = (
-        load_pairs(inputs.data_dir, s, FEATURE_SIZE, False, cache, reverse=inputs.reverse)
+        load_pairs(inputs.data_dir, s, baselines.FEATURE_SIZE, False, cache, reverse=inputs.reverse)
         for s in (split, "train")
     )
     find = _counts if info.target.value == COUNTS else _images
     tables, more, predictions, fields_of_target = find(inputs, split, cache, pairs, train)
     full_scale, shapes = info.target.full_scale, pairs.shapes
-    few, moving, rows = np.unique(shapes).size <= MAX_SHAPES, pairs.is_moving, {}
+    number, moving, rows = int(np.unique(shapes).size), pairs.is_moving, {}
+    groups = {"by_family": pairs.families}
+    if number <= MAX_SHAPES:
+        groups["by_shape"] = shapes
+    if moving is not None:
+        groups["by_motion"] = np.where(moving, "moving", "still")
     for name, values in tables.items():
-        groups = [shapes if few else None, pairs.families]
-        groups.append(None if moving is None else np.where(moving, "moving", "still"))
-        by_shape, by_family, by_motion = (
-            None if names is None else metrics.by_name(values, full_scale, names)
-            for names in groups
-        )
         rows[name] = ModelRow(
             overall=metrics.overall(values, full_scale),
-            by_shape=by_shape or {},
-            by_family=by_family or {},
             interval=metrics.intervals(values, full_scale, shapes),
-            by_motion=by_motion,
+            **{by: metrics.by_name(values, full_scale, names) for by, names in groups.items()},
             **more.get(name, {}),
             **(_run_fields(inputs.trained[name], info) if name in inputs.trained else {}),
         )
@@ -474,15 +433,9 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         contact_level=metrics.CONTACT_LEVEL,
         info_sha256=info.sha256,
         models=rows,
-        bootstrap={
-            "over": "shapes",
-            "shapes": int(np.unique(shapes).size),
-            "resamples": metrics.RESAMPLES,
-            "seed": metrics.SEED,
-            "confidence": metrics.CONFIDENCE,
-        },
+        shapes=number,
         paired=paired,
-        paper=PAPER.get(split, {}) if is_papers else {},
+        paper=baselines.PAPER.get(split, {}) if is_papers else {},
         recipe=info.recipe,
         source=info.source.name,
         target=info.target.name,
@@ -496,18 +449,20 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
 def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, train: Pairs) -> Found:
     """Of predicted counts."""
     array, source = inputs.info.array, inputs.info.source
-    full_scale, bins = array.full_scale_counts, force_bins(pairs, train)
+    full_scale, bins = array.full_scale_counts, baselines.force_bins(pairs, train)
     layouts = [run.config.data.array for run in inputs.trained.values() if not run.has_uncertainty]
-    near = neighbors(train.source, pairs.source, NEIGHBORS, progress=NEAREST_NEIGHBOR)
+    near = baselines.neighbors(
+        train.source, pairs.source, baselines.NEIGHBORS, progress=baselines.NEAREST_NEIGHBOR
+    )
     of_force = bins[1] if bins[0]["low_n"].nunique() > 1 else None
-    predictions = predict_baselines(
+    predictions = baselines.predict_baselines(
         pairs, train, near, of_force, inputs.dataset, inputs.target_role, layouts
     )
     predicted, estimates, contacts = predict_runs(inputs, split, cache)
     predictions |= predicted
     view, groups = None, {}
     if source.value == IMAGE:
-        view, groups = view_on(array.x_mm, array.y_mm, source.view_mm)
+        view, groups = baselines.view_on(array.x_mm, array.y_mm, source.view_mm)
     tables, more = {}, {}
     stds = {name: each.counts_std for name, each in estimates.items()}
     for name, counts in predictions.items():
@@ -536,7 +491,9 @@ def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
 
 def _images(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, train: Pairs) -> Found:
     """Of predicted images, compared as the runs' largest pictures, and in grey if one run is."""
-    near = neighbors(train.source, pairs.source, NEIGHBORS, progress=NEAREST_NEIGHBOR).index[:, 0]
+    near = baselines.neighbors(
+        train.source, pairs.source, baselines.NEIGHBORS, progress=baselines.NEAREST_NEIGHBOR
+    ).index[:, 0]
     presets = [run.config.preset for run in inputs.trained.values()]
     size, grey = max(each.size for each in presets), any(each.grey for each in presets)
     true, known = (
@@ -546,31 +503,23 @@ def _images(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
     assert isinstance(true, ImageFile) and isinstance(known, ImageFile)
     mean, truth = np.rint(known.mean()).astype(np.uint8), true[:]
     predictions = {
-        MEAN_IMAGE: np.broadcast_to(mean, (len(near), *mean.shape)),
-        NEAREST_NEIGHBOR: known[near],
+        baselines.MEAN_IMAGE: np.broadcast_to(mean, (len(near), *mean.shape)),
+        baselines.NEAREST_NEIGHBOR: known[near],
     }
     for name, images in predict_runs(inputs, split, cache)[0].items():
-        predictions[name] = _resized(images, size, grey)
+        if images.shape[1:] != mean.shape:  # other sizes, and colors where one run is grey
+            shown = (each if each.shape[-1] == COLORS else each[..., 0] for each in images)
+            resized = [to_pixels(Image.fromarray(each), size, grey) for each in shown]
+            images = np.stack(resized)
+        predictions[name] = images
     native = frame_of_own_light(inputs.dataset, inputs.target_role)
     frame = None if native is None else to_pixels(Image.fromarray(native), size, grey)
     of_evaluation = {
-        "full_scale_counts": None,
-        "layout": None,
-        "view": None,
         "background": None if frame is None else OF_OPTICS,
         "pictures": f"{size} x {size} pixels, {'grey' if grey else 'red, green and blue'}",
     }
-
     tables = {n: metrics.compare_images(each, truth, frame) for n, each in predictions.items()}
     return tables, {}, Predictions(truth, predictions, {}, {}), of_evaluation
-
-
-def _resized(images: np.ndarray, size: int, grey: bool) -> np.ndarray:
-    """Predicted pictures, (P, S, S, c) uint8, at another size and in grey, if they differ."""
-    if images.shape[1] == size and images.shape[-1] == (1 if grey else COLORS):
-        return images
-    shown = (each if each.shape[-1] == COLORS else each[..., 0] for each in images)
-    return np.stack([to_pixels(Image.fromarray(each), size, grey) for each in shown])
 
 
 def _run_fields(run: TrainedTranslator, info: DataInfo) -> dict[str, Any]:

@@ -24,29 +24,17 @@ from t2twin.translate.data.pairs import Pairs
 from t2twin.translate.evaluation.records import Figures, ForceFigures, Interval, Uncertainty
 from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
-CONTACT_LEVEL = 0.1
-"""Fraction of its image's maximum above which a pixel is in contact (assumed)."""
-
+CONTACT_LEVEL = 0.1  # fraction of its image's maximum above which a pixel is in contact (assumed)
+# Difference from the background frame above which a pixel is in contact, grey levels of the channel
+# where it is largest (assumed: eight times a DIGIT's noise)
 CONTACT_GREY = 8.0
-"""Difference from the background frame above which a pixel is in contact, grey levels of the
-channel where it is largest (assumed: eight times a DIGIT's noise)."""
-
 MIN_SQUARE = 1e-3  # lower bound of the mean squared difference in a PSNR, grey levels^2 (assumed)
 LUMA = (0.299, 0.587, 0.114)  # weights of a grey picture (ITU-R BT.601, as Pillow's)
 BATCH_SIZE = 64  # pairs whose tactile images are computed together; bounds memory to 50 MB
-
-RESAMPLES, SEED, CONFIDENCE = 1000, 0, 0.95
-"""Number and seed of the resamples, and share of them in an interval."""
-
-LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
-"""Nominal coverages of the intervals."""
-
-RETAINED = tuple(round(1.0 - 0.05 * n, 2) for n in range(18))
-"""Shares of the presses that are retained, the most certain ones."""
-
-REPORTED_LEVEL, REPORTED_SHARE = 0.9, 0.8
-"""Coverage and retained share in tables."""
-
+RESAMPLES, SEED, CONFIDENCE = 1000, 0, 0.95  # number, seed; share of them in an interval
+LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)  # nominal coverages
+RETAINED = tuple(round(1.0 - 0.05 * n, 2) for n in range(18))  # shares of the most certain presses
+REPORTED_LEVEL, REPORTED_SHARE = 0.9, 0.8  # of LEVELS and RETAINED, in tables
 MIN_SHEAR_N = 0.3  # true shear force above which its direction is compared (assumed)
 
 

@@ -1,6 +1,6 @@
 """Results of an evaluation as records. Keys of their file metrics.json are their attributes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -67,9 +67,9 @@ class ModelRow:
     """
 
     overall: Figures
-    by_shape: dict[str, Figures]  # empty with more than evaluate.MAX_SHAPES shapes
-    by_family: dict[str, Figures]
     interval: dict[str, Interval | None]  # of the overall figures
+    by_family: dict[str, Figures]
+    by_shape: dict[str, Figures] = field(default_factory=dict)  # none above evaluate.MAX_SHAPES
     by_force: tuple[ForceFigures, ...] = ()  # in ascending order; empty if no force is known
     by_motion: dict[str, Figures] | None = None  # "still" and "moving" pairs, if any move
     run: str | None = None  # its folder as given
@@ -92,15 +92,15 @@ class Evaluation:
     format: int
     split: str
     pairs: int
-    full_scale_counts: float | None
     contact_level: float  # a pixel above this fraction of its image's maximum is in contact
     info_sha256: str  # of the dataset's info.json
-    layout: str | None
-    view: Figures | None  # of the camera; its size, the pitch, taxels by group of TAXEL_GROUPS
     models: dict[str, ModelRow]
-    bootstrap: dict[str, int | float | str]  # the resampled unit, and numbers
+    shapes: int  # number of shapes, which the bootstrap resamples
     paired: dict[str, Figures]  # touch2touch minus ResNet18: difference, low and high, by figure
     paper: dict[str, Figures]  # figures of the paper's models, on hardware
+    full_scale_counts: float | None = None
+    layout: str | None = None
+    view: Figures | None = None  # of the camera; its size, the pitch, taxels by TAXEL_GROUPS
     recipe: str | None = None  # of the dataset, None for imported pairs
     background: str | None = None  # source of the background frames
     source: str | None = None

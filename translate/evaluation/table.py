@@ -7,7 +7,7 @@ import numpy as np
 
 from t2twin.core.tables import NONE, Table
 from t2twin.translate.evaluation.baselines import NOISE_FLOOR
-from t2twin.translate.evaluation.metrics import REPORTED_LEVEL
+from t2twin.translate.evaluation.metrics import CONFIDENCE, REPORTED_LEVEL
 from t2twin.translate.evaluation.records import (
     Evaluation,
     Figures,
@@ -53,15 +53,13 @@ FURTHER = (
     Column("rmse_near_counts", "Near it", "{:,.0f}"),
     Column("rmse_beyond_counts", "Beyond", "{:,.0f}"),
 )
-OF_IMAGES = (
+OF_IMAGES = (  # columns of predicted images
     Column("psnr_db", "PSNR, dB", "{:.2f}"),
     Column("psnr_contact_db", "PSNR in contact, dB", "{:.2f}"),
     Column("ssim", "SSIM", "{:.3f}"),
     Column("rmse_grey", "RMSE, grey levels", "{:.2f}"),
     Column("rmse_percent", "% of full scale", "{:.2f}"),
 )
-"""Columns of predicted images."""
-
 OUTPUTS = {
     "coverage_percent": f"coverage of {100 * REPORTED_LEVEL:.0f} % intervals, %",
     "gain_percent": "lower RMSE without the least certain fifth, %",
@@ -84,9 +82,7 @@ OUTPUTS = {
 }
 """Titles of the metrics of outputs besides counts, by name."""
 
-SMALL_FULL_SCALE = 1000
-"""Full scale below which counts have a decimal."""
-
+SMALL_FULL_SCALE = 1000  # below which counts have a decimal
 PAPER = "Grella et al. 2023, on hardware"
 SSIM_OF_PAPER = Column("ssim", "SSIM", "{:.2f}")  # has two decimals
 VIEW = (
@@ -101,20 +97,16 @@ def results_tables(evaluations: Evaluations, name: Callable[[str], str] = str) -
     of a row or a split."""
     tables = [table for one in evaluations.values() for table in figures_tables(one, name)]
     tables += [_force_table(one, name) for one in evaluations.values() if one.has_forces]
-    lines = [
-        [
-            f"{name(run)}, {name(split)}",
-            part,
-            f"{values['pairs']:,}",
-            OUTPUTS[metric],
-            _short(value),
-        ]
-        for split, one in evaluations.items()
-        for run, row in one.runs.items()
-        for part, values in _outputs(row).items()
-        for metric, value in values.items()
-        if metric in OUTPUTS
-    ]
+    lines = []
+    for split, one in evaluations.items():
+        for run, row in one.runs.items():
+            title = f"{name(run)}, {name(split)}"
+            for part, values in _outputs(row).items():
+                pairs = f"{values['pairs']:,}"
+                for metric, value in values.items():
+                    shown = f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
+                    if metric in OUTPUTS:
+                        lines.append([title, part, pairs, OUTPUTS[metric], shown])
     if lines:
         tables.append(Table(["", "output", "pairs", "metric", ""], {"": lines}))
     return tables
@@ -164,8 +156,8 @@ def counts_form(full_scale: float) -> str:
 def _notes(one: Evaluation, name: Callable[[str], str]) -> Iterator[str]:
     """Sentences on intervals, training data, backgrounds, the paper."""
     yield (
-        f"In brackets: the {100 * float(one.bootstrap['confidence']):.0f} % interval, by bootstrap "
-        f"over the {one.bootstrap['shapes']} shapes."
+        f"In brackets: the {100 * CONFIDENCE:.0f} % interval, by bootstrap over the {one.shapes} "
+        "shapes."
     )
     if one.pictures is not None:
         yield f"The images of {one.target} are compared at {one.pictures}."
@@ -196,11 +188,6 @@ def _outputs(row: ModelRow) -> dict[str, Figures]:
     found = {"uncertainty": sure, **by_motion, "shear force": row.shear}
     found["contact in the view"] = row.contact
     return {name: values for name, values in found.items() if values is not None}
-
-
-def _short(value: float) -> str:
-    """A number with three digits."""
-    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def _force_table(evaluation: Evaluation, name: Callable[[str], str]) -> Table:
