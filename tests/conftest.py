@@ -38,7 +38,7 @@ def pytest_configure(config):
 
 FIRST = (
     "test_regression.py", "test_calibrate.py", "test_documents.py", "test_calibrate_uncertainty.py",
-    "test_studio_page.py", "test_field.py", "test_bad_inputs.py", "test_recipe_datasets.py",
+    "test_studio_page.py", "test_field.py", "test_recipe_datasets.py",
     "test_calibrate_any_sensor.py", "test_examples.py", "test_training.py",
     "test_report.py",
 )  # fmt: skip

@@ -1,8 +1,8 @@
-"""Benchmarks: declared by their modules, run by one runner, results with provenance."""
+"""Benchmarks: declared by their modules, run by one runner; results with provenance, which are
+stale if a source folder changed since the commit that they were measured at."""
 
 import ast
 import subprocess
-import sys
 from dataclasses import replace
 
 import pytest
@@ -10,9 +10,13 @@ import pytest
 from benchmarks import ROOT, evidence
 from benchmarks import __main__ as command
 from benchmarks.evidence import (
+    BASELINE,
     Argument,
     Benchmark,
     Figure,
+    Provenance,
+    Results,
+    changed_sources,
     find_benchmarks,
     processor,
     read_results,
@@ -20,6 +24,7 @@ from benchmarks.evidence import (
     value,
     values,
     versions,
+    write_results,
 )
 from t2twin.core.errors import T2TwinError
 
@@ -64,17 +69,6 @@ def test_a_module_declares_a_benchmark_of_its_own_name(benchmark):
         path = ROOT / source
         is_module = path.is_file() and path.suffix == ".py"
         assert (path.is_dir() or is_module) and not path.is_symlink()
-
-
-def test_listing_the_benchmarks_imports_no_heavy_package():
-    code = (
-        "import sys; from benchmarks.evidence import find_benchmarks; find_benchmarks();"
-        "print(sorted({'torch', 'cadquery', 'viser', 'matplotlib.figure'} & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
-    )
-    assert done.stdout == "[]\n"
 
 
 # Values
@@ -176,3 +170,92 @@ def test_a_failed_benchmark_does_not_stop_the_others(monkeypatch):
 def test_an_impossible_request_is_refused(arguments, sentence):
     with pytest.raises(SystemExit, match=sentence):
         command.main(arguments)
+
+
+# Stale results
+
+
+SOURCES = Benchmark("benchmarks.small", "Nothing.", 0.0, sources=("sim/contact", "sim/optical"))
+
+
+@pytest.fixture
+def repository(tmp_path, monkeypatch):
+    """A repository with three commits: old, baseline, and a change of sim/contact."""
+    monkeypatch.setattr(evidence, "RESULTS", tmp_path / "results")
+    root = tmp_path / "repository"
+    for folder in SOURCES.sources:
+        (root / folder).mkdir(parents=True)
+    git(root, "init", "-q")
+    commits = []
+    for number, name in enumerate(("sim/optical/a.py", "sim/optical/b.py", "sim/contact/c.py")):
+        (root / name).write_text(str(number))
+        git(root, "add", ".")
+        git(root, "-c", "user.name=x", "-c", "user.email=x@x", "commit", "-q", "-m", name)
+        commits.append(git(root, "rev-parse", "--short=12", "HEAD"))
+    return root, commits
+
+
+def git(root, *arguments):
+    done = subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def measure_at(commit, benchmark=SOURCES):
+    write_results(benchmark.results, Results(Provenance(commit, "2026-01-01", "x", {}), {"a": 1}))
+
+
+def test_a_change_since_the_baseline_is_named(repository):
+    root, commits = repository
+    assert changed_sources(SOURCES, root, commits[1]) is None
+    baseline = Benchmark("benchmarks.small", "Nothing.", 0.0, SOURCES.sources, is_baseline=True)
+    assert changed_sources(baseline, root, commits[1]) == []
+    for commit in (commits[0], commits[1], f"{commits[0]}+", "unknown", "0" * 12):
+        measure_at(commit)
+        assert changed_sources(SOURCES, root, commits[1]) == ["sim/contact"]
+    measure_at(commits[2])
+    assert changed_sources(SOURCES, root, commits[1]) == []
+    (root / "sim/optical/a.py").write_text("uncommitted")
+    assert changed_sources(SOURCES, root, commits[1]) == ["sim/optical"]
+
+
+def test_changes_of_comments_and_docstrings_do_not_count(repository):
+    root, commits = repository
+    path = root / "sim/optical/a.py"
+    path.write_text('"""Text."""\nA = 1\n')
+    git(root, "-c", "user.name=x", "-c", "user.email=x@x", "commit", "-qam", "a")
+    measure_at(git(root, "rev-parse", "--short=12", "HEAD"))
+    for text, changed in (
+        ('"""New."""\n\nA = 1  # new\n"""A value."""\n', []),
+        ('"""Text."""\nA = 2\n', ["sim/optical"]),
+        ('"""Text."""\nA = (\n', ["sim/optical"]),
+    ):
+        path.write_text(text)
+        assert changed_sources(SOURCES, root, commits[1]) == changed
+    path.unlink()
+    assert changed_sources(SOURCES, root, commits[1]) == ["sim/optical"]
+
+
+def test_a_copy_without_history_is_refused(repository, tmp_path):
+    _, commits = repository
+    measure_at(commits[1])
+    with pytest.raises(T2TwinError, match=f"no git history back to {BASELINE}; clone the whole"):
+        changed_sources(SOURCES, tmp_path)
+
+
+def test_the_command_names_stale_results_with_status_one(repository, monkeypatch, capsys):
+    root, commits = repository
+    monkeypatch.setattr(command, "find_benchmarks", lambda: {"small": SOURCES})
+    monkeypatch.setattr(
+        command, "changed_sources", lambda benchmark: changed_sources(benchmark, root, commits[1])
+    )
+    measure_at(commits[2])
+    command.main(["--stale"])
+    assert capsys.readouterr().out == "small             up to date\n"
+    measure_at(commits[1])
+    with pytest.raises(SystemExit, match=r"^stale: small$"):
+        command.main(["--stale", "small"])
+    assert capsys.readouterr().out == "small             sim/contact\n"
+    SOURCES.results.unlink()
+    with pytest.raises(SystemExit, match=r"^stale: small$"):
+        command.main(["--stale", "small"])
+    assert "not measured" in capsys.readouterr().out

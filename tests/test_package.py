@@ -71,41 +71,6 @@ def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path):
             assert done.stdout.startswith(str(site)) and done.stdout.endswith(" 52\n")
 
 
-def lint(folder: Path) -> subprocess.CompletedProcess:
-    lint_imports = Path(sys.executable).with_name("lint-imports")
-    return subprocess.run(
-        [lint_imports, "--no-cache", "--no-logo"], cwd=folder, capture_output=True, text=True
-    )
-
-
-@pytest.mark.parametrize(
-    "module, wrong",
-    [
-        ("t2twin/core/errors.py", "from t2twin.sim.contact import grid\n"),
-        pytest.param("sim/contact/grid.py", "from t2twin.translate.models import base\n",
-                     marks=pytest.mark.exhaustive),
-        ("sim/contact/grid.py", "from t2twin.sim.contact import contact_solver\n"),
-    ],
-)  # fmt: skip
-def test_a_wrong_import_breaks_the_contract(checkout, module, wrong):
-    path = checkout / module
-    before = path.read_text()
-    path.write_text(before + "\n\n" + wrong)
-    try:
-        done = lint(checkout)
-    finally:
-        path.write_text(before)
-    assert done.returncode != 0 and "BROKEN" in done.stdout
-
-
-@pytest.mark.parametrize("statement", ["import sim", "from translate.models import base"])
-def test_an_import_without_the_package_is_refused(statement):
-    ruff = Path(sys.executable).with_name("ruff")
-    command = [ruff, "check", "--select", "TID251", "--stdin-filename", "tests/test_a.py", "-"]
-    done = subprocess.run(command, cwd=ROOT, input=statement, capture_output=True, text=True)
-    assert done.returncode == 1 and "import t2twin." in done.stdout
-
-
 def test_every_path_in_contributing_exists():
     text = (ROOT / "CONTRIBUTING.md").read_text()
     assert text.rindex("## ") == text.index("## Where to change what")

@@ -1,4 +1,4 @@
-"""Files of solids of six formats; what is refused in them is in tests/test_mesh_repair.py."""
+"""Files of solids of six formats; what is refused in them is in tests/test_mesh_files.py."""
 
 import trimesh
 from cases import Content
