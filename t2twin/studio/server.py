@@ -28,24 +28,28 @@ HOST, PORT = "127.0.0.1", 8080
 """Default address, reachable from this machine only."""
 
 
-class Studio:
+class Studio(viser.ViserServer):
     """A running studio, created by `studio`. address: of the page. pages: by client number."""
 
     def __init__(self, host: str, port: int, shared: Shared) -> None:
         self._shared = shared
         self.pages: dict[int, Page] = {}
         with redirect_stdout(io.StringIO()):  # hides viser's message
-            self.server = viser.ViserServer(host, port, verbose=False)
-        self.server.on_client_connect(self._connected)
-        self.server.on_client_disconnect(self._gone)
+            super().__init__(host, port, verbose=False)
+        self.on_client_connect(self._connected)
+        self.on_client_disconnect(self._gone)
         name = f"[{host}]" if ":" in host else host
-        self.address = f"http://{name}:{self.server.get_port()}"
+        self.address = f"http://{name}:{self.get_port()}"
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """No public tunnel to this machine, which any page could request."""
+        return None
 
     def _connected(self, client: viser.ClientHandle) -> None:
         from t2twin.studio.page import Page
 
         self.pages[client.client_id] = Page(client, self._shared)
-        if client.client_id not in self.server.get_clients():
+        if client.client_id not in self.get_clients():
             self._gone(client)
 
     def _gone(self, client: viser.ClientHandle) -> None:
@@ -77,4 +81,4 @@ def studio(
         Thread(target=import_module, args=("t2twin.studio.page",), daemon=True).start()
         yield served
         with redirect_stdout(io.StringIO()):  # skipped after a signal, because it takes seconds
-            served.server.stop()
+            served.stop()

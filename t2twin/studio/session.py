@@ -87,7 +87,8 @@ def protocol_press(state: PressState, scale: str, number: int) -> PressState:
     """The state with position, yaw and force of a press of the protocol, by its number at a scale,
     from 0."""
     index = indices(state.shape, scale_of(scale))[number]
-    command = press_of(state.shape, catalogue.spacing_mm(state.shape), index)
+    spacing_mm = catalogue.properties(state.shape)["spacing_mm"]
+    command = press_of(state.shape, spacing_mm, index)
     yaw_deg = float(np.rad2deg(command.yaw_rad))
     pose = {"x_mm": command.x_mm, "y_mm": command.y_mm, "yaw_deg": yaw_deg}
     return state.with_changes(pose | dict.fromkeys(TILT, 0.0) | {"force_n": command.force_n})
