@@ -86,7 +86,7 @@ def bake(sensor: GelCamera) -> Optics:
         background=background, leds_mm=np.array([led.position_mm for led in leds]),
         sizes_mm=np.array([led.size_mm for led in leds]),
         response=np.zeros((len(leds), 3, PLACE_TERMS, COSINE_TERMS)), gamma=GAMMA,
-        scale_px_per_mm=camera.scale_px_per_mm, distance_mm=camera.distance_mm,
+        camera=camera,
     )  # fmt: skip
     table = fit_response(blank, gel, surfaces, renders)
     colors = np.array([led.color for led in leds])

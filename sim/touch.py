@@ -175,7 +175,7 @@ class Touch:
     def markers_mm(self) -> np.ndarray:
         """(n, 2) x and y of the markers' centers on the deformed gel, mm, in the order of
         `markers.rest_mm`; some are outside the image. Raises T2TwinError without markers."""
-        if self.of_camera is None:
+        if self.of_camera is None or self.markers is None:
             raise T2TwinError("the touch has no markers; expected a twin with markers=True")
         return self.of_camera.markers_mm
 

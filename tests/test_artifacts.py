@@ -33,13 +33,7 @@ name = "used"
 [[parts]]
 shapes = "tools"
 split = "test"
-presses = 3
-place = { normal_mm = 1.0 }
-background_share = 0.9
-[[parts]]
-shapes = "tools"
-split = "test"
-presses = 3
+presses = 6
 place = { normal_mm = 1.0 }
 background_share = 0.9
 [light]
@@ -160,9 +154,6 @@ def test_glare_lies_at_the_edge_toward_its_led() -> None:
     assert found == {0, 1, 2}
 
 
-# Recipes
-
-
 def test_a_recipe_with_artifacts_differs_in_the_light_alone(tmp_path, shape_cache) -> None:
     rows = {}
     for name, more in (("plain", ""), ("used", "[light.artifacts]\nworn = 1.0\n")):
@@ -186,7 +177,7 @@ def test_a_recipe_with_artifacts_differs_in_the_light_alone(tmp_path, shape_cach
 def test_a_share_of_the_units_is_the_fixed_one_without_artifacts(tmp_path, shape_cache) -> None:
     recipe = tmp_path / "mixed.toml"
     light = RECIPE.replace('kind = "drawn"', 'kind = "drawn"\nfixed_share = 0.5')
-    light = light.replace("presses = 3", "presses = 8")
+    light = light.replace("presses = 6", "presses = 16")
     recipe.write_text(light + "[light.artifacts]\nworn = 1.0\n")
     make_dataset(tmp_path / "mixed", recipe=recipe, workers=1, cache=shape_cache, shapes=TOOL)
     default = DIGIT.background_frame()

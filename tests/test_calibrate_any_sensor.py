@@ -1,16 +1,21 @@
 """Calibration of any gel camera: its size, LEDs wherever they are, what presses cover, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ball_frames import save
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.calibrate.calibrate import calibrate, cleaned, evaluate, guess_light
-from t2twin.sim.calibrate.coverage import coverage_of, coverage_picture, coverage_sentences
+from t2twin.sim.calibrate.calibrate import calibrate, cleaned, evaluate, fit_presses, guess_light
 from t2twin.sim.calibrate.fit import Measurements, Presses
-from t2twin.sim.calibrate.frames import contact_patch
-from t2twin.sim.calibrate.measurements import fit_presses
+from t2twin.sim.calibrate.frames import (
+    contact_patch,
+    coverage_of,
+    coverage_picture,
+    coverage_sentences,
+)
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.pair import SensorPair
@@ -57,31 +62,27 @@ def frames_of(unit, poses, ball_mm=BALL_MM):
     return still, np.array([render(surface, rng) for surface in surfaces])
 
 
-def score_of(unit, poses):
-    """Score of the held-out presses, PSNR in dB, and the azimuths of the fitted LEDs, degrees."""
-    sensor, (background, frames) = sensor_of(), frames_of(unit, poses)
-    count, missing = len(poses), np.full(len(poses), np.nan)
-    patches = [contact_patch(frame, background) for frame in frames]
-    assert None not in patches
-    measured = Measurements(np.full(count, BALL_MM), missing, missing)
-    names = [f"press_{index:02d}.png" for index in range(count)]
-    presses = Presses(sensor, background, frames, np.array(patches, float), measured, names)
-    training = cleaned(presses, list(range(count - HELD_OUT)))
-    fit = fit_presses(training, sensor.camera)
-    azimuth_deg = fit.state.geometry.values[: fit.state.geometry.count]
-    report = evaluate(presses, list(range(count - HELD_OUT, count)), training, fit)
-    return report.scores.calibrated.psnr_db, azimuth_deg
-
-
 def test_light_from_elsewhere_in_other_colors_is_found():
     """Frames in the light of the sensor's own file are fitted with over 30 dB."""
-    unit = sensor_of(65.0, COLORS[::-1])
-    psnr_db, azimuth_deg = score_of(unit, poses_of(9))
-    assert psnr_db > 29.5
+    unit, sensor = sensor_of(65.0, COLORS[::-1]), sensor_of()
+    background, frames = frames_of(unit, poses_of(9))
+    count, missing = len(frames), np.full(len(frames), np.nan)
+    patches = np.array([contact_patch(frame, background) for frame in frames], float)
+    measured = Measurements(np.full(count, BALL_MM), missing, missing)
+    names = [f"press_{index:02d}.png" for index in range(count)]
+    presses = Presses(sensor, background, frames, patches, measured, names)
+    train, test = list(range(count - HELD_OUT)), list(range(count - HELD_OUT, count))
+    training = cleaned(presses, train)
+    fit = fit_presses(training, sensor.camera)
+    assert evaluate(presses, test, training, fit).scores.calibrated.psnr_db > 29.5
+    geometry = fit.state.geometry
     true = np.radians([led.angle_deg for led in unit.spec.light.leds])
-    found = np.radians(azimuth_deg)
+    found = np.radians(geometry.values[: geometry.count])
     apart = np.abs(np.angle(np.exp(1j * (found[:, None] - true))))
     assert np.degrees(apart.min(axis=1)).max() < 12 and set(apart.argmin(axis=1)) == {0, 1, 2, 3}
+    nothing = replace(presses, frames=np.broadcast_to(background, frames.shape))
+    with pytest.raises(T2TwinError, match="does not explain"):
+        evaluate(nothing, test, training, fit)
 
 
 def test_the_presses_that_are_missing_are_named():
@@ -89,20 +90,19 @@ def test_the_presses_that_are_missing_are_named():
     camera, gel = sensor.camera, sensor.own_gel
     grid = np.meshgrid(np.arange(-10.0, 11.0, 2.0), np.arange(-7.0, 8.0, 2.0))
     poses = np.column_stack([*(axis.ravel() for axis in grid), np.ones(grid[0].size)])
-    everywhere = coverage_of(camera, gel, poses, np.full(len(poses), BALL_MM))
-    assert everywhere.covered > 0.95 and not len(everywhere.next_mm)
-    assert coverage_sentences(everywhere)[0].startswith("The presses cover the image")
+    _, covered, places = coverage_of(camera, gel, poses, np.full(len(poses), BALL_MM))
+    assert covered > 0.95 and not places
+    assert coverage_sentences(covered, places)[0].startswith("The presses cover the image")
     left = poses[poses[:, 0] < 1]
-    half = coverage_of(camera, gel, left, np.full(len(left), BALL_MM))
-    assert 0.25 < half.covered < 0.65
-    assert len(half.next_mm) and (half.next_mm[:, 0] > 0).all()
-    sentences = " ".join(coverage_sentences(half))
+    radii, half, places = coverage_of(camera, gel, left, np.full(len(left), BALL_MM))
+    assert 0.25 < half < 0.65
+    assert places and all(x_mm > 0 for x_mm, _ in places)
+    sentences = " ".join(coverage_sentences(half, places))
     assert "right" in sentences and "left" not in sentences
-    both = np.concatenate([left[:, :2], half.next_mm])
+    both = np.concatenate([left[:, :2], places])
     added = np.column_stack([both, np.ones(len(both))])
-    after = coverage_of(camera, gel, added, np.full(len(added), BALL_MM))
-    assert after.covered > half.covered + 0.3
-    picture = np.asarray(coverage_picture(half, sensor.optics, gel))
+    assert coverage_of(camera, gel, added, np.full(len(added), BALL_MM))[1] > half + 0.3
+    picture = np.asarray(coverage_picture(sensor.optics, gel, left, radii, places))
     middle = picture.shape[1] // 2
     assert picture[:, :middle].mean() > 1.5 * picture[:, middle:].mean()
 

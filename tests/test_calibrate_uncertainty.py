@@ -11,15 +11,15 @@ from msgspec import structs
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.calibrate.calibrate import calibrate
-from t2twin.sim.calibrate.fit import BallFit, Geometry, State, Terms
-from t2twin.sim.calibrate.measurements import (
+from t2twin.sim.calibrate.calibrate import (
     FORCES,
     Tolerance,
     ball_forces_n,
+    calibrate,
     force_ratio,
     read_measurements,
 )
+from t2twin.sim.calibrate.fit import BallFit, Geometry, State, Terms
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.illumination import Leds
@@ -53,7 +53,9 @@ def small_digit():
 
 def frames_of(sensor, scale_px_per_mm, folder):
     """The folder, with frames of a twin of the sensor."""
-    optics = replace(sensor.optics, scale_px_per_mm=scale_px_per_mm)
+    optics = replace(
+        sensor.optics, camera=structs.replace(sensor.optics.camera, scale_px_per_mm=scale_px_per_mm)
+    )
     renderer = ImageRenderer(optics, GEL, sensor.spec.camera.noise_grey)
     rng = np.random.default_rng(5)
     still = renderer.render(ball_surface(GEL, 0, 0, 1.0) * 0, rng)
@@ -74,17 +76,18 @@ def true_forces_n():
     return ball_forces_n(DIGIT, TRUE_POSES, BALLS_MM) * YOUNG_MPA / GEL.young_mpa
 
 
-def table(folder, *columns, rows=PRESSES):
+def table(folder, *columns):
     """forces.csv of named columns, each (name, values), empty where a value is None."""
     lines = [",".join(["file", *(name for name, _ in columns)])]
-    for index in range(rows):
+    for index in range(PRESSES):
         cells = ["" if values[index] is None else f"{values[index]:.3f}" for _, values in columns]
         lines.append(",".join([NAMES[index], *cells]))
     (folder / FORCES).write_text("\n".join(lines) + "\n")
 
 
-def copy_of(twin_frames, tmp_path_factory):
-    return shutil.copytree(twin_frames, tmp_path_factory.mktemp("copy") / "frames")
+@pytest.fixture
+def copied(twin_frames, tmp_path):
+    return shutil.copytree(twin_frames, tmp_path / "frames")
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +106,7 @@ def stated(tmp_path_factory):
 @pytest.fixture(scope="module")
 def anchored(twin_frames, true_forces_n, tmp_path_factory):
     """Fitted with three displacements and the forces of the others: the folder of the command."""
-    folder = copy_of(twin_frames, tmp_path_factory)
+    folder = shutil.copytree(twin_frames, tmp_path_factory.mktemp("copy") / "frames")
     depths = [float(pose[2]) if index < 3 else None for index, pose in enumerate(TRUE_POSES)]
     forces = [None if index < 3 else force for index, force in enumerate(true_forces_n)]
     table(folder, ("force_n", forces), ("depth_mm", depths), ("ball_diameter_mm", BALLS_MM))
@@ -215,19 +218,17 @@ def test_tolerances_that_cannot_be_are_refused(twin_frames):
     assert "must be less" in refused(twin_frames, young_mpa=0.5)
 
 
-def test_displacements_of_held_out_presses_alone_are_refused(twin_frames, tmp_path_factory):
-    folder = copy_of(twin_frames, tmp_path_factory)
-    table(folder, ("depth_mm", [None] * (PRESSES - 1) + [1.0]))
-    assert "held-out presses only" in refused(folder)
+def test_displacements_of_held_out_presses_alone_are_refused(copied):
+    table(copied, ("depth_mm", [None] * (PRESSES - 1) + [1.0]))
+    assert "held-out presses only" in refused(copied)
 
 
-def test_displacements_in_another_unit_are_refused(twin_frames, tmp_path_factory, monkeypatch):
+def test_displacements_in_another_unit_are_refused(copied, monkeypatch):
     """The depths that a fit would find are given, as the fit takes long."""
     poses = TRUE_POSES[: PRESSES - 1]
     geometry = Geometry.of(Leds(DIGIT.optics.leds_mm, DIGIT.optics.sizes_mm))
-    terms = Terms.first(geometry.count)
+    terms = Terms(geometry.count, 2, 1e-4)
     found = State(geometry, poses, terms, np.zeros((3, terms.entries)), 0.0)
     monkeypatch.setattr(BallFit, "fit", lambda self, start=None: found)
-    folder = copy_of(twin_frames, tmp_path_factory)
-    table(folder, ("depth_mm", TRUE_POSES[:, 2] / 10))
-    assert "do not fit the frames at any scale" in refused(folder)
+    table(copied, ("depth_mm", TRUE_POSES[:, 2] / 10))
+    assert "do not fit the frames at any scale" in refused(copied)

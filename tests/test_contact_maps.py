@@ -1,10 +1,9 @@
 """Contact maps of gel cameras: depth and pressure in the cells of the image."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from kinds import gel_camera
+from msgspec import structs
 
 from t2twin.sim.optical.gel_camera import ImageReading
 from t2twin.twin import Twin
@@ -28,7 +27,11 @@ UNITS = {"default": {}, "shifted and tilted": {
 @pytest.mark.parametrize("name", UNITS)
 def test_the_depth_under_a_ball_is_that_of_the_sphere_on_each_pixels_ray(pressed, name) -> None:
     sensor, contact = pressed.sensor, pressed.contact
-    camera, grid, gel = replace(sensor.camera, **UNITS[name]), sensor.contact_grid, sensor.elastomer
+    camera, grid, gel = (
+        structs.replace(sensor.camera, **UNITS[name]),
+        sensor.contact_grid,
+        sensor.elastomer,
+    )
     depth_mm, pressure_kpa = (each(contact, camera) for each in (grid.depth_mm, grid.pressure_kpa))
     rows, columns = np.nonzero(pressure_kpa > 0.4 * pressure_kpa.max())  # not at the rim
     assert rows.size > 50
@@ -54,7 +57,7 @@ def test_the_depth_under_a_ball_is_that_of_the_sphere_on_each_pixels_ray(pressed
 @pytest.mark.parametrize("name", UNITS)
 def test_the_pressures_add_up_to_the_force_about_its_place(pressed, name) -> None:
     sensor, contact = pressed.sensor, pressed.contact
-    camera, grid = replace(sensor.camera, **UNITS[name]), sensor.contact_grid
+    camera, grid = structs.replace(sensor.camera, **UNITS[name]), sensor.contact_grid
     pressure_kpa = grid.pressure_kpa(contact, camera)
     assert 1e-3 * grid.cell_mm2 * pressure_kpa.sum() == pytest.approx(contact.force_n, rel=1e-4)
     share = pressure_kpa / pressure_kpa.sum()

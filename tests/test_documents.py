@@ -21,7 +21,7 @@ from benchmarks.documents import figures, reference
 from benchmarks.evidence import find_benchmarks
 from t2twin import cli
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.calibrate.measurements import read_measurements
+from t2twin.sim.calibrate.calibrate import read_measurements
 from t2twin.sim.sampling.recipe import Light, Motion, Part, Recipe, load_recipe
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path

@@ -2,11 +2,12 @@
 
 import json
 import pickle
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from t2twin import Markers, Twin
 from t2twin.cli import main
@@ -25,8 +26,8 @@ X_MM, Y_MM = optical_grid(GEL)
 FLAT = np.zeros((Y_MM.size, X_MM.size), dtype=np.float32)
 FLAT_GEL = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
 GAMMA = 2.2
-HALF = 10
-"""Half the side of a window around a marker, px: less than half the pitch, more than a radius."""
+HALF = 10  # half the side of a window around a marker, px
+MARKERS = Markers().printed(CAMERA)
 
 
 def uniform(x_mm: float, y_mm: float) -> SurfaceShift:
@@ -42,10 +43,8 @@ def covered(shade: np.ndarray) -> np.ndarray:
 
 
 def spots(dark: np.ndarray, centers_px: np.ndarray):
-    """Sums and centroids, px, of the darkness around markers inside the image, and which these are.
-
-    centers_px: (n, 2) rows and columns.
-    """
+    """Sums and centroids, px, of the darkness around markers (n, 2) inside the image, and which
+    these are."""
     first = np.rint(centers_px).astype(int) - HALF
     size = 2 * HALF + 1
     inside = ((first >= 0) & (first + size <= (ROWS, COLUMNS))).all(axis=1)
@@ -67,14 +66,13 @@ def seen(places_mm: np.ndarray, gel=GEL) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def renderer():
-    return {
-        m: ImageRenderer(DIGIT.optics, GEL, 0.0, markers=m and m.printed(CAMERA))
-        for m in (None, Markers())
-    }
+def plain():
+    return ImageRenderer(DIGIT.optics, GEL, 0.0)
 
 
-# the pattern
+@pytest.fixture(scope="module")
+def marked():
+    return ImageRenderer(DIGIT.optics, GEL, 0.0, markers=MARKERS)
 
 
 def test_markers_at_rest_lie_on_the_pitch_grid_and_cover_the_image():
@@ -112,15 +110,12 @@ def test_invalid_patterns_are_refused(given, message):
         Markers(**given)
 
 
-# how the image shows them
-
-
 def test_each_marker_has_its_area_wherever_it_lies_between_pixels():
-    image = MarkerImage(Markers().printed(CAMERA), CAMERA, FLAT_GEL, FLAT, GAMMA)
-    area = np.pi * (Markers().diameter_mm / 2 * CAMERA.scale_px_per_mm) ** 2
+    image = MarkerImage(MARKERS, CAMERA, FLAT_GEL, FLAT, GAMMA)
+    area = np.pi * (MARKERS.diameter_mm / 2 * CAMERA.scale_px_per_mm) ** 2
     for shift in np.random.default_rng(0).uniform(-0.1, 0.1, (20, 2)):
         dark = covered(image.shade(FLAT, uniform(*shift)))
-        sums, _, _ = spots(dark, seen(Markers().printed(CAMERA).rest_mm + shift, FLAT_GEL))
+        sums, _, _ = spots(dark, seen(MARKERS.rest_mm + shift, FLAT_GEL))
         assert sums.size > 60
         np.testing.assert_allclose(sums, area, rtol=2e-3)
 
@@ -128,9 +123,9 @@ def test_each_marker_has_its_area_wherever_it_lies_between_pixels():
 def test_stretch_and_shear_make_ellipses_of_their_area_and_axes():
     gradient = np.array([[0.3, 0.4], [-0.1, -0.2]])  # du/dX
     values = np.einsum("ij,jyx->iyx", gradient, np.stack(np.meshgrid(X_MM, Y_MM)))
-    image = MarkerImage(Markers().printed(CAMERA), CAMERA, FLAT_GEL, FLAT, GAMMA)
+    image = MarkerImage(MARKERS, CAMERA, FLAT_GEL, FLAT, GAMMA)
     dark = covered(image.shade(FLAT, SurfaceShift(X_MM, Y_MM, values)))
-    radius_px = Markers().diameter_mm / 2 * CAMERA.scale_px_per_mm
+    radius_px = MARKERS.diameter_mm / 2 * CAMERA.scale_px_per_mm
     deformation = np.eye(2) + gradient
     middle = dark[ROWS // 2 - HALF : ROWS // 2 + HALF, COLUMNS // 2 - HALF : COLUMNS // 2 + HALF]
     rows, columns = np.indices(middle.shape) - (HALF - 0.5)
@@ -143,55 +138,45 @@ def test_stretch_and_shear_make_ellipses_of_their_area_and_axes():
     np.testing.assert_allclose(moments, expected, rtol=0.02)
 
 
-def test_a_shift_of_the_surface_moves_the_markers_in_the_image_by_it(renderer):
-    marked = renderer[Markers()]
+def test_a_shift_of_the_surface_moves_the_markers_in_the_image_by_it(plain, marked):
+    full = response.linear(plain.background, GAMMA).sum(axis=2)
     for x_mm, y_mm in ((0.0, 0.0), (0.37, 0.0), (-0.21, 0.53)):
         image = marked.render(FLAT, shift=uniform(x_mm, y_mm))
-        light, plain = (
-            response.linear(i, GAMMA).sum(axis=2) for i in (image, renderer[None].background)
-        )
-        places = Markers().printed(CAMERA).moved_mm(uniform(x_mm, y_mm))
-        np.testing.assert_allclose(
-            places - Markers().printed(CAMERA).rest_mm, [[x_mm, y_mm]] * len(places), atol=1e-6
-        )
-        expected = seen(places)
-        _, found, inside = spots(1.0 - light / plain, expected)
+        places = MARKERS.moved_mm(uniform(x_mm, y_mm))
+        moves = places - MARKERS.rest_mm
+        np.testing.assert_allclose(moves, [[x_mm, y_mm]] * len(places), atol=1e-6)
+        expected, light = seen(places), response.linear(image, GAMMA).sum(axis=2)
+        _, found, inside = spots(1.0 - light / full, expected)
         assert inside.sum() > 60
         np.testing.assert_allclose(found, expected[inside], atol=0.1)
 
 
-def test_without_markers_images_keep_their_bytes(renderer):
+def test_without_markers_images_keep_their_bytes(plain, marked):
     surface = 0.8 * np.exp(-(np.hypot(X_MM, Y_MM[:, None]) ** 2) / 4).astype(np.float32)
-    plain, marked = (renderer[m].render(surface) for m in (None, Markers()))
-    shifted = renderer[None].render(surface, shift=uniform(0.5, 0.5))
-    np.testing.assert_array_equal(shifted, plain)
-    np.testing.assert_array_equal(DIGIT.background_frame(), renderer[None].background)
-    changed = (marked != plain).any(axis=2)
+    bare, dotted = plain.render(surface), marked.render(surface)
+    np.testing.assert_array_equal(plain.render(surface, shift=uniform(0.5, 0.5)), bare)
+    np.testing.assert_array_equal(DIGIT.background_frame(), plain.background)
+    changed = (dotted != bare).any(axis=2)
     assert 0.08 < changed.mean() < 0.15  # of the area: pi / 4 (0.5 / 1.4)^2 is 0.10
-    assert (marked[changed] <= plain[changed]).all()
+    assert (dotted[changed] <= bare[changed]).all()
 
 
 def test_both_renderers_show_the_markers_at_the_same_places(shapes, monkeypatch):
     monkeypatch.setattr(pyrender_renderer, "LED_POINTS", 1)
-    twins = [Twin(renderer=renderer, markers=True) for renderer in ("baked", "pyrender")]
-    plain = [Twin(renderer=renderer) for renderer in ("baked", "pyrender")]
-    found = []
-    for marked, bare in zip(twins, plain, strict=True):
-        touch, without = (
-            t.press(shapes("hemisphere-4"), force_n=3.0, y_mm=1.0) for t in (marked, bare)
-        )
-        light, full = (response.linear(t.image, GAMMA).sum(axis=2) for t in (touch, without))
-        rest, moved = Markers().printed(CAMERA).seen_px(CAMERA, touch.digit)
-        np.testing.assert_allclose(rest, seen(Markers().printed(CAMERA).rest_mm))
+    found, backgrounds = [], []
+    for renderer in ("baked", "pyrender"):
+        twins = Twin(renderer=renderer, markers=True), Twin(renderer=renderer)
+        touches = [twin.press(shapes("hemisphere-4"), force_n=3.0, y_mm=1.0) for twin in twins]
+        light, full = (response.linear(each.image, GAMMA).sum(axis=2) for each in touches)
+        rest, moved = MARKERS.seen_px(CAMERA, touches[0].digit)
+        np.testing.assert_allclose(rest, seen(MARKERS.rest_mm))
         _, centroids, inside = spots(1.0 - light / full, moved)
         np.testing.assert_allclose(centroids, moved[inside], atol=0.5)
         found.append(centroids)
+        backgrounds.append(twins[0].background)
     assert len(found[0]) > 60
     np.testing.assert_allclose(found[0], found[1], atol=0.1)
-    np.testing.assert_array_equal(twins[0].background, twins[1].background)
-
-
-# touches, folders and commands
+    np.testing.assert_array_equal(*backgrounds)
 
 
 def test_a_slide_drags_the_markers_along(shapes):
@@ -222,7 +207,7 @@ def test_press_and_slide_record_the_markers(shape_cache, tmp_path):
     main(["press", *given, "--out", "press"])
     printed = Markers(2.0).printed(CAMERA)
     press = json.loads((tmp_path / "press" / "press.json").read_text())
-    assert press["digit"]["markers"] == json.loads(json.dumps(asdict(printed)))
+    assert press["digit"]["markers"] == structs.asdict(printed)
     names, values = table(tmp_path / "press" / "markers.csv")
     assert names == "marker,rest_x_mm,rest_y_mm,x_mm,y_mm"
     np.testing.assert_allclose(values[:, 1:3], printed.rest_mm)

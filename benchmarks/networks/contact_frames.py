@@ -155,9 +155,9 @@ def ball_references(folder: Path) -> tuple[list[str], np.ndarray, np.ndarray, li
     """
     report = calibrate(folder / BACKGROUND, folder, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
     background, frames, found = read_frames(folder / BACKGROUND, folder, SENSOR.camera)
-    names = [*report.trained, *report.held_out]
+    names = [*report.trained, *(press.name for press in report.held_out)]
     frames = frames[[found.index(name) for name in names]]
-    poses = np.concatenate([report.training_poses, report.poses])
+    poses = report.poses
     references = []
     with tempfile.TemporaryDirectory() as temporary:
         optics = Path(temporary) / "optics.npz"

@@ -87,9 +87,10 @@ def real_references(folder: Path) -> tuple[References, np.ndarray]:
         optics = Path(temporary) / "optics.npz"
         report.scored_by.save(optics)
         sensors = SensorPair.of(optics=optics, frames=1)
-        diameters_mm = [BALL_DIAMETER_MM] * len(report.held_out)
+        names = [press.name for press in report.held_out]
+        diameters_mm = [BALL_DIAMETER_MM] * len(names)
         references = simulate_references(
-            report.held_out, report.poses, report.real, diameters_mm, sensors
+            names, report.poses[-len(names) :], report.real, diameters_mm, sensors
         )
     return references, upright_frame(read_frame(background), sensors.camera.camera)
 

@@ -16,11 +16,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 from PIL import Image
 
 from benchmarks.evidence import Benchmark, Figure, main
-from t2twin.sim.calibrate.calibrate import calibrate
-from t2twin.sim.calibrate.measurements import FORCES, Bounds, OpticsUncertainty, ball_forces_n
+from t2twin.sim.calibrate.calibrate import (
+    FORCES,
+    Bounds,
+    OpticsUncertainty,
+    ball_forces_n,
+    calibrate,
+)
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.surface import ball_surface
 from t2twin.sim.sensors.pair import SensorPair
@@ -78,7 +84,12 @@ def _frames(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The background frame and those of the presses, (n, rows, columns, 3) uint8."""
     renderer = ImageRenderer(
-        replace(SENSOR.optics, scale_px_per_mm=SCALE_PX_PER_MM), GEL, NOISE_GREY
+        replace(
+            SENSOR.optics,
+            camera=structs.replace(SENSOR.optics.camera, scale_px_per_mm=SCALE_PX_PER_MM),
+        ),
+        GEL,
+        NOISE_GREY,
     )
     still = renderer.render(0.0 * ball_surface(GEL, 0.0, 0.0, 1.0), rng, NOISE_GREY)
     surfaces = (

@@ -23,19 +23,12 @@ from scipy.optimize import nnls
 
 from benchmarks.evidence import Argument, Benchmark, Figure, main
 from benchmarks.optics.fitted_optics import BALL_DIAMETER_MM, HELD_OUT
-from t2twin.sim.calibrate.calibrate import (
-    Score,
-    calibrate,
-    crop_scores,
-    mean_light,
-    mean_score,
-    sample_lights,
-)
-from t2twin.sim.calibrate.frames import contact_patch, read_frames
+from t2twin.sim.calibrate.calibrate import calibrate, mean_light, sample_lights
+from t2twin.sim.calibrate.frames import Score, contact_patch, crop_scores, mean_score, read_frames
 from t2twin.sim.optical.image_renderer import ImageRenderer
 from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.response import linear
-from t2twin.sim.optical.units import SampledLight, light_at_rest
+from t2twin.sim.optical.units import light_at_rest
 from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
@@ -99,7 +92,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "fitted": report.scored_by,
     }
     return {
-        "held_out": report.held_out,
+        "held_out": [press.name for press in report.held_out],
         "drawn": DRAWN,
         "averaged": NEAREST,
         "held_out_presses": {name: asdict(score(light)) for name, light in lights.items()},
@@ -113,8 +106,7 @@ def _explained(background: np.ndarray) -> list[Explained]:
     rows, columns = (BLOCK_PX * np.arange(n) + (BLOCK_PX - 1) / 2 for n in grey.shape[:2])
     explained = []
     for unit in sample_lights(background, SENSOR, SENSOR.camera, DRAWN):
-        light = SampledLight(unit.leds_mm, unit.sizes_mm, unit.response)
-        lit = light_at_rest(light, SENSOR.camera, GEL, columns, rows).reshape(-1, 3)
+        lit = light_at_rest(unit, GEL, columns, rows).reshape(-1, 3)
         wanted = linear(grey, unit.gamma).reshape(-1, 3)
         fits = [
             nnls(np.stack([lit[:, c], np.ones(len(lit))], axis=1), wanted[:, c]) for c in range(3)

@@ -14,8 +14,16 @@ from typing import Any
 import numpy as np
 
 from benchmarks.evidence import Argument, Benchmark, Figure, main
-from t2twin.sim.calibrate.calibrate import Score, calibrate, mean_score, score
-from t2twin.sim.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
+from t2twin.sim.calibrate.calibrate import calibrate
+from t2twin.sim.calibrate.frames import (
+    CROP_PX,
+    Score,
+    contact_patch,
+    crop,
+    mean_score,
+    read_frames,
+    score,
+)
 from t2twin.sim.sensors.pair import SensorPair
 
 BENCHMARK = Benchmark(
@@ -79,17 +87,17 @@ def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
     still, frames, names = read_frames(background, options.frames, SENSOR.camera)
-    frames = frames[[names.index(name) for name in (*report.trained, *report.held_out)]]
-    poses = np.concatenate([report.training_poses, report.poses])
+    held_out_names = [press.name for press in report.held_out]
+    frames = frames[[names.index(name) for name in (*report.trained, *held_out_names)]]
     places = np.array([contact_patch(frame, still) for frame in frames])
     held_out = slice(len(report.trained), None)
     floors = {
-        "repeats_floor": repeats_floor(frames, poses, places),
+        "repeats_floor": repeats_floor(frames, report.poses, places),
         "background_floor": background_floor(frames[held_out], places[held_out]),
     }
     return {
         "trained": report.trained,
-        "held_out": report.held_out,
+        "held_out": held_out_names,
         "scores": asdict(report.scores)
         | {name: None if floor is None else asdict(floor) for name, floor in floors.items()},
     }

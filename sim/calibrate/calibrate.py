@@ -1,49 +1,52 @@
 """Calibrates a gel camera's optics to a user's unit: fits some presses, scores on others.
 
-From a background frame alone, an optics file is the mean light of sampled units. The background
-frame does not determine how LEDs shade and shadow a press. The sampled units whose LEDs explain it
-best predict a real unit's presses no better than the others. The mean over many units predicts them
-better than any one unit.
+From a background frame alone, an optics file is the mean light of sampled units. The frame does not
+determine how LEDs shade a press: the units that explain it best predict presses no better than the
+others, and the mean over many units predicts them better than any one.
+
+Frames alone hardly determine the scale: a larger ball pressed deeper and seen from farther away
+gives the same image, and nearly so does the same ball pressed deeper at a smaller scale. A measured
+depth determines it: at a given contact width in pixels, a ball's depth is inversely proportional to
+the square of the scale. For bounds of depths and forces, all presses are fitted twice more, with
+all inputs at the end of their tolerances where presses come out deepest, or shallowest.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, astuple, dataclass, replace
+from contextlib import suppress
+from dataclasses import asdict, astuple, dataclass, fields, replace
+from functools import partial
+from os.path import lexists
 from pathlib import Path
-from typing import cast
+from typing import Annotated, cast
 
 import numpy as np
-from scipy.ndimage import shift
-from skimage.metrics import structural_similarity
+from msgspec import Meta, structs
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, write_json
 from t2twin.core.images import is_colored
-from t2twin.sim.calibrate.coverage import Coverage, coverage_of, coverage_picture
-from t2twin.sim.calibrate.fit import GAMMA, BallFit, Presses
+from t2twin.core.tables import Table
+from t2twin.primitives_cad.shape import ball
+from t2twin.sim.calibrate.fit import GAMMA, BallFit, Measurements, Presses, State
 from t2twin.sim.calibrate.frames import (
+    Score,
     check_usable,
     clean_background,
     contact_patch,
-    crop,
+    coverage_of,
+    coverage_picture,
+    crop_scores,
+    cut_and_paste,
+    mean_score,
     measure_noise,
     read_frame,
     read_frames,
     upright_frame,
 )
-from t2twin.sim.calibrate.measurements import (
-    DEEPEST_SIGN,
-    FORCES,
-    SHALLOWEST_SIGN,
-    Fit,
-    OpticsUncertainty,
-    Tolerance,
-    estimate_uncertainty,
-    fit_presses,
-    read_measurements,
-    shifted,
-)
+from t2twin.sim.contact.contact_solver import force_at_depth, solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.optical.image_renderer import ImageRenderer
@@ -52,105 +55,364 @@ from t2twin.sim.optical.spec import KIND
 from t2twin.sim.optical.units import UnitRanges, sample_unit
 from t2twin.sim.sensors.defaults import SOURCE
 from t2twin.sim.sensors.files import load_sensor
+from t2twin.sim.tables import read_rows
 
 MIN_TRAINING = 6  # smallest number of presses to fit to: each LED's light varies over the gel
 HELD_OUT_SHARE = 3  # by default one in so many presses is held out, the last ones
-UNIT_COUNT = 300
-"""Number of units that are averaged (assumed: twice as many change the mean by little)."""
+UNIT_COUNT = 300  # averaged units (assumed: twice as many change the mean by little)
 RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
 """Ranges of the units: their gamma is the one of a fit. Only responses of one gamma can be
 averaged."""
-OPTICS, RECORD, COVERAGE = "optics.npz", "optics.json", "optics_coverage.png"
-"""Names of the files of a fit."""
+OPTICS, RECORD, COVERAGE = "optics.npz", "optics.json", "optics_coverage.png"  # files of a fit
 FORMAT = 1  # format of optics.json
+FORCES = "forces.csv"
+"""Measurements in the folder of the frames: a column file, and any of force_n, depth_mm (from first
+contact) and ball_diameter_mm; a cell may be empty."""
+SMALLEST_BALL_MM = 1.0  # smallest diameter of a ball, mm (assumed); the largest fits into the image
+SCALES = (0.5, 2.0)  # range of scales, in parts of the sensor's (assumed)
+SCALE_SHARE, YOUNG_SHARE = 0.1, 0.2
+"""Default tolerances of the scale, for a sensor whose file has no range of it, and of the modulus,
+in parts of the file's values (assumed). That of the modulus is Gent's range, Shore 10A to 15A."""
+DEPTH_RATIO_TOLERANCE = 2e-3  # of the ratio of fitted to measured depths (assumed)
+MAX_FITS = 6  # fits, each at the scale that follows from the last one; three are common
+SHALLOWEST_SIGN, DEEPEST_SIGN = 1.0, -1.0  # of errors of ball and scale that give such depths
 
-DEFAULT_TOLERANCE = Tolerance()
+Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
+Depth = Annotated[float, Meta(gt=0.0)]
 
 Report = Callable[[str], object]  # called with progress messages
 
 
 @dataclass(frozen=True)
-class Score:
-    """l1: mean absolute difference, grey levels. psnr_db: peak signal-to-noise ratio."""
+class Tolerance:
+    """Largest errors, in either direction; the defaults are assumed: a caliper for the ball, a
+    stage zeroed by eye, and a kitchen scale.
 
-    l1: float
-    ssim: float
-    psnr_db: float
+    Raises T2TwinError for a value that is negative or not finite.
+    """
+
+    ball_mm: float = 0.1  # of the ball diameters
+    # of the image scale; unused if displacements are measured; by default as far as the sensor's
+    # file lets units differ, or SCALE_SHARE
+    scale_px_per_mm: float | None = None
+    depth_mm: float = 0.03  # of the displacements, mainly of their zero at first contact
+    force_n: float = 0.05
+    # of the modulus in the sensor's file; unused if forces are measured; by default YOUNG_SHARE
+    young_mpa: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if value is not None:
+                arguments.number(value, f"the tolerance {name}", low=0.0)
+
+    def of(self, sensor: GelCamera) -> "Tolerance":
+        """The same, complete, for a sensor."""
+        scale, units = sensor.camera.scale_px_per_mm, sensor.spec.units
+        low, high = ((1 - SCALE_SHARE) * scale, (1 + SCALE_SHARE) * scale)
+        if units is not None:
+            low, high = units.scale_px_per_mm
+        defaults = {
+            "scale_px_per_mm": max(scale - low, high - scale),
+            "young_mpa": YOUNG_SHARE * sensor.own_gel.young_mpa,
+        }
+        given = {name: value for name, value in vars(self).items() if value is not None}
+        return replace(self, **(defaults | given))
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One press of the file."""
+
+    file: str
+    force_n: Force | None = None
+    depth_mm: Depth | None = None
+    ball_diameter_mm: float | None = None
+
+
+def read_measurements(
+    folder: Path, names: Sequence[str], ball_diameter_mm: float, sensor: GelCamera
+) -> Measurements:
+    """The measurements of the named frames of a folder; its file FORCES may be missing.
+
+    ball_diameter_mm: of presses without a diameter in the file.
+    """
+    check_ball(ball_diameter_mm, "the ball's diameter in mm", sensor)
+    path, rows = folder / FORCES, {}
+    thickness_mm = sensor.own_gel.thickness_mm
+    for row in read_rows(path, _Row) if lexists(path) else ():  # a broken link is an error
+        if row.file not in names:
+            raise T2TwinError(f"{path} names {row.file}, which is not a frame in {folder}")
+        if row.file in rows:
+            raise T2TwinError(f"{path} names {row.file} twice; each frame has one row")
+        rows[row.file] = row
+        if row.ball_diameter_mm is not None:
+            check_ball(row.ball_diameter_mm, f"{path}: ball_diameter_mm of {row.file}", sensor)
+        if row.depth_mm is not None and row.depth_mm > thickness_mm:
+            raise T2TwinError(
+                f"{path}: depth_mm of {row.file} is {row.depth_mm:g}; it must be at most "
+                f"{thickness_mm:g}, the gel's thickness"
+            )
+    found = [rows.get(name, _Row(name)) for name in names]
+    diameters = [row.ball_diameter_mm or ball_diameter_mm for row in found]
+    return Measurements(
+        np.array(diameters, float),
+        np.array([row.depth_mm for row in found], float),
+        np.array([row.force_n for row in found], float),
+    )
+
+
+def check_ball(diameter_mm: float, name: str, sensor: GelCamera) -> None:
+    """Raises T2TwinError for a diameter that is below SMALLEST_BALL_MM or wider than the image."""
+    largest_mm = 2.0 * min(sensor.camera.seen_half_extent_mm())
+    arguments.number(diameter_mm, name, SMALLEST_BALL_MM, max(largest_mm, SMALLEST_BALL_MM))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model and its fitted state."""
+
+    model: BallFit
+    state: State
+
+
+def fit_presses(presses: Presses, camera: Camera, start: State | None = None) -> Fit:
+    """The fit at the camera's scale, or at the scale that measured displacements give. start: state
+    of another fit, whose LEDs and terms are the initial ones."""
+    model = BallFit(presses, camera)
+    fit = Fit(model, model.fit(start))
+    if not presses.measurements.has_depths:
+        return fit
+    low, high = (share * presses.sensor.camera.scale_px_per_mm for share in SCALES)
+    is_measured = np.isfinite(presses.measurements.depths_mm)
+    measured_mm = presses.measurements.depths_mm[is_measured]
+    for _ in range(MAX_FITS):
+        # fitted over measured depths, by least squares
+        fitted_mm = fit.state.poses[is_measured, 2]
+        ratio = float(fitted_mm @ measured_mm / (measured_mm @ measured_mm))
+        if abs(ratio - 1.0) < DEPTH_RATIO_TOLERANCE:
+            return fit
+        scale = model.camera.scale_px_per_mm * float(np.sqrt(ratio))
+        if not low <= scale <= high:
+            break
+        model = BallFit(presses, structs.replace(camera, scale_px_per_mm=scale))
+        fit = Fit(model, model.fit(fit.state))
+    raise T2TwinError(
+        "the displacements do not fit the frames at any scale from "
+        f"{low:g} to {high:g} px/mm; they must be in mm, from the "
+        "ball's first contact"
+    )
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """A value, and the bounds of the true one if all errors are within the tolerances."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+
+@dataclass(frozen=True)
+class PressBounds:
+    """Bounds of one press, from the fit to all presses."""
+
+    name: str
+    ball_diameter_mm: float
+    depth_mm: Bounds
+    # the twin's at the depth, in a gel of the fitted modulus, or of the sensor's without measured
+    # forces; None where no allowed force reaches the depth
+    force_n: Bounds | None
+
+
+@dataclass(frozen=True)
+class OpticsUncertainty:
+    """Bounds of all presses, the scale and the modulus."""
+
+    tolerance: Tolerance  # complete
+    presses: tuple[PressBounds, ...]
+    scale_px_per_mm: Bounds  # of the given scale, or the fitted one if displacements are measured
+    depth_measurements: int  # how many presses have one
+    depth_residual_mm: float | None  # root mean square error of the fit on them
+    own_young_mpa: float  # modulus in the sensor's file
+    young_mpa: Bounds | None  # the gel's modulus, if forces are measured
+    force_measurements: int
+    force_residual_n: float | None
+
+
+def estimate_uncertainty(
+    presses: Presses, fit: Fit, tolerance: Tolerance, report: Callable[[str], object]
+) -> OpticsUncertainty:
+    """Bounds around a fit to all presses. tolerance: complete. report: called with progress
+    messages. Raises T2TwinError where the presses cannot be fitted within the tolerances."""
+    assert tolerance.young_mpa is not None
+    measurements, own_mpa = presses.measurements, presses.sensor.own_gel.young_mpa
+    estimates = [_estimate(presses, fit, own_mpa)]
+    for sign, word in ((DEEPEST_SIGN, "deepest"), (SHALLOWEST_SIGN, "shallowest")):
+        report(f"fitting within the tolerances, {word}")
+        moved, camera = shifted(presses, fit.model.camera, tolerance, sign)
+        try:
+            moved_fit = fit_presses(moved, camera, fit.state)
+        except T2TwinError as error:
+            raise T2TwinError(
+                f"with all inputs at the end of their tolerances where presses are {word}, "
+                f"{error}; or give smaller tolerances"
+            ) from error
+        estimates.append(_estimate(moved, moved_fit, own_mpa - sign * tolerance.young_mpa))
+    depths_mm, forces_n, scales, moduli_mpa = zip(*estimates, strict=True)
+    press_bounds = tuple(
+        PressBounds(
+            name, float(diameter), _bounds(depths),
+            _bounds(forces) if np.isfinite(forces).all() else None,
+        )
+        for name, diameter, depths, forces in zip(
+            presses.names, measurements.diameters_mm, np.transpose(depths_mm),
+            np.transpose(forces_n), strict=True,
+        )
+    )  # fmt: skip
+    return OpticsUncertainty(
+        tolerance=tolerance,
+        presses=press_bounds,
+        scale_px_per_mm=_bounds(scales),
+        depth_measurements=int(np.isfinite(measurements.depths_mm).sum()),
+        depth_residual_mm=_residual(depths_mm[0], measurements.depths_mm),
+        own_young_mpa=own_mpa,
+        young_mpa=_bounds(moduli_mpa) if measurements.has_forces else None,
+        force_measurements=int(np.isfinite(measurements.forces_n).sum()),
+        force_residual_n=_residual(forces_n[0], measurements.forces_n),
+    )
+
+
+def shifted(
+    presses: Presses, camera: Camera, tolerance: Tolerance, sign: float
+) -> tuple[Presses, Camera]:
+    """The presses and camera with every input at one end of its tolerance, which is complete."""
+    assert tolerance.scale_px_per_mm is not None and tolerance.young_mpa is not None
+    given, own_mpa = presses.measurements, presses.sensor.own_gel.young_mpa
+    measurements = Measurements(
+        diameters_mm=given.diameters_mm + sign * tolerance.ball_mm,
+        depths_mm=np.maximum(given.depths_mm - sign * tolerance.depth_mm, tolerance.depth_mm),
+        forces_n=np.maximum(given.forces_n + sign * tolerance.force_n, FORCE_RANGE_N[0]),
+    )
+    for diameter_mm in measurements.diameters_mm.tolist():
+        check_ball(diameter_mm, "the ball's diameter in mm, within its tolerance,", presses.sensor)
+    if not given.has_depths:
+        scale = camera.scale_px_per_mm + sign * tolerance.scale_px_per_mm
+        low, high = (share * presses.sensor.camera.scale_px_per_mm for share in SCALES)
+        if not low <= scale <= high:
+            raise T2TwinError(
+                f"the scale within its tolerance, {scale:g} px/mm, is beyond {low:g} to {high:g} "
+                "px/mm"
+            )
+        camera = structs.replace(camera, scale_px_per_mm=scale)
+    if not tolerance.young_mpa < own_mpa:
+        raise T2TwinError(
+            f"the tolerance of the modulus is {tolerance.young_mpa:g} MPa; it must be less than "
+            f"the sensor's modulus, {own_mpa:g} MPa"
+        )
+    return replace(presses, measurements=measurements), camera
+
+
+def _estimate(
+    presses: Presses, fit: Fit, young_mpa: float
+) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """Depths and forces (n,), scale and modulus; young_mpa is used where no force is measured."""
+    measurements, own_mpa = presses.measurements, presses.sensor.own_gel.young_mpa
+    forces_n = ball_forces_n(presses.sensor, fit.state.poses, measurements.diameters_mm)
+    if measurements.has_forces:
+        young_mpa = own_mpa * force_ratio(measurements.forces_n, forces_n)
+    forces_n = forces_n * young_mpa / own_mpa
+    return fit.state.poses[:, 2], forces_n, fit.model.camera.scale_px_per_mm, young_mpa
+
+
+def _bounds(values: Sequence[float] | np.ndarray) -> Bounds:
+    """The first of these values, their minimum and their maximum."""
+    return Bounds(float(values[0]), float(min(values)), float(max(values)))
+
+
+def _residual(fitted: np.ndarray, measured: np.ndarray) -> float | None:
+    """Root mean square difference where both are finite; None where they never are."""
+    residual = (fitted - measured)[np.isfinite(fitted - measured)]
+    return float(np.sqrt(np.mean(residual**2))) if residual.size else None
+
+
+def ball_forces_n(sensor: GelCamera, poses: np.ndarray, diameters_mm: np.ndarray) -> np.ndarray:
+    """(n,) N: forces of balls at poses (n, 3) in the gel of a sensor's file; NaN where no allowed
+    force reaches the depth."""
+    forces_n = np.full(len(poses), np.nan)
+    for index, (x_mm, y_mm, depth_mm) in enumerate(poses.tolist()):
+        shape = ball(float(diameters_mm[index]) / 2)
+        command = PressCommand(shape.name, x_mm, y_mm, 0.0, 1.0)
+        press = partial(solve_contact, shape, elastomer=sensor.own_gel, pitch_mm=sensor.pitch_mm)
+        with suppress(T2TwinError):
+            forces_n[index] = force_at_depth(press, command, depth_mm)
+    return forces_n
+
+
+def force_ratio(measured_n: np.ndarray, own_n: np.ndarray) -> float:
+    """Modulus of the gel in parts of the sensor's, by least squares over the presses with both
+    forces: measured (n,), NaN where not, and the twin's at the same depths in the sensor's gel.
+
+    At a given depth the force of a frictionless contact is proportional to the modulus, since the
+    layer's stiffening depends on its strain alone.
+    """
+    both = np.isfinite(measured_n) & np.isfinite(own_n)
+    if not both.any():
+        raise T2TwinError("no press with a measured force can be pressed that deep in the twin")
+    measured, own = measured_n[both], own_n[both]
+    return float((measured @ own) / (own @ own))
+
+
+DEFAULT_TOLERANCE = Tolerance()
 
 
 @dataclass(frozen=True)
 class OpticsScores:
-    """Mean scores on the contact crops of the held-out frames.
+    """Mean scores on the contact crops of the held-out frames."""
 
-    calibrated: of the simulated frames. cut_and_paste: of the training presses' mean change, moved
-    to the held-out positions. do_nothing: of the background frame.
-    """
-
-    calibrated: Score
-    cut_and_paste: Score
-    do_nothing: Score
+    calibrated: Score  # of the simulated frames
+    cut_and_paste: Score  # of the training presses' mean change, moved to the held-out positions
+    do_nothing: Score  # of the background frame
 
 
 @dataclass(frozen=True)
-class HeldOutPress:
+class HeldOutPress(Score):
     """A held-out press, and the score of its image, simulated with an optics file without it."""
 
     name: str
     x_mm: float
     y_mm: float
     depth_mm: float
-    l1: float
-    ssim: float
-    psnr_db: float
 
 
 @dataclass(frozen=True)
 class OpticsRecord:
-    """Content of optics.json.
+    """Content of optics.json."""
 
-    trained, repeated: names of the frames that were fitted, and of excluded duplicates. covered,
-    next_mm: see Coverage. inputs_sha256: of the frames and numbers, for an adaptation that resumes.
-    """
-
-    format: int
-    trained: list[str]
-    repeated: list[str]
+    trained: list[str]  # names of the fitted frames
+    repeated: list[str]  # and of excluded duplicates
     held_out: tuple[HeldOutPress, ...]
     scores: OpticsScores
-    covered: float
-    next_mm: list[tuple[float, float]]
-    uncertainty: OpticsUncertainty | None
-    inputs_sha256: str | None = None
+    covered: float  # share of the image near presses
+    next_mm: list[tuple[float, float]]  # places of presses that would cover the rest, best first
+    uncertainty: OpticsUncertainty | None = None  # bounds of depths and forces
+    inputs_sha256: str | None = None  # of the frames and numbers, for an adaptation that resumes
+    format: int = FORMAT
 
 
-@dataclass(frozen=True)
-class OpticsReport:
-    """A fitted optics file and its evaluation. All arrays but training_poses are over the held-out
-    presses.
+@dataclass(frozen=True, kw_only=True)
+class OpticsReport(OpticsRecord):
+    """A fitted optics file and its evaluation."""
 
-    optics: fitted to all presses, with their noise. scored_by: fitted without the held-out
-    presses; `simulated` and the scores are of this one.
-    trained, held_out: names of the frames. repeated: names of duplicates, which are excluded.
-    training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each fitted to its own frame. surfaces_mm:
-    (n, grid) deflections at the poses, on optical_grid(gel). real, simulated: (n, rows, columns, 3)
-    uint8. scores: means. each: the score of each press. coverage: by all presses, in the order of
-    training_poses and poses. uncertainty: bounds of depths and forces.
-    """
-
-    optics: Optics
-    scored_by: Optics
-    trained: list[str]
-    training_poses: np.ndarray
-    held_out: list[str]
-    repeated: list[str]
-    poses: np.ndarray
-    surfaces_mm: np.ndarray
-    real: np.ndarray
-    simulated: np.ndarray
-    scores: OpticsScores
-    each: list[Score]
-    coverage: Coverage
-    uncertainty: OpticsUncertainty | None
+    optics: Optics  # fitted to all presses, with their noise
+    scored_by: Optics  # fitted without the held-out presses; scores and `simulated` are of these
+    poses: np.ndarray  # (n, 3) x_mm, y_mm, depth_mm of all presses, the held-out ones last
+    radii_mm: np.ndarray  # (n,) of their contacts
+    surfaces_mm: np.ndarray  # (held out, grid) deflections at the poses, on optical_grid(gel)
+    real: np.ndarray  # (held out, rows, columns, 3) uint8 frames
+    simulated: np.ndarray  # the same, simulated
 
 
 def read_presses(
@@ -162,10 +424,7 @@ def read_presses(
     camera: Camera,
     tolerance: Tolerance | None,
 ) -> tuple[Presses, list[int], list[int]]:
-    """The presses of `calibrate`, and the indices of those to fit to and of those held out.
-
-    Raises T2TwinError for invalid frames or numbers.
-    """
+    """The presses of `calibrate`, and the indices of those to fit to and of those held out."""
     background_frame, frames, names = read_frames(background, presses, camera)
     colored = is_colored(sensor.background_frame())
     for name, frame in zip([background.name, *names], [background_frame, *frames], strict=True):
@@ -190,7 +449,7 @@ def read_presses(
             f"no contact is visible in {', '.join(empty)}, which do not differ from the "
             "background; remove these frames"
         )
-    if measurements.has_depths and not measurements.subset(train).has_depths:
+    if measurements.has_depths and not np.isfinite(measurements.depths_mm[train]).any():
         raise T2TwinError(
             f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
             "presses"
@@ -209,12 +468,9 @@ def cleaned(presses: Presses, indices: list[int]) -> Presses:
 
 
 def evaluate(presses: Presses, test: list[int], training: Presses, fit: Fit) -> OpticsReport:
-    """The report of a fit without the held-out presses, which are only located.
-
-    Raises T2TwinError for a fit no better than the background.
-    """
-    held_out = presses.subset(test, training.background)
-    model = BallFit(held_out, fit.model.camera)
+    """The report of a fit without the held-out presses, which are only located."""
+    held_out, camera = presses.subset(test, training.background), fit.model.camera
+    model = BallFit(held_out, camera)
     poses = np.array([model.pose(fit.state, index) for index in range(len(test))])
     surfaces_mm = np.array(
         [model.surface(fit.state.geometry, index, pose) for index, pose in enumerate(poses)]
@@ -222,7 +478,10 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: Fit) -> 
     optics = fit.model.optics(fit.state)
     renderer = ImageRenderer(optics, presses.sensor.own_gel, presses.sensor.noise_grey)
     simulated = np.array([renderer.render(surface_mm) for surface_mm in surfaces_mm])
-    from_px, to_px = (_pixels(each, fit.model.camera) for each in (fit.state.poses, poses))
+    from_px, to_px = (
+        np.stack(camera.project(x, y, np.zeros(x.size)), axis=1)
+        for x, y, _ in (fit.state.poses.T, poses.T)
+    )
     pasted = cut_and_paste(presses.background, training.frames, from_px, to_px)
     still = np.broadcast_to(presses.background, held_out.frames.shape)
     each, *baselines = (
@@ -230,141 +489,85 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: Fit) -> 
         for other in (simulated, pasted, still)
     )
     scores = OpticsScores(*(mean_score(scored) for scored in (each, *baselines)))
-    _check_explains(scores)
+    fitted_db, still_db = scores.calibrated.psnr_db, scores.do_nothing.psnr_db
+    if fitted_db <= still_db:
+        raise T2TwinError(
+            f"the fit does not explain the held-out presses: its PSNR is {fitted_db:.1f} dB, and "
+            f"{still_db:.1f} dB for the background; use frames of one ball, pressed into the "
+            "sensor of the background"
+        )
     all_poses = np.concatenate([fit.state.poses, poses])
-    each_mm = [of.measurements.diameters_mm for of in (training, held_out)]
-    diameters_mm = np.concatenate(each_mm)
-    coverage = coverage_of(fit.model.camera, presses.sensor.own_gel, all_poses, diameters_mm)
+    diameters_mm = np.concatenate([of.measurements.diameters_mm for of in (training, held_out)])
+    radii_mm, covered, next_mm = coverage_of(
+        camera, presses.sensor.own_gel, all_poses, diameters_mm
+    )
+    found = zip(each, held_out.names, poses.tolist(), strict=True)
     return OpticsReport(
+        trained=[*training.names],
+        repeated=[n for n in presses.names if n not in (*training.names, *held_out.names)],
+        held_out=tuple(HeldOutPress(*astuple(score), name, *pose) for score, name, pose in found),
+        scores=scores,
+        covered=covered,
+        next_mm=next_mm,
         optics=optics,
         scored_by=optics,
-        trained=[*training.names],
-        training_poses=fit.state.poses,
-        held_out=[*held_out.names],
-        repeated=[n for n in presses.names if n not in (*training.names, *held_out.names)],
-        poses=poses,
+        poses=all_poses,
+        radii_mm=radii_mm,
         surfaces_mm=surfaces_mm,
         real=held_out.frames,
         simulated=simulated,
-        scores=scores,
-        each=each,
-        coverage=coverage,
-        uncertainty=None,
     )
-
-
-def fit_all(
-    presses: Presses,
-    background: np.ndarray,
-    first: Fit,
-    tolerance: Tolerance | None,
-    report: Report,
-) -> tuple[Optics, OpticsUncertainty | None]:
-    """The optics from all presses, with noise and modulus, and its uncertainty.
-
-    background: before it was cleaned.
-    """
-    report(f"fitting again, to all {len(presses.frames)}")
-    fit = fit_presses(presses, first.model.camera, first.state)
-    uncertainty = None
-    if tolerance is not None:
-        uncertainty = estimate_uncertainty(presses, fit, tolerance.of(presses.sensor), report)
-    young = None if uncertainty is None else uncertainty.young_mpa
-    optics = replace(
-        fit.model.optics(fit.state),
-        noise=measure_noise(presses.background, presses.frames, background),
-        young_mpa=None if young is None else young.value,
-    )
-    return optics, uncertainty
-
-
-def _check_explains(scores: OpticsScores) -> None:
-    """Raises T2TwinError if the fit is no better than the background, as without a ball."""
-    fitted, still = scores.calibrated.psnr_db, scores.do_nothing.psnr_db
-    if fitted <= still:
-        raise T2TwinError(
-            f"the fit does not explain the held-out presses: its PSNR is {fitted:.1f} dB, and "
-            f"{still:.1f} dB for the background; use frames of one ball, pressed into the sensor "
-            "of the background"
-        )
-
-
-def _pixels(poses: np.ndarray, camera: Camera) -> np.ndarray:
-    """(n, 2) rows and columns, px, of poses (n, 3)."""
-    rows, columns = camera.project(poses[:, 0], poses[:, 1], np.zeros(len(poses)))
-    return np.stack([rows, columns], axis=1)
-
-
-def score(real: np.ndarray, other: np.ndarray) -> Score:
-    """The score of two uint8 images of one shape (rows, columns, 3)."""
-    difference = real.astype(float) - other
-    error = max(float(np.mean(difference**2)), 1e-12)
-    return Score(
-        l1=float(np.abs(difference).mean()),
-        ssim=float(np.mean(structural_similarity(real, other, channel_axis=2, data_range=255))),
-        psnr_db=float(10.0 * np.log10(255.0**2 / error)),
-    )
-
-
-def mean_score(scores: Sequence[Score]) -> Score:
-    """The mean of each metric."""
-    return Score(*np.mean([astuple(each) for each in scores], axis=0).tolist())
-
-
-def crop_scores(real: np.ndarray, other: np.ndarray, places: np.ndarray) -> list[Score]:
-    """Scores of frames (n, ...) on the crops around places (n, 2), row and column."""
-    return [
-        score(crop(a, place), crop(b, place))
-        for a, b, place in zip(real, other, places, strict=True)
-    ]
-
-
-def cut_and_paste(
-    background: np.ndarray, training: np.ndarray, from_px: np.ndarray, to_px: np.ndarray
-) -> np.ndarray:
-    """(m, ...) uint8: the background with the training presses' mean change, moved to other places.
-
-    from_px, to_px: (n, 2), (m, 2) rows and columns of the presses. Moves are whole pixels.
-    """
-    changes = np.concatenate(  # the last channel counts the presses that a pixel shows
-        [training.astype(float) - background, np.ones((*training.shape[:3], 1))], axis=-1
-    )
-    pasted = []
-    for place in np.rint(to_px):
-        moves = place - np.rint(from_px)
-        moved = sum(shift(each, (*by, 0), order=0) for each, by in zip(changes, moves, strict=True))
-        change, count = np.split(np.asarray(moved), [3], axis=-1)
-        pasted.append(background + change / np.maximum(count, 1.0))
-    return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
 
 
 def write_fit(
     folder: Path, report: OpticsReport, gel: Elastomer, inputs_sha256: str | None = None
 ) -> OpticsRecord:
     """Write the picture of the coverage, optics.npz, and last optics.json, whose content is
-    returned.
-
-    gel: of the sensor. Raises T2TwinError where they cannot be written.
-    """
+    returned. gel: of the sensor."""
     with atomic_write(folder / COVERAGE) as temporary:
-        coverage_picture(report.coverage, report.optics, gel).save(temporary)
+        picture = coverage_picture(
+            report.optics, gel, report.poses, report.radii_mm, report.next_mm
+        )
+        picture.save(temporary)
     report.optics.save(folder / OPTICS)
-    held_out = zip(report.held_out, report.poses.tolist(), report.each, strict=True)
-    record = OpticsRecord(
-        format=FORMAT,
-        trained=report.trained,
-        repeated=report.repeated,
-        held_out=tuple(
-            HeldOutPress(name, *pose, *astuple(scored)) for name, pose, scored in held_out
-        ),
-        scores=report.scores,
-        covered=report.coverage.covered,
-        next_mm=[(x, y) for x, y in report.coverage.next_mm.tolist()],
-        uncertainty=report.uncertainty,
-        inputs_sha256=inputs_sha256,
-    )
+    values = {field.name: getattr(report, field.name) for field in fields(OpticsRecord)}
+    record = OpticsRecord(**values | {"inputs_sha256": inputs_sha256})
     write_json(folder / RECORD, asdict(record))
     return record
+
+
+def uncertainty_table(uncertainty: OpticsUncertainty) -> Table:
+    """The bounds of the presses; below, the assumptions: balls, scale, modulus."""
+    one, tolerance = uncertainty, uncertainty.tolerance
+    rows = [
+        [each.name]
+        + [f"{value:.2f}" for value in vars(each.depth_mm).values()]
+        + ([f"{value:.2f}" for value in vars(each.force_n).values()] if each.force_n else [""] * 3)
+        for each in one.presses
+    ]
+    heads = ["press", "depth, mm", "low", "high", "force, N", "low", "high"]
+    scale = (
+        f"The scale is {one.scale_px_per_mm.value:g} px/mm within {tolerance.scale_px_per_mm:g}, "
+        f"as given; measured displacements in {FORCES} would determine it."
+    )
+    if one.depth_measurements:
+        scale = (
+            f"The scale is {one.scale_px_per_mm} px/mm, from "
+            f"{one.depth_measurements} displacements measured within {tolerance.depth_mm:g} mm; "
+            f"their residual is {one.depth_residual_mm:.3f} mm (root mean square)."
+        )
+    modulus = (
+        f"The gel's modulus is the sensor's, {one.own_young_mpa:g} MPa, within "
+        f"{tolerance.young_mpa:g}; measured forces in {FORCES} would determine it."
+    )
+    if one.young_mpa is not None:
+        modulus = (
+            f"The gel's modulus is {one.young_mpa} MPa, from "
+            f"{one.force_measurements} forces measured within {tolerance.force_n:g} N; their "
+            f"residual is {one.force_residual_n:.2f} N. A twin with these optics has such a gel."
+        )
+    balls = f"The balls' diameters are assumed to be correct within {tolerance.ball_mm:g} mm."
+    return Table(heads, {"": rows}, notes=[balls, scale, modulus])
 
 
 def sample_lights(
@@ -373,7 +576,7 @@ def sample_lights(
     """Sampled units, all with one camera and one background (rows, columns, 3) uint8."""
     rngs = (np.random.default_rng((0, number)) for number in range(count))
     units = (sample_unit(rng, sensor.spec, RANGES).optics for rng in rngs)
-    return [replace(unit, background=background, **camera.placement) for unit in units]
+    return [replace(unit, background=background, camera=camera) for unit in units]
 
 
 def mean_light(units: Sequence[Optics]) -> Optics:
@@ -422,7 +625,16 @@ def calibrate(
     fit = fit_presses(training, camera)
     evaluated = evaluate(given, test, training, fit)
     every = cleaned(given, [*train, *test])
-    optics, uncertainty = fit_all(every, given.background, fit, tolerance, report)
+    report(f"fitting again, to all {len(every.frames)}")
+    fit, uncertainty = fit_presses(every, fit.model.camera, fit.state), None
+    if tolerance is not None:
+        uncertainty = estimate_uncertainty(every, fit, tolerance.of(own), report)
+    young = None if uncertainty is None else uncertainty.young_mpa
+    optics = replace(
+        fit.model.optics(fit.state),
+        noise=measure_noise(every.background, every.frames, given.background),
+        young_mpa=None if young is None else young.value,
+    )
     return replace(evaluated, optics=optics, uncertainty=uncertainty)
 
 
@@ -442,11 +654,6 @@ def guess_light(
     own, camera = sensor_and_camera(sensor, camera)
     arguments.function(report, "report")
     frame = upright_frame(read_frame(arguments.path(background, "background")), camera)
-    if not own.spec.light.leds or own.spec.units is None:
-        raise T2TwinError(
-            f"the file of {own.name} has no {'table [units]' if own.spec.light.leds else 'LEDs'}, "
-            "from which light is sampled for a background alone; give presses of a ball"
-        )
     check_usable(frame, str(background), is_colored(own.background_frame()))
     report(f"sampling {UNIT_COUNT} units of {own.name}, some seconds")
     return mean_light(sample_lights(frame, own, camera))
@@ -455,10 +662,7 @@ def guess_light(
 def sensor_and_camera(
     sensor: str | Path | GelCamera, camera: Camera | None
 ) -> tuple[GelCamera, Camera]:
-    """The gel camera of a name or file, and the camera in place of its own; None for its own.
-
-    Raises T2TwinError for a sensor of another kind and for a camera of another image size.
-    """
+    """The gel camera of a name or file, and the camera in place of its own; None for its own."""
     loaded = load_sensor(sensor)
     if loaded.spec.kind != KIND:
         raise T2TwinError(

@@ -1,25 +1,18 @@
 """Fits the baked model to frames of ball presses at unknown positions and depths.
 
 The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry that all presses
-share, and the response of each LED in each color, which is linear. The geometry is that of the
-LEDs, and the gel's profile around a ball. All are fitted jointly to the grey levels around the
-contacts by the method of Levenberg and Marquardt (Marquardt 1963); the response is solved for after
-each step.
-Between two such fits select_terms selects the response's terms.
+share (LEDs, and the gel's profile around a ball), and the response of each LED in each color, which
+is linear. All are fitted jointly to the grey levels around the contacts by the method of Levenberg
+and Marquardt (1963); the response is solved for after each step. Between two such fits,
+select_terms selects the response's terms.
 
-The response is found by ridge regression. Its entries are (LED, place, power), in this order:
-polynomials of the place times powers of the cosine of incidence. High degrees need many presses, so
-degree and ridge are chosen by cross-validation.
+The response is found by ridge regression. Its entries are (LED, place, power): polynomials of the
+place times powers of the cosine of incidence. LEDs that the frames show are found by photometric
+stereo on surfaces of known normals, the balls: on a ring of LEDs, those are chosen whose Lambertian
+light explains the change of the background best, in any amount of each color. A lobe can replace a
+tenth of the depths (measured on a real unit), so these are fitted without it.
 
-LEDs that the frames show are found by photometric stereo on surfaces of known normals, the balls,
-whose shadows count too. On a ring of LEDs around the gel, those are chosen whose Lambertian light
-explains the change of the background best. No color is presumed: an LED has any amount of each, in
-each press another one.
-
-A lobe can replace a tenth of the depths (measured on a real unit), so these are fitted without it.
-
-A sample is a block of 2 x 2 pixels; an image has (rows / 2, columns / 2). A press is fitted to the
-samples in a square around it.
+A sample is a block of 2 x 2 pixels; an image has (rows / 2, columns / 2).
 """
 
 from collections.abc import Sequence
@@ -63,22 +56,17 @@ degrees (measured), and below 0.11 on sampled ones, for which both starts are al
 MAX_UNEXPLAINED = 0.25
 """Largest part of the change of the light, in mean square, that the first light and poses may leave
 (assumed). It is 0.01 to 0.11 on a real unit and sampled ones."""
-POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3
-"""Step of the difference quotients of a pose, and its longest step in the fit, mm."""
+POSE_NUDGE_MM, POSE_REACH_MM = 0.02, 0.3  # difference step and longest fit step of a pose, mm
 NUDGE = 0.1  # step of those of the geometry, in standard deviations of the prior
 PRIOR = 2e-5
 """Weight of the priors: one standard deviation of a parameter costs as much as this mean square
 error over one press, in (grey / 255)^2 (assumed)."""
 HALF_MM = 3.75  # half side of the square around a press, mm, which contains the shadows
-SHALLOWEST_MM, DEEPEST = 0.1, 0.93
-"""Bounds of a press's depth: mm, and in parts of the ball's radius."""
+SHALLOWEST_MM, DEEPEST = 0.1, 0.93  # bounds of a depth: mm, and in parts of the ball's radius
 
-HOLD, SKIRT = 0.75, 1.0
-"""Initial profile of the gel around a ball (assumed; t2twin.sim.optical.surface)."""
-SMALLEST_LED_MM = 0.3
-"""Smallest initial size of an LED, mm (assumed: a smaller one has as sharp a shadow)."""
-ELEVATIONS_DEG = (10.0, 18.0, 30.0)
-"""Elevations of the rings of LEDs over the apex (assumed: from low light to half of the slopes)."""
+HOLD, SKIRT = 0.75, 1.0  # initial profile of the gel around a ball (assumed; see ball_surface)
+SMALLEST_LED_MM = 0.3  # initial, mm (assumed: a smaller one has as sharp a shadow)
+ELEVATIONS_DEG = (10.0, 18.0, 30.0)  # of the rings of LEDs (assumed: low light to half the slopes)
 RING = MAX_LEDS  # number of LEDs of a ring
 
 GROWTH = 2.0  # factor of the ridge from one degree to the next (2 to 8 are equal on a real unit)
@@ -88,29 +76,16 @@ TIE_DB = 0.15
 """Difference in validation error that counts as a tie, dB (assumed): poses and LEDs were fitted to
 the left-out presses too, which favors weak ridges."""
 GROUPS = 4  # folds of the cross-validation: every fourth press is left out in turn (assumed)
-LEAST_IMPROVEMENT = 1e-6
-"""An LED is exchanged where this lowers the squared error by more than this part (assumed)."""
-
-Square = tuple[slice, slice]  # rows and columns of samples
+MIN_IMPROVEMENT = 1e-6  # part of the squared error by which exchanging an LED lowers it (assumed)
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """Measurements of n presses, each (n,).
+    """Measurements of n presses, each (n,); NaN where there is no measurement."""
 
-    diameters_mm: of the balls. depths_mm: from first contact. forces_n. The last two are NaN where
-    there is no measurement.
-    """
-
-    diameters_mm: np.ndarray
-    depths_mm: np.ndarray
+    diameters_mm: np.ndarray  # of the balls, never NaN
+    depths_mm: np.ndarray  # from first contact
     forces_n: np.ndarray
-
-    def subset(self, presses: Sequence[int]) -> "Measurements":
-        """The measurements of the presses with these indices."""
-        return Measurements(
-            self.diameters_mm[presses], self.depths_mm[presses], self.forces_n[presses]
-        )
 
     @property
     def has_depths(self) -> bool:
@@ -123,43 +98,34 @@ class Measurements:
 
 @dataclass(frozen=True)
 class Presses:
-    """Presses into one sensor.
-
-    background: (rows, columns, 3) uint8, for a fit cleaned. frames: (n, rows, columns, 3) uint8.
-    patches: (n, 2) row and column of each contact, px. names: of the frames' files.
-    """
+    """Presses into one sensor."""
 
     sensor: GelCamera
-    background: np.ndarray
-    frames: np.ndarray
-    patches: np.ndarray
+    background: np.ndarray  # (rows, columns, 3) uint8, for a fit cleaned
+    frames: np.ndarray  # (n, rows, columns, 3) uint8
+    patches: np.ndarray  # (n, 2) row and column of each contact, px
     measurements: Measurements
-    names: Sequence[str] = ()
+    names: Sequence[str] = ()  # of the frames' files
 
     def subset(self, presses: Sequence[int], background: np.ndarray) -> "Presses":
         """The presses with these indices, with another background."""
         return Presses(
             self.sensor, background, self.frames[presses], self.patches[presses],
-            self.measurements.subset(presses), [self.names[index] for index in presses],
+            Measurements(*(values[presses] for values in vars(self.measurements).values())),
+            [self.names[index] for index in presses],
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Terms:
-    """leds: their number. degree: the highest in the place. ridge: weight of a term of degree zero,
-    in parts of the columns' mean square; GROWTH times as much for each further degree. lobe:
-    whether the response's entries are followed by those of the lobe, (LED, place, normal term) in
-    this order."""
+    """The entries of a response and, after them, of its lobe: (LED, place, normal term)."""
 
-    leds: int
-    degree: int
+    leds: int  # their number
+    degree: int  # the highest in the place
+    # weight of a term of degree zero, in parts of the columns' mean square; GROWTH times as much
+    # for each further degree
     ridge: float
     lobe: bool = False
-
-    @classmethod
-    def first(cls, leds: int) -> "Terms":
-        """Terms of the first fit of poses and LEDs."""
-        return cls(leds, DEGREES[0], RIDGES[0])
 
     @classmethod
     def most(cls, leds: int) -> "Terms":
@@ -167,27 +133,21 @@ class Terms:
         return cls(leds, DEGREES[-1], RIDGES[0], lobe=True)
 
     @property
-    def place_degrees(self) -> np.ndarray:
-        """(places,) degree of each polynomial."""
-        return place_degrees(self.degree)
-
-    @property
     def places(self) -> int:
-        return len(self.place_degrees)
-
-    @property
-    def entries(self) -> int:
-        of_lobe = self.leds * LOBE_PLACES * LOBE_TERMS if self.lobe else 0
-        return self.cosine_entries + of_lobe
+        return len(place_degrees(self.degree))
 
     @property
     def cosine_entries(self) -> int:
         """Number of the response's entries without the lobe."""
         return self.leds * self.places * COSINE_TERMS
 
+    @property
+    def entries(self) -> int:
+        return self.cosine_entries + (self.leds * LOBE_PLACES * LOBE_TERMS if self.lobe else 0)
+
     def penalty(self, squares: np.ndarray) -> np.ndarray:
         """(entries, entries) diagonal matrix, added to the columns' squares."""
-        weights = np.tile(np.repeat(GROWTH**self.place_degrees, COSINE_TERMS), self.leds)
+        weights = np.tile(np.repeat(GROWTH ** place_degrees(self.degree), COSINE_TERMS), self.leds)
         if self.lobe:
             of_lobe = np.repeat(GROWTH ** place_degrees(LOBE_DEGREE), LOBE_TERMS)
             weights = np.concatenate([weights, np.tile(of_lobe, self.leds)])
@@ -211,11 +171,10 @@ class Terms:
 
 @dataclass(frozen=True)
 class Sums:
-    """Sums over a press's samples for least squares: squares (entries, entries) and products
-    (entries, RGB) of the columns, and the sum of squares of the target."""
+    """Sums over a press's samples for least squares."""
 
-    squares: np.ndarray
-    products: np.ndarray
+    squares: np.ndarray  # (entries, entries) of the columns
+    products: np.ndarray  # (entries, RGB) of columns and target
     target_square: float
     samples: int
 
@@ -242,10 +201,8 @@ class Sums:
 
 
 def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.ndarray:
-    """(RGB, entries): the response with the least penalized error.
-
-    Raises T2TwinError where no LED's light changes, as that of LEDs which the gel hides.
-    """
+    """(RGB, entries): the response with the least penalized error. Raises T2TwinError where no
+    LED's light changes, as that of LEDs which the gel hides."""
     try:
         return np.linalg.solve(squares + terms.penalty(squares), products).T
     except np.linalg.LinAlgError as error:
@@ -256,11 +213,8 @@ def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.n
 
 
 def select_terms(presses: Sequence[Sums], leds: int) -> Terms:
-    """The terms with the least cross-validation error.
-
-    Among those within TIE_DB of the least error: the strongest ridge, and of it the best.
-    presses: with the entries of Terms.most.
-    """
+    """The terms with the least cross-validation error; among those within TIE_DB of it, the best of
+    the strongest ridge. presses: with the entries of Terms.most."""
     candidates = [
         Terms(leds, degree, ridge, lobe)
         for ridge in reversed(RIDGES) for degree in DEGREES for lobe in (False, True)
@@ -286,21 +240,6 @@ def cross_validation_error(presses: Sequence[Sums], terms: Terms) -> float:
     return float(np.mean(10.0 * np.log10(np.maximum(errors, 1e-12))))
 
 
-def solve_step(matrix: np.ndarray, gradient: np.ndarray, radii_mm: np.ndarray) -> np.ndarray:
-    """The solution of the normal equations of a joint fit.
-
-    Raises T2TwinError where they are singular, which a depth at its limit causes.
-    """
-    try:
-        return np.linalg.solve(matrix, gradient)
-    except np.linalg.LinAlgError as error:
-        raise T2TwinError(
-            f"the ball of {2.0 * radii_mm.min():g} mm is too small for the contacts in the frames, "
-            "which are nearly as wide as the ball; give the diameter of the ball, the scale of the "
-            "image, and frames of one ball on the sensor of the background"
-        ) from error
-
-
 def choose_leds(presses: Sequence[Sums], count: int) -> list[int]:
     """The LEDs of a ring that explain the presses best: one after the other, then exchanged."""
     ring = range(len(presses[0].squares))
@@ -313,28 +252,25 @@ def choose_leds(presses: Sequence[Sums], count: int) -> list[int]:
         left = [number for number in ring if number not in chosen]
         chosen.append(max(left, key=lambda number: explained([*chosen, number])))
     best, before = explained(chosen), 0.0
-    while best > before * (1.0 + LEAST_IMPROVEMENT):
+    while best > before * (1.0 + MIN_IMPROVEMENT):
         before = best
         for place in range(count):
             for number in set(ring).difference(chosen):
                 other = [*chosen[:place], number, *chosen[place + 1 :]]
-                if explained(other) > best * (1.0 + LEAST_IMPROVEMENT):
+                if explained(other) > best * (1.0 + MIN_IMPROVEMENT):
                     chosen, best = other, explained(other)
     return chosen
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """LEDs and the gel's profile, as a vector of parameters.
+    """LEDs and the gel's profile, as a vector of parameters."""
 
-    values: azimuth and elevation of each LED, degrees; a change of all their distances from the
-    axis, mm; the logarithm of each size, mm; hold and skirt of ball_surface. start: the values from
-    which the fit starts. distances_mm: (LEDs,) initial distances from the axis.
-    """
-
+    # azimuth and elevation of each LED, degrees; a change of all their distances from the axis, mm;
+    # the logarithm of each size, mm; hold and skirt of ball_surface
     values: np.ndarray
-    start: np.ndarray
-    distances_mm: np.ndarray
+    start: np.ndarray  # the values from which the fit starts
+    distances_mm: np.ndarray  # (LEDs,) initial distances from the axis
 
     @classmethod
     def of(cls, leds: Leds) -> "Geometry":
@@ -372,61 +308,16 @@ class Geometry:
         """Deviation from the start, in standard deviations."""
         return (self.values - self.start) / self.spread
 
-    def moved(self, change: np.ndarray) -> "Geometry":
-        """After a step of the fit, which has at most a standard deviation."""
-        return replace(self, values=self.values + np.clip(change, -self.spread, self.spread))
-
-    def rings(self) -> list["Geometry"]:
-        """Geometries of LEDs all around, one for each of ELEVATIONS_DEG, of the mean distance and
-        size."""
-        distance_mm, size_mm = self.distances_mm.mean(), self.leds.sizes_mm.mean()
-        azimuth = 2.0 * np.pi * np.arange(RING) / RING
-        x, y = distance_mm * np.cos(azimuth), -distance_mm * np.sin(azimuth)
-        heights = (np.full(RING, -distance_mm * np.tan(np.radians(deg))) for deg in ELEVATIONS_DEG)
-        sizes = np.full(RING, size_mm)
-        return [Geometry.of(Leds(np.stack([x, y, z], axis=1), sizes)) for z in heights]
-
-    def chosen(self, numbers: Sequence[int]) -> "Geometry":
-        """Some of its LEDs."""
-        leds = self.leds
-        return Geometry.of(Leds(leds.places_mm[list(numbers)], leds.sizes_mm[list(numbers)]))
-
 
 @dataclass(frozen=True)
 class State:
-    """Fitted parameters.
-
-    poses: (n, 3). response: (RGB, entries of its terms). error:
-    mean square error with the priors.
-    """
+    """Fitted parameters."""
 
     geometry: Geometry
-    poses: np.ndarray
+    poses: np.ndarray  # (n, 3)
     terms: Terms
-    response: np.ndarray
-    error: float
-
-
-def samples_of(image: np.ndarray) -> np.ndarray:
-    """(rows / 2, columns / 2, 3): the block means of an image (rows, columns, 3)."""
-    rows, columns, colors = image.shape
-    return image.reshape(rows // 2, 2, columns // 2, 2, colors).mean(axis=(1, 3))
-
-
-def square_about(patch: np.ndarray, camera: Camera) -> Square:
-    """The square of samples around a contact (row, column), px, moved into the image."""
-    sides = []
-    for middle, count in zip(patch / 2, (camera.rows // 2, camera.columns // 2), strict=True):
-        half = min(round(HALF_MM * camera.scale_px_per_mm / 2), count // 2)
-        first = round(min(max(middle, half), count - half)) - half
-        sides.append(slice(first, first + 2 * half))
-    return sides[0], sides[1]
-
-
-def inner(square: Square) -> Square:
-    """The same square on the lattice of samples, which has one more row and column at each edge."""
-    rows, columns = (slice(side.start + 1, side.stop + 1) for side in square)
-    return rows, columns
+    response: np.ndarray  # (RGB, entries of its terms)
+    error: float  # mean square error with the priors
 
 
 class BallFit:
@@ -440,22 +331,35 @@ class BallFit:
         self._rays = Rays(camera, self.gel)
         self._places = place_terms(*self._rays.places_mm)
         light = linear(self.background, GAMMA)
-        self._changes = [samples_of(linear(frame, GAMMA) - light) for frame in presses.frames]
-        self._squares = [square_about(patch, camera) for patch in presses.patches]
+        half = round(HALF_MM * camera.scale_px_per_mm / 2)
+        self._targets, self._squares = [], []
+        for frame, patch in zip(presses.frames, presses.patches, strict=True):
+            sides = []  # of the square about the contact, moved into the image
+            for middle, count in zip(
+                patch / 2, (camera.rows // 2, camera.columns // 2), strict=True
+            ):
+                reach = min(half, count // 2)
+                first = round(min(max(middle, reach), count - reach)) - reach
+                sides += [first, first + 2 * reach]
+            top, bottom, left, right = sides
+            change = (linear(frame, GAMMA) - light).reshape(
+                camera.rows // 2, 2, camera.columns // 2, 2, 3
+            )
+            samples = change.mean(axis=(1, 3))[top:bottom, left:right]
+            self._targets.append(samples.reshape(-1, 3))
+            # the lattice of samples has one more row and column at each edge
+            self._squares.append((top + 1, bottom + 1, left + 1, right + 1))
         # At the middles of the contacts, at a medium depth.
         y_mm, x_mm = ((presses.patches - camera.middle) / camera.scale_px_per_mm).T
         self._start_poses = np.stack([x_mm, y_mm, 0.45 * self.radii_mm], axis=1)
 
     def fit(self, start: State | None = None) -> State:
-        """Fit all parameters. start: state of another fit, for the initial LEDs and the terms.
-
-        Raises T2TwinError for frames that are no presses of such balls into such a sensor.
-        """
+        """Fit all parameters. start: state of another fit, for the initial LEDs and the terms."""
         if start is None:
             state = self._refined(self._first())
             terms = self._selected(state)
         else:
-            poses = [self.pose(start, index) for index in range(len(self._changes))]
+            poses = [self.pose(start, index) for index in range(len(self._targets))]
             state, terms = replace(start, poses=np.array(poses)), start.terms
         state = self._refined(self._solved(state.geometry, state.poses, replace(terms, lobe=False)))
         terms = terms if start else self._selected(state)
@@ -465,16 +369,13 @@ class BallFit:
 
     def _first(self) -> State:
         """Poses and light from the initial LEDs or, where these explain the presses poorly, from
-        the better of them and the LEDs that the frames show.
-
-        Raises T2TwinError for a state that leaves most of the presses unexplained.
-        """
-        changes = [np.mean(self._target(index) ** 2) for index in range(len(self._changes))]
+        the better of them and the LEDs that the frames show."""
+        change = float(np.mean([np.mean(target**2) for target in self._targets]))
         state = self._located(self._start)
-        if state.error > POORLY_EXPLAINED * np.mean(changes):
+        if state.error > POORLY_EXPLAINED * change:
             others = [self._located(geometry) for geometry in self._estimated()]
             state = min((state, *others), key=lambda each: each.error)
-        left = state.error / float(np.mean(changes))
+        left = state.error / change
         if left > MAX_UNEXPLAINED:
             raise T2TwinError(
                 f"the light of {self._start.count} LEDs leaves {100 * left:.0f} % of the presses' "
@@ -486,24 +387,34 @@ class BallFit:
 
     def _located(self, geometry: Geometry) -> State:
         """The presses located in the light of given LEDs."""
-        state = self._solved(geometry, self._start_poses, Terms.first(geometry.count))
+        state = self._solved(
+            geometry, self._start_poses, Terms(geometry.count, DEGREES[0], RIDGES[0])
+        )
         poses = [self.pose(state, index, pose) for index, pose in enumerate(state.poses)]
         return self._solved(geometry, np.array(poses), state.terms)
 
     def _estimated(self) -> list[Geometry]:
-        """As many LEDs as initially where the frames show them, for several elevations."""
+        """As many LEDs as initially where the frames show them, on rings of the mean distance and
+        size, one for each of ELEVATIONS_DEG."""
+        distance_mm, size_mm = self._start.distances_mm.mean(), self._start.leds.sizes_mm.mean()
+        azimuth = 2.0 * np.pi * np.arange(RING) / RING
+        x, y = distance_mm * np.cos(azimuth), -distance_mm * np.sin(azimuth)
         estimated = []
-        for ring in self._start.rings():
+        for elevation_deg in ELEVATIONS_DEG:
+            z = np.full(RING, -distance_mm * np.tan(np.radians(elevation_deg)))
+            ring = Geometry.of(Leds(np.stack([x, y, z], axis=1), np.full(RING, size_mm)))
             presses = []
             for index, pose in enumerate(self._start_poses):
                 (_, lit, _), (_, rest, _) = (
                     self._incidence(ring, index, each, lobe=False) for each in (pose, None)
                 )
-                presses.append(Sums.of((lit - rest).astype(float), self._target(index)))
-            estimated.append(ring.chosen(choose_leds(presses, self._start.count)))
+                presses.append(Sums.of((lit - rest).astype(float), self._targets[index]))
+            chosen, leds = choose_leds(presses, self._start.count), ring.leds
+            estimated.append(Geometry.of(Leds(leds.places_mm[chosen], leds.sizes_mm[chosen])))
         return estimated
 
     def _selected(self, state: State) -> Terms:
+        """The terms that cross-validation selects."""
         leds = state.geometry.count
         return select_terms(self._sums(state.geometry, state.poses, Terms.most(leds)), leds)
 
@@ -517,20 +428,15 @@ class BallFit:
         return state
 
     def pose(self, state: State, index: int, start: np.ndarray | None = None) -> np.ndarray:
-        """(x_mm, y_mm, depth_mm) of one frame, the model fixed.
-
-        start: the initial pose; None for several initial depths.
-        """
+        """(x_mm, y_mm, depth_mm) of one frame, the model fixed. start: the initial pose; None for
+        several initial depths."""
         middle, radius_mm = self._start_poses[index], self.radii_mm[index]
-        starts = (
-            [start]
-            if start is not None
-            else [np.array([*middle[:2], share * radius_mm]) for share in (0.25, 0.45, 0.65)]
-        )
+        starts = [np.array([*middle[:2], share * radius_mm]) for share in (0.25, 0.45, 0.65)]
+        starts = starts if start is None else [start]
         low = np.array([middle[0] - 1.5, middle[1] - 1.5, SHALLOWEST_MM])
         high = np.array([middle[0] + 1.5, middle[1] + 1.5, DEEPEST * radius_mm])
         gain = self._gain(state, index)
-        target = self._light(state.geometry, index, None, gain) + self._target(index)
+        target = self._light(state.geometry, index, None, gain) + self._targets[index]
 
         def residual(pose: np.ndarray) -> np.ndarray:
             return (self._light(state.geometry, index, pose, gain) - target).ravel()
@@ -556,7 +462,7 @@ class BallFit:
             sizes_mm=leds.sizes_mm,
             response=response,
             gamma=GAMMA,
-            **self.camera.placement,
+            camera=self.camera,
             lobe=None if lobe is None else lobe.transpose(1, 0, 2, 3),
         )
 
@@ -568,57 +474,45 @@ class BallFit:
         hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
         return ball_surface(self.gel, x_mm, y_mm, depth, radius_mm, hold, skirt)
 
-    def _target(self, index: int) -> np.ndarray:
-        """(samples, RGB) change of the light in a press's square."""
-        return self._changes[index][self._squares[index]].reshape(-1, 3)
-
     def _incidence(
         self, geometry: Geometry, index: int, pose: np.ndarray | None, lobe: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Cosines and weights (samples, LEDs), and for a lobe normals (samples, 2).
-
-        pose: None for the gel at rest.
-        """
+        """Cosines and weights (samples, LEDs), and for a lobe normals (samples, 2). pose: None for
+        the gel at rest."""
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
             surface = self.surface(geometry, index, pose)
-        rows, columns = inner(self._squares[index])
-        region = (rows.start, rows.stop, columns.start, columns.stop)
+        top, bottom, left, right = region = self._squares[index]
         coated = self._rays.coated(surface)
-        cosine, weight = self._rays.incidence(coated, geometry.leds, region)
-        normals = None
-        if lobe:
-            normals = self._rays.normals(coated, region)[:, rows, columns].reshape(2, -1).T
         cosine, weight = (
-            np.ascontiguousarray(of[:, rows, columns].reshape(len(of), -1).T)
-            for of in (cosine, weight)
+            np.ascontiguousarray(of[:, top:bottom, left:right].reshape(len(of), -1).T)
+            for of in self._rays.incidence(coated, geometry.leds, region)
         )
-        return cosine, weight, normals
-
-    def _columns(
-        self, geometry: Geometry, index: int, pose: np.ndarray | None, terms: Terms
-    ) -> np.ndarray:
-        """(samples, entries) light per unit of each of the response's entries."""
-        cosine, weight, normals = self._incidence(geometry, index, pose, terms.lobe)
-        places = self._place_terms(index, terms)
-        leds = range(terms.leds)
-        entries = [led_columns(cosine[:, k], weight[:, k], places) for k in leds]
-        if normals is not None:
-            entries += [lobe_columns(normals, weight[:, k], places) for k in leds]
-        return np.concatenate(entries, axis=-1)
+        if not lobe:
+            return cosine, weight, None
+        normals = self._rays.normals(coated, region)[:, top:bottom, left:right]
+        return cosine, weight, normals.reshape(2, -1).T
 
     def _place_terms(self, index: int, terms: Terms) -> np.ndarray:
         """(samples, places) polynomials of the place in a press's square."""
-        places = self._places[inner(self._squares[index])]
+        top, bottom, left, right = self._squares[index]
+        places = self._places[top:bottom, left:right]
         return places.reshape(-1, places.shape[-1])[:, : terms.places]
 
     def _changed(
         self, geometry: Geometry, index: int, pose: np.ndarray, terms: Terms
     ) -> np.ndarray:
-        """(samples, entries) the columns of a pose minus those at rest."""
-        pressed, rest = (self._columns(geometry, index, each, terms) for each in (pose, None))
-        return pressed - rest
+        """(samples, entries) float64: change of the light by a pose, per unit of each entry of the
+        response."""
+        places, leds, columns = self._place_terms(index, terms), range(terms.leds), []
+        for each in (pose, None):
+            cosine, weight, normals = self._incidence(geometry, index, each, terms.lobe)
+            entries = [led_columns(cosine[:, k], weight[:, k], places) for k in leds]
+            if normals is not None:
+                entries += [lobe_columns(normals, weight[:, k], places) for k in leds]
+            columns.append(np.concatenate(entries, axis=-1))
+        return (columns[0] - columns[1]).astype(float)
 
     def _gain(self, state: State, index: int) -> list[np.ndarray]:
         """The response and, if fitted, the lobe at each sample's place, for _light: (samples, LEDs,
@@ -633,7 +527,7 @@ class BallFit:
     def _light(
         self, geometry: Geometry, index: int, pose: np.ndarray | None, gain: list[np.ndarray]
     ) -> np.ndarray:
-        """(samples, RGB) light of a pose: _columns times the response, computed without them."""
+        """(samples, RGB) light of a pose, computed without columns."""
         cosine, weight, normals = self._incidence(geometry, index, pose, len(gain) > 1)
         powers = weight[..., None] * cosine[..., None] ** np.arange(COSINE_TERMS)
         light = np.einsum("skj,skjc->sc", powers, gain[0], optimize=True)
@@ -645,7 +539,7 @@ class BallFit:
     def _sums(self, geometry: Geometry, poses: np.ndarray, terms: Terms) -> list[Sums]:
         """Of each press, for the fit of the response."""
         return [
-            Sums.of(self._changed(geometry, index, pose, terms).astype(float), self._target(index))
+            Sums.of(self._changed(geometry, index, pose, terms), self._targets[index])
             for index, pose in enumerate(poses)
         ]
 
@@ -668,12 +562,22 @@ class BallFit:
         move = np.zeros(len(gradient))
         for _ in range(4):
             damped = matrix + damping * np.diag(np.diag(matrix)) - absorbed
-            move[free] = -solve_step(damped[np.ix_(free, free)], gradient[free], self.radii_mm)
+            try:
+                move[free] = -np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
+            except np.linalg.LinAlgError as error:  # a depth at its limit
+                raise T2TwinError(
+                    f"the ball of {2.0 * self.radii_mm.min():g} mm is too small for the contacts "
+                    "in the frames, which are nearly as wide as the ball; give the diameter of the "
+                    "ball, the scale of the image, and frames of one ball on the sensor of the "
+                    "background"
+                ) from error
             by_pose, by_geometry = np.split(move, [state.poses.size])
             reach_mm = np.clip(by_pose.reshape(-1, 3), -POSE_REACH_MM, POSE_REACH_MM)
             poses = state.poses + reach_mm
             poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radii_mm)
-            moved = self._solved(state.geometry.moved(by_geometry), poses, state.terms)
+            spread = state.geometry.spread  # a step has at most a standard deviation
+            values = state.geometry.values + np.clip(by_geometry, -spread, spread)
+            moved = self._solved(replace(state.geometry, values=values), poses, state.terms)
             if moved.error < state.error:
                 return moved, damping / 5.0
             damping *= 8.0
@@ -705,7 +609,7 @@ class BallFit:
         """Linearization of one press: columns (samples, entries), residual (samples, RGB), and
         derivatives of the light (samples, RGB, parameters) by its pose and the geometry."""
         fitted, pose = state.geometry, state.poses[index]
-        columns = self._changed(fitted, index, pose, state.terms).astype(float)
+        columns = self._changed(fitted, index, pose, state.terms)
         shown = columns @ state.response.T
         gain = self._gain(state, index)
         lit = self._light(fitted, index, pose, gain)
@@ -716,4 +620,4 @@ class BallFit:
             geometry = replace(fitted, values=fitted.values + step)
             moved, rest = (self._light(geometry, index, each, gain) for each in (pose, None))
             derivatives.append((moved - rest - shown) / step.sum())
-        return columns, shown - self._target(index), np.stack(derivatives, axis=-1)
+        return columns, shown - self._targets[index], np.stack(derivatives, axis=-1)

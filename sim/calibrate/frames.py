@@ -1,38 +1,39 @@
-"""Frames of a user's gel camera: contact, cleaned background and noise.
+"""Frames of a user's gel camera: contact, cleaned background, noise, scores, and coverage.
 
-Frames are (n, rows, columns, 3) uint8.
+Frames are (n, rows, columns, 3) uint8. An optics file is fitted to the light around the presses.
+Farther away it is extrapolated.
 """
 
 from collections.abc import Sequence
+from dataclasses import astuple, dataclass
 from os.path import realpath  # a link to itself does not raise
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
-from scipy.ndimage import gaussian_filter, maximum_filter
+from PIL import Image, ImageDraw, ImageFont
+from scipy.ndimage import gaussian_filter, maximum_filter, shift
 from scipy.optimize import least_squares
+from skimage.metrics import structural_similarity
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
 from t2twin.core.images import COLORLESS, MAX_FILE_BYTES, NOISE, decode_image, fault_of, is_noise
+from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera import Camera
+from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.response import REACH, TAPS, Noise
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 FORMATS = ("PNG", "JPEG", "BMP")
 CROP_PX = 100  # side of the crop around a contact on which scores are computed, px
-BLOB_BLUR_PX = 4.0
-"""Blur of the difference to the background before the contact is detected, px (assumed)."""
+BLOB_BLUR_PX = 4.0  # blur of the change before the contact is detected, px (assumed)
 VISIBLE_GREY = 40.0
-"""Smallest blurred difference of a contact, summed over the colors, grey levels (assumed from real
-frames). Drift of the light is below a third of it, a ball 0.2 mm deep several times above."""
-BLOB_SHARE = 0.35
-"""Fraction of the largest difference from which a pixel belongs to the contact (assumed)."""
-CONTACT_GREY = 10.0
-"""Blurred difference from which a pixel does not show the background, grey levels (assumed)."""
+"""Smallest blurred difference of a contact, summed over the colors, grey levels (assumed: drift of
+the light is below a third of it, a ball 0.2 mm deep several times above)."""
+BLOB_SHARE = 0.35  # of the largest change, from which a pixel belongs to the contact (assumed)
+CONTACT_GREY = 10.0  # blurred change from which a pixel is not background (assumed)
 CONTACT_MARGIN_PX = 8  # distance to such a pixel within which others are excluded too, px (assumed)
-PATTERN_BLUR_PX = 4.0
-"""Length scale that separates the background's fixed pattern from its light, px (assumed)."""
+PATTERN_BLUR_PX = 4.0  # length that separates fixed pattern and light, px (assumed)
 DRIFT_BLUR_PX = 7.0
 """Length over which the drift of the light is averaged, px (of 4, 7, 10 and 15 px slightly the best
 in cross-validation)."""
@@ -40,8 +41,29 @@ MIN_WEIGHT = 1e-3  # smallest blurred number of frames that a drift is divided b
 DRIFT_PX = 8.0  # length scale above which variation is drift of the light, not noise, px (assumed)
 LAGS = 4  # largest lag of the autocorrelation along an axis, px
 MIN_PIXELS = 2_000  # smallest number of background pixels of a frame (assumed)
-QUIETEST_GREY = 0.05
-"""Standard deviation of the noise of frames without any, such as edited ones, grey levels."""
+QUIETEST_GREY = 0.05  # noise of frames without any, such as edited ones, grey levels
+
+COVER_MM = 1.5
+"""Distance to the middle of a press within which it covers the gel, mm. On a real DIGIT, presses
+nearer than this to one of those fitted score 31 dB in the mean, farther ones 27 dB (measured)."""
+STEPS = 40  # places across the shorter side of the image that are compared with the presses
+ENOUGH = 0.97  # share of the image from which on no more presses are needed (assumed)
+MOST = 12  # largest number of next presses
+EDGE_MM = 1.2
+"""Distance of presses to the edge of the image, mm (assumed: a contact is as wide). Nearer to it,
+the gel is as covered as at this distance."""
+BRIGHT_GREY, SHADE = 110.0, 0.35  # mean of the picture's background, and factor of its shaded part
+PICTURE_PX = 720  # longer side of the picture, at least, px
+PRESSED, NEXT = (255, 255, 255), (255, 220, 0)  # colors of the presses and of the next ones
+
+
+@dataclass(frozen=True)
+class Score:
+    """l1: mean absolute difference, grey levels. psnr_db: peak signal-to-noise ratio."""
+
+    l1: float
+    ssim: float
+    psnr_db: float
 
 
 def read_frame(path: Path) -> np.ndarray:
@@ -61,12 +83,8 @@ def read_frame(path: Path) -> np.ndarray:
 def read_frames(
     background: Path, folder: Path, camera: Camera
 ) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """The background, the presses sorted by name, all upright, and their names.
-
-    The folder may contain the background's file. Raises T2TwinError for files that are not images,
-    for frames of another size than the background or refused by upright_frame, and for a folder
-    without images.
-    """
+    """The background, the presses sorted by name, all upright, and their names. The folder may
+    contain the background's file."""
     if not folder.is_dir():
         raise T2TwinError(f"{folder} is not a folder; --presses takes a folder of images")
     paths = sorted(
@@ -88,11 +106,10 @@ def read_frames(
 
 
 def upright_frame(frame: np.ndarray, camera: Camera) -> np.ndarray:
-    """(rows, columns, 3): a frame in the size of the camera's images.
+    """(rows, columns, 3): a frame in the size of the camera's images; larger ones are averaged.
 
     Sensors with upright images have a wide camera, whose own frames are rotated by a quarter turn
-    counterclockwise, as the interface of the default sensor does. Larger frames are averaged down.
-    Raises T2TwinError for smaller frames and other proportions.
+    counterclockwise, as the interface of the default sensor does.
     """
     size = _size(frame)
     is_upright = camera.rows > camera.columns
@@ -112,8 +129,7 @@ def upright_frame(frame: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def check_usable(frame: np.ndarray, name: str, colored: bool) -> None:
-    """Raises T2TwinError for a frame that no gel camera takes. colored: whether its sensor has
-    colors."""
+    """Raises T2TwinError for a frame that no sensor with, or without, colors takes."""
     fault = NOISE if is_noise(frame) else fault_of(frame, colored)
     if fault is not None:
         light = "colored light" if fault == COLORLESS else "light"
@@ -157,27 +173,23 @@ def clean_background(background: np.ndarray, frames: np.ndarray) -> np.ndarray:
     shows the background nearby. The fixed pattern is averaged over the background and the frames'
     background pixels.
     """
-    light, pattern = _split(background.astype(float))
-    weight, count = np.ones(background.shape[:2]), np.zeros(background.shape[:2])
-    change = np.zeros_like(light)
+    light = _light(background, PATTERN_BLUR_PX)
+    pattern, change, count = background - light, np.zeros_like(light), np.zeros(light.shape[:2])
     for frame in frames:
         shows_background = background_pixels(frame, background)
         mask = shows_background[..., None]
-        pattern += np.where(mask, _split(frame.astype(float))[1], 0.0)
-        weight += shows_background
+        pattern += np.where(mask, frame - _light(frame, PATTERN_BLUR_PX), 0.0)
         change += np.where(mask, frame.astype(float) - background, 0.0)
         count += shows_background
-    blur = (DRIFT_BLUR_PX, DRIFT_BLUR_PX, 0.0)
     near = gaussian_filter(count, DRIFT_BLUR_PX, mode="nearest")
-    drift = gaussian_filter(change, blur, mode="nearest") / np.maximum(near, MIN_WEIGHT)[..., None]
-    clean = light + pattern / weight[..., None] + drift
+    drift = _light(change, DRIFT_BLUR_PX) / np.maximum(near, MIN_WEIGHT)[..., None]
+    clean = light + pattern / (1.0 + count)[..., None] + drift
     return np.clip(np.rint(clean), 0, 255).astype(np.uint8)
 
 
-def _split(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Light and fixed pattern."""
-    light = gaussian_filter(image, (PATTERN_BLUR_PX, PATTERN_BLUR_PX, 0.0), mode="nearest")
-    return light, image - light
+def _light(image: np.ndarray, blur_px: float) -> np.ndarray:
+    """(rows, columns, 3) float64: an image, blurred."""
+    return gaussian_filter(image.astype(float), (blur_px, blur_px, 0.0), mode="nearest")
 
 
 def crop(image: np.ndarray, place: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -192,10 +204,9 @@ def crop(image: np.ndarray, place: Sequence[float] | np.ndarray) -> np.ndarray:
 
 
 def measure_noise(clean: np.ndarray, frames: np.ndarray, background: np.ndarray) -> Noise | None:
-    """The noise of frames (n, rows, columns, 3) uint8, from their background pixels.
+    """The noise of frames, from their background pixels; None if no frame has MIN_PIXELS.
 
-    clean: the background with its noise averaged out. background: the frame. Returns None if no
-    frame has MIN_PIXELS.
+    clean: the background with its noise averaged out. background: the frame.
     """
     covariance, autocovariance, count = np.zeros((3, 3)), np.zeros((LAGS, 3)), 0
     for frame in frames:
@@ -203,25 +214,22 @@ def measure_noise(clean: np.ndarray, frames: np.ndarray, background: np.ndarray)
         if np.count_nonzero(mask) < MIN_PIXELS:
             continue
         noise = frame.astype(float) - clean
-        noise -= gaussian_filter(noise, (DRIFT_PX, DRIFT_PX, 0.0), mode="nearest")
+        noise -= _light(noise, DRIFT_PX)
         noise -= noise[mask].mean(axis=0)
         covariance += noise[mask].T @ noise[mask] / np.count_nonzero(mask)
-        autocovariance += [_autocovariance(noise, mask, lag) for lag in range(1, LAGS + 1)]
+        for lag in range(1, LAGS + 1):
+            along_both = (np.s_[:-lag], np.s_[lag:]), (np.s_[:, :-lag], np.s_[:, lag:])
+            products = [
+                (noise[one] * noise[other])[mask[one] & mask[other]].mean(axis=0)
+                for one, other in along_both
+            ]
+            autocovariance[lag - 1] += np.mean(products, axis=0)
         count += 1
     if not count:
         return None
     covariance = covariance / count + QUIETEST_GREY**2 * np.eye(3)
     correlation = (autocovariance / count / np.diag(covariance)).mean(axis=1)
     return Noise(np.linalg.cholesky(covariance), _taps(correlation))
-
-
-def _autocovariance(noise: np.ndarray, mask: np.ndarray, lag: int) -> np.ndarray:
-    """(RGB) mean product of the noise of masked pixels at a lag along an axis."""
-    products = []
-    for first, second in ((np.s_[:-lag], np.s_[lag:]), (np.s_[:, :-lag], np.s_[:, lag:])):
-        both = mask[first] & mask[second]
-        products.append((noise[first] * noise[second])[both].mean(axis=0))
-    return np.mean(products, axis=0)
 
 
 def _taps(correlation: np.ndarray) -> np.ndarray:
@@ -239,3 +247,132 @@ def _taps(correlation: np.ndarray) -> np.ndarray:
 
     fit = least_squares(residual, np.full(REACH, 0.3), bounds=(-1.0, 1.0))
     return weights(fit.x)
+
+
+def score(real: np.ndarray, other: np.ndarray) -> Score:
+    """The score of two uint8 images of one shape (rows, columns, 3)."""
+    difference = real.astype(float) - other
+    error = max(float(np.mean(difference**2)), 1e-12)
+    return Score(
+        l1=float(np.abs(difference).mean()),
+        ssim=float(np.mean(structural_similarity(real, other, channel_axis=2, data_range=255))),
+        psnr_db=float(10.0 * np.log10(255.0**2 / error)),
+    )
+
+
+def mean_score(scores: Sequence[Score]) -> Score:
+    """The mean of each metric."""
+    return Score(*np.mean([astuple(each) for each in scores], axis=0).tolist())
+
+
+def crop_scores(real: np.ndarray, other: np.ndarray, places: np.ndarray) -> list[Score]:
+    """Scores of frames (n, ...) on the crops around places (n, 2), row and column."""
+    return [
+        score(crop(a, place), crop(b, place))
+        for a, b, place in zip(real, other, places, strict=True)
+    ]
+
+
+def cut_and_paste(
+    background: np.ndarray, training: np.ndarray, from_px: np.ndarray, to_px: np.ndarray
+) -> np.ndarray:
+    """(m, ...) uint8: the background with the training presses' mean change, moved to other places.
+
+    from_px, to_px: (n, 2), (m, 2) rows and columns of the presses. Moves are whole pixels.
+    """
+    changes = np.concatenate(  # the last channel counts the presses that a pixel shows
+        [training.astype(float) - background, np.ones((*training.shape[:3], 1))], axis=-1
+    )
+    pasted = []
+    for place in np.rint(to_px):
+        moves = place - np.rint(from_px)
+        moved = sum(shift(each, (*by, 0), order=0) for each, by in zip(changes, moves, strict=True))
+        change, count = np.split(np.asarray(moved), [3], axis=-1)
+        pasted.append(background + change / np.maximum(count, 1.0))
+    return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
+
+
+def coverage_of(
+    camera: Camera, gel: Elastomer, poses: np.ndarray, diameters_mm: np.ndarray
+) -> tuple[np.ndarray, float, list[tuple[float, float]]]:
+    """The coverage by presses (n, 3) of balls (n,): radii of the contacts (n,), the share of the
+    image near presses, and x_mm and y_mm of presses that would cover the rest, the best first.
+    """
+    radii_mm, depths_mm = diameters_mm / 2.0, np.minimum(poses[:, 2], diameters_mm / 2.0)
+    contacts_mm = np.sqrt(radii_mm**2 - (radii_mm - depths_mm) ** 2)
+    step = max(min(camera.rows, camera.columns) // STEPS, 1)
+    places = _places(camera, gel, step)
+    candidates = np.unique(places.round(3), axis=0)
+    bare = ~_near(places, poses[:, :2]).any(axis=1)
+    covered, near = 1.0 - float(bare.mean()), _near(places, candidates)
+    chosen: list[tuple[float, float]] = []
+    while len(chosen) < MOST and bare.mean() > 1.0 - ENOUGH:
+        best = int(np.argmax(near[bare].sum(axis=0)))
+        chosen.append(tuple(candidates[best].tolist()))
+        bare &= ~near[:, best]
+    return contacts_mm, covered, chosen
+
+
+def _places(camera: Camera, gel: Elastomer, step: int) -> np.ndarray:
+    """(n, 2) mm: the place of each step-th pixel along both axes, moved to where presses can be."""
+    columns, rows = (np.arange(step / 2, count, step) for count in (camera.columns, camera.rows))
+    moved = []
+    for along_mm in camera.gel_points(gel, columns, rows)[:2]:
+        low, high = along_mm.min() + EDGE_MM, along_mm.max() - EDGE_MM
+        moved.append(np.clip(along_mm, low, max(low, high)).ravel())
+    return np.stack(moved, axis=1)
+
+
+def _near(places: np.ndarray, presses: np.ndarray) -> np.ndarray:
+    """(places, presses) bool: whether presses (n, 2) cover places (m, 2)."""
+    return np.hypot(*np.moveaxis(places[:, None] - presses, -1, 0)) <= COVER_MM
+
+
+def coverage_sentences(covered: float, next_mm: Sequence[tuple[float, float]]) -> list[str]:
+    """Which part of the image no press covers, and where the next ones belong."""
+    bare = 100.0 * (1.0 - covered)
+    if not next_mm:
+        return [f"The presses cover the image, except for {bare:.0f} % of it."]
+    places = [
+        f"{abs(x_mm):.1f} {'left' if x_mm < 0 else 'right'}, "
+        f"{abs(y_mm):.1f} {'up' if y_mm < 0 else 'down'}"
+        for x_mm, y_mm in next_mm
+    ]
+    return [
+        f"No press lies within {COVER_MM:g} mm of {bare:.0f} % of the image. There, the light is "
+        "extrapolated.",
+        f"Press next, in mm from the middle of the image: {'; '.join(places)}.",
+    ]
+
+
+def coverage_picture(
+    optics: Optics,
+    gel: Elastomer,
+    poses: np.ndarray,
+    radii_mm: np.ndarray,
+    next_mm: Sequence[tuple[float, float]],
+) -> Image.Image:
+    """The background with the contacts, the uncovered part shaded, and the next presses."""
+    background, camera = optics.background, optics.camera
+    places = _places(camera, gel, 1)
+    covered = np.zeros(len(places), dtype=bool)
+    for pose in poses:
+        covered |= _near(places, pose[None, :2])[:, 0]
+    light = background * np.clip(BRIGHT_GREY / max(float(background.mean()), 1.0), 1.0, 4.0)
+    shown = np.where(covered.reshape(*light.shape[:2], 1), light, SHADE * light)
+    zoom = -(-PICTURE_PX // max(shown.shape[:2]))
+    image = Image.fromarray(np.clip(np.rint(shown), 0, 255).astype(np.uint8))
+    image = image.resize((zoom * camera.columns, zoom * camera.rows))
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(14)
+    pressed = zip(poses[:, :2], radii_mm, strict=True)
+    circles = [
+        *((*each, PRESSED, f"{number}") for number, each in enumerate(pressed, start=1)),
+        *((place, EDGE_MM, NEXT, f"next {n + 1}") for n, place in enumerate(next_mm)),
+    ]
+    for place, radius_mm, color, label in circles:
+        x_mm, y_mm = place
+        row, column = (zoom * float(at) for at in camera.project(x_mm, y_mm, np.zeros(())))
+        radius = zoom * float(radius_mm) * camera.scale_px_per_mm
+        pen.circle((column, row), radius, outline=color, width=2)
+        pen.text((column, row), label, fill=color, font=font, anchor="mm")
+    return image

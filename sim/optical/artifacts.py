@@ -19,24 +19,19 @@ from functools import cache
 from typing import Annotated
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Meta
 
 from t2twin.sim.optical.compiled import jit
-from t2twin.sim.optical.optics import Optics
-from t2twin.sim.optical.spec import Led, check_ranges
+from t2twin.sim.optical.spec import Led, Ranges
 from t2twin.sim.optical.units import Range, Unit, at_middle, cubic_weights, log_uniform
 from t2twin.sim.optical.units import Size as Pixels
 
-DRIFT_PX = 80
-"""Distance of neighboring samples of the drift, px (assumed: as smooth as in one real unit)."""
+DRIFT_PX = 80  # distance of samples of the drift, px (assumed: as smooth as in one real unit)
 WEAR_PX = 40  # distance of neighboring samples of smooth wear, px (assumed)
 MIN_ALBEDO = 0.3  # smallest albedo of a worn coating, relative to a new one (assumed)
-GLARE_OFF_DEG = (-15.0, 15.0)
-"""Direction of a glare relative to its LED's, seen from the image's middle (assumed)."""
-GLARE_INSET_PX = (-20.0, 40.0)
-"""Distance of a glare's middle from the image's edge, px; negative outside (one real unit: 33)."""
-SPECKLE_PX, FINE_DRIFT_PX = 4, 8
-"""Distance of neighboring nodes of a worn gel's albedo and of a drift, px (assumed)."""
+GLARE_OFF_DEG = (-15.0, 15.0)  # direction relative to its LED's, from the image's middle (assumed)
+GLARE_INSET_PX = (-20.0, 40.0)  # of its middle from the image's edge, px (one real unit: 33)
+SPECKLE_PX, FINE_DRIFT_PX = 4, 8  # distance of nodes of an albedo and of a drift, px (assumed)
 GLARE_REACH = 5.0  # distance at which a glare ends, in its radii: 0.15 % of its brightness
 
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
@@ -52,12 +47,11 @@ Degrees = Annotated[float, Meta(ge=-90.0, le=90.0)]
 Length = Annotated[float, Meta(ge=0.0, le=100.0)]
 
 
-class Artifacts(Struct, frozen=True, forbid_unknown_fields=True):
+class Artifacts(Ranges, frozen=True):
     """Distribution of the artifacts of sampled units: ranges, low and high.
 
     Drift, and the move and the brightness of streaks are as in frames of one real unit; the others
-    are assumed. Brightnesses, widths, lengths and radii are log-uniform. Raises T2TwinError for a
-    reversed range.
+    are assumed. Brightnesses, widths, lengths and radii are log-uniform.
     """
 
     streaks: tuple[Count, Count] = (0, 4)  # number of bright bands that point at an LED
@@ -78,9 +72,6 @@ class Artifacts(Struct, frozen=True, forbid_unknown_fields=True):
     drift_grey: tuple[Drift, Drift] = (1.0, 6.0)  # root mean square of the drift of each color
     drift_even_part: tuple[Part, Part] = (0.0, 0.6)  # share of its mean square that is even
 
-    def __post_init__(self) -> None:
-        check_ranges({name: getattr(self, name) for name in self.__struct_fields__})
-
 
 Lights = tuple[np.ndarray, np.ndarray]  # streaks and glares, as for compose
 
@@ -88,36 +79,36 @@ Lights = tuple[np.ndarray, np.ndarray]  # streaks and glares, as for compose
 def with_artifacts(
     rng: np.random.Generator, unit: Unit, artifacts: Artifacts, leds: tuple[Led, ...] = ()
 ) -> Unit:
-    """The unit with sampled artifacts and an earlier background frame.
-
-    leds: of the sensor; their brightest colors are those of the lights. Where there are other LEDs
-    in the unit, the colors are those of its response.
-    """
-    light = unit.optics
-    toward_px = light.leds_mm[:, 1::-1] * light.scale_px_per_mm + light.camera.middle
+    """The unit with sampled artifacts and an earlier background. leds: of the sensor; where the
+    unit has other LEDs, the lights' colors are those of its response."""
+    light, background = unit.optics, np.ascontiguousarray(unit.optics.background)
+    toward_px = light.leds_mm[:, 1::-1] * light.camera.scale_px_per_mm + light.camera.middle
     size: Pixels = (light.camera.rows, light.camera.columns)
-    if len(leds) == len(toward_px):
-        colors = np.array([led.color for led in leds])
-    else:
-        colors = at_middle(light.response)
+    is_own = len(leds) == len(toward_px)
+    colors = np.array([led.color for led in leds]) if is_own else at_middle(light.response)
     now, before = _sample_lights(rng, artifacts, toward_px, colors.argmax(axis=1), size)
     shade, albedo = np.zeros((0, 0), dtype=np.float32), None
     if rng.random() < artifacts.worn:
-        nodes = _sample_albedo(rng, artifacts, size)
+        down, across = _cubics(WEAR_PX, SPECKLE_PX, size)
+        smooth = rng.standard_normal((down.shape[1], across.shape[1]))
+        fine = rng.standard_normal((len(down), len(across)))
+        parts = rng.uniform(*artifacts.wear_part), rng.uniform(*artifacts.speckle_part)
+        nodes = 1.0 + parts[0] * (down @ smooth @ across.T) + parts[1] * fine
+        nodes = np.maximum(nodes, MIN_ALBEDO)  # SPECKLE_PX apart
         shade, albedo = (nodes ** (1.0 / light.gamma)).astype(np.float32), np.empty(size, "f4")
-        enlarge(nodes.astype(np.float32), SPECKLE_PX, albedo)
-    drift = sample_drift(rng, artifacts, size)
+        coarse = nodes.astype(np.float32)
+        for row, filled in enumerate(albedo):
+            _enlarge_row(coarse, SPECKLE_PX, row, filled)
+    drift = _sample_drift(rng, artifacts, size)
     still = np.zeros((3, 0, 0), dtype=np.float32)
-    background = _frame(light, shade, still, now)
-    earlier = _frame(light, shade, drift, before)
-    return replace(
-        unit,
-        optics=replace(light, background=background, albedo=albedo),
-        earlier_background=earlier,
-    )
+    shown, earlier = np.empty_like(background), np.empty_like(background)
+    compose(background, shade, still, *now, shown)
+    compose(background, shade, drift, *before, earlier)
+    optics = replace(light, background=shown, albedo=albedo)
+    return replace(unit, optics=optics, earlier_background=earlier)
 
 
-def sample_drift(rng: np.random.Generator, artifacts: Artifacts, size: Pixels) -> np.ndarray:
+def _sample_drift(rng: np.random.Generator, artifacts: Artifacts, size: Pixels) -> np.ndarray:
     """(RGB, nodes) float32 drift, grey levels, FINE_DRIFT_PX apart."""
     rms = rng.uniform(*artifacts.drift_grey, 3)[:, None, None]
     even = rng.uniform(*artifacts.drift_even_part, 3)[:, None, None]
@@ -156,16 +147,6 @@ def _squares(fine: int, size: Pixels) -> tuple[np.ndarray, np.ndarray]:
     return found[0], found[1]
 
 
-def _sample_albedo(rng: np.random.Generator, artifacts: Artifacts, size: Pixels) -> np.ndarray:
-    """(nodes) albedo SPECKLE_PX apart, relative to a new coating."""
-    down, across = _cubics(WEAR_PX, SPECKLE_PX, size)
-    smooth = rng.standard_normal((down.shape[1], across.shape[1]))
-    fine = rng.standard_normal((len(down), len(across)))
-    smooth_part, fine_part = rng.uniform(*artifacts.wear_part), rng.uniform(*artifacts.speckle_part)
-    albedo = 1.0 + smooth_part * (down @ smooth @ across.T)
-    return np.maximum(albedo + fine_part * fine, MIN_ALBEDO)
-
-
 def _sample_lights(
     rng: np.random.Generator,
     artifacts: Artifacts,
@@ -173,11 +154,8 @@ def _sample_lights(
     colors_of: np.ndarray,
     size: Pixels,
 ) -> tuple[Lights, Lights]:
-    """Streaks and glares of the presses, and of the background frame before.
-
-    toward_px: (LEDs, 2) rows and columns of the LEDs, outside the image. colors_of: (LEDs,) index
-    of the brightest color of each.
-    """
+    """Streaks and glares of the presses, and of the background frame before. toward_px: (LEDs, 2)
+    rows and columns of the LEDs. colors_of: (LEDs,) their brightest colors."""
     count = int(rng.integers(artifacts.streaks[0], artifacts.streaks[1] + 1))
     leds = rng.integers(len(toward_px), size=count)
     places = rng.uniform((0.0, 0.0), size, (count, 2))
@@ -225,21 +203,6 @@ def _colors(
     return log_uniform(rng, grey, (colors.size, 1)) * parts
 
 
-def _frame(light: Optics, shade: np.ndarray, drift: np.ndarray, lights: Lights) -> np.ndarray:
-    """(rows, columns, 3) uint8: the background frame with artifacts."""
-    background = np.ascontiguousarray(light.background)
-    out = np.empty_like(background)
-    compose(background, shade, drift, *lights, out)
-    return out
-
-
-@jit
-def enlarge(nodes, step, out):
-    """Fill out, linear between nodes, step apart."""
-    for row in range(out.shape[0]):
-        _enlarge_row(nodes, step, row, out[row])
-
-
 @jit
 def _enlarge_row(nodes, step, row, out):
     """Fill out (columns) with a row, linear between nodes, step apart."""
@@ -255,9 +218,9 @@ def _enlarge_row(nodes, step, row, out):
 def compose(background, shade, drift, streaks, glares, out):
     """Fill out (P, RGB) uint8 with the background (P, RGB), shaded, plus drift and lights.
 
-    P is the image (rows, columns). shade: (nodes) factors SPECKLE_PX apart, or empty. drift: (RGB,
-    nodes) grey levels FINE_DRIFT_PX apart, or empty. streaks: (n, 10) row, column, direction (down,
-    right), half length, half width, bend, RGB. glares: (n, 6) row, column, radius, RGB.
+    shade: (nodes) factors SPECKLE_PX apart, or empty. drift: (RGB, nodes) grey levels FINE_DRIFT_PX
+    apart, or empty. streaks: (n, 10) row, column, direction (down, right), half length, half width,
+    bend, RGB. glares: (n, 6) row, column, radius, RGB.
     """
     rows, columns = out.shape[0], out.shape[1]
     grey, values = np.empty((columns, 3), dtype=np.float32), np.empty(columns, dtype=np.float32)
@@ -284,11 +247,8 @@ def compose(background, shade, drift, streaks, glares, out):
 
 @jit
 def _add_streak(streak, row, grey):
-    """Add a row of a streak to grey (columns, RGB).
-
-    Its profile is 1 - u^2 along and (1 - v^2)^2 across, with u and v the place relative to its
-    half length and half width; its middle line is a parabola.
-    """
+    """Add a row of a streak to grey (columns, RGB): 1 - u^2 along and (1 - v^2)^2 across, with u, v
+    the place relative to its half length and half width; its middle line is a parabola."""
     down, right, length, width, bend = streak[2], streak[3], streak[4], streak[5], streak[6]
     high = np.float32(row) - streak[0]
     side = width + abs(bend)

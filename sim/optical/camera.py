@@ -1,17 +1,15 @@
 """A sensor's camera, a pinhole behind the gel, and the grid of the gel's deflection.
 
-Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the image, y down, z out of the
-sensor), with z = 0 at the apex of the gel at rest. The camera is at z = -distance_mm on the axis
-and points along +z. The center of pixel (row, column) is at these integer coordinates.
-
-A shift moves the whole image by pixels. A tilt rotates the gel about its apex: it adds a plane to
-the surface at rest, while the camera and the LEDs stay.
+Frame: the sensor frame of t2twin.primitives_cad.shape, with z = 0 at the apex of the gel at rest.
+The camera is at z = -distance_mm on the axis and points along +z. The center of pixel (row, column)
+is at these integer coordinates. A shift moves the whole image by pixels. A tilt rotates the gel
+about its apex: it adds a plane to the surface at rest, while the camera and the LEDs stay.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, get_type_hints
 
 import numpy as np
+from msgspec import Meta, Struct
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -23,47 +21,38 @@ little)."""
 PARALLAX_STEPS = 6
 """Fixed-point steps of the intersection of ray and gel. Each multiplies the error by the slopes of
 surface and ray (at most 0.4); the remaining error is below 0.01 mm."""
-LENGTHS = {"scale_px_per_mm": (5.0, 100.0), "distance_mm": (5.0, 100.0)}
-"""Allowed scales and distances (assumed: public optics files of DIGITs have 17.2 to 19.6 px/mm and
-20.8 to 22 mm)."""
-MAX_MISALIGNMENT = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
-"""Largest shift, px, and tilt, degrees (assumed: a shift of 5 mm, a clearly visible tilt)."""
+MAX_PIXELS = 1600  # rows and columns of an image (assumed: makers' interfaces give less)
+
+Pixels = Annotated[int, Meta(ge=16, le=MAX_PIXELS, multiple_of=2)]
+Scale = Annotated[float, Meta(ge=5.0, le=100.0)]  # assumed: public files have 17.2 to 19.6 px/mm
+Distance = Annotated[float, Meta(ge=5.0, le=100.0)]  # assumed: these have 20.8 to 22 mm
+Shift = Annotated[float, Meta(ge=-100.0, le=100.0)]  # assumed: 5 mm of a DIGIT
+Tilt = Annotated[float, Meta(ge=-5.0, le=5.0)]  # assumed: clearly visible
 
 
-@dataclass(frozen=True)
-class Camera:
-    """A pinhole on the sensor's axis.
+class Camera(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A pinhole on the sensor's axis. Raises T2TwinError for values out of range.
 
-    rows, columns: of the image, even numbers.
-    scale_px_per_mm: image scale at the gel's apex.
-    distance_mm: from the pinhole to the gel's apex.
-    shift_x_px, shift_y_px: position of the axis in the image, right and down from its middle.
-    tilt_x_deg, tilt_y_deg: rotation of the gel about the x and the y axis; positive values move the
-        gel's lower and right part away from the camera.
-    Raises T2TwinError for values out of range.
+    Positive tilts move the gel's lower and right part away from the camera.
     """
 
-    rows: int
-    columns: int
-    scale_px_per_mm: float
-    distance_mm: float
-    shift_x_px: float = 0.0
-    shift_y_px: float = 0.0
-    tilt_x_deg: float = 0.0
-    tilt_y_deg: float = 0.0
+    rows: Annotated[Pixels, Meta(description="rows of an image, along y")]
+    columns: Annotated[Pixels, Meta(description="columns of an image, along x")]
+    scale_px_per_mm: Annotated[Scale, Meta(description="image scale at the gel's apex")]
+    distance_mm: Annotated[Distance, Meta(description="from the pinhole to the gel's apex")]
+    shift_x_px: Annotated[Shift, Meta(description="position of the axis, right of the middle")] = (
+        0.0
+    )
+    shift_y_px: Annotated[Shift, Meta(description="the same, down")] = 0.0
+    tilt_x_deg: Annotated[Tilt, Meta(description="rotation of the gel about x")] = 0.0
+    tilt_y_deg: Annotated[Tilt, Meta(description="the same about y")] = 0.0
 
     def __post_init__(self) -> None:
-        limits = {name: (-most, most) for name, most in MAX_MISALIGNMENT.items()}
-        for name, (low, high) in (LENGTHS | limits).items():
+        for name, (low, high) in LIMITS.items():
             arguments.number(getattr(self, name), name, low, high)
         for name in ("rows", "columns"):
             if getattr(self, name) < 2 or getattr(self, name) % 2:
                 raise T2TwinError(f"{name} is {getattr(self, name)}; expected an even number")
-
-    @property
-    def placement(self) -> dict[str, Any]:
-        """All parameters but the size of the image, by name."""
-        return {name: getattr(self, name) for name in (*LENGTHS, *MAX_MISALIGNMENT)}
 
     @property
     def focal_px(self) -> float:
@@ -99,10 +88,8 @@ class Camera:
     def is_seen(
         self, x_mm: np.ndarray, y_mm: np.ndarray, margin_mm: float, highest_mm: float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Whether the image can contain places along x and along y, bool of their shapes.
-
-        margin_mm: added at the edges. highest_mm: z of the point farthest from the camera.
-        """
+        """Whether the image can contain places along x and along y, bool arrays. margin_mm:
+        added at the edges. highest_mm: z of the point farthest from the camera."""
         widened = 1.0 + max(highest_mm, 0.0) / self.distance_mm
         half_width, half_height = (half * widened for half in self.seen_half_extent_mm())
         across, down = (
@@ -116,10 +103,8 @@ class Camera:
     def gel_points(
         self, gel: Elastomer, columns: np.ndarray, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where rays meet a gel at rest: x, y, z in mm, (rows, columns) each.
-
-        columns, rows: pixel coordinates, which may be fractional and outside the image.
-        """
+        """Where rays meet a gel at rest: x, y, z in mm, (rows, columns) each; columns, rows: pixel
+        coordinates, which may be fractional and outside the image."""
         across, down = np.meshgrid(
             (columns - self.middle[1]) / self.focal_px, (rows - self.middle[0]) / self.focal_px
         )
@@ -130,12 +115,17 @@ class Camera:
         return across * (self.distance_mm + z), down * (self.distance_mm + z), z
 
 
-def optical_grid(gel: Elastomer) -> tuple[np.ndarray, np.ndarray]:
-    """Axes of the optics' grid of the gel's deflection.
+LIMITS: dict[str, tuple[float, float]] = {
+    name: (kind.__metadata__[0].ge, kind.__metadata__[0].le)
+    for name, kind in get_type_hints(Camera, include_extras=True).items()
+    if name not in ("rows", "columns")
+}
+"""Lowest and highest value of each field but the size of the image."""
 
-    Returns x_mm (nx,) and y_mm (ny,), cell centers, rising, GRID_PITCH_MM apart, symmetric
-    about 0 and covering the gel.
-    """
+
+def optical_grid(gel: Elastomer) -> tuple[np.ndarray, np.ndarray]:
+    """Axes of the optics' grid of the gel's deflection: x_mm (nx,) and y_mm (ny,), cell centers,
+    rising, GRID_PITCH_MM apart, symmetric about 0 and covering the gel."""
     counts = (round(side_mm / GRID_PITCH_MM) for side_mm in (gel.width_mm, gel.length_mm))
     x, y = ((np.arange(count) - (count - 1) / 2) * GRID_PITCH_MM for count in counts)
     return x, y

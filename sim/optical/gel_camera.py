@@ -8,12 +8,14 @@ the view, for each unit, whatever its scale and place.
 """
 
 import hashlib
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
 import numpy as np
+from msgspec import structs
 from PIL import Image
 
 from t2twin.core import arguments
@@ -41,21 +43,24 @@ DIGIT)."""
 
 @dataclass(frozen=True)
 class ContactGrid:
-    """The grid of contact maps. rows, columns: of its cells. cell_mm2: area of one, mm^2."""
+    """The grid of contact maps."""
 
-    rows: int
+    rows: int  # of its cells
     columns: int
-    cell_mm2: float
+    cell_mm2: float  # area of a cell
 
     def depth_mm(self, contact: Contact, camera: Camera) -> np.ndarray:
         """(rows, columns) depth of a contact, in the image of a unit's camera."""
         gel = contact.elastomer
         x_mm, y_mm = optical_grid(gel)
         surface, step = surface_on(contact, x_mm, y_mm), x_mm[1] - x_mm[0]
-        pixels = self._middles(camera.columns, self.columns), self._middles(camera.rows, self.rows)
+        row, column = (  # of the cells' middles, px
+            (np.arange(cells) + 0.5) * pixels / cells - 0.5
+            for pixels, cells in ((camera.rows, self.rows), (camera.columns, self.columns))
+        )
         across, down = np.meshgrid(
-            (pixels[0] - camera.middle[1]) / camera.focal_px,
-            (pixels[1] - camera.middle[0]) / camera.focal_px,
+            (column - camera.middle[1]) / camera.focal_px,
+            (row - camera.middle[0]) / camera.focal_px,
         )
         z, depth = np.zeros_like(across), np.zeros_like(across)
         for _ in range(PARALLAX_STEPS):
@@ -67,11 +72,8 @@ class ContactGrid:
         return depth
 
     def pressure_kpa(self, contact: Contact, camera: Camera) -> np.ndarray:
-        """(rows, columns) pressure of a contact, in the image of a unit's camera.
-
-        The force of each cell of the contact's grid is shared by the four nearest cells of the
-        image; what is outside the image is left out.
-        """
+        """(rows, columns) pressure of a contact, in the image of a unit's camera: the force of each
+        cell of the contact's grid is shared by the four nearest cells of the image."""
         loaded = np.nonzero(contact.pressure_kpa)
         moved_mm = contact.sheared_mm[:, *loaded]
         x, y = contact.x_mm[loaded[1]], contact.y_mm[loaded[0]]
@@ -91,50 +93,28 @@ class ContactGrid:
                 np.add.at(found, place, values * along_y * along_x)
         return found[1:-1, 1:-1]
 
-    @staticmethod
-    def _middles(pixels: int, cells: int) -> np.ndarray:
-        """(cells,) coordinates of the cells' middles, px."""
-        return (np.arange(cells) + 0.5) * pixels / cells - 0.5
-
-
-def grid_over(camera: Camera) -> ContactGrid:
-    """The grid over the view of a sensor's camera."""
-    half_width_mm, half_height_mm = camera.seen_half_extent_mm()
-    columns, rows = (max(1, round(2 * half / CELL_MM)) for half in (half_width_mm, half_height_mm))
-    return ContactGrid(rows, columns, 4 * half_width_mm * half_height_mm / (rows * columns))
-
 
 @dataclass(frozen=True)
 class GelCamera:
     """A gel camera: its file, and what differs from it.
 
-    folder: of the sensor's file. optics_file: replaces the file's light; its Young's modulus, if it
-    has one, is the gel's. renderer: what makes the images. frames: averaged for an image; None is
-    the file's number. markers: printed on the gel; True for the file's, None for none. gel: pressed
-    in place of the file's. unit: a sampled unit, whose light replaces the file's.
-
     Raises T2TwinError for a file that is not an optics file, and for renderer "pyrender" with an
     optics file, which has no LEDs to render.
     """
 
-    OPTIONS: ClassVar = ("optics", "renderer", "frames", "markers", "gel")
-    """Options of `with_options`."""
-
-    HAS_UNITS: ClassVar = True
-    """Whether its units differ in what a recipe samples."""
-    VALUE: ClassVar = "image"
-    """Column of its readings in a dataset."""
-    FRICTION: ClassVar = "gel_friction"
-    """Range of its friction in a recipe."""
+    OPTIONS: ClassVar = ("optics", "renderer", "frames", "markers", "gel")  # of `with_options`
+    HAS_UNITS: ClassVar = True  # whether its units differ in what a recipe samples
+    VALUE: ClassVar = "image"  # column of its readings in a dataset
+    FRICTION: ClassVar = "gel_friction"  # range of its friction in a recipe
 
     spec: GelCameraSpec
-    folder: str = ""
-    optics_file: str | None = None
+    folder: str = ""  # of the sensor's file
+    optics_file: str | None = None  # replaces the file's light and, if it has one, Young's modulus
     renderer: Renderer = "baked"
-    frames: int | None = None
-    markers: Markers | None = None
-    gel: Elastomer | None = None
-    unit: Unit | None = field(default=None, repr=False)
+    frames: int | None = None  # averaged for an image; None is the file's number
+    markers: Markers | None = None  # printed on the gel
+    gel: Elastomer | None = None  # pressed in place of the file's
+    unit: Unit | None = field(default=None, repr=False)  # its light replaces the file's
 
     def __post_init__(self) -> None:
         arguments.choice(self.renderer, "renderer", get_args(Renderer))
@@ -157,7 +137,9 @@ class GelCamera:
     @cached_property
     def contact_grid(self) -> ContactGrid:
         """The grid of the contact maps."""
-        return grid_over(self.camera)
+        half_x_mm, half_y_mm = self.camera.seen_half_extent_mm()
+        columns, rows = (max(1, round(2 * half / CELL_MM)) for half in (half_x_mm, half_y_mm))
+        return ContactGrid(rows, columns, 4 * half_x_mm * half_y_mm / (rows * columns))
 
     @property
     def friction(self) -> Friction:
@@ -171,7 +153,8 @@ class GelCamera:
     @cached_property
     def camera(self) -> Camera:
         """The camera of the sensor's file."""
-        return self.spec.camera.camera
+        table = self.spec.camera
+        return Camera(*(getattr(table, name) for name in Camera.__struct_fields__))
 
     @property
     def size(self) -> str:
@@ -231,7 +214,7 @@ class GelCamera:
                 "pyrender cannot render an optics file, which has no description of single "
                 "LEDs; it renders the default optics and units sampled without an optics file"
             )
-        return PyrenderRenderer(self.optics, leds, self.spec.light.ambient, *gels)
+        return PyrenderRenderer(leds, self.spec.light.ambient, self.optics, *gels)
 
     @cached_property
     def elastomer(self) -> Elastomer:
@@ -242,28 +225,18 @@ class GelCamera:
         return replace(gel, young_mpa=young_mpa)
 
     def with_options(self, options: dict[str, Any]) -> "GelCamera":
-        """The same sensor with some of OPTIONS, by name; None keeps the present value.
-
-        optics: a file. markers: True for those of the sensor's file. Raises T2TwinError for values
-        that are not allowed.
-        """
+        """The same sensor with some of OPTIONS, by name; None keeps the present value. optics: a
+        file. markers: True for those of the sensor's file."""
         given = {name: value for name, value in options.items() if value is not None}
         if "optics" in given:
             given["optics_file"] = str(arguments.path(given.pop("optics"), "optics"))
-        if "markers" in given:
-            given["markers"] = self._markers(given["markers"])
-        return replace(self, **given)
-
-    def _markers(self, markers: object) -> Markers | None:
-        if isinstance(markers, bool | np.bool_):
-            if not markers:
-                return None
-            if self.spec.markers is None:
+        if isinstance(given.get("markers"), bool | np.bool_):
+            given["markers"] = self.spec.markers if given["markers"] else None
+            if options["markers"] and self.spec.markers is None:
                 raise T2TwinError(
                     f"the file of {self.name} has no table [markers]; give t2twin.Markers(...)"
                 )
-            return self.spec.markers.markers()
-        return arguments.instance(markers, "markers", Markers)
+        return replace(self, **given)
 
     def sampled(
         self,
@@ -282,7 +255,7 @@ class GelCamera:
         return self.with_unit(unit)
 
     def with_unit(self, unit: Unit) -> "GelCamera":
-        """The same gel, pitch and renderer with the light and noise of a sampled unit."""
+        """The same sensor with the light and noise of a sampled unit."""
         return replace(self, unit=unit)
 
     def for_dataset(self) -> "GelCamera":
@@ -320,14 +293,12 @@ class GelCamera:
         return ImageReading(self, contact, self.image(contact, rng))
 
     def image(self, contact: Contact | None, rng: np.random.Generator | None = None) -> np.ndarray:
-        """(rows, columns, 3) uint8: the image of a contact, of None the background frame.
-
-        rng: of the camera noise; None for none.
-        """
-        if contact is None:
-            return self.image_renderer.render(self._flat, rng, self.noise_grey)
-        surface = surface_on(contact, *optical_grid(self.elastomer))
-        shift = None if self.markers is None else surface_shift(contact)
+        """(rows, columns, 3) uint8: the image of a contact, of None the background frame. rng: of
+        the camera noise; None for none."""
+        surface, shift = self._flat, None
+        if contact is not None:
+            surface = surface_on(contact, *optical_grid(self.elastomer))
+            shift = None if self.markers is None else surface_shift(contact)
         return self.image_renderer.render(surface, rng, self.noise_grey, shift)
 
     def background_frame(self, rng: np.random.Generator | None = None) -> np.ndarray:
@@ -362,42 +333,34 @@ class ImageReading:
 
     @cached_property
     def markers_mm(self) -> np.ndarray:
-        """(n, 2) x and y of the markers' centers on the deformed gel, mm.
-
-        They are in the order of `sensor.markers.rest_mm`, and some are outside the image.
-        Raises T2TwinError if the gel has no markers.
-        """
-        if self.sensor.markers is None:
-            raise T2TwinError("the touch has no markers; expected a twin with markers=True")
+        """(n, 2) x and y of the markers' centers on the deformed gel, mm, in the order of
+        `sensor.markers.rest_mm`."""
+        assert self.sensor.markers is not None
         shift = None if self.contact is None else surface_shift(self.contact)
         return self.sensor.markers.moved_mm(shift)
 
     @property
     def setup(self) -> dict[str, Any]:
         """What differs from the sensor's file, for JSON."""
-        markers = self.sensor.markers
-        own = {} if markers is None else {"markers": asdict(markers)}
-        return {
-            "optics": self.sensor.optics_file or "default",
-            "renderer": self.sensor.renderer,
-            **own,
-        }
+        sensor, markers = self.sensor, self.sensor.markers
+        own = {} if markers is None else {"markers": structs.asdict(markers)}
+        return {"optics": sensor.optics_file or "default", "renderer": sensor.renderer, **own}
 
     @cached_property
     def depth_map_mm(self) -> np.ndarray:
         """(rows, columns) mm: depth of the gel on `sensor.contact_grid`."""
-        grid = self.sensor.contact_grid
-        if self.contact is None:
-            return np.zeros((grid.rows, grid.columns))
-        return grid.depth_mm(self.contact, self.sensor.optics.camera)
+        return self._map(ContactGrid.depth_mm)
 
     @cached_property
     def pressure_map_kpa(self) -> np.ndarray:
         """(rows, columns) kPa: normal pressure on `sensor.contact_grid`."""
+        return self._map(ContactGrid.pressure_kpa)
+
+    def _map(self, of: Callable[[ContactGrid, Contact, Camera], np.ndarray]) -> np.ndarray:
         grid = self.sensor.contact_grid
         if self.contact is None:
             return np.zeros((grid.rows, grid.columns))
-        return grid.pressure_kpa(self.contact, self.sensor.optics.camera)
+        return of(grid, self.contact, self.sensor.optics.camera)
 
     def save(self, folder: Path, name: str) -> None:
         """Write NAME.png."""

@@ -7,6 +7,10 @@ G is the optical grid (ny, nx), C its shadow grid, P the image (rows, columns), 
 lattice of samples: one in the middle of every 2 x 2 pixels and one more beyond each edge
 (rows / 2 + 2, columns / 2 + 2). All numbers are float32, which is twice as fast as mixed types.
 
+Shadows are soft: the visible fraction of each LED's disc is computed at each cell of C. Let D be
+the LED's distance. By similar triangles, a blocker at distance s along the ray to the LED's middle,
+with clearance c, hides the disc up to c D / s from its middle.
+
 The lobe is light that depends on the direction of the gel's normal, not only on the cosine of
 incidence. A semi-specular coating and LEDs that are wider than a disc shift an LED's highlight. The
 lobe is a quadratic polynomial of the normal's lateral components times a quadratic polynomial of
@@ -14,7 +18,6 @@ the place.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -22,20 +25,10 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera import Camera, optical_grid
 from t2twin.sim.optical.compiled import bilinear, inlined, jit_finite
-from t2twin.sim.optical.shadows import (
-    MIN_CASTER_MM,
-    SHADOW_STRIDE,
-    at_cell,
-    coarse_heights,
-    led_visibility,
-    soften,
-)
 
 REACH_MM = 22.0  # distance of an LED at which its color is defined, mm: that of the axis
-MIN_DEFLECTION_MM = 2.0e-3
-"""Smallest deflection that is rendered, mm: less than a grey level (assumed)."""
-REST_STEPS = 12
-"""Largest number of fixed-point steps to the intersection of a ray and the gel at rest."""
+MIN_DEFLECTION_MM = 2.0e-3  # rendered; less than a grey level (assumed)
+REST_STEPS = 12  # largest number of fixed-point steps of a ray to the gel at rest
 DEFORMED_STEPS = 3
 """The same for the deformed gel, from the neighboring ray's displacement: each step multiplies the
 error by the slopes of surface and ray, at most 0.4."""
@@ -49,8 +42,25 @@ RAY_TOLERANCE_MM = np.float32(2e-3)  # tolerance of a ray's height at the gel, m
 LOBE_DEGREE = 2  # degree of the lobe in the place (assumed; others were not compared)
 LOBE_PLACES = (LOBE_DEGREE + 1) * (LOBE_DEGREE + 2) // 2
 LOBE_TERMS = 5  # number of normal_terms
+SHADOW_STRIDE = 2  # cells of the optical grid per cell of the shadow grid, 0.2 mm
+MIN_CASTER_MM = 0.02
+"""Smallest deflection that casts a shadow, mm (assumed). The gel at rest casts none: the LEDs shine
+through its sides."""
+SHADOW_BIAS_MM = 0.01  # clearance added to every ray, mm, which avoids self-shadowing (assumed)
+MIN_GAP_MM = np.float32(1e-4)  # to an LED along an axis; avoids divisions by zero
 
-_ZERO, _ONE, _TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+_stops = [0.2]
+while _stops[-1] < 40.0:
+    _stops.append(_stops[-1] + 0.2 + 0.05 * _stops[-1])
+RAY_STOPS_MM = np.array(_stops, dtype=np.float32)
+"""Distances along a ray, mm, rising, at which heights are compared. They start at the shadow grid's
+pitch; the step grows with the distance as the penumbra does."""
+PER_STOP = (1.0 / RAY_STOPS_MM).astype(np.float32)
+FIRST_STOPS = np.searchsorted(RAY_STOPS_MM, np.arange(100.0))
+"""Index of the first of RAY_STOPS_MM at or after each whole millimeter."""
+
+_ZERO, _ONE, _TWO, _SIX = (np.float32(n) for n in (0.0, 1.0, 2.0, 6.0))
+_BIAS, _FAR_ABOVE = np.float32(SHADOW_BIAS_MM), np.float32(1e9)
 
 Region = tuple[int, int, int, int]  # first row, end row, first column, end column
 NOWHERE: Region = (0, 0, 0, 0)
@@ -59,10 +69,13 @@ GROWN = np.array([-1, 1, -1, 1])  # change of a region that grows by a cell to e
 
 @dataclass(frozen=True)
 class Leds:
-    """LEDs for ray casting: (LEDs, 3) places in the sensor frame, (LEDs,) radii of their discs."""
+    """LEDs for ray casting."""
 
-    places_mm: np.ndarray
-    sizes_mm: np.ndarray
+    places_mm: np.ndarray  # (LEDs, 3) in the sensor frame
+    sizes_mm: np.ndarray  # (LEDs,) radii of their discs
+
+
+NO_LEDS = Leds(np.zeros((0, 3)), np.zeros(0))
 
 
 class Rays:
@@ -73,7 +86,7 @@ class Rays:
         self._shadows = shadows
         self.x_mm, self.y_mm = optical_grid(gel)
         self.pitch_mm = float(self.x_mm[1] - self.x_mm[0])
-        self.rest_mm = rest_surface_mm(camera, gel)
+        self.rest_mm = camera.rest_mm(gel, *np.meshgrid(self.x_mm, self.y_mm)).astype(np.float32)
         self._highest_mm = max(0.0, float(self.rest_mm.max()))
         self._across = _sample_slopes(camera.columns, camera.middle[1], camera.focal_px)
         self._down = _sample_slopes(camera.rows, camera.middle[0], camera.focal_px)
@@ -92,10 +105,7 @@ class Rays:
         """x and y, (S) each, where the rays meet the gel at rest."""
 
     def coated(self, surface_mm: np.ndarray) -> np.ndarray:
-        """A deflection on optical_grid(), smoothed by the reflective coating, float32.
-
-        Raises T2TwinError for another shape or values that are not finite.
-        """
+        """A deflection on optical_grid(), smoothed by the reflective coating, float32."""
         if surface_mm.shape != self.rest_mm.shape:
             raise T2TwinError(
                 f"surface_mm has shape {surface_mm.shape}; it must be {self.rest_mm.shape}, "
@@ -109,11 +119,8 @@ class Rays:
     def incidence(
         self, coated_mm: np.ndarray, leds: Leds, samples: Region | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Cosine of incidence m_k and weight V_k m_k (REACH / d_k)^2, (LEDs, S) float32 each.
-
-        coated_mm: from coated. samples: the region of S to compute, default everywhere; other
-        values are undefined.
-        """
+        """Cosine of incidence m_k and weight V_k m_k (REACH / d_k)^2, (LEDs, S) float32 each, in a
+        region of S, default everywhere. coated_mm: from coated."""
         z = self.rest_mm - coated_mm
         sight, shadowed = self._sight(coated_mm, z, leds)
         return self._follow(z, sight, shadowed, leds, samples or self.everywhere)
@@ -135,8 +142,10 @@ class Rays:
                     min(deflected[2], left), max(deflected[3], right),
                 )  # fmt: skip
         grown, seen = np.add(deflected, 2 * GROWN).tolist(), self._window
-        region = (max(grown[0], seen[0]), min(grown[1], seen[1]),
-                  max(grown[2], seen[2]), min(grown[3], seen[3]))  # fmt: skip
+        region = (
+            max(grown[0], seen[0]), min(grown[1], seen[1]),
+            max(grown[2], seen[2]), min(grown[3], seen[3]),
+        )  # fmt: skip
         if region[1] <= region[0] or region[3] <= region[2]:
             return nothing, nothing, NOWHERE, NOWHERE
         pixels = self._pixels(region, float(z.min()))
@@ -156,9 +165,7 @@ class Rays:
         self, z: np.ndarray, samples: Region, steps: int, depth: np.ndarray
     ) -> np.ndarray:
         """depth (S), with the heights where the rays meet a surface filled into a region."""
-        sight, shadowed = self._full_sight(0), np.zeros((0, 4), dtype=np.int64)
-        nothing = Leds(np.zeros((0, 3)), np.zeros(0))
-        self._follow(z, sight, shadowed, nothing, samples, steps, depth)
+        self._follow(z, *self._full_sight(NO_LEDS), NO_LEDS, samples, steps, depth)
         return depth
 
     def _follow(
@@ -182,20 +189,28 @@ class Rays:
         )  # fmt: skip
         return cosine, weight
 
-    def _full_sight(self, leds: int) -> np.ndarray:
-        """(LEDs, C) ones: all cells of the shadow grid see all of each LED."""
-        return np.ones((leds, *self._coarse_shape), dtype=np.float32)
+    def _full_sight(self, leds: Leds) -> tuple[np.ndarray, np.ndarray]:
+        """Visible fractions of LEDs without shadows, as from _sight."""
+        count = len(leds.places_mm)
+        sight = np.ones((count, *self._coarse_shape), dtype=np.float32)
+        return sight, np.zeros((count, 4), dtype=np.int64)
 
     def _sight(
         self, coated_mm: np.ndarray, z: np.ndarray, leds: Leds
     ) -> tuple[np.ndarray, np.ndarray]:
         """Visible fractions of LEDs (LEDs, C), and the regions (LEDs, 4) of G where below 1."""
-        count = len(leds.places_mm)
-        hard, shadowed = self._full_sight(count), np.zeros((count, 4), dtype=np.int64)
+        hard, shadowed = self._full_sight(leds)
         casting = _bounds(coated_mm > MIN_CASTER_MM) if self._shadows else NOWHERE
         if casting == NOWHERE:
             return hard, shadowed
-        heights = coarse_heights(z)
+        # means over the blocks of the shadow grid
+        rows, columns = (SHADOW_STRIDE * count for count in self._coarse_shape)
+        cells = range(SHADOW_STRIDE)
+        total = sum(
+            z[i:rows:SHADOW_STRIDE, j:columns:SHADOW_STRIDE].astype(float)
+            for i in cells for j in cells
+        )  # fmt: skip
+        heights = (total / SHADOW_STRIDE**2).astype(np.float32)
         first = 0.5 * (SHADOW_STRIDE - 1) * self.pitch_mm
         led_visibility(
             heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),
@@ -225,18 +240,6 @@ class Rays:
                 int(np.clip(np.ceil(places.max()) + 2, 0, count)),
             ]
         return edges[0], edges[1], edges[2], edges[3]
-
-
-@lru_cache(maxsize=8)
-def _level_mm(gel: Elastomer) -> np.ndarray:
-    """(G) z of a gel at rest without tilt, mm."""
-    return gel.rest_surface_mm(*np.meshgrid(*optical_grid(gel)))
-
-
-def rest_surface_mm(camera: Camera, gel: Elastomer) -> np.ndarray:
-    """(G) float32 z of the gel at rest, mm."""
-    x, y = optical_grid(gel)
-    return (_level_mm(gel) + camera.tilt_mm(x[None, :], y[:, None])).astype(np.float32)
 
 
 def _sample_slopes(count: int, middle: float, focal_px: float) -> np.ndarray:
@@ -297,14 +300,13 @@ def incidence(
     z, sight, stride, shadowed, leds, reach_mm, across, down, distance, x0, y0, pitch, region,
     steps, depth, cosine, weight,
 ):  # fmt: skip
-    """Fill a region of depth (S), cosine and weight (LEDs, S) where the rays meet the gel.
+    """Fill a region of depth (S), cosine m_k and weight V_k m_k (REACH / d_k)^2 (LEDs, S) where the
+    rays meet the gel.
 
-    z: heights (G), mm. sight: (LEDs, C) visible fractions of the LEDs' discs, 1 outside each LED's
-    region of G, shadowed (LEDs, 4); a cell of C is stride cells of G. leds: (LEDs, 3), mm. depth:
-    initially z of the gel at rest. across, down: slopes of the samples' rays. distance: from the
-    pinhole to the apex; x0, y0: center of G's first cell; pitch: G's, mm. cosine: m_k; weight:
-    V_k m_k (REACH / d_k)^2 of the formula in t2twin.sim.optical.image_renderer. A ray starts from
-    the displacement in the row above and takes at most `steps` fixed-point steps.
+    z: heights (G). sight: (LEDs, C) visible fractions of the LEDs' discs, 1 outside each LED's
+    region of G, shadowed (LEDs, 4). leds: (LEDs, 3). depth: initially z of the gel at rest. across,
+    down: slopes of the samples' rays. distance: from the pinhole to the apex; x0, y0: center of G's
+    first cell. A ray starts from the displacement in the row above.
     """
     # each row in two passes: the surface, with scattered reads, then the LEDs, vectorized
     per_mm = _ONE / pitch
@@ -398,11 +400,8 @@ def _shine(
 
 @jit_finite
 def light(cosine, weight, gain, rest, region, seen):
-    """Fill a region of seen (RGB, S) with the LEDs' light minus rest (RGB, S).
-
-    cosine, weight: (LEDs, S), from incidence. gain: (gain_rows of S, LEDs, RGB, COSINE_TERMS,
-    columns of S), interpolated linearly between its rows.
-    """
+    """Fill a region of seen (RGB, S) with the LEDs' light minus rest (RGB, S). gain: (gain_rows of
+    S, LEDs, RGB, COSINE_TERMS, columns of S), interpolated linearly between its rows."""
     first, end = region[2], region[3]
     leds, colors, columns = gain.shape[1], gain.shape[2], gain.shape[4]
     between = np.empty((leds, colors, COSINE_TERMS, columns), dtype=np.float32)
@@ -431,7 +430,7 @@ def light(cosine, weight, gain, rest, region, seen):
 
 
 def gain_rows(rows: int) -> np.ndarray:
-    """(n,) the rows of S with stored gains, including the last one, for so many rows."""
+    """(n,) the rows of S with stored gains, of so many rows, including the last one."""
     return np.minimum(GAIN_STRIDE * np.arange((rows - 1) // GAIN_STRIDE + 2), rows - 1)
 
 
@@ -442,30 +441,17 @@ def normal_terms(normals: np.ndarray) -> np.ndarray:
 
 
 def lobe_columns(normals: np.ndarray, weight: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(..., LOBE_PLACES * LOBE_TERMS): one LED's light per unit of each entry of its lobe.
-
-    normals: (..., 2). weight: (...) of that LED. places: (..., places) polynomials.
-    """
+    """(..., LOBE_PLACES * LOBE_TERMS): one LED's light per unit of each entry of its lobe. normals:
+    (..., 2). weight: (...) of that LED. places: (..., places) polynomials."""
     terms = weight[..., None] * normal_terms(normals)
     columns = places[..., :LOBE_PLACES, None] * terms[..., None, :]
     return columns.reshape(*weight.shape, -1)
 
 
-def lobe_gain(lobe: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(LEDs, RGB, LOBE_TERMS, S) float32: the lobe at each place, for add_lobe.
-
-    lobe: (LEDs, RGB, LOBE_PLACES, LOBE_TERMS). places: (S, places) polynomials.
-    """
-    gain = np.einsum("kcij,rsi->kcjrs", lobe, places[..., :LOBE_PLACES], optimize=True)
-    return np.ascontiguousarray(gain, dtype=np.float32)
-
-
 @jit_finite
 def add_lobe(normals, weight, gain, region, seen):
-    """Add the lobes' light to a region of seen (RGB, S).
-
-    normals: (2, S) x and y. weight: (LEDs, S), from incidence. gain: from lobe_gain.
-    """
+    """Add the lobes' light to a region of seen (RGB, S). normals: (2, S) x, y. weight: (LEDs, S).
+    gain: (LEDs, RGB, LOBE_TERMS, S)."""
     first, end = region[2], region[3]
     for row in range(region[0], region[1]):
         x, y = normals[0, row, first:end], normals[1, row, first:end]
@@ -495,3 +481,154 @@ def fill_normals(z, depth, across, down, distance, x0, y0, pitch, region, normal
             sx, sy = slopes(z, fi, fj, i, j, per_slope)
             length = np.sqrt(_ONE + sx * sx + sy * sy)
             normals[0, row, n], normals[1, row, n] = sx / length, sy / length
+
+
+@jit_finite
+def led_visibility(heights, x0, y0, pitch, caster, window, leds, sizes, sight, shadowed):
+    """Fill sight (LEDs, C), initially 1, with the visible fraction of each LED's disc at each cell,
+    and shadowed (LEDs, 4) with the region of C where it is below 1.
+
+    heights: (C); x0, y0: center of its first cell. caster, window: regions of C that may block rays
+    and that are computed. leds: (LEDs, 3). Every second cell is computed first. A cell between is
+    skipped if its computed neighbors see the whole disc, since no shadow of a disc is thinner.
+    """
+    shadowed[:] = 0
+    if caster[1] <= caster[0] or caster[3] <= caster[2]:
+        return
+    nearest = heights[caster[0], caster[2]]
+    for i in range(caster[0], caster[1]):
+        for j in range(caster[2], caster[3]):
+            nearest = min(nearest, heights[i, j])
+    nearest = nearest - _BIAS
+    columns = heights.shape[1]
+    fars, begins = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
+    ends = np.empty(columns, dtype=np.float32)
+    for k in range(leds.shape[0]):
+        led, size, seen = leds[k], np.float32(sizes[k]), sight[k]
+        top, bottom, left, right = heights.shape[0], 0, heights.shape[1], 0
+        for turn in range(2 * (window[1] - window[0])):
+            i, first = _row_and_column(turn, window)
+            row = heights[i, window[2] : window[3]]
+            dy = led[1] - (y0 + np.float32(i) * pitch)
+            if first == window[2]:
+                _spans(row, i, first, dy, led, size, x0, pitch, caster, nearest, fars, begins, ends)
+            for j in range(first, window[3], 2):
+                m = j - window[2]
+                begin, end, far, z = begins[m], ends[m], fars[m], row[m]
+                if end <= begin or end < RAY_STOPS_MM[0]:
+                    continue
+                if _neighbors_are_lit(seen, i, j, window):
+                    continue
+                # grid steps and slope of the ray per mm along the ground
+                per_mm = _ONE / far
+                gi = dy * per_mm / pitch
+                gj = (led[0] - (x0 + np.float32(j) * pitch)) * per_mm / pitch
+                least = _min_slope(heights, i, j, gi, gj, z, begin, end)
+                cut = (least - (led[2] - z) * per_mm) * far / size
+                if cut >= _ONE:
+                    continue
+                seen[i, j] = _fraction_above_chord(cut)
+                top, bottom = min(top, i), max(bottom, i + 1)
+                left, right = min(left, j), max(right, j + 1)
+        if bottom > top:
+            shadowed[k, 0], shadowed[k, 1] = top, bottom
+            shadowed[k, 2], shadowed[k, 3] = left, right
+
+
+@inlined
+def _row_and_column(turn, window):
+    """The row and first column of a turn: even rows first, in each row even columns first."""
+    rows = window[1] - window[0]
+    even = (rows + 1) // 2
+    place, odd_row = (turn // 2, 0) if turn < 2 * even else (turn // 2 - even, 1)
+    return window[0] + 2 * place + odd_row, window[2] + turn % 2
+
+
+@inlined
+def _neighbors_are_lit(seen, i, j, window):
+    """Whether the neighbors of a cell that were computed before it see the whole disc."""
+    if (i - window[0]) % 2 == 0:
+        if (j - window[2]) % 2 == 0 or j + 1 == window[3]:
+            return False
+        return seen[i, j - 1] + seen[i, j + 1] >= _TWO
+    if i + 1 == window[1]:
+        return False
+    left, right = max(j - 1, 0), min(j + 1, seen.shape[1] - 1)
+    above = seen[i - 1, left] + seen[i - 1, j] + seen[i - 1, right]
+    below = seen[i + 1, left] + seen[i + 1, j] + seen[i + 1, right]
+    return above + below >= _SIX
+
+
+@inlined
+def _spans(row, i, first, dy, led, size, x0, pitch, caster, nearest, fars, begins, ends):
+    """Fill each cell's distance to the LED and the interval in which its ray can be blocked, mm."""
+    # rays along an axis are rotated slightly, which avoids divisions by zero
+    gap_y = dy if abs(dy) > MIN_GAP_MM else MIN_GAP_MM
+    per_gap = pitch / gap_y
+    near_y, far_y = np.float32(caster[0] - i) * per_gap, np.float32(caster[1] - 1 - i) * per_gap
+    near_y, far_y = min(near_y, far_y), max(near_y, far_y)
+    for m in range(row.size):
+        j = m + first
+        dx = led[0] - (x0 + np.float32(j) * pitch)
+        gap_x = dx if abs(dx) > MIN_GAP_MM else MIN_GAP_MM
+        per_gap = pitch / gap_x
+        near_x, far_x = np.float32(caster[2] - j) * per_gap, np.float32(caster[3] - 1 - j) * per_gap
+        far = np.sqrt(dx * dx + dy * dy)
+        # over the caster, in parts of the distance to the LED
+        begin = max(max(near_y, min(near_x, far_x)), _ZERO)
+        end = min(min(far_y, max(near_x, far_x)), _ONE)
+        # below the caster's point nearest to the camera, for the shallowest ray, to the disc's
+        # lower edge
+        fall = min(led[2] - row[m] + size, -MIN_GAP_MM)
+        end = min(end, (nearest - row[m]) / fall)
+        fars[m], begins[m], ends[m] = far, begin * far, end * far
+
+
+@inlined
+def _min_slope(heights, i, j, gi, gj, z, begin, end):
+    """Smallest slope from a cell to the surface along its ray between two distances, mm."""
+    n = FIRST_STOPS[int(begin)]
+    while n < RAY_STOPS_MM.size and RAY_STOPS_MM[n] < begin:
+        n += 1
+    least = _FAR_ABOVE
+    while n < RAY_STOPS_MM.size and RAY_STOPS_MM[n] <= end:
+        s = RAY_STOPS_MM[n]
+        there = at_cell(heights, np.float32(i) + gi * s, np.float32(j) + gj * s)
+        least = min(least, (there - z + _BIAS) * PER_STOP[n])
+        n += 1
+    return least
+
+
+@inlined
+def at_cell(grid, row, column):
+    """A float32 grid, interpolated at a place in cells; beyond the rim it is extrapolated."""
+    i = min(max(int(row), 0), grid.shape[0] - 2)
+    j = min(max(int(column), 0), grid.shape[1] - 2)
+    down, across = row - np.float32(i), column - np.float32(j)
+    return bilinear(grid[i, j], grid[i, j + 1], grid[i + 1, j], grid[i + 1, j + 1], down, across)
+
+
+@inlined
+def _fraction_above_chord(cut):
+    """Fraction of a disc above a chord at cut < 1 radii from its middle: an odd cubic, to 0.01."""
+    if cut <= -_ONE:
+        return 0.0
+    return 0.5 + cut * (0.6366 - 0.1366 * cut * cut)
+
+
+@jit_finite
+def soften(sight, shadowed, softened):
+    """Fill the regions shadowed (LEDs, 4) of softened with sight (LEDs, C) blurred by 1, 2, 1 along
+    both axes: the effect of the discs' width at edges along the ray, about one cell."""
+    ny, nx = sight.shape[1], sight.shape[2]
+    half, quarter = np.float32(0.5), np.float32(0.25)
+    down = np.empty(nx, dtype=np.float32)
+    for k in range(sight.shape[0]):
+        left, right = max(shadowed[k, 2], 1), min(shadowed[k, 3], nx - 1)
+        for i in range(max(shadowed[k, 0], 1), min(shadowed[k, 1], ny - 1)):
+            above, row, below = sight[k, i - 1], sight[k, i], sight[k, i + 1]
+            filled = softened[k, i]
+            for j in range(nx):
+                down[j] = half * row[j] + quarter * (above[j] + below[j])
+            for j in range(left, right):
+                filled[j] = half * down[j] + quarter * (down[j - 1] + down[j + 1])

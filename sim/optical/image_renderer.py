@@ -35,25 +35,18 @@ from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.illumination import COSINE_TERMS, Leds, Rays, Region
 from t2twin.sim.optical.markers import NO_SHADE, MarkerImage, Markers
 from t2twin.sim.optical.optics import PLACE_TERMS, Optics, place_degrees, place_terms
-from t2twin.sim.optical.response import Keys, keys, quantiles
+from t2twin.sim.optical.response import keys, quantiles
 from t2twin.sim.optical.spec import Led
 
 Renderer = Literal["baked", "pyrender"]
 """What renders images: the baked model, in milliseconds, or pyrender, in about
 t2twin.sim.optical.pyrender_renderer.FRAME_SECONDS."""
 
-LED_PLACES = 48
-"""Places along each axis of the image to which the beams of LEDs are fitted (assumed: beams are
-smooth)."""
+LED_PLACES = 48  # places along each axis where beams are fitted (assumed: they are smooth)
 
 Color = tuple[float, float, float]
 
-Noise = tuple[Keys, np.float32, np.ndarray]
-"""Arguments of response.encode: keys and standard deviation of white noise, and no frame; or the
-factor of the noise of a frame, and the frame."""
-
-NO_FRAME = np.zeros((0, 0, 0), dtype=np.float32)
-NO_NOISE: Noise = (np.uint32(0), np.uint32(0)), np.float32(0.0), NO_FRAME
+NO_FRAME = np.zeros((0, 0, 0), dtype=np.float32)  # measured noise, where there is none
 
 
 class ImageRenderer:
@@ -61,8 +54,7 @@ class ImageRenderer:
 
     gel: that the optics are of. noise_grey: standard deviation of one frame's noise, grey levels.
     other_gel: the gel in the images; None for the same. The background of a gel with another dome
-    is computed from the optics' background and LEDs. shadows: whether LEDs cast shadows. markers:
-    printed on the gel; None for none.
+    is computed from the optics' background and LEDs. markers: printed on the gel; None for none.
     """
 
     def __init__(
@@ -72,16 +64,14 @@ class ImageRenderer:
         noise_grey: float,
         other_gel: Elastomer | None = None,
         markers: Markers | None = None,
-        shadows: bool = True,
     ) -> None:
         self.optics, self.noise_grey = optics, noise_grey
-        self._own_gel, self._gel = gel, other_gel or gel
+        self._own_gel, self._gel, self._markers = gel, other_gel or gel, markers
         self._leds = Leds(optics.leds_mm, optics.sizes_mm)
-        self._table = response.encoding_table(optics.gamma)
-        self._light = response.light_of_greys(optics.gamma)
-        self._shadows, self._markers = shadows, markers
-        rows, columns, _ = optics.background.shape
-        self._all_pixels: Region = 0, rows, 0, columns
+        self._light = response.linear(np.arange(256), optics.gamma).astype(np.float32)
+        steps = np.linspace(0.0, 1.0, response.ENCODING_STEPS)
+        self._table = (255.0 * steps ** (2.0 / optics.gamma)).astype(np.float32)
+        self._all_pixels: Region = 0, optics.camera.rows, 0, optics.camera.columns
 
     def render(
         self,
@@ -91,14 +81,12 @@ class ImageRenderer:
         shift: SurfaceShift | None = None,
         background: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(rows, columns, 3) uint8: the image of the gel deflected by surface_mm.
+        """(rows, columns, 3) uint8: the image of the gel deflected by surface_mm, positive into the
+        sensor, on t2twin.sim.optical.camera.optical_grid(gel).
 
-        surface_mm: on t2twin.sim.optical.camera.optical_grid(gel), rows x columns, mm,
-            positive into the sensor.
-        rng: of the noise; None for none.
-        noise_grey: standard deviation of the noise, grey levels, in every pixel and channel; None
-            for that of one frame. Measured noise of the optics is scaled in the same ratio.
-        shift: lateral displacement of the surface, which moves markers; None for none.
+        rng: of the noise; None for none. noise_grey: its standard deviation in every pixel and
+        channel; None for that of one frame. Measured noise of the optics is scaled in the same
+        ratio. shift: lateral displacement of the surface, which moves markers; None for none.
         background: (rows, columns, 3) uint8, replaces the optics file's, as of an earlier time.
         Raises T2TwinError for another shape, values that are not finite, and invalid noise.
         """
@@ -107,11 +95,10 @@ class ImageRenderer:
             raise T2TwinError(f"noise_grey is {noise_grey:g}; it must lie between 0 and 255")
         coated_mm = self._rays.coated(surface_mm)
         under = self._unmarked if background is None else self._on_gel(background)
-        image = self._marker_image
-        shade = NO_SHADE if image is None else image.shade(coated_mm, shift)
-        return self._image(
-            surface_mm, coated_mm, under, shade, None if noise_grey == 0 else rng, noise_grey
-        )
+        markers = self._marker_image
+        shade = NO_SHADE if markers is None else markers.shade(coated_mm, shift)
+        rng = None if noise_grey == 0 else rng
+        return self._image(surface_mm, coated_mm, under, shade, rng, noise_grey)
 
     @cached_property
     def background(self) -> np.ndarray:
@@ -119,12 +106,6 @@ class ImageRenderer:
         if self._markers is None:
             return self._unmarked
         return self.render(np.zeros_like(self._rays.rest_mm))
-
-    def background_in(self, ambient: Color) -> np.ndarray:
-        """(rows, columns, 3) uint8: the gel at rest in the LEDs' light and undirected light, added
-        to the optics' background."""
-        light = self._rest_light + np.array(ambient, np.float32)[:, None, None]
-        return self._encoded(self.optics.background, light, self._all_pixels)
 
     def _image(
         self,
@@ -136,31 +117,51 @@ class ImageRenderer:
         noise_grey: float,
     ) -> np.ndarray:
         """The image of a deflection and its coating on a background, shaded; rng: of the noise."""
-        noise = NO_NOISE
-        if rng is not None and self.optics.noise is None:
-            noise = keys(rng), np.float32(noise_grey), NO_FRAME
-        elif rng is not None and self.optics.noise is not None:
-            frame = self.optics.noise.sample(rng, *self.optics.background.shape[:2])
-            noise = NO_NOISE[0], np.float32(noise_grey / self.noise_grey), frame
-        change, pixels = self._change(coated_mm)
-        return self._encoded(background, change, pixels, shade, noise)
+        cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
+        change = self._rest_light
+        if pixels[1] > pixels[0]:
+            seen = self._shone(self._rays, coated_mm, cosine, weight, samples, self._rest_light)
+            change = seen * self._albedo
+        return self._encoded(background, change, pixels, shade, rng, noise_grey)
 
     # Computed at the first image: many presses need none, and compiling the loops takes long.
 
     @cached_property
     def _rays(self) -> Rays:
-        return Rays(self.optics.camera, self._gel, self._shadows)
+        return Rays(self.optics.camera, self._gel)
 
     @cached_property
     def _gain(self) -> np.ndarray:
-        return _gains(self._rays, self.optics.response)
+        """The response at the samples' places, float32, as illumination.light takes it."""
+        table, places_mm = self.optics.response, self._rays.places_mm
+        used = np.flatnonzero(np.any(table != 0, axis=(0, 1, 3)))
+        # high powers are slow to compute, and many responses have none
+        degree = int(place_degrees()[used[-1]]) if used.size else 0
+        rows_of_gain = illumination.gain_rows(places_mm[0].shape[0])
+        x_mm, y_mm = (places[rows_of_gain] for places in places_mm)
+        terms = np.moveaxis(place_terms(x_mm, y_mm, degree), -1, 1)
+        rows, count, columns = terms.shape
+        entries = np.moveaxis(table[:, :, :count], 2, -1)
+        gain = entries.reshape(-1, count) @ terms.astype(float)
+        return gain.astype(np.float32).reshape(rows, *entries.shape[:-1], columns)
 
     @cached_property
     def _lobe_gain(self) -> np.ndarray | None:
+        """(LEDs, RGB, LOBE_TERMS, S) float32: the lobe at each place, for illumination.add_lobe."""
         if self.optics.lobe is None:
             return None
         places = place_terms(*self._rays.places_mm, illumination.LOBE_DEGREE)
-        return illumination.lobe_gain(self.optics.lobe, places)
+        gain = np.einsum("kcij,rsi->kcjrs", self.optics.lobe, places, optimize=True)
+        return np.ascontiguousarray(gain, dtype=np.float32)
+
+    @cached_property
+    def _albedo(self) -> np.ndarray | np.float32:
+        """(S) of the optics file's coating, or 1."""
+        if self.optics.albedo is None:
+            return np.float32(1.0)
+        rows, columns = self.optics.albedo.shape
+        samples = self.optics.albedo.reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
+        return np.pad(samples, 1, mode="edge").astype(np.float32)
 
     @cached_property
     def _rest_light(self) -> np.ndarray:
@@ -170,8 +171,10 @@ class ImageRenderer:
     def _marker_image(self) -> MarkerImage | None:
         if self._markers is None:
             return None
-        camera, gamma = self.optics.camera, self.optics.gamma
-        return MarkerImage(self._markers, camera, self._gel, self._rays.rest_mm, gamma)
+        optics = self.optics
+        return MarkerImage(
+            self._markers, optics.camera, self._gel, self._rays.rest_mm, optics.gamma
+        )
 
     @cached_property
     def _unmarked(self) -> np.ndarray:
@@ -183,12 +186,12 @@ class ImageRenderer:
         of_own_gel = np.ascontiguousarray(background)
         if self._gel == self._own_gel:
             return of_own_gel
-        own_rays = Rays(self.optics.camera, self._own_gel, self._shadows)
+        own_rays = Rays(self.optics.camera, self._own_gel)
         if np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
             return of_own_gel
         # add the change of the LEDs' light to the background of the optics' gel
         own = self._light_at_rest(own_rays)
-        return self._encoded(of_own_gel, self._reflected(self._rest_light - own), self._all_pixels)
+        return self._encoded(of_own_gel, (self._rest_light - own) * self._albedo, self._all_pixels)
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         """(RGB, S) light of the LEDs."""
@@ -196,14 +199,6 @@ class ImageRenderer:
         cosine, weight = rays.incidence(flat, self._leds)
         none = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
         return self._shone(rays, flat, cosine, weight, rays.everywhere, none)
-
-    def _change(self, coated_mm: np.ndarray) -> tuple[np.ndarray, Region]:
-        """Change of the light (RGB, S) by a deflection, and its region of pixels."""
-        cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
-        if pixels[1] <= pixels[0]:
-            return self._rest_light, pixels
-        seen = self._shone(self._rays, coated_mm, cosine, weight, samples, self._rest_light)
-        return self._reflected(seen), pixels
 
     def _shone(
         self,
@@ -228,44 +223,23 @@ class ImageRenderer:
         change: np.ndarray,
         pixels: Region,
         shade: np.ndarray = NO_SHADE,
-        noise: Noise = NO_NOISE,
+        rng: np.random.Generator | None = None,
+        noise_grey: float = 0.0,
     ) -> np.ndarray:
-        """Grey levels of a background and a change of its light (RGB, S) in a region, shaded."""
-        out = np.empty(self.optics.background.shape, dtype=np.uint8)
-        own_keys, sigma, frame = noise
+        """Grey levels of a background and a change of its light (RGB, S) in a region, shaded, with
+        noise."""
+        out = np.empty(background.shape, dtype=np.uint8)
+        own_keys, sigma, frame = (np.uint32(0), np.uint32(0)), np.float32(0.0), NO_FRAME
+        if rng is not None and self.optics.noise is None:
+            own_keys, sigma = keys(rng), np.float32(noise_grey)
+        elif rng is not None and self.optics.noise is not None:
+            frame = self.optics.noise.sample(rng, *out.shape[:2])
+            sigma = np.float32(noise_grey / self.noise_grey)
         response.encode(
             change, background, self._light, self._table, pixels, shade, own_keys, quantiles(),
             sigma, frame, out,
         )  # fmt: skip
         return out
-
-    @cached_property
-    def _albedo(self) -> np.ndarray | None:
-        """(S) of the optics file's coating; None for an even one."""
-        albedo = self.optics.albedo
-        if albedo is None:
-            return None
-        rows, columns = albedo.shape
-        samples = albedo.reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
-        return np.pad(samples, 1, mode="edge").astype(np.float32)
-
-    def _reflected(self, change: np.ndarray) -> np.ndarray:
-        """A change of the light (RGB, S), reflected by the optics file's coating."""
-        return change if self._albedo is None else change * self._albedo
-
-
-def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
-    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, for illumination.light."""
-    used = np.flatnonzero(np.any(response != 0, axis=(0, 1, 3)))
-    # high powers are slow to compute, and many responses have none
-    degree = int(place_degrees()[used[-1]]) if used.size else 0
-    rows_of_gain = illumination.gain_rows(rays.places_mm[0].shape[0])
-    x_mm, y_mm = (places[rows_of_gain] for places in rays.places_mm)
-    terms = np.moveaxis(place_terms(x_mm, y_mm, degree), -1, 1)
-    rows, count, columns = terms.shape
-    entries = np.moveaxis(response[:, :, :count], 2, -1)
-    gain = entries.reshape(-1, count) @ terms.astype(float)
-    return gain.astype(np.float32).reshape(rows, *entries.shape[:-1], columns)
 
 
 def optics_of_leds(
@@ -277,17 +251,28 @@ def optics_of_leds(
     rest would be overexposed everywhere, or dark.
     """
     response = np.zeros((len(leds), 3, PLACE_TERMS, COSINE_TERMS))
+    # each beam is a polynomial, fitted over the part of the gel that the camera sees
+    counts = camera.columns, camera.rows
+    columns, rows = (np.linspace(0, count - 1, LED_PLACES) for count in counts)
+    points = np.stack(camera.gel_points(gel, columns, rows), axis=-1).reshape(-1, 3)
+    terms = place_terms(points[:, 0], points[:, 1])
     for led, own in zip(leds, response, strict=True):
-        own[:, :, 0] = np.outer(led.color, _beam_terms(led, camera, gel))
+        inside = led.in_beam(points)
+        beam = inside[0] * np.eye(PLACE_TERMS)[0]
+        if np.ptp(inside) >= 1e-6:
+            beam = np.linalg.lstsq(terms, inside, rcond=None)[0]
+        own[:, :, 0] = np.outer(led.color, beam)
     blank = Optics(
         background=np.zeros((camera.rows, camera.columns, 3), np.uint8),
         leds_mm=np.array([led.position_mm for led in leds]),
         sizes_mm=np.array([max(led.size_mm, 1e-3) for led in leds]),
         response=response,
         gamma=gamma,
-        **camera.placement,
+        camera=camera,
     )
-    background = ImageRenderer(blank, gel, 0.0).background_in(ambient)
+    renderer = ImageRenderer(blank, gel, 0.0)
+    light = renderer._rest_light + np.array(ambient, np.float32)[:, None, None]
+    background = renderer._encoded(blank.background, light, renderer._all_pixels)
     for level, what in ((0, "black"), (255, "white")):
         if (background == level).all():
             raise T2TwinError(
@@ -295,14 +280,3 @@ def optics_of_leds(
                 "color or the ambient light"
             )
     return replace(blank, background=background)
-
-
-def _beam_terms(led: Led, camera: Camera, gel: Elastomer) -> np.ndarray:
-    """(PLACE_TERMS,) polynomial of an LED's beam over the part of the gel that the camera sees."""
-    sizes = camera.columns, camera.rows
-    columns, rows = (np.linspace(0, count - 1, LED_PLACES) for count in sizes)
-    points = np.stack(camera.gel_points(gel, columns, rows), axis=-1).reshape(-1, 3)
-    terms, inside = place_terms(points[:, 0], points[:, 1]), led.in_beam(points)
-    if np.ptp(inside) < 1e-6:
-        return inside[0] * np.eye(PLACE_TERMS)[0]
-    return np.linalg.lstsq(terms, inside, rcond=None)[0]

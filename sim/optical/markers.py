@@ -8,11 +8,12 @@ In linear light, a pixel's value is multiplied by 1 - c (1 - INK_REFLECTANCE), w
 of the pixel that markers cover. So the grey level is multiplied by that to the power of 1 / gamma.
 """
 
-from dataclasses import dataclass, replace
 from functools import cached_property
 from math import floor
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct, structs
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -24,94 +25,74 @@ from t2twin.sim.optical.compiled import at_places, jit
 PITCH_MM = 1.4
 """Default distance of neighboring markers, mm: 27 px at 19.58 px/mm, the DIGIT with markers of FOTS
 (Zhao et al., IEEE RA-L 2024)."""
-
 DIAMETER_MM = 0.5  # default diameter of a marker, mm (assumed: about a third of the pitch)
-
-INK_REFLECTANCE = 0.05
-"""Light that black ink reflects, relative to the coating without ink (assumed)."""
-
-PRINTED_MARGIN_MM = 2.0
-"""Width of the printed area outside the image, mm: markers that shear or a camera's shift move into
-the image (assumed)."""
-
-MIN_PITCH_MM, MAX_PITCH_MM = 0.5, 8.0
-"""Allowed pitches, mm: ten pixels, and one marker at each side of the middle (assumed)."""
-
-MAX_ALONG = 200  # limit on the markers along a side (assumed)
-
-MIN_DIAMETER_MM = 0.05  # smallest diameter, mm: a pixel
-
+INK_REFLECTANCE = 0.05  # of black ink, relative to the coating without ink (assumed)
+PRINTED_MARGIN_MM = 2.0  # outside the image: shear or a camera's shift moves these in (assumed)
+MAX_ALONG = 700
+"""Limit on the markers along a side: those of the largest image at the smallest scale and pitch."""
 LINES = 3
 """Lines per row of pixels on which the covered length is computed (assumed). The sum over a row is
 exact."""
-
-SHADES = 1025
-"""Entries of the table of factors over the clear part of a pixel, less than a grey level apart."""
-
+SHADES = 1025  # factors over the clear part of a pixel, less than a grey level apart
 OUTLINE = np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 """Center and four points of the outline of a marker of radius 1."""
-
 NO_SHADE = np.ones((0, 0), dtype=np.float32)  # the shade of a gel without markers
 
 
-@dataclass(frozen=True)
-class Markers:
+class Markers(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, dict=True):
     """A grid of round markers on the part of the gel that the image shows, and around it.
 
     pitch_mm: distance of neighboring markers along x and along y, 0.5 to 8. diameter_mm: 0.05 to
     the pitch. jitter_mm: largest offset of a marker from the grid along x and along y, uniformly
     distributed, 0 to half of the distance between two markers' outlines. seed: of the jitter.
-    grid: columns and rows of markers; None for as many as cover the image. half_mm: half extents of
-    the area without a grid, which a sensor sets, see `printed`.
+    columns, rows: markers along x and y; None for as many as cover the image of a sensor.
     Raises T2TwinError for values out of range.
     """
 
-    pitch_mm: float = PITCH_MM
-    diameter_mm: float = DIAMETER_MM
-    jitter_mm: float = 0.0
-    seed: int = 0
-    grid: tuple[int, int] | None = None
-    half_mm: tuple[float, float] | None = None
+    pitch_mm: Annotated[float, Meta(ge=0.5, le=8.0, description="distance of neighbors")] = PITCH_MM
+    diameter_mm: Annotated[float, Meta(ge=0.05, le=8.0, description="diameter")] = DIAMETER_MM
+    jitter_mm: Annotated[float, Meta(ge=0.0, le=4.0, description="offset from the grid")] = 0.0
+    seed: Annotated[int, Meta(ge=0, description="seed of the offsets")] = 0
+    columns: Annotated[
+        int | None, Meta(description="dots along x; all that the image shows, without it")
+    ] = None
+    rows: Annotated[int | None, Meta(description="the same along y")] = None
 
     def __post_init__(self) -> None:
-        pitch = arguments.number(self.pitch_mm, "the markers' pitch_mm", MIN_PITCH_MM, MAX_PITCH_MM)
-        diameter = arguments.number(
-            self.diameter_mm, "the markers' diameter_mm", MIN_DIAMETER_MM, pitch
-        )
+        pitch = arguments.number(self.pitch_mm, "the markers' pitch_mm", 0.5, 8.0)
+        diameter = arguments.number(self.diameter_mm, "the markers' diameter_mm", 0.05, pitch)
         most = (pitch - diameter) / 2
         jitter = arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, most)
         arguments.check_seed(self.seed)
-        if self.grid is not None:
-            arguments.vector(self.grid, "the markers' grid", 2)
-            for count in self.grid:
-                arguments.whole_number(count, "the markers' columns and rows", 1, MAX_ALONG)
-        if self.half_mm is not None:
-            arguments.vector(self.half_mm, "the markers' half_mm", 2)
+        if (self.columns is None) != (self.rows is None):
+            raise T2TwinError("columns and rows of markers: expected both or none")
+        for count in () if self.columns is None else (self.columns, self.rows):
+            arguments.whole_number(count, "the markers' columns and rows", 1, MAX_ALONG)
         values = {"pitch_mm": pitch, "diameter_mm": diameter, "jitter_mm": jitter}
         for name, value in (values | {"seed": int(self.seed)}).items():
-            object.__setattr__(self, name, value)  # plain numbers, for JSON
+            structs.force_setattr(self, name, value)  # plain numbers, for JSON
 
     def printed(self, camera: Camera) -> "Markers":
         """These markers on what a camera sees and PRINTED_MARGIN_MM around it."""
-        if self.grid is not None:
+        if self.columns is not None:
             return self
-        half_x, half_y = (half + PRINTED_MARGIN_MM for half in camera.seen_half_extent_mm())
-        return replace(self, half_mm=(half_x, half_y))
+        columns, rows = (
+            2 * floor((half + PRINTED_MARGIN_MM) / self.pitch_mm) + 1
+            for half in camera.seen_half_extent_mm()
+        )
+        return structs.replace(self, columns=columns, rows=rows)
 
     @cached_property
     def rest_mm(self) -> np.ndarray:
         """(n, 2) x and y of the centers on the gel at rest, row by row; read-only.
 
-        Raises T2TwinError for markers without a grid that are on no sensor.
+        Raises T2TwinError for markers without columns and rows that are on no sensor.
         """
-        if self.grid is not None:
-            counts = self.grid
-        elif self.half_mm is not None:
-            counts = (2 * floor(half / self.pitch_mm) + 1 for half in self.half_mm)
-        else:
+        if self.columns is None or self.rows is None:
             raise T2TwinError(
                 "the markers are on no sensor; expected those of a touch, touch.markers"
             )
+        counts = self.columns, self.rows
         x, y = (self.pitch_mm * (np.arange(count) - (count - 1) / 2) for count in counts)
         centers = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         rng = np.random.default_rng(self.seed)
@@ -121,7 +102,7 @@ class Markers:
 
     def moved_mm(self, shift: SurfaceShift | None) -> np.ndarray:
         """(n, 2) x and y of the centers on a surface that is displaced; None is the gel at rest."""
-        return self.rest_mm if shift is None else _moved(self.rest_mm, shift)
+        return moved(self.rest_mm, shift)
 
     def seen_px(self, camera: Camera, contact: Contact) -> tuple[np.ndarray, np.ndarray]:
         """Where a camera sees the centers at rest and under a contact: (n, 2) rows and columns."""
@@ -129,8 +110,8 @@ class Markers:
         x, y = self.rest_mm.T
         z = camera.rest_mm(contact.elastomer, x, y)
         along_x, along_y, into = displacement.T
-        rest, moved = camera.project(x, y, z), camera.project(x + along_x, y + along_y, z - into)
-        return np.stack(rest, axis=-1), np.stack(moved, axis=-1)
+        rest, now = camera.project(x, y, z), camera.project(x + along_x, y + along_y, z - into)
+        return np.stack(rest, axis=-1), np.stack(now, axis=-1)
 
 
 def surface_shift(contact: Contact) -> SurfaceShift:
@@ -139,10 +120,7 @@ def surface_shift(contact: Contact) -> SurfaceShift:
 
 
 class MarkerImage:
-    """How the camera sees the markers of one gel.
-
-    rest_mm: (G) float32 z of the gel at rest on optical_grid(gel). gamma: of the camera's response.
-    """
+    """How the camera sees the markers of one gel. rest_mm: (G) z of the gel at rest."""
 
     def __init__(
         self, markers: Markers, camera: Camera, gel: Elastomer, rest_mm: np.ndarray, gamma: float
@@ -155,11 +133,8 @@ class MarkerImage:
 
     def shade(self, coated_mm: np.ndarray, shift: SurfaceShift | None) -> np.ndarray:
         """(rows, columns) float32 factors of the grey levels of the image without markers.
-
-        coated_mm: (G) float32 deflection of the coating. shift: lateral displacement of the
-        surface; None for none.
-        """
-        points = self._points_mm if shift is None else _moved(self._points_mm, shift)
+        coated_mm: (G) float32 deflection of the coating."""
+        points = moved(self._points_mm, shift)
         z_mm = _between((self._rest_mm - coated_mm)[None], *self._axes, points)[:, 0]
         seen = np.stack(self._camera.project(points[:, 0], points[:, 1], z_mm), axis=-1)
         center, right, left, below, above = np.moveaxis(seen.reshape(-1, len(OUTLINE), 2), 1, 0)
@@ -168,9 +143,9 @@ class MarkerImage:
         return out
 
 
-def _moved(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
-    """(n, 2) points of a surface, (n, 2), where a shift has moved them."""
-    return points_mm + _displacement(points_mm, shift)[:, :2]
+def moved(points_mm: np.ndarray, shift: SurfaceShift | None) -> np.ndarray:
+    """(n, 2) points of a surface, (n, 2), where a shift has moved them; None for none."""
+    return points_mm if shift is None else points_mm + _displacement(points_mm, shift)[:, :2]
 
 
 def _displacement(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
@@ -190,11 +165,8 @@ def _between(
 
 @jit
 def _rasterize(center, one, other, factors, out):
-    """Fill out (P) with the factors of the part of each pixel that is clear of markers.
-
-    center: (n, 2) rows and columns of the markers, px. one, other: (n, 2) conjugate half diameters
-    of their ellipses. factors: of parts from 0 to 1.
-    """
+    """Fill out (P) with the factors, of parts from 0 to 1, of the part of each pixel that is clear.
+    center: (n, 2) px. one, other: (n, 2) conjugate half diameters of the markers' ellipses."""
     rows, columns = out.shape
     out[:] = np.float32(1.0)
     marked = np.zeros(rows, dtype=np.bool_)

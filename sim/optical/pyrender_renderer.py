@@ -3,27 +3,19 @@
 As in the baked model, the image is background + L(deformed) - L(rest), but pyrender renders L. So a
 gel at rest gives the background exactly. Gamma and noise are the same.
 
-pyrender gets a sampled unit's LEDs with their places, sizes and colors in the image's middle
-(t2twin.sim.optical.units). Each LED's light varies over the image and with the
-cosine of incidence as a default LED's does on a Lambertian surface. Negative leaks are omitted.
-
 A process has one renderer, which is created at the first image, so that PyrenderRenderer can be
 pickled. OpenGL belongs to one thread, which renders all images.
 
-No other module imports pyrender, which is unmaintained. This one sets the GL platform before the
-import and restores a name that NumPy 2 removed. It registers a type with PyOpenGL whose name Python
-3.12 changed. The scene is in millimeters: pyrender's shadow bias is an absolute number that removes
-all shadows of a scene in meters. The LEDs are spot lights, since pyrender has shadows for spot and
-directional lights only.
-
-For soft shadows, each LED has several points on its disc. One image with hard shadows is rendered
-per point, and the images are averaged in linear light.
+No other module imports pyrender, which is unmaintained. The scene is in millimeters: pyrender's
+shadow bias is an absolute number that removes all shadows of a scene in meters. The LEDs are spot
+lights, since pyrender has shadows for spot and directional lights only. For soft shadows, each LED
+has several points on its disc; the images of the points are averaged in linear light.
 """
 
 import os
 import warnings
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -31,20 +23,16 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.optical.camera import Camera, optical_grid
-from t2twin.sim.optical.illumination import REACH_MM, smoothed
+from t2twin.sim.optical.illumination import MIN_CASTER_MM, REACH_MM, smoothed
 from t2twin.sim.optical.image_renderer import ImageRenderer
-from t2twin.sim.optical.markers import Markers
-from t2twin.sim.optical.optics import Optics
 from t2twin.sim.optical.response import linear, standard_normal
-from t2twin.sim.optical.shadows import MIN_CASTER_MM
 from t2twin.sim.optical.spec import Led
 
 FRAME_SECONDS = 1.1
 """Time of an image with software OpenGL on two idle cores, s. It uses
 all cores, so more processes are hardly faster."""
-FIRST_SECONDS = 6.0
-"""Time of the first image of a process, including the start of OpenGL, s (measured)."""
-LED_POINTS = 8  # points per LED, each a render pass: the default of ReferenceRenderer
+FIRST_SECONDS = 6.0  # time of the first image of a process, with the start of OpenGL (measured)
+LED_POINTS = 8  # points per LED, each a render pass
 GAMMA = 2.2  # exponent of pyrender's output encoding
 MESH_STRIDE = 2
 """Cells of the optical grid per cell of the mesh: triangles below 4 pixels take seconds with
@@ -52,42 +40,34 @@ software OpenGL and change the image invisibly."""
 CASTER_DEPTH_MM = 0.06
 """Distance of the surface that casts shadows behind the gel's surface, mm: twice a texel of the
 shadow map at the far end of the gel, which avoids self-shadowing."""
-SEEN_MARGIN_MM = 0.3
-"""Margin of the receiving mesh around the visible region, mm: a cell and a half."""
-ALBEDO = 0.96
-"""Fraction of the light that pyrender's rough dielectric scatters diffusely (its constant)."""
+SEEN_MARGIN_MM = 0.3  # of the receiving mesh around the visible region: a cell and a half
+ALBEDO = 0.96  # light that pyrender's rough dielectric scatters diffusely (its constant)
 
-PLATFORM = "PYOPENGL_PLATFORM"
-"""Environment variable with the platform of PyOpenGL. MuJoCo sets it to that of MUJOCO_GL."""
+PLATFORM = "PYOPENGL_PLATFORM"  # of PyOpenGL; MuJoCo sets it to the value of MUJOCO_GL
 
 
 Scene = tuple[tuple[Led, ...], tuple[float, float, float], Camera, Elastomer]
 """LEDs, undirected light, camera and gel."""
 
 
+@cache
 def _import_pyrender() -> Any:
+    """pyrender, on the platform of PLATFORM or EGL."""
     os.environ[PLATFORM] = os.environ.get(PLATFORM) or "egl"
     np.__dict__.setdefault("infty", np.inf)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            _name_ctypes_parameters()
+            from OpenGL.plugins import FormatHandler
+
+            # PyOpenGL 3.1.0, which pyrender requires, finds types by name; that of ctypes.byref was
+            # builtins.CArgObject before Python 3.12
+            handler = "OpenGL.arrays.ctypesparameters.CtypesParameterHandler"
+            FormatHandler("byref", handler, ["_ctypes.CArgObject"])
             import pyrender
     except (ImportError, OSError, AttributeError) as error:
         raise T2TwinError(_no_gl(error)) from error
     return pyrender
-
-
-@cache
-def _name_ctypes_parameters() -> None:
-    """Register the type of ctypes.byref with PyOpenGL 3.1.0, which pyrender requires.
-
-    It finds types by name, and this one was builtins.CArgObject before Python 3.12.
-    """
-    from OpenGL.plugins import FormatHandler
-
-    handler = "OpenGL.arrays.ctypesparameters.CtypesParameterHandler"
-    FormatHandler("byref", handler, ["_ctypes.CArgObject"])
 
 
 def _no_gl(error: Exception) -> str:
@@ -99,15 +79,6 @@ def _no_gl(error: Exception) -> str:
         "the reference renderer needs OpenGL through EGL, which does not start here "
         f"({type(error).__name__}: {error}); {help_}"
     )
-
-
-def _destroy_context(platform: Any) -> None:
-    """Destroys the context of a pyrender platform, which is current."""
-    from OpenGL import EGL
-
-    display = platform._egl_display
-    EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
-    EGL.eglDestroyContext(display, platform._egl_context)
 
 
 class ReferenceRenderer:
@@ -127,8 +98,6 @@ class ReferenceRenderer:
         shadows: bool = True,
         led_points: int = LED_POINTS,
     ) -> None:
-        if led_points < 1:
-            raise T2TwinError(f"led_points is {led_points}; it must be at least 1")
         self.camera = camera
         self._pyrender = pyrender = _import_pyrender()
         self._poses = [
@@ -141,11 +110,18 @@ class ReferenceRenderer:
         self._rest_mm = camera.rest_mm(gel, *grid)
         ny, nx = (size // MESH_STRIDE for size in self._rest_mm.shape)
         self._faces = _grid_faces(ny, nx)
-        self._seen_faces = self._faces[self._is_seen()[self._faces].all(axis=1), ::-1]
+        xy, highest_mm = _blocks(np.stack(grid, axis=-1)), float(self._rest_mm.max())
+        # the rim outside the image would shade the rest
+        inside = camera.is_seen(xy[:, 0], xy[:, 1], SEEN_MARGIN_MM, highest_mm)
+        seen = np.logical_and(*inside)
+        self._seen_faces = self._faces[seen[self._faces].all(axis=1), ::-1]
         self._gel_material = pyrender.MetallicRoughnessMaterial(
             metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
         )
         self._caster_material = pyrender.MetallicRoughnessMaterial()
+        # pyrender's cameras look along -z with +y up, this one along +z with y down
+        pose = np.diag([1.0, -1.0, -1.0, 1.0])
+        pose[2, 3] = -camera.distance_mm
         self._scene = pyrender.Scene(bg_color=(0, 0, 0, 1), ambient_light=ambient)
         self._scene.add(
             pyrender.IntrinsicsCamera(
@@ -156,7 +132,7 @@ class ReferenceRenderer:
                 znear=5.0,
                 zfar=100.0,
             ),
-            pose=_camera_pose(camera),
+            pose=pose,
         )
         self._leds = [
             self._scene.add(
@@ -178,11 +154,10 @@ class ReferenceRenderer:
             raise T2TwinError(_no_gl(error)) from error
 
     def render(self, surface_mm: np.ndarray) -> np.ndarray:
-        """(rows, columns, 3) uint8: the image of the gel deflected by surface_mm.
-
-        surface_mm: on optical_grid(gel), rows x columns, positive into the sensor.
-        """
-        return encode(self.render_linear(surface_mm))
+        """(rows, columns, 3) uint8: the image of the gel deflected by surface_mm, on
+        optical_grid(gel), positive into the sensor."""
+        light = np.clip(self.render_linear(surface_mm), 0.0, 1.0)
+        return np.round(255.0 * light ** (1.0 / GAMMA)).astype(np.uint8)
 
     def render_linear(self, surface_mm: np.ndarray) -> np.ndarray:
         """The same image as linear light, float64, in parts of white."""
@@ -197,9 +172,17 @@ class ReferenceRenderer:
 
     def close(self) -> None:
         """Free the GL context. Other renderers of the process stay usable, also those of MuJoCo."""
+        from OpenGL import EGL
+
         platform = self._renderer._platform
-        # pyrender's own function also terminates the display, which all contexts share.
-        platform.delete_context = partial(_destroy_context, platform)
+
+        def destroy() -> None:
+            """pyrender's own function also terminates the display, which all contexts share."""
+            display = platform._egl_display
+            EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
+            EGL.eglDestroyContext(display, platform._egl_context)
+
+        platform.delete_context = destroy
         self._renderer.delete()
 
     def __enter__(self) -> "ReferenceRenderer":
@@ -208,19 +191,7 @@ class ReferenceRenderer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _is_seen(self) -> np.ndarray:
-        """(vertices,) whether the image can contain them; the rim outside would shade the rest."""
-        highest_mm = float(self._rest_mm.max())
-        xy = _blocks(np.stack(self._grid, axis=-1))
-        inside = self.camera.is_seen(xy[:, 0], xy[:, 1], SEEN_MARGIN_MM, highest_mm)
-        return np.logical_and(*inside)
-
     def _place_gel(self, surface_mm: np.ndarray) -> None:
-        if surface_mm.shape != self._rest_mm.shape:
-            raise T2TwinError(
-                f"surface_mm has shape {surface_mm.shape}; it must be {self._rest_mm.shape}, "
-                "on t2twin.sim.optical.camera.optical_grid()"
-            )
         surface_mm = smoothed(np.ascontiguousarray(surface_mm, dtype=np.float32))
         z = self._rest_mm - surface_mm
         along_y, along_x = np.gradient(z, *reversed(self._axes))
@@ -247,23 +218,15 @@ class ReferenceRenderer:
 class PyrenderRenderer(ImageRenderer):
     """As ImageRenderer, but pyrender renders each image, in about FRAME_SECONDS.
 
-    leds, ambient: the LEDs, in the order of the optics', and the undirected light. optics: for
-    camera, background and gamma. gel, noise_grey, other_gel, markers: as for ImageRenderer. Raises
-    T2TwinError at the first image if there is no OpenGL.
+    leds, ambient: the LEDs, in the order of the optics', and the undirected light. baked: arguments
+    of ImageRenderer. Raises T2TwinError at the first image if there is no OpenGL.
     """
 
     def __init__(
-        self,
-        optics: Optics,
-        leds: tuple[Led, ...],
-        ambient: tuple[float, float, float],
-        gel: Elastomer,
-        noise_grey: float,
-        other_gel: Elastomer | None = None,
-        markers: Markers | None = None,
+        self, leds: tuple[Led, ...], ambient: tuple[float, float, float], *baked: Any
     ) -> None:
-        super().__init__(optics, gel, noise_grey, other_gel, markers)
-        self._scene: Scene = leds, ambient, optics.camera, self._gel
+        super().__init__(*baked)
+        self._scene: Scene = leds, ambient, self.optics.camera, self._gel
 
     def _image(
         self,
@@ -312,11 +275,6 @@ def _change(scene: Scene, surface_mm: np.ndarray) -> np.ndarray:
     return renderer.render_linear(surface_mm) - rest_light
 
 
-def encode(linear: np.ndarray) -> np.ndarray:
-    """uint8 grey levels of linear light (the camera's gamma is assumed to be pyrender's)."""
-    return np.round(255.0 * np.clip(linear, 0.0, 1.0) ** (1.0 / GAMMA)).astype(np.uint8)
-
-
 def _blocks(grid: np.ndarray) -> np.ndarray:
     """(n, k) averages over blocks of MESH_STRIDE x MESH_STRIDE cells of a (ny, nx, k) grid."""
     ny, nx = (size // MESH_STRIDE for size in grid.shape[:2])
@@ -330,13 +288,6 @@ def _grid_faces(ny: int, nx: int) -> np.ndarray:
     a, b = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel()
     c, d = corner[1:, :-1].ravel(), corner[1:, 1:].ravel()
     return np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
-
-
-def _camera_pose(camera: Camera) -> np.ndarray:
-    """(4, 4): pyrender's cameras look along -z with +y up, this one along +z with y down."""
-    pose = np.diag([1.0, -1.0, -1.0, 1.0])
-    pose[2, 3] = -camera.distance_mm
-    return pose
 
 
 def _spot_pose(position_mm: np.ndarray, aim_mm: np.ndarray) -> np.ndarray:

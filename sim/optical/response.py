@@ -16,20 +16,18 @@ from dataclasses import dataclass
 from functools import cache, reduce
 
 import numpy as np
+from scipy.special import ndtri
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.optical.compiled import inlined, jit, jit_finite
 
-BITS = 12
-"""Bits of a hash that select a quantile: one of 4,096, the outermost at 3.7 standard deviations."""
+BITS = 12  # of a hash, select one of 4,096 quantiles, the outermost at 3.7 standard deviations
 REACH = 2
 """Radius of the smoothing of measured noise, px: the correlation of real noise is small beyond (0.2
 at 3 px, measured on a real unit)."""
 TAPS = 2 * REACH + 1
 MAX_MIX_GREY = 64.0  # largest entry of a mix, grey levels (assumed: a DIGIT's noise has 2 to 4)
-ENCODING_STEPS = 4096
-"""Entries of the encoding table over the square root of the light: at most 0.12 grey levels
-apart."""
+ENCODING_STEPS = 4096  # grey levels over the root of linear light, at most 0.12 apart
 
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 _BRIGHTEST = np.float32(255.0)
@@ -50,12 +48,7 @@ def keys(rng: np.random.Generator) -> Keys:
 
 @cache
 def quantiles() -> np.ndarray:
-    """(2^BITS,) float32 standard normal quantiles, at the middles of equal probabilities.
-
-    After rounding to grey levels, samples of them are as good as normal samples.
-    """
-    from scipy.special import ndtri
-
+    """(2^BITS,) float32 standard normal quantiles, at the middles of equal probabilities."""
     count = 2**BITS
     return ndtri((np.arange(count) + 0.5) / count).astype(np.float32)
 
@@ -70,10 +63,8 @@ def standard_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndar
 
 @inlined
 def choose(first, key, other_key, chosen):
-    """Fill chosen (n,) uint32, n even, with indices of quantiles for n values from `first` on.
-
-    first: even. The upper and middle bits of one hash give two values, half a row apart.
-    """
+    """Fill chosen (n,) uint32, n even, with indices of quantiles for values from `first`, even, on.
+    The upper and middle bits of one hash give two values, half a row apart."""
     half = chosen.size // 2
     start = np.uint32(first)
     for n in range(half):
@@ -99,15 +90,10 @@ def _fill_white(key, other_key, quantiles, out):
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Noise of one frame.
+    """Noise of one frame. Raises T2TwinError for other shapes and values out of range."""
 
-    mix: (3, 3) grey levels, weights of three independent noises of unit variance for each color.
-    taps: (TAPS,) weights of the smoothing along each axis, of unit energy.
-    Raises T2TwinError for other shapes and values out of range.
-    """
-
-    mix: np.ndarray
-    taps: np.ndarray
+    mix: np.ndarray  # (3, 3) grey levels, weights of three independent noises for each color
+    taps: np.ndarray  # (TAPS,) weights of the smoothing along each axis, of unit energy
 
     def __post_init__(self) -> None:
         for name, value, shape, most in (
@@ -141,27 +127,15 @@ def linear(grey: np.ndarray, gamma: float) -> np.ndarray:
     return (np.asarray(grey) / 255.0) ** gamma
 
 
-def encoding_table(gamma: float) -> np.ndarray:
-    """(ENCODING_STEPS,) float32 grey levels over the square root of linear light, 0 to 1."""
-    return (255.0 * np.linspace(0.0, 1.0, ENCODING_STEPS) ** (2.0 / gamma)).astype(np.float32)
-
-
-def light_of_greys(gamma: float) -> np.ndarray:
-    """(256,) float32 linear light of each grey level."""
-    return linear(np.arange(256), gamma).astype(np.float32)
-
-
 @jit_finite
 def encode(change, background, light, table, region, shade, keys, quantiles, sigma, noise, out):
     """Fill out (P, RGB) uint8: the encoded sum of background light and change, plus noise.
 
-    P is the image (rows, columns), S its lattice of samples as in
-    t2twin.sim.optical.illumination. change: (RGB, S) linear light, interpolated to the pixels
-    of a region (first row, end row, first column, end column). The other pixels show the background
-    (P, RGB), grey levels. light: (256,) linear light of each grey level. table: grey levels over
-    the square root of linear light, 0 to 1. shade: (P) factors of the grey levels, or empty.
-    noise: (P, RGB), multiplied by sigma; if it is empty, Gaussian white noise of standard deviation
-    sigma, grey levels, from keys and quantiles.
+    P is the image, S its lattice of samples as in t2twin.sim.optical.illumination. change: (RGB, S)
+    linear light, interpolated to the pixels of a region; the others show the background (P, RGB),
+    grey levels. light: (256,) linear light of each grey level. table: of ENCODING_STEPS. shade:
+    (P) factors of the grey levels, or empty. noise: (P, RGB), multiplied by sigma; if it is empty,
+    white noise of standard deviation sigma, grey levels, from keys and quantiles.
     """
     last = np.float32(table.size - 1)
     rows, columns = background.shape[0], background.shape[1]
@@ -206,10 +180,8 @@ def encode(change, background, light, table, region, shade, keys, quantiles, sig
 
 @inlined
 def _interpolate(change, row, first, end, lines, value):
-    """Fill value (columns * RGB) with a row of the change (RGB, S), from column pair `first` on.
-
-    lines: buffer for a row of each color.
-    """
+    """Fill value (columns * RGB) with a row of the change (RGB, S), from column pair `first` on;
+    lines is a buffer for a row of each color."""
     i = (row + 1) // 2
     u, w = (_APART, _NEAR) if row % 2 == 0 else (_NEAR, _APART)
     for c in range(3):

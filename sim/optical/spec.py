@@ -4,49 +4,35 @@ The sensor frame has x along the image's columns, y along its rows and z out of 
 origin at the apex of the gel at rest.
 """
 
-from typing import Annotated, Any, Literal
+from functools import cache
+from itertools import product
+from typing import Annotated, Any, Literal, get_type_hints
 
+import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import LayerTable, MountTable, SensorName
-from t2twin.sim.optical.camera import LENGTHS, MAX_MISALIGNMENT, Camera
+from t2twin.sim.optical.camera import Camera, Distance, Scale
 from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.optics import GAMMAS, MAX_LEDS
 
 KIND = "gel-camera"
 
-MAX_PIXELS = 1600
-"""Limit on the rows and on the columns of an image (assumed: makers' interfaces give less)."""
-
-FARTHEST_MM, LARGEST_LED_MM = 200.0, 50.0
-"""Largest distance of an LED from the sensor's axis, and largest radius of one, mm (assumed)."""
-GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
-"""Angle between consecutive points of Vogel's spiral, rad (Vogel 1979)."""
+GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))  # of Vogel's spiral (Vogel 1979)
 
 Radiance = Annotated[float, Meta(ge=0.0, le=100.0)]
-Coordinate = Annotated[float, Meta(ge=-FARTHEST_MM, le=FARTHEST_MM)]
+Coordinate = Annotated[float, Meta(ge=-200.0, le=200.0)]  # assumed
 Beam = Annotated[float, Meta(gt=0.0, le=90.0)]
-LedDistance = Annotated[float, Meta(ge=1.0, le=FARTHEST_MM)]
+LedDistance = Annotated[float, Meta(ge=1.0, le=200.0)]  # assumed
 Gamma = Annotated[float, Meta(ge=GAMMAS[0], le=GAMMAS[1])]
-Pixels = Annotated[int, Meta(ge=16, le=MAX_PIXELS, multiple_of=2)]
-Scale = Annotated[float, Meta(ge=LENGTHS["scale_px_per_mm"][0], le=LENGTHS["scale_px_per_mm"][1])]
-Distance = Annotated[float, Meta(ge=LENGTHS["distance_mm"][0], le=LENGTHS["distance_mm"][1])]
-Shift = Annotated[
-    float, Meta(ge=-MAX_MISALIGNMENT["shift_x_px"], le=MAX_MISALIGNMENT["shift_x_px"])
-]
-Tilt = Annotated[float, Meta(ge=-MAX_MISALIGNMENT["tilt_x_deg"], le=MAX_MISALIGNMENT["tilt_x_deg"])]
 Elevation = Annotated[float, Meta(ge=5.0, le=80.0)]
 
 
-class CameraTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The camera, a pinhole on the sensor's axis, and its images."""
+class CameraTable(Camera, frozen=True, kw_only=True):
+    """The camera and its images."""
 
-    rows: Annotated[Pixels, Meta(description="rows of an image, along y")]
-    columns: Annotated[Pixels, Meta(description="columns of an image, along x")]
-    scale_px_per_mm: Annotated[Scale, Meta(description="image scale at the gel's apex")]
-    distance_mm: Annotated[Distance, Meta(description="from the pinhole to the gel's apex")]
     rate_hz: Annotated[float, Meta(gt=0.0, le=1e4, description="frames per second")]
     frames: Annotated[
         int, Meta(ge=1, le=10_000, description="frames averaged for an image of a press")
@@ -54,17 +40,6 @@ class CameraTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
     noise_grey: Annotated[
         float, Meta(ge=0.0, le=64.0, description="standard deviation of one frame, grey levels")
     ] = 0.0
-    shift_x_px: Annotated[Shift, Meta(description="position of the axis, right of the middle")] = (
-        0.0
-    )
-    shift_y_px: Annotated[Shift, Meta(description="the same, down")] = 0.0
-    tilt_x_deg: Annotated[Tilt, Meta(description="rotation of the gel about x")] = 0.0
-    tilt_y_deg: Annotated[Tilt, Meta(description="the same about y")] = 0.0
-
-    @property
-    def camera(self) -> Camera:
-        names = ("rows", "columns", *LENGTHS, *MAX_MISALIGNMENT)
-        return Camera(**{name: getattr(self, name) for name in names})
 
 
 class Led(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -84,9 +59,7 @@ class Led(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     ]
     radius_mm: Annotated[LedDistance, Meta(description="distance from the sensor's axis")]
     z_mm: Annotated[Coordinate, Meta(description="height, negative on the camera's side")]
-    size_mm: Annotated[
-        float, Meta(ge=0.0, le=LARGEST_LED_MM, description="radius of the luminous disc")
-    ]
+    size_mm: Annotated[float, Meta(ge=0.0, le=50.0, description="radius of the luminous disc")]
     aim_mm: Annotated[
         tuple[Coordinate, Coordinate, Coordinate], Meta(description="a point on the beam's axis")
     ] = (0.0, 0.0, 0.0)
@@ -143,10 +116,7 @@ class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
         tuple[Radiance, Radiance, Radiance],
         Meta(description="linear red, green and blue of undirected light"),
     ] = (0.0, 0.0, 0.0)
-    gamma: Annotated[
-        float,
-        Meta(ge=GAMMAS[0], le=GAMMAS[1], description="exponent between light and grey levels"),
-    ] = 2.2
+    gamma: Annotated[Gamma, Meta(description="exponent between light and grey levels")] = 2.2
     optics: Annotated[
         str | None, Meta(description="optics file of `t2twin calibrate`, beside the sensor's file")
     ] = None
@@ -156,16 +126,29 @@ class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
             raise T2TwinError("expected at least one of leds and optics")
 
 
-def check_ranges(values: dict[str, Any]) -> None:
-    """Raises T2TwinError for a range, low and high, that is reversed; others are passed over."""
-    for name, value in values.items():
-        if isinstance(value, tuple) and value[0] > value[1]:
-            low, high = value
-            raise T2TwinError(f"{name} is [{low:g}, {high:g}]; expected low first")
+class Ranges(Struct, frozen=True, forbid_unknown_fields=True):
+    """Ranges, low and high, of what is sampled; also shares. Raises T2TwinError for a range that is
+    reversed or out of bounds."""
+
+    def __post_init__(self) -> None:
+        for name, kind in _kinds(type(self)).items():
+            value = getattr(self, name)
+            try:
+                msgspec.convert(value, kind)
+            except msgspec.ValidationError as error:
+                raise T2TwinError(f"{name}: {error}") from None
+            if isinstance(value, tuple) and value[0] > value[1]:
+                low, high = value
+                raise T2TwinError(f"{name} is [{low:g}, {high:g}]; expected low first")
 
 
-class UnitsTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Ranges, low and high, in which units of this sensor differ, for recipes that sample them."""
+@cache
+def _kinds(ranges: type[Ranges]) -> dict[str, Any]:
+    return get_type_hints(ranges, include_extras=True)
+
+
+class UnitsTable(Ranges, frozen=True, omit_defaults=True):
+    """Ranges in which units of this sensor differ, for recipes that sample them."""
 
     scale_px_per_mm: Annotated[tuple[Scale, Scale], Meta(description="image scale")]
     distance_mm: Annotated[tuple[Distance, Distance], Meta(description="camera's distance")]
@@ -175,29 +158,6 @@ class UnitsTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     led_elevation_deg: Annotated[
         tuple[Elevation, Elevation], Meta(description="elevation of the LEDs over the gel's apex")
     ]
-
-    def __post_init__(self) -> None:
-        check_ranges({name: getattr(self, name) for name in self.__struct_fields__})
-
-
-class MarkersTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Markers that may be printed on the gel, a grid of round dots."""
-
-    pitch_mm: Annotated[float, Meta(ge=0.5, le=8.0, description="distance of neighbors")]
-    diameter_mm: Annotated[float, Meta(ge=0.05, le=8.0, description="diameter")]
-    columns: Annotated[
-        int | None, Meta(description="dots along x; all that the image shows, without it")
-    ] = None
-    rows: Annotated[int | None, Meta(description="the same along y")] = None
-
-    def __post_init__(self) -> None:
-        self.markers()
-
-    def markers(self) -> Markers:
-        grid = None if self.columns is None or self.rows is None else (self.columns, self.rows)
-        if grid is None and (self.columns, self.rows) != (None, None):
-            raise T2TwinError("columns and rows of markers: expected both or none")
-        return Markers(self.pitch_mm, self.diameter_mm, grid=grid)
 
 
 class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -210,25 +170,21 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
     light: Annotated[LightTable, Meta(description="the light")]
     mount: Annotated[MountTable, Meta(description="the sensor as a body")]
     units: Annotated[UnitsTable | None, Meta(description="how units differ")] = None
-    markers: Annotated[MarkersTable | None, Meta(description="markers, if there may be any")] = None
+    markers: Annotated[Markers | None, Meta(description="markers, if there may be any")] = None
     about: Annotated[str | None, Meta(description="remark, which is not read")] = None
 
     def __post_init__(self) -> None:
-        camera = self.camera
-        scales = [("the camera", "camera", camera.scale_px_per_mm)]
+        camera, gel = self.camera, self.gel
+        scales = {"the camera": camera.scale_px_per_mm}
         if self.units is not None:
-            scales.append(("a unit's camera", "units", self.units.scale_px_per_mm[0]))
-        for which, table, scale in scales:
-            for pixels, side, axis in (
-                (camera.columns, self.gel.width_mm, "width"),
-                (camera.rows, self.gel.length_mm, "length"),
-            ):
-                if pixels / scale > side:
-                    raise T2TwinError(
-                        f"{which} sees {pixels / scale:.1f} mm of the gel's {axis}, which is "
-                        f"{side:g} mm; expected a larger {table}.scale_px_per_mm, a smaller image "
-                        "or a larger gel"
-                    )
+            scales["a unit's camera"] = self.units.scale_px_per_mm[0]
+        sides = (camera.columns, gel.width_mm, "width"), (camera.rows, gel.length_mm, "length")
+        for (which, scale), (pixels, side, axis) in product(scales.items(), sides):
+            if pixels / scale > side:
+                raise T2TwinError(
+                    f"{which} sees {pixels / scale:.1f} mm of the gel's {axis}, which is {side:g} "
+                    "mm; expected a larger scale_px_per_mm, a smaller image or a larger gel"
+                )
         for name in ("scale_px_per_mm", "distance_mm") if self.units else ():
             (low, high), own = getattr(self.units, name), getattr(camera, name)
             if not low <= own <= high:

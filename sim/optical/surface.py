@@ -13,8 +13,7 @@ from t2twin.sim.optical.camera import optical_grid
 from t2twin.sim.optical.compiled import at_place
 from t2twin.sim.splines import on_lines
 
-NEAR_CELLS = 3
-"""Cells of the contact's grid around the loaded ones in which `surface_on` samples the shape."""
+NEAR_CELLS = 3  # cells around the loaded ones in which `surface_on` samples the shape
 
 BACKWARD_STEPS, BACKWARD_MM = 40, 1e-4
 """Limit on the fixed-point steps to the place from which a point of the surface has come, and the
@@ -45,13 +44,8 @@ def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarr
     apex = _rest_surface(contact.elastomer, *axes) + np.float32(contact.shape_depth_mm)
     shape = contact.command.tilted(contact.shape).surface
     raise_to_shape(surface, shape, contact.command, x_mm, y_mm, apex, near, contact.shift)
-    return surface if contact.motion is None else _sheared(surface, contact, x_mm, y_mm)
-
-
-def _sheared(
-    surface: np.ndarray, contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray
-) -> np.ndarray:
-    """The surface where the shear has moved it, (y, x) float32, mm."""
+    if contact.motion is None:
+        return surface
     sheared = np.ascontiguousarray(contact.sheared_mm, np.float32)
     came = np.empty_like(sheared)
     _displacement_at_arrival(sheared, contact.pitch_mm, came)
@@ -86,10 +80,8 @@ def _displacement_at_arrival(sheared, pitch, came):
 
 @compiled(nogil=True)
 def _resample(surface, came, first_x, first_y, pitch, x_mm, y_mm, moved):
-    """Write the surface, lowered by the shear, where its points have come from.
-
-    came: (3, rows, columns) their displacement, on the grid of the contact.
-    """
+    """Write the surface, lowered by the shear, where its points have come from. came: (3, rows,
+    columns) their displacement, on the grid of the contact."""
     per_mm, last = np.float32(1.0 / (x_mm[1] - x_mm[0])), came.shape[2] - 1
     first, across = np.empty(x_mm.size, np.int64), np.empty(x_mm.size, np.float32)
     for j in range(x_mm.size):

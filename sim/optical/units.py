@@ -1,8 +1,7 @@
 """Samples units of a gel camera: no two units have the same light.
 
-A unit is a complete set of optics: camera, LEDs, the response of each LED in each color, gamma,
-background, noise. It is sampled from ranges, alone or near given optics. It depends on the
-random generator only, not on threads or processes.
+A unit is a complete set of optics, sampled from ranges, alone or near given optics. It depends on
+the random generator only, not on threads or processes.
 
 Relative to the light in the image's middle at MIDDLE_COSINE of the LEDs that have color c, the
 light of LED k in it is
@@ -10,8 +9,8 @@ light of LED k in it is
     F_kc(p, m) = own_kc B_k(p) S(m) + leak_kc + irregular_kc(p, m),
 
 with p the place over PLACE_MM, B_k a paraboloid, S a parabola, own_kc 1 where the LED has at least
-MIN_OWN of its brightest color in color c, and else 0. All
-is quadratic in the place and in the cosine, as a response of t2twin.sim.optical.image_renderer is.
+MIN_OWN of its brightest color in color c, and else 0. All is quadratic in the place and in the
+cosine, as a response of t2twin.sim.optical.image_renderer is.
 
 The background's light is computed at nodes NODE_PX apart, encoded as grey levels there and
 interpolated by cubics (Catmull and Rom 1974). Blotches, a dark side, specks and the pixels' fixed
@@ -23,39 +22,27 @@ light in the image's middle. Negative light, as of a negative leak, is omitted.
 """
 
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Annotated, get_type_hints
+from typing import Annotated
 
-import msgspec
 import numpy as np
 from msgspec import Meta, structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.optical.camera import LENGTHS, MAX_MISALIGNMENT, Camera
+from t2twin.sim.optical.camera import LIMITS, Camera, Distance, Scale, Tilt
 from t2twin.sim.optical.compiled import jit
 from t2twin.sim.optical.illumination import COSINE_TERMS, REACH_MM
 from t2twin.sim.optical.optics import (
     FARTHEST_LED_MM,
     GAMMAS,
-    LARGEST_LED_MM,
+    MAX_LED_MM,
     MAX_RESPONSE,
     PLACE_TERMS,
     Optics,
     place_terms,
 )
 from t2twin.sim.optical.response import standard_normal
-from t2twin.sim.optical.spec import (
-    Distance,
-    Elevation,
-    Gamma,
-    GelCameraSpec,
-    Led,
-    LedDistance,
-    Scale,
-    Tilt,
-    check_ranges,
-)
+from t2twin.sim.optical.spec import Elevation, Gamma, GelCameraSpec, Led, LedDistance, Ranges
 
 MIN_OWN = 0.5
 """Share of an LED's brightest color from which on it has another color too (assumed: color filters
@@ -63,8 +50,7 @@ of cameras leak less)."""
 STATED_LEDS = 3
 """LEDs of the units to whose leaks and irregularity the ranges refer. Each of more LEDs has less of
 both, so that their sums stay."""
-MIDDLE_COSINE = 0.4
-"""Cosine of incidence at which relative light is defined (assumed: flanks of a press)."""
+MIDDLE_COSINE = 0.4  # at which relative light is defined (assumed: flanks of a press)
 DEGREE = 2  # degree of the responses in the place (assumed: as determined by a dozen presses)
 TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
 IRREGULAR = np.array([[0.0, 0.5, 0.5, 1.0, 1.0, 1.0], [0.2, 1.2, 1.2, 2.0, 2.0, 2.0]])
@@ -77,8 +63,7 @@ LARGEST_SIZE = 0.95
 """Largest radius of an LED's disc, in parts of its height over the apex. A larger disc would be
 partly below the gel's horizon and cut off near a press only."""
 FACING_COSINE = 0.9  # cosine of incidence at the brightest place of a bulge (assumed)
-MIN_IN_BEAM = 0.2
-"""Lower bound of the fraction of a lobe's light in the middle, which bounds an LED's brightness."""
+MIN_IN_BEAM = 0.2  # part of a beam's light in the middle, which bounds an LED's brightness
 SLOPE_STEP_MM = 0.01  # step of difference quotients of the surface at rest, mm
 NODE_PX = 10  # distance of neighboring nodes, px
 COARSE_PX = 80  # distance of neighboring coarse blotches, px
@@ -110,15 +95,13 @@ Noise = Annotated[float, Meta(ge=0.01, le=50.0)]
 Range = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class UnitRanges:
+class UnitRanges(Ranges, frozen=True):
     """Ranges of a unit's parameters, low and high; None is that of the sensor's table [units].
 
     Samples are uniform; those of the LEDs' distance and sizes and of the noise are log-uniform.
     Parts are relative to the own LED's light in the image's middle; places are in units of
     PLACE_MM, 8 mm. All but the noise is assumed, so as to contain the default optics and one real
-    DIGIT; docs/explanation/optics.md compares them. Raises T2TwinError for a range that is reversed
-    or out of bounds.
+    DIGIT; docs/explanation/optics.md compares them.
     """
 
     # of the camera: image scale, distance from the pinhole, both axes of the shift and of the tilt
@@ -168,19 +151,6 @@ class UnitRanges:
     around_shift_px: tuple[Shift, Shift] = (-4.0, 4.0)
     around_tilt_deg: tuple[Tilt, Tilt] = (-0.5, 0.5)
 
-    def __post_init__(self) -> None:
-        for name, kind in _kinds().items():
-            try:
-                msgspec.convert(getattr(self, name), kind)
-            except msgspec.ValidationError as error:
-                raise T2TwinError(f"{name}: {error}") from None
-        check_ranges(vars(self))
-
-
-@cache
-def _kinds() -> dict[str, object]:
-    return get_type_hints(UnitRanges, include_extras=True)
-
 
 def log_uniform(rng: np.random.Generator, bounds: Range, shape: int | tuple = ()) -> np.ndarray:
     """Samples of a shape whose logarithm is uniform."""
@@ -189,27 +159,13 @@ def log_uniform(rng: np.random.Generator, bounds: Range, shape: int | tuple = ()
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """One unit's light.
-
-    optics: complete. noise_grey: standard deviation of one frame, grey levels. leds: for
-    pyrender; None for a unit near an optics file. earlier_background: (rows, columns, 3) uint8, the
-    background frame, recorded before its light drifted; None without drift.
-    """
+    """One unit's light."""
 
     optics: Optics
-    noise_grey: float
-    leds: tuple[Led, ...] | None = None
+    noise_grey: float  # standard deviation of one frame, grey levels
+    leds: tuple[Led, ...] | None = None  # for pyrender; None for a unit near an optics file
+    # (rows, columns, 3) uint8, the background frame before its light drifted; None without drift
     earlier_background: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class SampledLight:
-    """LEDs and their linear light. places_mm: (LEDs, 3). sizes_mm: (LEDs,) radii. response: (LEDs,
-    RGB, PLACE_TERMS, COSINE_TERMS)."""
-
-    places_mm: np.ndarray
-    sizes_mm: np.ndarray
-    response: np.ndarray
 
 
 def own_colors(leds: tuple[Led, ...]) -> np.ndarray:
@@ -219,9 +175,14 @@ def own_colors(leds: tuple[Led, ...]) -> np.ndarray:
 
 
 def sample_light(
-    rng: np.random.Generator, ranges: UnitRanges, leds: tuple[Led, ...], gamma: float
-) -> SampledLight:
-    """The light of a unit of this gamma. ranges: without None. leds: of the sensor."""
+    rng: np.random.Generator,
+    ranges: UnitRanges,
+    leds: tuple[Led, ...],
+    camera: Camera,
+    gamma: float,
+) -> Optics:
+    """The LEDs and the response of a unit, with a black background. ranges: without None. leds: of
+    the sensor."""
     assert ranges.led_distance_mm is not None and ranges.led_elevation_deg is not None
     count = len(leds)
     azimuths_deg = np.array([led.angle_deg for led in leds])
@@ -231,17 +192,18 @@ def sample_light(
     elevation = np.radians(elevation_deg + rng.uniform(*ranges.led_elevation_off_deg, count))
     towards = np.stack([np.cos(azimuth), -np.sin(azimuth)], axis=1)
     heights = -distance_mm * np.tan(elevation)
-    places_mm = np.concatenate([distance_mm * towards, heights[:, None]], axis=1)
+    leds_mm = np.concatenate([distance_mm * towards, heights[:, None]], axis=1)
     response = _relative(rng, ranges, leds, towards, gamma**GAMMA_EXPONENT)
     facing = (rng.uniform(*ranges.facing_grey, 3) / 255.0) ** gamma
     # in the middle, an LED's light falls with the square of its distance to the apex
-    reach = REACH_MM**2 / (places_mm**2).sum(axis=1) * FACING_COSINE
+    reach = REACH_MM**2 / (leds_mm**2).sum(axis=1) * FACING_COSINE
     own = own_colors(leds)
     of_color = np.where(own.any(axis=0), own, True)  # all LEDs, if none has a color
     mean_reach = (of_color * reach[:, None]).sum(axis=0) / of_color.sum(axis=0)
     response *= (facing / mean_reach)[None, :, None, None]
     sizes_mm = np.minimum(log_uniform(rng, ranges.led_size_mm, count), LARGEST_SIZE * -heights)
-    return SampledLight(places_mm, sizes_mm, response)
+    black = np.zeros((camera.rows, camera.columns, 3), np.uint8)
+    return Optics(black, leds_mm, sizes_mm, response, gamma, camera)
 
 
 def _relative(
@@ -251,7 +213,10 @@ def _relative(
     towards: np.ndarray,
     mixed: float,
 ) -> np.ndarray:
-    """(LEDs, RGB, PLACE_TERMS, COSINE_TERMS) light relative to that of the color's own LEDs."""
+    """(LEDs, RGB, PLACE_TERMS, COSINE_TERMS) light relative to that of the color's own LEDs.
+
+    towards: (LEDs, 2) directions of the LEDs. mixed: factor of leaks and irregularity.
+    """
     count = len(leds)
     by_power = np.zeros((count, 3, 3, TERMS))  # LED, color, power of the cosine, place
     few = min(1.0, STATED_LEDS / count)
@@ -265,10 +230,14 @@ def _relative(
     bends = rng.uniform(*ranges.cosine_bend_part, count)
     colors = own_colors(leds)
     shares = 1.0 / np.maximum(colors.sum(axis=0), 1)  # of each color's own LEDs
-    for k in range(count):
+    for k, (x, y) in enumerate(towards):
+        along, across = rng.uniform(*ranges.beam_along_part), rng.uniform(*ranges.beam_across_part)
+        curves = rng.uniform(*ranges.beam_curve_part, 2)
+        twist = rng.uniform(*ranges.beam_twist_part)
         # the light of LEDs that are to the right or left crosses the middle towards the upper end
-        across_sign = -np.sign(round(float(np.cos(np.radians(leds[k].angle_deg))), 6))
-        beam = _beam(rng, ranges, towards[k], across_sign)
+        sign = -np.sign(round(float(np.cos(np.radians(leds[k].angle_deg))), 6))
+        rise_x, rise_y = along * x + sign * across * -y, along * y + sign * across * x
+        beam = np.array([1.0, rise_x, rise_y, curves[0], twist, curves[1]])
         for c in np.flatnonzero(colors[k]):
             # an LED's own light is irregular too, except for its level
             own, lit = by_power[k, c], shares[c] * beam
@@ -283,31 +252,18 @@ def _relative(
     return response
 
 
-def _beam(
-    rng: np.random.Generator, ranges: UnitRanges, towards: np.ndarray, across_sign: float
-) -> np.ndarray:
-    """(TERMS,) coefficients of the light in the place of an LED in a direction (2,)."""
-    along, across = rng.uniform(*ranges.beam_along_part), rng.uniform(*ranges.beam_across_part)
-    curves, twist = rng.uniform(*ranges.beam_curve_part, 2), rng.uniform(*ranges.beam_twist_part)
-    sideways = np.array([-towards[1], towards[0]])
-    rise = along * towards + across_sign * across * sideways
-    return np.array([1.0, rise[0], rise[1], curves[0], twist, curves[1]])
-
-
 def light_at_rest(
-    light: SampledLight, camera: Camera, gel: Elastomer, columns: np.ndarray, rows: np.ndarray
+    optics: Optics, gel: Elastomer, columns: np.ndarray, rows: np.ndarray
 ) -> np.ndarray:
-    """(rows, columns, RGB) light of the LEDs on a gel at rest.
-
-    columns, rows: pixel coordinates, which may be fractional and outside the image.
-    """
+    """(rows, columns, RGB) light of a sampled unit's LEDs on a gel at rest at pixel coordinates."""
+    camera = optics.camera
     x, y, z = camera.gel_points(gel, columns, rows)
     slope_x = (camera.rest_mm(gel, x + SLOPE_STEP_MM, y) - z) / SLOPE_STEP_MM
     slope_y = (camera.rest_mm(gel, x, y + SLOPE_STEP_MM) - z) / SLOPE_STEP_MM
     terms = place_terms(x, y, DEGREE)
     steep2 = 1.0 + slope_x**2 + slope_y**2
     seen = np.zeros((*x.shape, 3))
-    for place, response in zip(light.places_mm, light.response, strict=True):
+    for place, response in zip(optics.leds_mm, optics.response, strict=True):
         dx, dy, dz = place[0] - x, place[1] - y, place[2] - z
         far2 = dx**2 + dy**2 + dz**2
         m = np.maximum(slope_x * dx + slope_y * dy - dz, 0.0) / np.sqrt(steep2 * far2)
@@ -332,48 +288,32 @@ def nodes(size: Size) -> tuple[np.ndarray, np.ndarray]:
 def sample_unit(
     rng: np.random.Generator, spec: GelCameraSpec, ranges: UnitRanges, center: Optics | None = None
 ) -> Unit:
-    """A unit of a sensor, sampled from the ranges; with a center, one near those optics.
-
-    Raises T2TwinError for a sensor without LEDs or without ranges of its units, if there is no
-    center.
-    """
+    """A unit of a sensor, sampled from the ranges; with a center, one near those optics."""
     if center is not None:
         return _sample_near(rng, ranges, center, spec.camera.noise_grey)
-    ranges, leds = _complete(ranges, spec), spec.light.leds
+    leds = spec.light.leds
+    if not leds or spec.units is None:
+        raise T2TwinError(
+            f"the file of {spec.name} has no {'table [units]' if leds else 'LEDs'}, from which "
+            "units are sampled; add them, or give an optics file"
+        )
+    own = structs.asdict(spec.units)
+    ranges = structs.replace(
+        ranges, **{name: value for name, value in own.items() if getattr(ranges, name) is None}
+    )
     assert ranges.scale_px_per_mm is not None and ranges.distance_mm is not None
-    size, gel = (spec.camera.rows, spec.camera.columns), spec.gel.elastomer(spec.name)
     scale, distance_mm = rng.uniform(*ranges.scale_px_per_mm), rng.uniform(*ranges.distance_mm)
     shift, tilt = rng.uniform(*ranges.shift_px, 2), rng.uniform(*ranges.tilt_deg, 2)
+    size = spec.camera.rows, spec.camera.columns
     camera = Camera(*size, scale, distance_mm, *shift.tolist(), *tilt.tolist())
     is_linear = rng.random() < ranges.linear_amount
     gamma = rng.uniform(*(ranges.linear_gamma if is_linear else ranges.gamma))
-    light = sample_light(rng, ranges, leds, gamma)
-    background, light = sample_background(rng, ranges, light, camera, gel, gamma)
+    light = sample_light(rng, ranges, leds, camera, gamma)
+    optics = with_background(rng, ranges, light, spec.gel.elastomer(spec.name))
     noise_grey = float(log_uniform(rng, ranges.noise_grey))
-    optics = Optics(
-        background=background,
-        leds_mm=light.places_mm,
-        sizes_mm=light.sizes_mm,
-        response=light.response,
-        gamma=gamma,
-        **camera.placement,
-    )
-    colors = np.maximum(at_middle(light.response), 0.0)
-    moved = zip(leds, light.places_mm.tolist(), light.sizes_mm.tolist(), colors, strict=True)
+    colors = np.maximum(at_middle(optics.response), 0.0)
+    moved = zip(leds, optics.leds_mm.tolist(), optics.sizes_mm.tolist(), colors, strict=True)
     return Unit(optics, noise_grey, tuple(_moved_led(*each) for each in moved))
-
-
-def _complete(ranges: UnitRanges, spec: GelCameraSpec) -> UnitRanges:
-    """The ranges, with those of the sensor where they are None."""
-    if not spec.light.leds or spec.units is None:
-        lacking = "LEDs" if not spec.light.leds else "table [units]"
-        raise T2TwinError(
-            f"the file of {spec.name} has no {lacking}, from which units are sampled; give an "
-            "optics file around which to sample them"
-        )
-    own = {name: getattr(spec.units, name) for name in spec.units.__struct_fields__}
-    missing = {name: value for name, value in own.items() if getattr(ranges, name) is None}
-    return replace(ranges, **missing)
 
 
 def _sample_near(
@@ -394,101 +334,73 @@ def _sample_near(
         return np.clip(mixed, -MAX_RESPONSE, MAX_RESPONSE)
 
     shift, tilt = rng.uniform(*ranges.around_shift_px, 2), rng.uniform(*ranges.around_tilt_deg, 2)
+    # relative change of the background's channels, and its gradients to the right and down
+    level, right, down = part((3, 3))
+    rows, columns = center.background.shape[:2]
+    x = ((np.arange(columns) - columns / 2) / columns)[None, :, None]
+    y = ((np.arange(rows) - rows / 2) / rows)[:, None, None]
+    factor = (1.0 + level + right * x + down * y).astype(np.float32)
+    background = np.minimum(center.background * factor, 255.0) + np.float32(0.5)
+    sizes_mm = np.minimum(center.sizes_mm * (1.0 + part(leds)), MAX_LED_MM)
+    gamma = float(np.clip(center.gamma * (1.0 + part() / 2.0), *GAMMAS))
+    own = structs.asdict(center.camera)
+    moved = {name: own[name] * (1.0 + part() / 4.0) for name in ("scale_px_per_mm", "distance_mm")}
+    off = zip(
+        ("shift_x_px", "shift_y_px", "tilt_x_deg", "tilt_y_deg"), (*shift, *tilt), strict=True
+    )
+    moved |= {name: own[name] + change for name, change in off}
+    limited = {name: float(np.clip(value, *LIMITS[name])) for name, value in moved.items()}
     optics = replace(
         center,
-        background=_varied(center.background, part((3, 3))),
+        background=background.astype(np.uint8),
         leds_mm=np.clip(leds_mm, -FARTHEST_LED_MM, FARTHEST_LED_MM),
-        sizes_mm=np.minimum(center.sizes_mm * (1.0 + part(leds)), LARGEST_LED_MM),
+        sizes_mm=sizes_mm,
         response=varied_light(center.response),
         lobe=None if center.lobe is None else varied_light(center.lobe),
-        gamma=_clipped(center.gamma * (1.0 + part() / 2.0), GAMMAS),
-        scale_px_per_mm=_clipped(
-            center.scale_px_per_mm * (1.0 + part() / 4.0), LENGTHS["scale_px_per_mm"]
-        ),
-        distance_mm=_clipped(center.distance_mm * (1.0 + part() / 4.0), LENGTHS["distance_mm"]),
-        **{
-            name: _clipped(getattr(center, name) + change, (-limit, limit))
-            for (name, limit), change in zip(MAX_MISALIGNMENT.items(), (*shift, *tilt), strict=True)
-        },
+        gamma=gamma,
+        camera=structs.replace(center.camera, **limited),
     )
     return Unit(optics, float(noise_grey * (1.0 + part())))
 
 
-def _varied(background: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """(rows, columns, 3) uint8: a background with other brightness.
-
-    parts: (3, 3) relative change of each channel, and its gradients to the right and down.
-    """
-    level, right, down = parts
-    rows, columns = background.shape[:2]
-    x = ((np.arange(columns) - columns / 2) / columns)[None, :, None]
-    y = ((np.arange(rows) - rows / 2) / rows)[:, None, None]
-    factor = (1.0 + level + right * x + down * y).astype(np.float32)
-    return (np.minimum(background * factor, 255.0) + np.float32(0.5)).astype(np.uint8)
-
-
-def _clipped(value: np.ndarray | float, bounds: tuple[float, float]) -> float:
-    return float(np.clip(value, *bounds))
-
-
-def sample_background(
-    rng: np.random.Generator,
-    ranges: UnitRanges,
-    light: SampledLight,
-    camera: Camera,
-    gel: Elastomer,
-    gamma: float,
-) -> tuple[np.ndarray, SampledLight]:
-    """(rows, columns, 3) uint8, and the light, dimmed in channels that would be overexposed."""
-    size = camera.rows, camera.columns
+def with_background(
+    rng: np.random.Generator, ranges: UnitRanges, optics: Optics, gel: Elastomer
+) -> Optics:
+    """The optics with a sampled background; channels that would be overexposed are dimmed."""
+    size, gamma = (optics.camera.rows, optics.camera.columns), optics.gamma
     rows, columns = nodes(size)
-    direct = np.maximum(light_at_rest(light, camera, gel, columns, rows), DARKEST)
+    direct = np.maximum(light_at_rest(optics, gel, columns, rows), DARKEST)
     mean = direct[INSIDE].mean(axis=(0, 1)) * (1.0 + rng.uniform(*ranges.scattered_part, 3))
     low, high = (np.array(ranges.brightness_grey) / 255.0) ** gamma
     exposure = np.minimum(high / mean, 1.0)
     direct = direct * exposure
     follow = rng.uniform(*ranges.follow_amount)
     mixed = follow * direct / direct[INSIDE].mean(axis=(0, 1))
-    mixed += (1.0 - follow) * _separate_pattern(rng, ranges, size)
+    # a separate pattern: constant gradients and a mean of about 1
+    (half_rows, half_columns), along = (
+        np.array(size) / 2,
+        rng.uniform(*ranges.gradient_part, (2, 3)),
+    )
+    x = (columns - half_columns)[None, :, None] / half_columns
+    y = (rows - half_rows)[:, None, None] / half_rows
+    mixed += (1.0 - follow) * (1.0 + along[0] * x + along[1] * y)
     mixed = np.clip(mixed, *PATTERN) * np.maximum(mean * exposure, low)
     # the background contains most of the light that a shadow removes; else it would be clipped
     mixed = np.maximum(mixed, np.minimum(direct, PATTERN[1] * mean * exposure))
-    grey = _limit_std(255.0 * mixed ** (1.0 / gamma), rng.uniform(*ranges.pattern_grey, 3))
-    grey *= _dark_side(rng, ranges, size)[..., None]
-    grey += blotches(rng, ranges, size)
-    exposed = replace(light, response=light.response * exposure[:, None, None])
-    return paint(rng, ranges, grey, size), exposed
-
-
-def _separate_pattern(rng: np.random.Generator, ranges: UnitRanges, size: Size) -> np.ndarray:
-    """(nodes, RGB) light with constant gradients and a mean of about 1."""
-    half_rows, half_columns = (count / 2 for count in size)
-    rows, columns = nodes(size)
-    x = (columns - half_columns)[None, :, None] / half_columns
-    y = (rows - half_rows)[:, None, None] / half_rows
-    along = rng.uniform(*ranges.gradient_part, (2, 3))
-    return 1.0 + along[0] * x + along[1] * y
-
-
-def _limit_std(grey: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """(nodes, RGB) grey levels, scaled about their mean; limit: (RGB) standard deviation."""
-    middle = grey[INSIDE].mean(axis=(0, 1))
-    return middle + (grey - middle) * np.minimum(limit / (grey[INSIDE].std(axis=(0, 1))), 1.0)
-
-
-def _dark_side(rng: np.random.Generator, ranges: UnitRanges, size: Size) -> np.ndarray:
-    """(nodes) factor that darkens one side of the image."""
+    grey = 255.0 * mixed ** (1.0 / gamma)
+    middle, limit = grey[INSIDE].mean(axis=(0, 1)), rng.uniform(*ranges.pattern_grey, 3)
+    grey = middle + (grey - middle) * np.minimum(limit / (grey[INSIDE].std(axis=(0, 1))), 1.0)
+    # a dark side of the image
     amount, end = rng.uniform(*ranges.edge_dark_amount), rng.uniform(*ranges.edge_px)
     soft, side = rng.uniform(*ranges.edge_soft_px), int(rng.integers(4))
-    rows, columns = nodes(size)
-    distance = (
-        rows[:, None],
-        size[0] - rows[:, None],
-        columns[None, :],
-        size[1] - columns[None, :],
-    )[side]
-    inside = 0.5 + 0.5 * np.tanh((distance - end) / soft)
-    return np.broadcast_to(1.0 - amount * (1.0 - inside), (rows.size, columns.size))
+    down, across = np.meshgrid(rows, columns, indexing="ij")
+    distance = (down, size[0] - down, across, size[1] - across)[side]
+    grey *= (1.0 - amount * (1.0 - (0.5 + 0.5 * np.tanh((distance - end) / soft))))[..., None]
+    grey += blotches(rng, ranges, size)
+    background = paint(rng, ranges, grey, size)
+    return replace(
+        optics, background=background, response=optics.response * exposure[:, None, None]
+    )
 
 
 def blotches(rng: np.random.Generator, ranges: UnitRanges, size: Size) -> np.ndarray:
@@ -555,11 +467,8 @@ def cubic_weights(count, step):
 
 @jit
 def _paint(nodes, step, specks, texture, out):
-    """Fill out (P, RGB) uint8.
-
-    nodes: (.., .., RGB) grey levels, step pixels apart, the first one step before the image.
-    specks: (n, 6) row, column, radius, RGB. texture: (rows, columns RGB) grey levels.
-    """
+    """Fill out (P, RGB) uint8. nodes: (.., .., RGB) grey levels, step px apart, the first one step
+    before the image. specks: (n, 6) row, column, radius, RGB. texture: (rows, columns RGB)."""
     rows, columns, channels = out.shape
     down, across = cubic_weights(rows, step), cubic_weights(columns, step)
     grey = np.empty((rows, columns * channels), dtype=np.float32)

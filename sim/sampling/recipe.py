@@ -1,6 +1,5 @@
 """A recipe: the distributions of shapes, positions, forces and light; a bundled or a TOML file."""
 
-from dataclasses import asdict, fields
 from math import log
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,7 +9,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType, to_builtins
 from t2twin.core import arguments
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
-from t2twin.core.records import check_names, convert, read_toml
+from t2twin.core.records import convert, read_toml
 from t2twin.primitives_cad.tilt import MAX_TILT_DEG
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.optical.artifacts import Artifacts
@@ -173,9 +172,11 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
             of_drawn = name in ("each", "draw", "fixed_share", "artifacts")
             if self.kind == "fixed" and of_drawn and getattr(self, name) != default:
                 raise T2TwinError(f'{name} of light needs kind = "drawn"')
-        for name, value in asdict(self.draw).items():
+        for name, default in zip(
+            self.draw.__struct_fields__, self.draw.__struct_defaults__, strict=True
+        ):
             is_unused = name.startswith("around_") == (self.optics is None)
-            if is_unused and value != getattr(UnitRanges, name):
+            if is_unused and getattr(self.draw, name) != default:
                 state = "has no" if self.optics is None else "has an"
                 raise T2TwinError(
                     f"{name} of light.draw has no effect, as light {state} optics file around "
@@ -293,12 +294,7 @@ def load_recipe(source: str | Path) -> Recipe:
             f"there is no recipe {str(source)!r}; allowed are {', '.join(bundled_recipes())} "
             "and .toml files"
         )
-    content = read_toml(path)
-    recipe = convert(content, Recipe, path)
-    # the decoder ignores unknown fields of a dataclass
-    draw, ranges = content.get("light", {}).get("draw", {}), [f.name for f in fields(UnitRanges)]
-    check_names(draw, ranges, f"{path}: light.draw", what="range")
-    return recipe
+    return convert(read_toml(path), Recipe, path)
 
 
 def checked(recipe: Recipe) -> Recipe:

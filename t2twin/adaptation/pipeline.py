@@ -34,14 +34,14 @@ from t2twin.sim.calibrate.calibrate import (
     OPTICS,
     RECORD,
     OpticsRecord,
+    Tolerance,
     calibrate,
     read_presses,
     sensor_and_camera,
     write_fit,
 )
-from t2twin.sim.calibrate.coverage import coverage_sentences
 from t2twin.sim.calibrate.fit import Presses
-from t2twin.sim.calibrate.measurements import Tolerance
+from t2twin.sim.calibrate.frames import coverage_sentences
 from t2twin.sim.dataset.generate import check_workers, make_dataset
 from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
@@ -317,7 +317,7 @@ def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> O
         config.background, config.presses, config.ball_diameter_mm, config.held_out, config.camera,
         report, config.tolerance, config.sensor,
     )  # fmt: skip
-    for sentence in coverage_sentences(optics.coverage):
+    for sentence in coverage_sentences(optics.covered, optics.next_mm):
         report(sentence)
     from t2twin.primitives_cad.solids import write_ball  # slow to import
 

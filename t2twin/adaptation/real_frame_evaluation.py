@@ -24,7 +24,7 @@ from t2twin.core.tables import Table
 from t2twin.core.templates import render
 from t2twin.primitives_cad.shape import ball
 from t2twin.report.page import write_page
-from t2twin.sim.calibrate.measurements import OpticsUncertainty, uncertainty_table
+from t2twin.sim.calibrate.calibrate import OpticsUncertainty, uncertainty_table
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair

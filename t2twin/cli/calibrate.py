@@ -1,17 +1,18 @@
 """t2twin calibrate, t2twin adapt"""
 
 import sys
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from msgspec import structs
 
 from t2twin.sim.sensors.defaults import SOURCE
 
 if TYPE_CHECKING:
-    from t2twin.sim.calibrate.calibrate import OpticsReport, Score
-    from t2twin.sim.calibrate.measurements import Tolerance
+    from t2twin.sim.calibrate.calibrate import OpticsReport, Tolerance
+    from t2twin.sim.calibrate.frames import Score
     from t2twin.sim.optical.camera import Camera
 
 
@@ -48,7 +49,7 @@ class FitOptions:
     @property
     def tolerance(self) -> "Tolerance":
         """The tolerances. Raises T2TwinError for a value that is negative or not finite."""
-        from t2twin.sim.calibrate.measurements import Tolerance
+        from t2twin.sim.calibrate.calibrate import Tolerance
 
         return Tolerance(
             self.ball_tolerance_mm, self.scale_tolerance_px_per_mm, self.depth_tolerance_mm,
@@ -63,7 +64,7 @@ class FitOptions:
         _, camera = sensor_and_camera(self.sensor, None)
         if self.scale_px_per_mm is None:
             return camera
-        return replace(camera, scale_px_per_mm=self.scale_px_per_mm)
+        return structs.replace(camera, scale_px_per_mm=self.scale_px_per_mm)
 
 
 def calibrate(
@@ -123,9 +124,8 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
 
     from t2twin.core.files import atomic_write
     from t2twin.core.tables import Table, text
-    from t2twin.sim.calibrate.calibrate import sensor_and_camera, write_fit
-    from t2twin.sim.calibrate.coverage import coverage_sentences
-    from t2twin.sim.calibrate.measurements import uncertainty_table
+    from t2twin.sim.calibrate.calibrate import sensor_and_camera, uncertainty_table, write_fit
+    from t2twin.sim.calibrate.frames import coverage_sentences
 
     simulated, noise, rng = report.simulated, report.optics.noise, np.random.default_rng(0)
     if noise is not None:
@@ -140,19 +140,19 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     if report.repeated:
         print(f"excluded duplicates: {', '.join(report.repeated)}")
     print(f"fitted to {trained[0]} to {trained[-1]}, {len(trained)} presses")
-    print(f"scored on {held_out[0]} to {held_out[-1]}, {len(held_out)} held-out presses;")
+    names = [press.name for press in held_out]
+    print(f"scored on {names[0]} to {names[-1]}, {len(names)} held-out presses;")
     print("the pose of each is fitted to its own frame; the written optics are fitted to all\n")
     heads = ("press", "x mm", "y mm", "deep mm", "L1", "SSIM", "PSNR dB")
-    poses = zip(held_out, report.poses, report.each, strict=True)
-    presses = [[name, *(f"{value:.2f}" for value in pose), *_cells(score)]
-               for name, pose, score in poses]  # fmt: skip
+    presses = [[press.name, f"{press.x_mm:.2f}", f"{press.y_mm:.2f}", f"{press.depth_mm:.2f}",
+                *_cells(press)] for press in held_out]  # fmt: skip
     means = [[field.name.replace("_", " "), "", "", "", *_cells(getattr(report.scores, field.name))]
              for field in fields(report.scores)]  # fmt: skip
     groups = {"": presses, "mean, contact crop of 100 x 100 px:": means}
     print(text(Table(heads, groups)), end="\n\n")
     if report.uncertainty is not None:
         print(text(uncertainty_table(report.uncertainty)), end="\n\n")
-    print(*coverage_sentences(report.coverage), sep="\n", end="\n\n")
+    print(*coverage_sentences(report.covered, report.next_mm), sep="\n", end="\n\n")
 
 
 def _cells(score: "Score") -> list[str]:
@@ -188,7 +188,7 @@ def adapt(
     from t2twin.adaptation.pipeline import adapt as run_adaptation
     from t2twin.adaptation.real_frame_evaluation import scores_table
     from t2twin.core.tables import text
-    from t2twin.sim.calibrate.measurements import uncertainty_table
+    from t2twin.sim.calibrate.calibrate import uncertainty_table
 
     result = run_adaptation(
         fit.background, presses, ball_diameter_mm, out, fit.held_out, minutes,
