@@ -113,8 +113,8 @@ class ReferenceRenderer:
         xy, highest_mm = _blocks(np.stack(grid, axis=-1)), float(self._rest_mm.max())
         # the rim outside the image would shade the rest
         inside = camera.is_seen(xy[:, 0], xy[:, 1], SEEN_MARGIN_MM, highest_mm)
-        seen = np.logical_and(*inside)
-        self._seen_faces = self._faces[seen[self._faces].all(axis=1), ::-1]
+        is_seen = np.logical_and(*inside)
+        self._seen_faces = self._faces[is_seen[self._faces].all(axis=1), ::-1]
         self._gel_material = pyrender.MetallicRoughnessMaterial(
             metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
         )
@@ -123,17 +123,10 @@ class ReferenceRenderer:
         pose = np.diag([1.0, -1.0, -1.0, 1.0])
         pose[2, 3] = -camera.distance_mm
         self._scene = pyrender.Scene(bg_color=(0, 0, 0, 1), ambient_light=ambient)
-        self._scene.add(
-            pyrender.IntrinsicsCamera(
-                camera.focal_px,
-                camera.focal_px,
-                camera.columns / 2 + camera.shift_x_px,
-                camera.rows / 2 + camera.shift_y_px,
-                znear=5.0,
-                zfar=100.0,
-            ),
-            pose=pose,
-        )
+        x_px, y_px = camera.columns / 2 + camera.shift_x_px, camera.rows / 2 + camera.shift_y_px
+        focal_px = camera.focal_px
+        own = pyrender.IntrinsicsCamera(focal_px, focal_px, x_px, y_px, znear=5.0, zfar=100.0)
+        self._scene.add(own, pose=pose)
         self._leds = [
             self._scene.add(
                 pyrender.SpotLight(
