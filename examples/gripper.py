@@ -36,7 +36,7 @@ from t2twin.core.draw import colored_tactile_image
 from t2twin.core.errors import T2TwinError
 from t2twin.rerun_log import RerunLog
 from t2twin.sim.taxels.taxel_array import CountsReading
-from t2twin.translate.uncertainty.estimate import Estimate
+from t2twin.translate.inference.estimate import Estimate
 
 GRIP_N, LIFT_M = 8.0, 0.06
 """Force of each finger while it holds, N, and height of the lift, m."""

@@ -229,7 +229,7 @@ def write_untrained(folder):
     data = DataInfo("0" * 64, sensor_info(gel_camera()), sensor_info(taxel_array()))
     config = RunConfig(model, PRESETS[model]["smoke"], 0, data, None, None, 1, False, 1)
     config.save(folder)
-    save_weights(folder / BEST, build(config).predictor)
+    save_weights(folder / BEST, build(config).predictor.state_dict())
 
 
 @pytest.fixture(scope="session")

@@ -31,9 +31,9 @@ from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.sim.taxels.phi import Phi
+from t2twin.translate.inference.estimate import Estimate
 from t2twin.translate.runs.config import HOME
 from t2twin.translate.training.train import train
-from t2twin.translate.uncertainty.estimate import Estimate
 from t2twin.translate.uncertainty.ood import OODClass
 
 FULL_SCALE = 40_000.0

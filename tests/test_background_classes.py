@@ -12,7 +12,6 @@ from t2twin.translate.uncertainty.ood import (
     INVERSE_TRANSFORMS,
     OODClass,
     classify_frame,
-    combined,
     compare_with_background,
 )
 
@@ -73,9 +72,10 @@ def test_frames_at_their_own_size():
     assert classify_frame(even[:240], ASPECT) == OODClass.OTHER_ASPECT
     assert classify_frame(even, ASPECT, even[:240]) == OODClass.OTHER_ASPECT
     assert classify_frame(even[:1, :1], ASPECT) == OODClass.OTHER_ASPECT
-    assert combined(OODClass.OTHER_ASPECT, OODClass.ROTATED_LEFT) == OODClass.ROTATED_LEFT
-    assert combined(OODClass.OTHER_ASPECT, OODClass.OTHER) == OODClass.OTHER_ASPECT
-    assert combined(OODClass.IN_DISTRIBUTION, OODClass.OTHER) == OODClass.OTHER
+    turned = OODClass.ROTATED_LEFT
+    assert classify_frame(even[:240], ASPECT, None, turned) == turned
+    assert classify_frame(even[:240], ASPECT, None, OODClass.OTHER) == OODClass.OTHER_ASPECT
+    assert classify_frame(even, ASPECT, None, OODClass.OTHER) == OODClass.OTHER
 
 
 def test_real_frames_agree_with_their_background(real_digit):

@@ -23,7 +23,7 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.evaluation.table import results_tables
-from t2twin.translate.inference.contact import (
+from t2twin.translate.inference.estimate import (
     EDGE_NOTE,
     EMPTY_NOTE,
     PNG_MM,

@@ -11,8 +11,7 @@ from safetensors.torch import load_file
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
-from t2twin.translate.runs.config import RunConfig, load_config
-from t2twin.translate.runs.log import EpochRecord, read_log
+from t2twin.translate.runs.config import EpochRecord, RunConfig, load_config, read_log
 from t2twin.translate.training.train import Trainer, for_steps, steps_of_epoch, train
 
 pytestmark = pytest.mark.usefixtures("one_thread")

@@ -34,7 +34,7 @@ from t2twin.translate.evaluation.table import DIFFERENCE, PAPER, figures_tables
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import with_background
 from t2twin.translate.models.touch2touch import Touch2Touch
-from t2twin.translate.runs.log import best_epoch, read_log
+from t2twin.translate.runs.config import best_epoch, read_log
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"

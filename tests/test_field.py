@@ -25,6 +25,7 @@ from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate, read_predictions
 from t2twin.translate.evaluation.metrics import uncertainty_metrics
 from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.inference.estimate import Estimate
 from t2twin.translate.inference.files import translate_files
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.predictor import TrainedTranslator
@@ -40,7 +41,6 @@ from t2twin.translate.uncertainty.calibration import (
     interpolate_scale,
     standard_deviation,
 )
-from t2twin.translate.uncertainty.estimate import Estimate
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"

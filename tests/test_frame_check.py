@@ -93,7 +93,7 @@ def test_a_run_gets_a_check_that_its_predictions_use(
     assert check is not None and torch.isfinite(check.limits).all()
 
     check.limits.fill_(-torch.inf)  # all frames are wrong
-    save_weights(run_dir / FRAME_CHECK, check)
+    save_weights(run_dir / FRAME_CHECK, check.state_dict())
     run = load_run(run_dir).need_uncertainty("the test")
     even = np.full((320, 240, 3), 90, np.uint8)
     assert run.classify_frames(even) != [OODClass.IN_DISTRIBUTION]

@@ -20,7 +20,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.live.follow import published, recorded
 from t2twin.live.sources import Frame
 from t2twin.rerun_log import RerunLog
-from t2twin.translate.inference.contact import ContactEstimate
+from t2twin.translate.inference.estimate import ContactEstimate
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LINE = {"frame": 0, "counts": [1, 2, 3], "force_n": 2.5}

@@ -17,7 +17,7 @@ from t2twin.sim.taxels import reading
 from t2twin.sim.taxels.reading import read_after
 from t2twin.sim.taxels.spec import Imperfections
 from t2twin.translate.evaluation.evaluate import as_readings
-from t2twin.translate.uncertainty.estimate import Estimate
+from t2twin.translate.inference.estimate import Estimate
 
 ARRAY = taxel_array()
 LAYOUT, COUNTS, RECORDED = ARRAY.layout, ARRAY.spec.counts, ARRAY.spec.imperfections["recorded"]

@@ -17,8 +17,16 @@ from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.presets import PRESETS
-from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config
-from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log, write_log
+from t2twin.translate.runs.config import (
+    CONFIG,
+    LOG,
+    EpochRecord,
+    RunConfig,
+    best_epoch,
+    load_config,
+    read_log,
+    write_log,
+)
 
 SHARD = "train/square-1.parquet"
 GONE = object()

@@ -17,8 +17,7 @@ from t2twin.translate.inference.onnx_export import export_onnx
 from t2twin.translate.models.presets import PRESETS, Preset
 from t2twin.translate.models.touch2touch import ImageTranslator, Pix2Pix
 from t2twin.translate.runs.checkpoint import build
-from t2twin.translate.runs.config import DEFAULT_RUN, RunConfig
-from t2twin.translate.runs.log import read_log
+from t2twin.translate.runs.config import DEFAULT_RUN, RunConfig, read_log
 from t2twin.translate.training.train import train
 
 SMOKE = PRESETS["touch2touch"]["smoke"]

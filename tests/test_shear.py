@@ -13,6 +13,7 @@ from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics import shear_metrics
 from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.inference.estimate import Estimate
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.onnx_export import export_onnx
 from t2twin.translate.models.field import FieldTranslator
@@ -27,7 +28,6 @@ from t2twin.translate.uncertainty.calibration import (
     fit_calibration,
     interpolate_scale,
 )
-from t2twin.translate.uncertainty.estimate import Estimate
 
 SMOKE = PRESETS["field"]["smoke"]
 
@@ -47,7 +47,7 @@ def still_run(moving_dataset: Path, tmp_path_factory: pytest.TempPathFactory) ->
     structs.replace(config, data=structs.replace(config.data, recipe="still")).save(folder)
     translator = build(config)
     translator.prepare(load_pairs(moving_dataset, "train", SMOKE.size, False, folder / "c", True))
-    save_weights(folder / BEST, translator.predictor)
+    save_weights(folder / BEST, translator.predictor.state_dict())
     return folder
 
 

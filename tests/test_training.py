@@ -79,7 +79,7 @@ def test_stopped_and_resumed_is_as_undisturbed(
         train(model, data_dir, preset, tmp_path / "killed", epochs=3)
     assert len(records(tmp_path / "killed")) == 1
     state = tmp_path / "killed" / "last.safetensors"
-    _, part = load_state(state, build(load_config(tmp_path / "killed")))
+    part = load_state(state, build(load_config(tmp_path / "killed"))).part
     assert part.steps > 0
     outcome = train(model, data_dir, preset, tmp_path / "killed", epochs=3)
 

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from t2twin.sim.optical.gel_camera import GelCamera
-    from t2twin.translate.inference.contact import ContactEstimate
+    from t2twin.translate.inference.estimate import ContactEstimate
 
 BENCHMARK = Benchmark(
     module="benchmarks.networks.contact_frames",

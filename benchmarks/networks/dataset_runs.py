@@ -116,7 +116,7 @@ def _trained(row: ModelRow) -> dict[str, Any]:
 def _rankings(evaluation: Evaluation, predictions: Predictions) -> dict[str, dict[str, Any]]:
     """Coverage and sparsification gains of each run that predicts its uncertainty."""
     from t2twin.translate.evaluation.metrics import REPORTED_LEVEL
-    from t2twin.translate.uncertainty.estimate import half_width
+    from t2twin.translate.inference.estimate import half_width
 
     rankings: dict[str, dict[str, Any]] = {}
     for name, row in evaluation.runs.items():

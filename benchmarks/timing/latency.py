@@ -136,7 +136,7 @@ def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> None:
     info = DataInfo("0" * 64, sensor_info(pair.source), sensor_info(pair.target))
     config = RunConfig(model, preset, 0, info, None, None, 1, False, 1)
     config.save(run_dir)
-    save_weights(run_dir / BEST, build(config).predictor)
+    save_weights(run_dir / BEST, build(config).predictor.state_dict())
 
 
 if __name__ == "__main__":

@@ -119,7 +119,7 @@ def _paper_hours(model: Model, info: DataInfo) -> float:
 
 def _ours(model: Model, data_dir: Path, run_dir: Path, epochs: int) -> float:
     """Seconds of the epochs by the run's own log."""
-    from t2twin.translate.runs.log import read_log
+    from t2twin.translate.runs.config import read_log
     from t2twin.translate.training.train import train
 
     train(model, data_dir, PRESET, run_dir, epochs=epochs)

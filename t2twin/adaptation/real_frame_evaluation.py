@@ -29,7 +29,7 @@ from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors.pair import SensorPair
 from t2twin.translate.evaluation.metrics import REPORTED_LEVEL
-from t2twin.translate.inference.contact import ContactEstimate
+from t2twin.translate.inference.estimate import ContactEstimate
 from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.models.field import CONTACT_KPA
 from t2twin.translate.runs.card import CARD, LIMITS

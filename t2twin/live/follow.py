@@ -14,7 +14,7 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.live.sources import Frame, LatestFrame, Report, Source
 from t2twin.rerun_log import RerunLog
-from t2twin.translate.inference.contact import ContactEstimate
+from t2twin.translate.inference.estimate import ContactEstimate
 from t2twin.translate.inference.files import ood_entry
 from t2twin.translate.inference.predictor import NO_BACKGROUND, TrainedTranslator
 from t2twin.translate.uncertainty.ood import unlike

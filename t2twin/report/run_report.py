@@ -44,8 +44,14 @@ from t2twin.translate.evaluation.records import Evaluation, read_evaluation
 from t2twin.translate.evaluation.table import counts_form, results_tables, training_data
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import TrainedTranslator
-from t2twin.translate.runs.config import BEST, load_config, resolve_run
-from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
+from t2twin.translate.runs.config import (
+    BEST,
+    EpochRecord,
+    best_epoch,
+    load_config,
+    read_log,
+    resolve_run,
+)
 from t2twin.translate.training.train import stop_reason
 
 SIBLING_FOLDER = "evaluate"  # next to the report's: `make evaluate` writes val and test into it

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from t2twin.sim.dataset.info import ArrayInfo
     from t2twin.sim.taxels.layout import Layout
     from t2twin.sim.touch import Touch
-    from t2twin.translate.inference.contact import ContactEstimate
+    from t2twin.translate.inference.estimate import ContactEstimate
     from t2twin.translate.inference.predictor import TrainedTranslator
 
 RUNS = Path("runs")
@@ -133,7 +133,7 @@ class Translators:
         self, name: str, image: np.ndarray, background: np.ndarray | None, touch: "Touch | None"
     ) -> Translation:
         """The prediction of one run."""
-        from t2twin.translate.uncertainty.estimate import half_width
+        from t2twin.translate.inference.estimate import half_width
         from t2twin.translate.uncertainty.ood import OODClass
 
         run, interval, force = self.load(name), None, None

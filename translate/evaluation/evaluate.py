@@ -43,13 +43,12 @@ from t2twin.translate.data.pairs import (
 from t2twin.translate.evaluation import baselines, metrics
 from t2twin.translate.evaluation.records import FORMAT, METRICS, Evaluation, Figures, ModelRow
 from t2twin.translate.evaluation.table import results_tables
+from t2twin.translate.inference.estimate import Estimate, half_width
 from t2twin.translate.inference.load import load
 from t2twin.translate.inference.predictor import TrainedTranslator, parts_of
 from t2twin.translate.models.field import CONTACT_KPA, EVEN, center_of_pressure
 from t2twin.translate.models.field_net import side_of_maps
-from t2twin.translate.runs.config import BEST
-from t2twin.translate.runs.log import read_log
-from t2twin.translate.uncertainty.estimate import Estimate, half_width
+from t2twin.translate.runs.config import BEST, read_log
 
 SPLITS = ("val", "test")
 

@@ -22,7 +22,7 @@ from t2twin.sim.taxels.phi import Phi
 from t2twin.translate.data.images import COLORS, WHITE_GREY
 from t2twin.translate.data.pairs import Pairs
 from t2twin.translate.evaluation.records import Figures, ForceFigures, Interval, Uncertainty
-from t2twin.translate.uncertainty.estimate import Estimate, half_width
+from t2twin.translate.inference.estimate import Estimate, half_width
 
 CONTACT_LEVEL = 0.1  # fraction of its image's maximum above which a pixel is in contact (assumed)
 # Difference from the background frame above which a pixel is in contact, grey levels of the channel

@@ -28,11 +28,10 @@ from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, ArrayInfo
 from t2twin.sim.tables import read_csv
 from t2twin.translate.data.images import open_image
-from t2twin.translate.inference.contact import ContactEstimate
+from t2twin.translate.inference.estimate import ContactEstimate, Estimate, concatenate
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.predictor import BATCH_SIZE, TrainedTranslator
 from t2twin.translate.runs.config import DEFAULT_RUN
-from t2twin.translate.uncertainty.estimate import Estimate, concatenate
 from t2twin.translate.uncertainty.ood import OODClass
 
 COUNTS_CSV, COUNTS_JSON, COUNTS_STD_CSV = "counts.csv", "counts.json", "counts_std.csv"

@@ -1,31 +1,17 @@
-"""Exports a trained run as an ONNX file, and predicts with ONNX Runtime.
+"""Exports a trained run as an ONNX file, and predicts with ONNX Runtime in half the time.
 
 The graph contains the normalization, the network with folded batch norms, phi^-1 for touch2touch,
-and the clipping to full scale.
+and the clipping to full scale. Its inputs are images, (B, c, S, S) float32 in [0, 1], and for a
+field run optionally a background frame, (1, 3, S, S). docs/reference/file-formats.md has the
+outputs.
 
-    input    images          (B, c, S, S) float32 in [0, 1]: grey (c = 1), or red, green, blue
-    outputs  counts          (B, N) float32, within zero and full scale
-             tactile_images  (B, R, C) float32, counts, R x C = 396 x 240
-
-A field run also has the input background, (1, 3, S, S), a background frame of the same sensor, by
-default the mean frame of the run's dataset. Its outputs are all that FieldTranslator.read returns.
-
-In place of PyTorch, ONNX Runtime takes half the time per frame. For predictions the file is written
-on first use, which takes seconds, and stored in the cache folder. Predictions that a call does not
-need are removed before the file is opened.
-
-B is free. The metadata of the file contain the model, its preset, and the layout with its positions
-and full scale.
-
-Shape letters: c channels, S image side of the run, N taxels, R rows, C columns.
+Shape letters: B images, c channels, S image side of the run.
 """
 
 import hashlib
 import json
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +31,7 @@ from t2twin.translate.runs.config import BEST
 
 INPUT, BACKGROUND = "images", "background"
 
-# Version of the ONNX operators, not the latest, so that older runtimes can read the file
-OPSET = 17
+OPSET = 17  # Version of the ONNX operators, not the latest, so that older runtimes can read it
 PARITY_IMAGES = 5  # Random images on which the file is compared with the run
 # Largest accepted difference, counts; for standard deviations above 1,000 counts, thousandths of
 # them; for depths, micrometers
@@ -103,15 +88,10 @@ def _write(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> None:
         # The outputs are compared afterwards.
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            module,
-            given,
-            str(path),
-            input_names=[INPUT, BACKGROUND][: len(given)],
-            output_names=module.names,
+            module, given, str(path), input_names=[INPUT, BACKGROUND][: len(given)],
+            output_names=module.names, opset_version=OPSET, dynamo=False,
             dynamic_axes={name: {0: "batch"} for name in (INPUT, *module.names)},
-            opset_version=OPSET,
-            dynamo=False,
-        )
+        )  # fmt: skip
     model = onnx.load(path)
     for each in frame:  # an input that is also an initializer has it as its default
         model.graph.initializer.append(onnx.numpy_helper.from_array(each.numpy(), BACKGROUND))
@@ -143,20 +123,17 @@ def _write(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> None:
 
 def _difference(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> float:
     """Largest difference between the outputs of the file and of the run, see PARITY_COUNTS."""
-    session, images = open_onnx(path), _to_input(pixels)
-    names = [each.name for each in session.get_outputs()]
-    theirs = dict(zip(names, session.run(names, {INPUT: images}), strict=True))
+    theirs = _run(open_onnx(path), {INPUT: _to_input(pixels)})
     inputs = run.translator.to_input(pixels / np.float32(255.0))
     tensors = run.translator.predict_all(inputs, run.predicts_contact)
-    ours = {name: each.cpu().numpy() for name, each in tensors.items()}
-    differences = [np.abs(theirs[COUNTS] - ours[COUNTS])]
-    if run.has_uncertainty:
-        # Standard deviations are exponentials: rounding errors are relative.
-        relative = np.maximum(1.0, ours["counts_std"] / 1e3)
-        differences.append(np.abs(theirs["counts_std"] - ours["counts_std"]) / relative)
-    if run.predicts_contact:
-        differences.append(1e3 * np.abs(theirs["depth_mm"] - ours["depth_mm"]))
-    return max(float(each.max()) for each in differences)
+    scales = {COUNTS: 1.0, "depth_mm": 1e3}
+    if run.has_uncertainty:  # standard deviations are exponentials: rounding errors are relative
+        scales["counts_std"] = 1.0 / np.maximum(1.0, tensors["counts_std"].cpu().numpy() / 1e3)
+    return max(
+        float((scale * np.abs(theirs[name] - tensors[name].cpu().numpy())).max())
+        for name, scale in scales.items()
+        if name in tensors
+    )
 
 
 def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
@@ -169,38 +146,36 @@ def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
     return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
-@dataclass(frozen=True)
+def _run(session: Any, inputs: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    names = [output.name for output in session.get_outputs()]
+    return dict(zip(names, session.run(names, inputs), strict=True))
+
+
 class OnnxEngine:
     """Predictions of a run in ONNX Runtime; an engine of a TrainedTranslator.
 
-    The session starts on the first call, with as many threads as torch has at that time. Calls from
-    several threads are safe.
+    The file is written on first use, which takes seconds, and stored in the cache folder. A session
+    starts on its first call, with as many threads as torch has at that time. Calls from several
+    threads are safe.
     """
 
-    run: TrainedTranslator
+    def __init__(self, run: TrainedTranslator) -> None:
+        self.run, self._session = run, cache(self._open)
 
     def __call__(self, pixels: np.ndarray, with_contact: bool) -> dict[str, np.ndarray] | None:
         """See predictor.Compute. None for images with different background frames, as the file has
         one background frame per batch."""
-        session = self._session(with_contact)
-        if session is None:
-            return None
         channels = 1 if self.run.config.preset.grey else 3
-        inputs = {INPUT: _to_input(pixels[..., :channels])}
-        frames = pixels[..., channels:]
+        inputs, frames = {INPUT: _to_input(pixels[..., :channels])}, pixels[..., channels:]
         if frames.shape[-1]:
-            if not (frames == frames[:1]).all():
-                return None
             inputs[BACKGROUND] = _to_input(frames[:1])
-        names = [output.name for output in session.get_outputs()]
-        return dict(zip(names, session.run(names, inputs), strict=True))
-
-    @cached_property
-    def _session(self) -> Callable[[bool], Any]:
-        """Returns the session with the contact or without; None if the file cannot be written."""
-        return cache(self._open)
+        session = self._session(with_contact)
+        if session is None or not (frames == frames[:1]).all():
+            return None
+        return _run(session, inputs)
 
     def _open(self, with_contact: bool) -> Any:
+        """A session with the contact or without; None if the file cannot be written."""
         import onnx.utils
 
         home = cache_dir()
@@ -232,14 +207,12 @@ def _to_input(pixels: np.ndarray) -> np.ndarray:
 
 def _key(run: TrainedTranslator) -> str:
     """Hash of everything that the file depends on: weights, layout, preset and source code."""
-    array, preset = run.config.data.array, run.config.preset
-    taxels = array.taxels
-    known = hashlib.sha256(sha256_of(run.run_dir / BEST).encode())
-    for values in (taxels.x_mm, taxels.y_mm, taxels.pad_diameter_mm):
-        known.update(np.asarray(values, float).tobytes())
-    known.update(repr((run.config.model, preset, array.full_scale_counts)).encode())
+    taxels, full_scale = run.config.data.array.taxels, run.config.data.array.full_scale
+    values = [each.tolist() for each in (taxels.x_mm, taxels.y_mm, taxels.pad_diameter_mm)]
+    settings = run.config.model, run.config.preset, full_scale, values
+    known = hashlib.sha256(f"{sha256_of(run.run_dir / BEST)}{settings}".encode())
     translate = Path(__file__).parents[1]
-    folders = (translate / name for name in ("inference", "models", "uncertainty"))
-    for source in sorted(path for folder in folders for path in folder.glob("*.py")):
-        known.update(source.read_bytes())
+    for folder in ("inference", "models", "uncertainty"):
+        for source in sorted((translate / folder).glob("*.py")):
+            known.update(source.read_bytes())
     return known.hexdigest()[:32]

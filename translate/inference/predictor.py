@@ -38,19 +38,17 @@ from t2twin.translate.data.images import (
     resized,
 )
 from t2twin.translate.data.pairs import ImageFile, Pictures, TactilePictures
-from t2twin.translate.inference.contact import contacts_of
+from t2twin.translate.inference.estimate import VALUES, Estimate, contacts_of, half_width
 from t2twin.translate.models.base import TACTILE_IMAGES, Translator
 from t2twin.translate.models.field import FEATURES, FieldTranslator
 from t2twin.translate.models.frame_check import FrameCheck
 from t2twin.translate.models.touch2touch import GENERATED
 from t2twin.translate.runs.checkpoint import load_frame_check
 from t2twin.translate.runs.config import RunConfig
-from t2twin.translate.uncertainty.estimate import VALUES, Estimate, half_width
 from t2twin.translate.uncertainty.ood import (
     MAX_BACKGROUNDS,
     OODClass,
     classify_frame,
-    combined,
     compare_with_background,
     unlike,
 )
@@ -325,8 +323,8 @@ class TrainedTranslator:
     ) -> list[OODClass]:
         """(B,) classes of checked images at their own sizes. classes: those of their pixels."""
         aspect = self.config.data.camera.aspect
-        own = (classify_frame(frame, aspect, background) for frame in frames)
-        return list(map(combined, own, classes))
+        both = zip(frames, classes, strict=True)
+        return [classify_frame(frame, aspect, background, kind) for frame, kind in both]
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
         """(B,) classes of images, as for `predict_pixels`, by out-of-distribution detection.

@@ -9,8 +9,7 @@ from t2twin.core.templates import render
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_info
-from t2twin.translate.runs.config import BEST, load_config
-from t2twin.translate.runs.log import best_epoch, read_log
+from t2twin.translate.runs.config import BEST, best_epoch, load_config, read_log
 
 CARD = "README.md"
 

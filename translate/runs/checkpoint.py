@@ -7,6 +7,7 @@ epoch, step).
 
 import json
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,7 @@ from t2twin.translate.models.frame_check import FrameCheck
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import ImageTranslator, Touch2Touch
 from t2twin.translate.runs.card import CARD
-from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG, RunConfig, load_config
-from t2twin.translate.runs.log import EpochPart, EpochRecord
+from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, LOG, RunConfig, TrainingState
 
 # Translators by value of the target and by model; all take preset, dataset, device and bf16
 TRANSLATORS: dict[str, dict[str, Any]] = {
@@ -65,13 +65,22 @@ def has_bf16() -> bool:
     return any(found.get(name) for name in BF16_INSTRUCTIONS)
 
 
-HISTORY, PART = "history", "part"  # Keys of a state's metadata
+PROGRESS = "progress"  # Key of a state's metadata
 MEAN = "mean"  # Name of the weight average in the state
 
 
-def save_weights(path: Path, network: nn.Module) -> None:
-    """Writes the weights of one network."""
-    _save(path, network.state_dict())
+def save_weights(
+    path: Path, tensors: Mapping[str, torch.Tensor], metadata: dict[str, str] | None = None
+) -> None:
+    """Writes tensors by name, such as the state of a network."""
+    # safetensors needs contiguous tensors; channels-last weights are not.
+    in_order = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    with atomic_write(path) as temporary:
+        try:
+            save_file(in_order, temporary, metadata)
+        except SafetensorError as error:  # its text names the cause, such as a full disk
+            raise T2TwinError(f"{path} cannot be written ({error})") from error
+        temporary.chmod(0o644)  # safetensors restricts it to the owner
 
 
 def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ()) -> None:
@@ -109,13 +118,8 @@ def load_frame_check(run_dir: Path) -> FrameCheck | None:
     return check
 
 
-def save_state(
-    path: Path, translator: Translator, history: list[EpochRecord], part: EpochPart
-) -> None:
-    """Writes the state of a training.
-
-    history: one record per complete epoch. part: what has been done of the next epoch.
-    """
+def save_state(path: Path, translator: Translator, progress: TrainingState) -> None:
+    """Writes the state of a training."""
     tensors = {
         f"network/{name}/{key}": tensor
         for name, network in _networks(translator).items()
@@ -125,25 +129,37 @@ def save_state(
         for number, state in optimizer.state_dict()["state"].items():
             for key, tensor in state.items():
                 tensors[f"optimizer/{name}/{number}/{key}"] = tensor
-    metadata = {HISTORY: history, PART: part}
-    _save(path, tensors, {n: msgspec.json.encode(each).decode() for n, each in metadata.items()})
+    save_weights(path, tensors, {PROGRESS: msgspec.json.encode(progress).decode()})
 
 
-def load_state(path: Path, translator: Translator) -> tuple[list[EpochRecord], EpochPart]:
-    """Restores a saved state. Returns its history and the part of the next epoch that is done.
+def load_state(path: Path, translator: Translator) -> TrainingState:
+    """Restores a saved state.
 
     Raises T2TwinError for a damaged file, a state of other networks and non-finite numbers.
     """
-    history, part = load_history(path), decode_json(_metadata(path)[PART], EpochPart, path)
+    progress = load_progress(path)
     try:
         state = load_file(path)
         _check_finite(path, state)
-        _restore(state, translator)
+        for name, network in _networks(translator).items():
+            network.load_state_dict(_part(state, f"network/{name}/"))
+        for name, optimizer in translator.optimizers.items():
+            states: dict[int, dict[str, torch.Tensor]] = {}
+            for key, tensor in _part(state, f"optimizer/{name}/").items():
+                number, field = key.split("/")
+                states.setdefault(int(number), {})[field] = tensor
+            groups = optimizer.state_dict()["param_groups"]
+            optimizer.load_state_dict({"state": states, "param_groups": groups})
+            for parameter, values in optimizer.state.items():
+                for field, tensor in values.items():
+                    if tensor.shape == parameter.shape:
+                        # The fused Adam needs equal memory layouts of both.
+                        values[field] = torch.empty_like(parameter).copy_(tensor)
     except (SafetensorError, RuntimeError, KeyError):
         raise T2TwinError(
             f"{path} is not a saved state of these networks; remove its folder to train again"
         ) from None
-    return history, part
+    return progress
 
 
 def _check_finite(path: Path, tensors: dict[str, torch.Tensor]) -> None:
@@ -153,23 +169,6 @@ def _check_finite(path: Path, tensors: dict[str, torch.Tensor]) -> None:
                 f"{path} has non-finite numbers in {name}: the training diverged or the file is "
                 "damaged; train again"
             )
-
-
-def _restore(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
-    for name, network in _networks(translator).items():
-        network.load_state_dict(_part(tensors, f"network/{name}/"))
-    for name, optimizer in translator.optimizers.items():
-        states: dict[int, dict[str, torch.Tensor]] = {}
-        for key, tensor in _part(tensors, f"optimizer/{name}/").items():
-            number, field = key.split("/")
-            states.setdefault(int(number), {})[field] = tensor
-        groups = optimizer.state_dict()["param_groups"]
-        optimizer.load_state_dict({"state": states, "param_groups": groups})
-        for parameter, state in optimizer.state.items():
-            for field, tensor in state.items():
-                if tensor.shape == parameter.shape:
-                    # The fused Adam needs equal memory layouts of both.
-                    state[field] = torch.empty_like(parameter).copy_(tensor)
 
 
 def _part(tensors: dict[str, torch.Tensor], start: str) -> dict[str, torch.Tensor]:
@@ -183,35 +182,15 @@ def _networks(translator: Translator) -> dict[str, nn.Module]:
     return translator.networks | ({} if average is None else {MEAN: average})
 
 
-def load_history(path: Path) -> list[EpochRecord]:
-    """The history of a saved state. Raises T2TwinError for a damaged file."""
-    return decode_json(_metadata(path)[HISTORY], list[EpochRecord], path)
-
-
-def _metadata(path: Path) -> dict[str, str]:
+def load_progress(path: Path) -> TrainingState:
+    """The progress of a saved state. Raises T2TwinError for a damaged file."""
     try:
         with safe_open(path, "pt") as file:
-            metadata = file.metadata() or {}
-    except SafetensorError:
-        metadata = {}
-    if not {HISTORY, PART} <= metadata.keys():
+            return decode_json((file.metadata() or {})[PROGRESS], TrainingState, path)
+    except (SafetensorError, KeyError):
         raise T2TwinError(
             f"{path} is not a saved state of a training; remove its folder to train again"
-        )
-    return metadata
-
-
-def _save(
-    path: Path, tensors: dict[str, torch.Tensor], metadata: dict[str, str] | None = None
-) -> None:
-    # safetensors needs contiguous tensors; channels-last weights are not.
-    in_order = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    with atomic_write(path) as temporary:
-        try:
-            save_file(in_order, temporary, metadata)
-        except SafetensorError as error:  # its text names the cause, such as a full disk
-            raise T2TwinError(f"{path} cannot be written ({error})") from error
-        temporary.chmod(0o644)  # safetensors restricts it to the owner
+        ) from None
 
 
 AVERAGE = "average.json"  # Contains the share of the later run, for the card
@@ -231,7 +210,6 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
         raise T2TwinError(f"{out} exists; give a new folder")
     weights = []
     for run in (earlier, later):
-        load_config(run)
         for name, unfinished in ((BEST, "an epoch"), (CARD, "its training")):
             if not (run / name).is_file():
                 raise T2TwinError(

@@ -1,9 +1,9 @@
-"""The configuration of a run, config.json, from which its networks are built, and pretrained runs.
+"""A run: its configuration, from which its networks are built, its log, and pretrained runs.
 
 RUN/config.json        model, preset, seed, dataset and layout, epochs, versions
 RUN/log.jsonl          one line per epoch
 RUN/tensorboard/       the same for TensorBoard
-RUN/last.safetensors   state after the last epoch, from which a training resumes
+RUN/last.safetensors   state after the last epoch, with the log, from which a training resumes
 RUN/best.safetensors   weights of the epoch with the lowest validation RMSE
 RUN/README.md          the model card, after the end of the training
 
@@ -11,6 +11,7 @@ Pretrained runs are part of the package; their names are accepted wherever a run
 `python -m maintenance.publish_pretrained` writes them.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -20,9 +21,9 @@ from msgspec import Meta, Struct
 from t2twin.core import arguments
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import write_json
+from t2twin.core.files import atomic_write, read_file, write_json
 from t2twin.core.machine import installed_version
-from t2twin.core.records import read_json
+from t2twin.core.records import decode_json, read_json
 from t2twin.sim.dataset.info import IMAGE, Sha256, plain
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.presets import (
@@ -47,35 +48,44 @@ BEST = "best.safetensors"
 FRAME_CHECK = "frames.safetensors"
 
 Steps = Annotated[int, Meta(ge=1, le=MAX_STEPS)]
+NotNegative = Annotated[float, Meta(ge=0)]
 
 
 class RunConfig(Struct, frozen=True):
     """Configuration of a run, and the content of its config.json.
 
-    epochs, minutes, steps: limits given by the user, or None. planned_epochs: the resulting number;
-    with a limit in minutes it depends on the machine and is set once. bf16: whether the networks
-    train in bfloat16. processes: number of processes that share a batch. ood_detector: statistics
-    of the training images, and epoch_steps: steps per epoch; both are set when training starts.
-    init_from: SHA-256 of the initial weights, None for random ones. contact_data: SHA-256 of the
-    info.json that the contact's layers alone were trained on; None if all layers were trained
-    together. data, ood_detector and the other weights are then those of the initial run.
+    Raises ValueError for fields that do not fit together. If the contact's layers alone were
+    trained, data, ood_detector and the other weights are those of the initial run.
     """
 
     model: str
     preset: Preset
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)]
     data: DataInfo
+    # epochs, minutes, and steps below: limits given by the user, or None
     epochs: Annotated[int, Meta(ge=1)] | None
     minutes: Annotated[float, Meta(gt=0)] | None
+    # the resulting epochs; with a limit in minutes they depend on the machine and are set once
     planned_epochs: Annotated[int, Meta(ge=1, le=MAX_EPOCHS)]
-    bf16: bool
-    processes: Annotated[int, Meta(ge=1, le=MAX_BATCH)]
-    ood_detector: OODDetector | None = None
+    bf16: bool  # whether the networks train in bfloat16
+    processes: Annotated[int, Meta(ge=1, le=MAX_BATCH)]  # that share a batch
+    ood_detector: OODDetector | None = None  # set when training starts, as epoch_steps
     steps: Steps | None = None
-    epoch_steps: Steps | None = None
+    epoch_steps: Steps | None = None  # steps per epoch
+    # SHA-256 of the initial weights, None for random ones
     init_from: Sha256 | None = msgspec.field(name="init_from_sha256", default=None)
+    # SHA-256 of the info.json that the contact's layers alone were trained on; None for all layers
     contact_data: Sha256 | None = msgspec.field(name="contact_info_sha256", default=None)
     format: int = FORMAT
+
+    def __post_init__(self) -> None:
+        if self.contact_data is not None and not self.data.has_contact:
+            raise ValueError("contact_info_sha256 must be of a run with has_contact")
+        if self.model not in MODELS:
+            raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
+        check_direction(self.direction, find_model(self.model))
+        if self.ood_detector is not None:
+            self.ood_detector.check(channels=1 if self.preset.grey else 3)
 
     def __repr__(self) -> str:
         return f"RunConfig({self.model!r}, {self.direction}, preset {self.preset.name})"
@@ -121,16 +131,6 @@ class RunConfig(Struct, frozen=True):
         """Full scale of the predictions, counts or grey levels."""
         return self.data.target.full_scale
 
-    def check(self) -> None:
-        """Raises ValueError for fields that do not fit together."""
-        if self.contact_data is not None and not self.data.has_contact:
-            raise ValueError("contact_info_sha256 must be of a run with has_contact")
-        if self.model not in MODELS:
-            raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
-        check_direction(self.direction, find_model(self.model))
-        if self.ood_detector is not None:
-            self.ood_detector.check(channels=1 if self.preset.grey else 3)
-
     def save(self, run_dir: Path) -> None:
         """Writes RUN/config.json."""
         libraries = {name: installed_version(name) for name in ("torch", "numpy")}
@@ -146,12 +146,77 @@ def load_config(run_dir: Path) -> RunConfig:
     path = run_dir / CONFIG
     if not path.is_file():
         raise T2TwinError(f"{run_dir} has no config.json; give a folder that `train` has made")
-    config = read_json(path, RunConfig, FORMAT)
-    try:
-        config.check()
-    except ValueError as error:
-        raise T2TwinError(f"{path}: {error}") from None
-    return config
+    return read_json(path, RunConfig, FORMAT)
+
+
+class EpochRecord(Struct, frozen=True, omit_defaults=True):
+    """One epoch."""
+
+    epoch: Annotated[int, Meta(ge=1)]  # its number
+    learning_rate: NotNegative
+    train: dict[str, float]  # the model's losses, averaged over the steps
+    val_rmse_percent: NotNegative  # on the validation split, percent of full scale
+    seconds: NotNegative  # duration
+    val_rmse_counts: NotNegative | None = None
+    val_rmse_grey: NotNegative | None = None  # of a run that predicts images
+    val_shear_error: NotNegative | None = None  # see FieldTranslator.further_errors
+    val_contact_error_mm: NotNegative | None = None
+
+    @property
+    def error(self) -> float:
+        """What the best epoch has the least of: the product of the errors there are."""
+        others = (self.val_shear_error or 1.0) * (self.val_contact_error_mm or 1.0)
+        return self.val_rmse_percent * others
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """All numbers by name, with train_NAME for losses."""
+        found = msgspec.structs.asdict(self)
+        losses = {f"train_{name}": value for name, value in found.pop("train").items()}
+        return losses | {name: value for name, value in found.items() if value is not None}
+
+
+class EpochPart(Struct, frozen=True):
+    """The steps that were done of an epoch, in a state saved before its end."""
+
+    steps: Annotated[int, Meta(ge=0)] = 0
+    losses: dict[str, float] = {}  # the model's, summed over the steps
+    seconds: NotNegative = 0.0  # duration
+
+
+class TrainingState(Struct, frozen=True):
+    """What the saved state of a training contains beside its tensors."""
+
+    history: list[EpochRecord]  # one record per complete epoch
+    part: EpochPart  # what has been done of the next one
+
+
+def best_epoch(history: Sequence[EpochRecord]) -> EpochRecord:
+    """The epoch with the lowest validation error, the first of equals. history: not empty."""
+    return min(history, key=lambda record: record.error)
+
+
+def read_log(run_dir: Path) -> list[EpochRecord]:
+    """Reads a run's log.jsonl, which has at least one epoch.
+
+    Raises T2TwinError if it is missing or empty, or if a line is not the record of an epoch.
+    """
+    path = run_dir / LOG
+    lines = read_file(path).splitlines() if path.is_file() else []
+    if not lines:
+        raise T2TwinError(
+            f"{run_dir} has no epoch in {LOG}: the first is not finished; `t2twin train` does it"
+        )
+    return [
+        decode_json(line, EpochRecord, f"{path}, line {number}")
+        for number, line in enumerate(lines, 1)
+    ]
+
+
+def write_log(run_dir: Path, history: Sequence[EpochRecord]) -> None:
+    """Writes RUN/log.jsonl; replaces an earlier one."""
+    with atomic_write(run_dir / LOG) as temporary:
+        temporary.write_bytes(b"".join(msgspec.json.encode(each) + b"\n" for each in history))
 
 
 HOME = Path(__file__).parents[1] / "weights"

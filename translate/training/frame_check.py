@@ -196,7 +196,7 @@ def fit_frame_check(run_dir: Path, data_dir: Path) -> None:
     parts = [_part(translator, config, data_dir, shards[n], info, each, rng) for n in bar]
     check = _trained(parts, config.seed)
     _fit_transform_net(check, config, data_dir, run_dir)
-    save_weights(run_dir / FRAME_CHECK, check)
+    save_weights(run_dir / FRAME_CHECK, check.state_dict())
 
 
 def _part(

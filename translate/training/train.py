@@ -45,11 +45,15 @@ from t2twin.translate.runs.config import (
     LAST,
     MAX_STEPS,
     TENSORBOARD,
+    EpochPart,
+    EpochRecord,
     RunConfig,
+    TrainingState,
+    best_epoch,
     load_config,
     resolve_run,
+    write_log,
 )
-from t2twin.translate.runs.log import EpochPart, EpochRecord, best_epoch, write_log
 from t2twin.translate.training.frame_check import fit_frame_check
 from t2twin.translate.uncertainty.ood import fit_ood_detector
 
@@ -263,7 +267,7 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
             "another folder"
         )
     state = out_dir / LAST
-    return (earlier, checkpoint.load_history(state)) if state.is_file() else None
+    return (earlier, checkpoint.load_progress(state).history) if state.is_file() else None
 
 
 def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
@@ -391,7 +395,8 @@ class Trainer:
         if self.weights is not None:
             load_initial_weights(self.weights, self.translator)
         if resumed:
-            self.history, self.part = checkpoint.load_state(state, self.translator)
+            progress = checkpoint.load_state(state, self.translator)
+            self.history, self.part = progress.history, progress.part
         else:
             self.translator.prepare(self.pairs)
             if self.rank == 0:
@@ -428,10 +433,11 @@ class Trainer:
                     # The best weights first: if killed in between, the epoch is repeated.
                     if best is record:
                         self.translator.in_float32().calibrate(self.validation)
-                        checkpoint.save_weights(self.out_dir / BEST, self.translator.predictor)
-                    checkpoint.save_state(
-                        self.out_dir / LAST, self.translator, self.history, self.part
-                    )
+                        checkpoint.save_weights(
+                            self.out_dir / BEST, self.translator.predictor.state_dict()
+                        )
+                    state = TrainingState(self.history, self.part)
+                    checkpoint.save_state(self.out_dir / LAST, self.translator, state)
                     write_log(self.out_dir, self.history)
                     for name, value in record.numbers.items():
                         board.add_scalar(name, value, record.epoch)
@@ -465,7 +471,9 @@ class Trainer:
             now = time.perf_counter()
             if config.processes == 1 and now - saved >= SAVE_SECONDS and step + 1 < self.steps:
                 part = EpochPart(step + 1, _numbers(sums), now - started)
-                checkpoint.save_state(self.out_dir / LAST, translator, self.history, part)
+                checkpoint.save_state(
+                    self.out_dir / LAST, translator, TrainingState(self.history, part)
+                )
                 saved = now
         for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
             distributed.average([each for each in network.buffers() if each.is_floating_point()])
@@ -599,7 +607,7 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
             pairs.subset(np.sort(rng.choice(len(pairs), number, replace=False))) for pairs in sets
         ]
         translator.calibrate(*samples)
-        checkpoint.save_weights(run_dir / BEST, translator.predictor)
+        checkpoint.save_weights(run_dir / BEST, translator.predictor.state_dict())
         fit_frame_check(run_dir, own[0])
         write_card(run_dir, own[0])
     return sum(map(len, samples))

@@ -46,20 +46,15 @@ DEGREES_OF_FREEDOM = 4.0
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors and raw spreads on one dataset's presses.
+    """Errors and raw spreads on one dataset's presses."""
 
-    dense_counts, spread: (P, F), fractions of full scale. force, force_spread: (P,), of the force's
-    logarithm. of_place, of_press: `SpreadScale.features`. shear, shear_spread: (M, 2), of the
-    presses that have moved.
-    """
-
-    dense_counts: torch.Tensor
-    spread: torch.Tensor
-    force: torch.Tensor
+    dense_counts: torch.Tensor  # (P, F), fraction of full scale
+    spread: torch.Tensor  # the same of their spreads
+    force: torch.Tensor  # (P,), of the force's logarithm
     force_spread: torch.Tensor
-    of_place: torch.Tensor | None = None
+    of_place: torch.Tensor | None = None  # `SpreadScale.features`
     of_press: torch.Tensor | None = None
-    shear: torch.Tensor | None = None
+    shear: torch.Tensor | None = None  # (M, 2), of the presses that have moved
     shear_spread: torch.Tensor | None = None
 
 
@@ -144,7 +139,12 @@ def fit_knots(
     log_spread, order = spread.flatten().log().sort()
     errors = errors.flatten().abs()[order]
     at, log_std, weight = [], [], []
-    for part in _bins(len(errors), shares, least):
+    ends = [round(len(errors) * float(share)) for share in np.cumsum(shares)]
+    starts = [0]
+    for end in ends[:-1]:  # a bin with too few errors is merged with the next
+        if end - starts[-1] >= least and len(errors) - end >= least:
+            starts.append(end)
+    for part in (slice(*ends) for ends in pairwise([*starts, len(errors)])):
         ratio = (errors[part] / log_spread[part].exp()).sort().values
         factor = ratio[min(int(LEVEL * len(ratio)), len(ratio) - 1)] / HALF_WIDTH
         at.append(float(log_spread[part].mean()))
@@ -156,16 +156,6 @@ def fit_knots(
     number = np.arange(len(shares))
     own = np.minimum(number, len(at) - 1)
     return torch.from_numpy(np.stack([np.array(at)[own] + number - own, factors[own]]))
-
-
-def _bins(number: int, shares: Sequence[float], least: int) -> list[slice]:
-    """Divides `number` ordered errors; a bin with fewer than `least` is merged with the next."""
-    ends = [round(number * float(share)) for share in np.cumsum(shares)]
-    starts = [0]
-    for end in ends[:-1]:
-        if end - starts[-1] >= least and number - end >= least:
-            starts.append(end)
-    return [slice(*part) for part in pairwise([*starts, number])]
 
 
 SCALE_WIDTH = 24  # Width of the layers (assumed; 48 gains nothing)
@@ -200,24 +190,18 @@ CELL_DROPOUT = 0.5
 
 
 class SpreadScale(nn.Module):
-    """Logarithms of the factors of the raw spreads; 0 until it is fitted.
-
-    x_mm, y_mm: (F,) the places, mm. view_mm: half the width and half the height of the view, mm.
-    grid: columns and rows of the places. size: S.
-    """
+    """Logarithms of the factors of the raw spreads; 0 until it is fitted."""
 
     outside_mm: torch.Tensor
     center: torch.Tensor
     deviation: torch.Tensor
 
     def __init__(
-        self,
-        x_mm: np.ndarray,
-        y_mm: np.ndarray,
-        view_mm: tuple[float, float],
-        grid: tuple[int, int],
-        size: int,
-    ) -> None:
+        self, x_mm: np.ndarray, y_mm: np.ndarray, view_mm: tuple[float, float],
+        grid: tuple[int, int], size: int,
+    ) -> None:  # fmt: skip
+        """x_mm, y_mm: (F,) the places. view_mm: half the width and half the height of the view.
+        grid: columns and rows of the places. size: S."""
         super().__init__()
         self.grid, self.cell = grid, max(1, size // SCALE_CELLS)
         of_press = OF_PRESS + COLORS * (size // self.cell) ** 2
@@ -237,17 +221,12 @@ class SpreadScale(nn.Module):
                 each.zero_()
 
     def features(
-        self,
-        images: torch.Tensor,
-        mean_frame: torch.Tensor,
-        mean: torch.Tensor,
-        log_spread: torch.Tensor,
-        force: torch.Tensor,
-        force_log_spread: torch.Tensor,
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+        self, images: torch.Tensor, mean_frame: torch.Tensor, mean: torch.Tensor,
+        log_spread: torch.Tensor, force: torch.Tensor, force_log_spread: torch.Tensor,
+    ) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
         """(P, F, OF_PLACE) features of the places and (P, n) of the press.
 
-        images: (P, 6, S, S), each with its background frame. The last four: FieldOutputs.
+        images: (P, 6, S, S), each with its background frame. mean and the rest: raw outputs.
         """
         share = mean.clamp(0.0, 1.0)
         total = share.sum(dim=1) + LEAST_SHARE * share.shape[1]
@@ -317,10 +296,9 @@ def fit_scale(scale: SpreadScale, datasets: Sequence[Errors]) -> None:
 
 def part_of(errors: Errors, held_out: bool) -> Errors:
     """The presses that factors are fitted to, or those of the knots; few presses are in both."""
-    presses = len(errors.force)
-    if presses < MIN_PRESSES:
+    if len(errors.force) < MIN_PRESSES:
         return errors
-    is_held_out = np.arange(presses) // BLOCK % HELD_OUT_EVERY == 0
+    is_held_out = np.arange(len(errors.force)) // BLOCK % HELD_OUT_EVERY == 0
     part = torch.from_numpy(np.flatnonzero(is_held_out == held_out))
     return replace(errors, **{name: getattr(errors, name)[part] for name in FIELDS})
 

@@ -100,7 +100,7 @@ class OODDetector(Struct, frozen=True):
 
     def distances(self, pixels: np.ndarray) -> np.ndarray:
         """(B,) root mean squares of the cells' standardized differences from the mean."""
-        return _distances(_cell_means(pixels), self.mean, self.std)
+        return _distances(_cell_means(pixels).reshape(len(pixels), -1), self.mean, self.std)
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
         """(B,) classes; of several transforms, that with the least distance."""
@@ -117,18 +117,21 @@ class OODDetector(Struct, frozen=True):
 
 
 def classify_frame(
-    frame: np.ndarray, aspect: float, background: np.ndarray | None = None
-) -> OODClass:
-    """NOISE, OTHER_ASPECT or IN_DISTRIBUTION, for a frame at its own size, uint8.
+    frame: np.ndarray, aspect: float, background: np.ndarray | None = None,
+    of_pixels: OODClass = OODClass.IN_DISTRIBUTION,
+) -> OODClass:  # fmt: skip
+    """The class of a frame at its own size, uint8: NOISE, OTHER_ASPECT or that of its pixels.
 
     aspect: width over height of the sensor's images. Of the background frame only that is checked.
     """
+    if of_pixels in INVERSE_TRANSFORMS:
+        return of_pixels
     if is_noise(frame):
         return OODClass.NOISE
     both = (frame,) if background is None else (frame, background)
     ratios = [each.shape[1] / each.shape[0] / aspect for each in both]
     is_own = all(abs(ratio - 1.0) <= ASPECT_TOLERANCE for ratio in ratios)
-    return OODClass.IN_DISTRIBUTION if is_own else OODClass.OTHER_ASPECT
+    return of_pixels if is_own else OODClass.OTHER_ASPECT
 
 
 def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) -> str | None:
@@ -149,25 +152,20 @@ def unlike(classes: Sequence[OODClass], run: str, names: Sequence[object] = ()) 
     )
 
 
-def combined(frame: OODClass, pixels: OODClass) -> OODClass:
-    """The class of an image by `classify_frame` and by its pixels: a transform, if there is one."""
-    is_frame_known = frame == OODClass.IN_DISTRIBUTION or pixels in INVERSE_TRANSFORMS
-    return pixels if is_frame_known else frame
-
-
 def compare_with_background(pixels: np.ndarray, frames: np.ndarray) -> list[OODClass]:
     """(B,) classes of images by their difference from their own background frames."""
-    return [_compare(*each) for each in zip(pixels[:, None], frames[:, None], strict=True)]
+    return [_compare(*each) for each in zip(pixels[:, None], frames, strict=True)]
 
 
 def _compare(image: np.ndarray, frame: np.ndarray) -> OODClass:
-    """image, frame: (1, S, S, c)."""
-    (cells, pattern), (of_frame, fixed) = (
-        _cells_and_pattern(image),
-        _of_background(frame.tobytes(), frame.shape),
-    )
+    """image: (1, S, S, c). frame: (S, S, c)."""
+    cells, pattern = _cell_means(image), _pattern(image)
+    of_frame, fixed = _of_background(frame.tobytes(), frame.shape)
     undone = [undo(cells) for undo in INVERSE_TRANSFORMS.values()]
-    difference, *others = _border_differences(np.concatenate([cells, *undone]), of_frame)
+    off = np.sqrt(np.square(np.concatenate([cells, *undone]) - of_frame).mean(axis=-1))
+    sides = [off[:, [0, -1]], off[:, 1:-1, [0, -1]]]
+    border = np.concatenate([each.reshape(len(off), -1) for each in sides], axis=1)
+    difference, *others = np.quantile(border, BORDER_SHARE, axis=1).tolist()
     differences = dict(zip(INVERSE_TRANSFORMS, others, strict=True))
     has_pattern = _correlation(pattern, fixed) >= MIN_PATTERN
     if has_pattern:  # that of a grey gel is the same with blue before red
@@ -184,12 +182,18 @@ def _compare(image: np.ndarray, frame: np.ndarray) -> OODClass:
     return OODClass.IN_DISTRIBUTION if difference <= limit else OODClass.UNLIKE_BACKGROUND
 
 
+@lru_cache(MAX_BACKGROUNDS)
+def _of_background(content: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    frame = np.frombuffer(content, np.uint8).reshape(1, *shape)
+    return _cell_means(frame), _pattern(frame)
+
+
 def fit_ood_detector(images: ImageFile | np.ndarray) -> OODDetector | None:
     """Statistics of images, (B, S, S, c) uint8; None for fewer than MIN_IMAGES."""
     if len(images) < MIN_IMAGES:
         return None
     parts = [slice(start, start + BATCH_SIZE) for start in range(0, len(images), BATCH_SIZE)]
-    cells = np.concatenate([_cell_means(images[part]) for part in parts])
+    cells = np.concatenate([_cell_means(images[part]) for part in parts]).reshape(len(images), -1)
     mean = cells.mean(axis=0).round(STORED_DECIMALS)
     std = np.maximum(cells.std(axis=0), MIN_STD_GREY).round(STORED_DECIMALS)
     return OODDetector(mean, std, float(_distances(cells, mean, std).max()))
@@ -198,14 +202,6 @@ def fit_ood_detector(images: ImageFile | np.ndarray) -> OODDetector | None:
 def _distances(cells: np.ndarray, mean: np.ndarray, std: np.ndarray) -> np.ndarray:
     """(B,), see OODDetector.distances."""
     return np.sqrt(np.square((cells - mean) / std).mean(axis=1))
-
-
-def _border_differences(cells: np.ndarray, frame: np.ndarray) -> list[float]:
-    """(B,) quantiles BORDER_SHARE of the differences of the cells along the border."""
-    difference = np.sqrt(np.square(cells - frame).mean(axis=-1))
-    lines = [difference[:, [0, -1]], difference[:, 1:-1, [0, -1]]]
-    border = np.concatenate([each.reshape(len(cells), -1) for each in lines], axis=1)
-    return np.quantile(border, BORDER_SHARE, axis=1).tolist()
 
 
 def _pattern(image: np.ndarray) -> np.ndarray:
@@ -220,16 +216,6 @@ def _pattern(image: np.ndarray) -> np.ndarray:
     return np.clip(pattern, -limit, limit)
 
 
-def _cells_and_pattern(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(1, CELLS, CELLS, c) means of an image, and its `_pattern`."""
-    return _cell_means(image).reshape(1, CELLS, CELLS, -1), _pattern(image)
-
-
-@lru_cache(MAX_BACKGROUNDS)
-def _of_background(content: bytes, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    return _cells_and_pattern(np.frombuffer(content, np.uint8).reshape(shape))
-
-
 def _correlation(one: np.ndarray, other: np.ndarray) -> float:
     """Of two patterns, -1 to 1; 0 for an even image."""
     norm = float(np.linalg.norm(one) * np.linalg.norm(other))
@@ -237,10 +223,9 @@ def _correlation(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _cell_means(pixels: np.ndarray) -> np.ndarray:
-    """(B, K): means over a grid of cells."""
+    """(B, CELLS, CELLS, c) means."""
     ends = np.linspace(0, pixels.shape[1], CELLS + 1).astype(int)
     rows = [pixels[:, a:b].sum(axis=1, dtype=np.uint32) for a, b in pairwise(ends)]
     sums = np.add.reduceat(np.stack(rows, axis=1), ends[:-1], axis=2)
     sizes = np.diff(ends)
-    means = sums / (sizes[:, None, None] * sizes[None, :, None])
-    return means.reshape(len(pixels), CELLS * CELLS * pixels.shape[-1])
+    return sums / (sizes[:, None, None] * sizes[None, :, None])
