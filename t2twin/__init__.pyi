@@ -24,8 +24,8 @@ from .sim.taxels.layout import load_layout as load_layout
 from .sim.touch import Touch as Touch
 from .translate.evaluation.evaluate import evaluate as evaluate
 from .translate.inference.files import translate_images as translate_images
+from .translate.inference.load import export_onnx as export_onnx
 from .translate.inference.load import load as load
-from .translate.inference.onnx_export import export_onnx as export_onnx
 from .translate.inference.predictor import TrainedTranslator as TrainedTranslator
 from .translate.training.train import train as train
 from .twin import Twin as Twin

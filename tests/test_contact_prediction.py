@@ -31,8 +31,7 @@ from t2twin.translate.inference.estimate import (
     ContactEstimate,
     contacts_of,
 )
-from t2twin.translate.inference.load import load
-from t2twin.translate.inference.onnx_export import PARITY_COUNTS, export_onnx, open_onnx
+from t2twin.translate.inference.load import PARITY_COUNTS, export_onnx, load, open_onnx
 from t2twin.translate.models.field import (
     CENTER,
     MAPS,

@@ -14,8 +14,7 @@ from spots import write_spots
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.onnx_export import export_onnx
+from t2twin.translate.inference.load import export_onnx, load_run
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.config import load_config
@@ -150,7 +149,7 @@ SETTINGS = ("OMP_WAIT_POLICY", "ORT_DISABLE_TELEMETRY", "TORCHINDUCTOR_CACHE_DIR
 SESSION = f"""
 import os, sys, t2twin
 print([name in os.environ for name in {SETTINGS}], "torch" in sys.modules)
-import t2twin.translate.inference.onnx_export, onnx, onnxruntime
+import t2twin.translate.inference.load, onnx, onnxruntime
 print([name in os.environ for name in {SETTINGS}])
 from onnx import TensorProto as T, helper as h
 a, b = (h.make_tensor_value_info(n, T.FLOAT, [1]) for n in "ab")

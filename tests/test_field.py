@@ -477,7 +477,7 @@ def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_p
 
 def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) -> None:
     onnxruntime = pytest.importorskip("onnxruntime")
-    from t2twin.translate.inference.onnx_export import export_onnx
+    from t2twin.translate.inference.load import export_onnx
 
     dense = load_layout("cyskin-63")
     run = run.at_layout(dense).in_float32()

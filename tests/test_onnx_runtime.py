@@ -9,7 +9,6 @@ from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.inference import load as load_runs
-from t2twin.translate.inference import onnx_export
 from t2twin.translate.inference.load import load
 
 pytestmark = pytest.mark.filterwarnings(
@@ -24,7 +23,7 @@ pytest.importorskip("onnxruntime")
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where the files are kept, empty."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    return tmp_path / onnx_export.FOLDER
+    return tmp_path / load_runs.FOLDER
 
 
 @pytest.fixture
@@ -48,7 +47,7 @@ def test_a_kept_file_is_taken_again(
     runs: list[Path], kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = load(runs[1]).predict(frames)
-    monkeypatch.setattr(onnx_export, "export_onnx", None)
+    monkeypatch.setattr(load_runs, "export_onnx", None)
     np.testing.assert_array_equal(load(runs[1]).predict(frames), first)
 
 
@@ -63,7 +62,7 @@ def test_where_no_file_can_be_kept_pytorch_computes(
 def test_the_oldest_files_go(
     runs: list[Path], kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(onnx_export, "MAX_FILES", 1)
+    monkeypatch.setattr(load_runs, "MAX_FILES", 1)
     kept.mkdir()
     (kept / "older.onnx").write_bytes(b"")
     load(runs[1]).predict(frames)

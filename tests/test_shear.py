@@ -14,8 +14,7 @@ from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics import shear_metrics
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.inference.estimate import Estimate
-from t2twin.translate.inference.load import load, load_run
-from t2twin.translate.inference.onnx_export import export_onnx
+from t2twin.translate.inference.load import export_onnx, load, load_run
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.field_net import ShearHead, box_means, displacements
 from t2twin.translate.models.presets import PRESETS

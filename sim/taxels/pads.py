@@ -180,10 +180,8 @@ def _nearest(x_mm: np.ndarray, y_mm: np.ndarray, to_mm: np.ndarray) -> tuple[np.
 
 
 def reading_matrix(places: Layout, layout: Layout, cover: Elastomer) -> np.ndarray:
-    """The matrix (N, F) from dense counts at places to the counts of a layout's taxels.
-
-    places: with pads of one diameter. Raises T2TwinError for taxels that do not lie on the cover.
-    """
+    """The matrix (N, F) from dense counts at places, with pads of one diameter, to the counts of a
+    layout's taxels. Raises T2TwinError for taxels that do not lie on the cover."""
     check_within(layout, *reach_mm(cover))
     pad_mm = float(places.pad_diameter_mm[0])
     inverse = _inverse(places, cover)

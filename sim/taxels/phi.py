@@ -37,12 +37,9 @@ class Phi:
     """
 
     def __init__(
-        self,
-        x_mm: np.ndarray,
-        y_mm: np.ndarray,
-        shape: tuple[int, int] = TACTILE_SHAPE,
+        self, x_mm: np.ndarray, y_mm: np.ndarray, shape: tuple[int, int] = TACTILE_SHAPE,
         px_per_mm: float = PX_PER_MM,
-    ) -> None:
+    ) -> None:  # fmt: skip
         layout = Layout("of phi", x_mm, y_mm, np.full(np.size(x_mm), PAD_DIAMETER_MM))
         points = np.column_stack([layout.x_mm, layout.y_mm])
         half_mm = np.array([shape[1], shape[0]]) / px_per_mm / 2
@@ -128,8 +125,8 @@ def barycentric(
 ) -> sparse.csr_array:
     """Barycentric weights of places at (P, 2) over the Delaunay triangles of points (N, 2), (P, N).
 
-    tolerance: at the edges of triangles, in barycentric coordinates. Each place has three weights
-    with sum 1, or zeros outside the convex hull. Raises T2TwinError for points without a triangle.
+    tolerance: at the edges of triangles. Each place has three weights with sum 1, or zeros outside
+    the convex hull. Raises T2TwinError for points without a triangle.
     """
     from scipy.spatial import Delaunay, QhullError  # slow to import
 

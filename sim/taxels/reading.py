@@ -65,10 +65,8 @@ def read_after(
 def expected_reading(
     flaws: Imperfections, counts: CountsTable, true_counts: np.ndarray, array_seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and standard deviation of readings of a static contact, (..., N) each.
-
-    true_counts: (..., N) noiseless. Only offsets, noise and clipping to 0 are included.
-    """
+    """Mean and standard deviation of readings of a static contact, (..., N) each, with offsets,
+    noise and clipping to 0 alone. true_counts: (..., N) noiseless."""
     array = _taxels(flaws, true_counts.shape[-1], array_seed)
     deviation = _deviation(flaws, array, true_counts)
     level = true_counts + array.offset_counts

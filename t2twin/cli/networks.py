@@ -346,8 +346,7 @@ def export(
             directory.
         force: Replace an existing file.
     """
-    from t2twin.translate.inference.load import load_run
-    from t2twin.translate.inference.onnx_export import export_onnx
+    from t2twin.translate.inference.load import export_onnx, load_run
     from t2twin.translate.models.distributed import use_all_cores
     from t2twin.translate.runs.config import HOME
 

@@ -277,7 +277,7 @@ def sample_image(report: ReportData, split: str, row: int) -> bytes:
         predicted = phi(predictions.by_model[name][row])
         model, _, folder = name_of(name).partition(" ")
         lines = f"{model}\n{shape_name(folder, MAX_TITLE)}" if folder else model
-        if run.reads_any_layout:
+        if run.translator.reads_any_layout:
             drawn = run.tactile_images([image])[0]
             panels.append(Panel(f"{lines}\ngenerated", drawn, phi, layout, "counts"))
         error = report.counts(predictions.rmse_counts(name)[row])

@@ -15,7 +15,7 @@ SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(
     ["t2twin.cli", "t2twin.twin", "t2twin.report", "t2twin.sim.dataset.generate",
      "t2twin.translate.training.train", "t2twin.translate.inference.files",
-     "t2twin.translate.inference.onnx_export", "matplotlib.figure", "pyarrow.parquet"]
+     "t2twin.translate.inference.load", "matplotlib.figure", "pyarrow.parquet"]
 )  # fmt: skip
 
 

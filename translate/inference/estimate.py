@@ -242,10 +242,7 @@ def contacts_of(
     outputs: dict[str, np.ndarray], sizes: Sequence[tuple[int, int]], view_mm: tuple[float, float],
     classes: Sequence[OODClass],
 ) -> list[ContactEstimate]:  # fmt: skip
-    """The estimates of B images.
-
-    outputs: predictions by the names of MAPS and NUMBERS. sizes: rows and columns of the images.
-    """
+    """The estimates of B images. outputs: by name. sizes: rows and columns of the images."""
     maps = torch.from_numpy(np.stack([outputs[name] for name in MAPS], axis=1))
     outermost = maps[:, -1].clone()
     outermost[:, EDGE_CELLS:-EDGE_CELLS, EDGE_CELLS:-EDGE_CELLS] = 0.0

@@ -51,8 +51,7 @@ VECTORS = {
 def find_images(paths: Sequence[str | Path]) -> list[Path]:
     """The image files in a list of files and folders, in its order.
 
-    From a folder: its PNG and JPEG files, sorted by name, without subfolders and hidden files.
-    Raises T2TwinError for an empty list, and for a folder without images.
+    From a folder: its PNG and JPEG files, sorted, without hidden ones. Raises T2TwinError for none.
     """
     images: list[Path] = []
     for path in arguments.paths(paths, "paths"):
@@ -86,9 +85,7 @@ def output_names(inputs: Sequence[Path]) -> list[str]:
 @contextmanager
 def _output(out_dir: Path, inputs: Sequence[Path]) -> Iterator[tuple[Path, list[str]]]:
     """A temporary folder, and a list for the names of files to move from it to out_dir at the end.
-
-    Raises T2TwinError for a name that has the place of an input.
-    """
+    Raises T2TwinError for a name that has the place of an input."""
     with locked(out_dir), temporary_folder(out_dir, "translate") as folder:
         names: list[str] = []
         yield folder, names
@@ -120,14 +117,10 @@ def _read(path: Path) -> np.ndarray:
 
 
 def translate_images(
-    paths: Sequence[str | Path],
-    out_dir: str | Path,
-    run: str | Path = DEFAULT_RUN,
-    layout: str | Path | None = None,
-    png: bool = True,
-    bf16: bool = False,
+    paths: Sequence[str | Path], out_dir: str | Path, run: str | Path = DEFAULT_RUN,
+    layout: str | Path | None = None, png: bool = True, bf16: bool = False,
     background: str | Path | None = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Translates image files; writes counts.csv, counts.json and a PNG file per tactile image.
 
     A field run also writes counts_std.csv, the standard deviations of the counts; its PNG files
@@ -246,18 +239,13 @@ def _earlier_files(out_dir: Path) -> set[Path]:
 
 
 def translate_contacts(
-    run: str | Path,
-    paths: Sequence[str | Path],
-    out_dir: str | Path,
-    background: str | Path | None = None,
-    files: bool = True,
-) -> list[ContactEstimate]:
+    run: str | Path, paths: Sequence[str | Path], out_dir: str | Path,
+    background: str | Path | None = None, files: bool = True,
+) -> list[ContactEstimate]:  # fmt: skip
     """Translates image files to contacts; writes contacts.csv, and the files of each contact.
 
-    run, paths, background: as for `translate_images`. files: whether the files of
-    ContactEstimate.save are written, with the names of the images. Returns the contacts in the
-    order of `find_images`. Raises T2TwinError, without output, as `translate_images`, and for a run
-    that does not predict the contact.
+    Other arguments and errors: as for `translate_images`. files: whether ContactEstimate.save is
+    called, with the names of the images. Returns the contacts in the order of `find_images`.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
     frame = None if background is None else _read(arguments.path(background, "background"))
@@ -287,12 +275,11 @@ def translate_readings(
 ) -> np.ndarray:
     """Translates files of any other pair; writes counts.csv, or a PNG file per predicted image.
 
-    run: one that predicts images, or counts from counts. paths: CSV or NPY files of counts, (N,) or
-    (B, N), in the order of the run's layout, or images as for `find_images`. CSV files have the
-    columns taxel_0, taxel_1 and so on. png: whether tactile images of predicted counts
-    are written too. Returns (B, N) counts, or (B, rows, columns, 3) uint8 images. Warns with
-    T2TwinWarning of images that are out of distribution. Raises T2TwinError, without output, for a
-    run from images to counts, files that cannot be read, and counts that the source cannot measure.
+    run: one that predicts images, or counts from counts. paths: CSV files with columns taxel_0,
+    taxel_1 and so on, or NPY files of counts, (N,) or (B, N); or images as for `find_images`. png:
+    whether tactile images of predicted counts are written too. Returns (B, N) counts, or (B, rows,
+    columns, 3) uint8 images, with the warnings of `TrainedTranslator.predict`. Raises T2TwinError,
+    without output, for another run, and for files that cannot be read or be of the source.
     """
     files, out_dir = arguments.paths(paths, "paths"), arguments.path(out_dir, "out_dir")
     predictor = load(run, engine="torch")

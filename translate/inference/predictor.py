@@ -1,7 +1,6 @@
 """A trained run as a predictor, of any pair of sensors.
 
-`predict` takes what the source measures and returns what the target measures. Predictions that only
-some runs have raise a T2TwinError that names these runs.
+Predictions that only some runs have raise a T2TwinError that names these runs.
 
 Shape letters: B readings, R rows, C columns, N taxels, F places of the dense counts, S image side
 of the run, c channels.
@@ -20,10 +19,9 @@ from msgspec import structs
 from PIL import Image
 
 from t2twin.core import arguments
-from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.info import ArrayInfo
+from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.taxel_array import TaxelArray
@@ -54,11 +52,8 @@ from t2twin.translate.uncertainty.ood import (
 )
 
 BATCH_SIZE = 64  # Images in one batch; bounds memory
-COUNTS, IMAGE = "counts", "image"  # Names of predictions
 TACTILE_STD = "tactile_std"
-
-# Maximum number of arrays that one call samples (assumed: 90 MB with 216 places)
-MAX_FIELDS = 100_000
+MAX_FIELDS = 100_000  # Maximum number of arrays that one call samples (assumed: 90 MB)
 FORCE_LEVEL = 0.9  # Probability of the interval of a force that must not contain 0 (assumed)
 # Half widths of its interval from which a low force is not 0 (assumed). Measured: at least 3.5 for
 # 0.1 and 0.2 N; at most 1.9 for frames of sampled units, without contact or with more than 0.4 N
@@ -132,18 +127,14 @@ class TrainedTranslator:
         """The predictions of B readings at the network's size, and whether there is one reading."""
         source = self.config.data.source
         if source.value == COUNTS:
-            self._no_background(background)
+            self.need(background is None, "a background frame", "a field run")
             counts = _checked_counts(readings, source)
             pixels = replace(self._pictures, counts=np.atleast_2d(counts))[:]
-            return self._outputs(pixels)[self._value], counts.ndim == 1
+            return self._outputs(pixels)[self.config.data.target.value], counts.ndim == 1
         frames, is_one = image_list(readings)
         outputs, classes = self._predicted(frames, background)
         self._warn(classes, stacklevel=4)
-        return outputs[self._value], is_one
-
-    @property
-    def _value(self) -> str:
-        return self.config.data.target.value
+        return outputs[self.config.data.target.value], is_one
 
     def _warn(self, classes: Sequence[OODClass], stacklevel: int) -> None:
         if warning := unlike(classes, self.run_dir.name):
@@ -165,16 +156,17 @@ class TrainedTranslator:
         with background frames. progress: title of a progress bar, or None.
         """
         self._check_pixels(pixels)
-        return self._outputs(pixels, progress)[self._value]
+        return self._outputs(pixels, progress)[self.config.data.target.value]
 
     def _predicted(
         self, frames: Sequence[np.ndarray], background: np.ndarray | None, contact: bool = False,
         tactile: bool = False,
     ) -> tuple[Outputs, list[OODClass]]:  # fmt: skip
         """Predictions and (B,) classes of checked images, in one pass."""
-        pixels = self._pixels(frames, background)
+        pixels, aspect = self._pixels(frames, background), self.config.data.camera.aspect
         outputs = self._outputs(pixels, None, contact, True, tactile)
-        return outputs, self._own_classes(frames, background, self._classified(pixels, outputs))
+        both = zip(frames, self._classified(pixels, outputs), strict=True)
+        return outputs, [classify_frame(frame, aspect, background, kind) for frame, kind in both]
 
     def _outputs(
         self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None,
@@ -192,10 +184,10 @@ class TrainedTranslator:
                     tensors |= self.translator.tactile_images(tensors)
                 outputs = {name: each.cpu().numpy() for name, each in tensors.items()}
                 outputs.pop(GENERATED, None)
-            if tactile and self.has_uncertainty:
+            if tactile and isinstance(self.translator, FieldTranslator):
                 for name, values in ((TACTILE_IMAGES, "counts"), (TACTILE_STD, "counts_std")):
                     dense = torch.from_numpy(outputs[f"dense_{values}"])
-                    outputs[name] = self._field.dense_image(dense).numpy()
+                    outputs[name] = self.translator.dense_image(dense).numpy()
             if IMAGE in outputs:
                 outputs[IMAGE] = outputs[IMAGE].round().clip(0.0, WHITE_GREY).astype(np.uint8)
             found.append(outputs)
@@ -292,7 +284,7 @@ class TrainedTranslator:
         """
         self.need_uncertainty("sample_dense_counts")
         arguments.whole_number(number, "number", low=1, high=MAX_FIELDS)
-        check_seed(seed)
+        arguments.check_seed(seed)
         frames, is_one = image_list(images)
         if number * len(frames) > MAX_FIELDS:
             raise T2TwinError(
@@ -304,38 +296,24 @@ class TrainedTranslator:
             self.translator.to_input(pixels.astype(np.float32) / WHITE_GREY)
         )
         dense_counts, std = found["dense_counts"], found["dense_counts_std"]
-        samples = self._field.sample(dense_counts, std, int(number), int(seed)).cpu().numpy()
+        field = cast(FieldTranslator, self.translator)
+        samples = field.sample(dense_counts, std, int(number), int(seed)).cpu().numpy()
         return samples[0] if is_one else samples
 
     def classify_frames(
         self, images: Images, background: np.ndarray | None = None
     ) -> list[OODClass]:
-        """(B,) classes of images at their own sizes, which `classify` does not have.
-
-        Arguments and errors: as for `predict`.
-        """
-        frames, _ = image_list(images)
-        classes = self.classify(self._pixels(frames, background))
-        return self._own_classes(frames, background, classes)
-
-    def _own_classes(
-        self, frames: Sequence[np.ndarray], background: np.ndarray | None, classes: list[OODClass]
-    ) -> list[OODClass]:
-        """(B,) classes of checked images at their own sizes. classes: those of their pixels."""
-        aspect = self.config.data.camera.aspect
-        both = zip(frames, classes, strict=True)
-        return [classify_frame(frame, aspect, background, kind) for frame, kind in both]
+        """(B,) classes of images at their own sizes. Arguments and errors: as for `predict`."""
+        return self._predicted(image_list(images)[0], background)[1]
 
     def classify(self, pixels: np.ndarray) -> list[OODClass]:
         """(B,) classes of images, as for `predict_pixels`, by out-of-distribution detection.
 
-        Images are compared with the training images of the run, if it has their statistics, and
-        with their background frames, if they have them. A run with a frame check uses it too, and
-        the predicted force.
+        Images are compared with the training images of the run, and with their background frames,
+        if they have them. A run with a frame check uses it too, and the predicted force.
         """
         self._check_pixels(pixels)
-        needed = self._frame_check is not None
-        return self._classified(pixels, self._outputs(pixels, features=True) if needed else {})
+        return self._classified(pixels, self._outputs(pixels, features=True))
 
     def _classified(self, pixels: np.ndarray, outputs: Outputs) -> list[OODClass]:
         """As `classify`. outputs: predictions for the pixels."""
@@ -397,18 +375,9 @@ class TrainedTranslator:
         return self.config.has_uncertainty
 
     @property
-    def _field(self) -> FieldTranslator:
-        return cast(FieldTranslator, self.translator)
-
-    @property
     def predicts_contact(self) -> bool:
         """Whether the run predicts the contact."""
         return bool(self.config.data.has_contact)
-
-    @property
-    def reads_any_layout(self) -> bool:
-        """Whether the network predicts an image or dense counts, from which any layout is read."""
-        return self.config.is_image_to_counts and self.translator.reads_any_layout
 
     def need(self, has: bool, purpose: str, needed: str) -> Self:
         """The run. Raises T2TwinError unless it has what a purpose needs."""
@@ -427,10 +396,8 @@ class TrainedTranslator:
         """The same run with the counts of another taxel layout; of its own, the same object.
 
         touch2touch reads the predicted image with the new layout's phi^-1, field reads the dense
-        counts with the new pads (sim.taxels.pads). Raises T2TwinError for a ResNet18 run. For
-        touch2touch it does if phi cannot interpolate the layout, and if taxels lie outside the
-        trained layout's hull or are too close for the generator's pixels. For field it does if
-        taxels lie outside the cover.
+        counts with the new pads. Raises T2TwinError for a ResNet18 run, for taxels outside the
+        trained layout's hull (touch2touch) or the cover (field), and as Phi.
         """
         data = self.config.data
         trained = data.array
@@ -439,7 +406,8 @@ class TrainedTranslator:
         ):
             return self
         purpose = f"another layout than {trained.layout} with its {trained.x_mm.size} taxels"
-        self.need(self.reads_any_layout, purpose, "a touch2touch or a field run from images")
+        reads_any = self.config.is_image_to_counts and self.translator.reads_any_layout
+        self.need(reads_any, purpose, "a touch2touch or a field run from images")
         array = structs.replace(
             trained, layout=layout.name, x_mm=layout.x_mm, y_mm=layout.y_mm,
             pad_diameter_mm=layout.pad_diameter_mm,
@@ -461,16 +429,12 @@ class TrainedTranslator:
     ) -> np.ndarray:
         """(B, S, S, c) uint8. frames: checked images. background: not checked."""
         pixels = resized(frames, self.config.preset.size, self.config.preset.grey)
-        self._no_background(background)
+        self.need(background is None or self.has_uncertainty, "a background frame", "a field run")
         if background is None:
             return pixels
         frame = one_image(background, "background", ONE)
         behind = resized([frame], self.config.preset.size, self.config.preset.grey)[0]
         return with_background(pixels, behind)
-
-    def _no_background(self, background: np.ndarray | None) -> None:
-        """Raises T2TwinError for a background frame with a run that has no use for it."""
-        self.need(background is None or self.has_uncertainty, "a background frame", "a field run")
 
     def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
         """Raises T2TwinError for an array that `pixels_of` cannot return."""
@@ -499,14 +463,11 @@ def _force_and_half(outputs: Outputs) -> tuple[np.ndarray, np.ndarray]:
 def _checked_counts(counts: object, data: ArrayInfo) -> np.ndarray:
     """Counts of the layout as an array, (N,) or (B, N) float32; T2TwinError if they are invalid."""
     found = arguments.array(counts, "counts").astype(np.float32)
-    if found.ndim not in (1, 2) or found.shape[-1] != data.x_mm.size:
+    taxels, full_scale = data.x_mm.size, data.full_scale
+    is_one_per_taxel = found.ndim in (1, 2) and found.shape[-1] == taxels
+    if not is_one_per_taxel or not ((found >= 0) & (found <= full_scale)).all():
         raise T2TwinError(
-            f"counts have shape {found.shape}; they must be ({data.x_mm.size},) or "
-            f"(B, {data.x_mm.size}), one for each taxel of {data.layout}"
-        )
-    if not ((found >= 0) & (found <= data.full_scale_counts)).all():
-        raise T2TwinError(
-            f"a count is out of range; expected numbers from 0 to {data.full_scale_counts:,.0f}, "
-            f"the range of the taxels of {data.layout}"
+            f"counts of shape {found.shape} are not readings of {data.layout}; they must be "
+            f"({taxels},) or (B, {taxels}), expected numbers from 0 to {full_scale:,.0f}"
         )
     return found

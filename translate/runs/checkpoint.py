@@ -1,8 +1,7 @@
 """The networks of a run: built from its configuration, saved, restored, and averaged.
 
-Weights of a network, and the state of a training (networks, optimizers and log), are safetensors
-files. The state contains no random numbers: each step has its own generators, seeded by (seed,
-epoch, step).
+Weights and the state of a training are safetensors files. The state contains no random numbers:
+each step has its own generators, seeded by (seed, epoch, step).
 """
 
 import json
@@ -44,10 +43,7 @@ BF16_INSTRUCTIONS = ("avx512_bf16", "amx_bf16")
 
 
 def build(config: RunConfig) -> Translator:
-    """The translator of a run with initial weights, which depend on the run's seed.
-
-    The state of torch's random number generator does not change.
-    """
+    """The translator of a run with initial weights by its seed; torch's own generator stays."""
     with torch.random.fork_rng(devices=[]):  # weights are initialized on the CPU
         torch.default_generator.manual_seed(config.seed)
         kind = TRANSLATORS[config.data.target.value][config.model]
@@ -84,9 +80,8 @@ def save_weights(
 
 
 def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ()) -> None:
-    """Reads the weights of one network.
+    """Reads the weights of one network. optional: first letters of names that may differ.
 
-    optional: first letters of names that the file may lack, or may have in addition.
     Raises T2TwinError if the file is missing, is of another network or has non-finite numbers.
     """
     if not path.is_file():
@@ -133,10 +128,7 @@ def save_state(path: Path, translator: Translator, progress: TrainingState) -> N
 
 
 def load_state(path: Path, translator: Translator) -> TrainingState:
-    """Restores a saved state.
-
-    Raises T2TwinError for a damaged file, a state of other networks and non-finite numbers.
-    """
+    """Restores a saved state. Raises T2TwinError for one that is damaged or of other networks."""
     progress = load_progress(path)
     try:
         state = load_file(path)
@@ -197,12 +189,10 @@ AVERAGE = "average.json"  # Contains the share of the later run, for the card
 
 
 def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
-    """Writes a copy of the later run whose weights are averaged. Its uncertainty must be calibrated
-    again.
+    """Writes a copy of the later run whose weights are averaged; calibrate its uncertainty again.
 
-    share: of the later run, 0 to 1. The mean predicts shear and contact if the later run does; what
-    the earlier one does not predict, or with another scale, is that of the later one. Raises
-    T2TwinError for a share outside this range, for folders that are not finished runs, for runs of
+    share: of the later run, 0 to 1. What the earlier run does not predict, or with another scale,
+    is that of the later one. Raises T2TwinError for folders that are not finished runs, for runs of
     other networks, and if out exists.
     """
     arguments.number(share, "share", 0.0, 1.0)
@@ -223,16 +213,12 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
             first |= {name: each for name, each in last.items() if name.startswith(part)}
     if {n: each.shape for n, each in first.items()} != {n: each.shape for n, each in last.items()}:
         raise T2TwinError(f"{earlier} and {later} have different networks; expected equal ones")
-    mean = {name: _mean(first[name], last[name], share) for name in last}
+    mean = {  # of the later run's types; pretrained weights are stored as float16
+        name: torch.lerp(first[name].float(), each.float(), share).to(each.dtype)
+        for name, each in last.items()
+    }
     out.mkdir(parents=True)
     for name in (CONFIG, LOG, CARD):
         shutil.copyfile(later / name, out / name)
     (out / AVERAGE).write_text(json.dumps({"share": share}), encoding="utf-8")
     save_file(mean, out / BEST)
-
-
-def _mean(first: torch.Tensor, last: torch.Tensor, share: float) -> torch.Tensor:
-    """Of the later run's type; pretrained weights are stored as float16."""
-    if not last.is_floating_point():
-        return last
-    return torch.lerp(first.float(), last.float(), share).to(last.dtype)

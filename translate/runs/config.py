@@ -126,11 +126,6 @@ class RunConfig(Struct, frozen=True):
             kind = self.model if self.is_image_to_counts else f"{self.model} {self.direction}"
             raise T2TwinError(f"the run {run_dir} is {kind}; {purpose} needs {needed}")
 
-    @property
-    def full_scale(self) -> float:
-        """Full scale of the predictions, counts or grey levels."""
-        return self.data.target.full_scale
-
     def save(self, run_dir: Path) -> None:
         """Writes RUN/config.json."""
         libraries = {name: installed_version(name) for name in ("torch", "numpy")}
@@ -138,11 +133,8 @@ class RunConfig(Struct, frozen=True):
 
 
 def load_config(run_dir: Path) -> RunConfig:
-    """Reads a run's config.json.
-
-    Raises T2TwinError if the folder is not a run, if its config has another format, and for missing
-    or invalid fields.
-    """
+    """Reads a run's config.json. Raises T2TwinError for a folder that is not a run, for another
+    format, and for missing or invalid fields."""
     path = run_dir / CONFIG
     if not path.is_file():
         raise T2TwinError(f"{run_dir} has no config.json; give a folder that `train` has made")
@@ -197,10 +189,7 @@ def best_epoch(history: Sequence[EpochRecord]) -> EpochRecord:
 
 
 def read_log(run_dir: Path) -> list[EpochRecord]:
-    """Reads a run's log.jsonl, which has at least one epoch.
-
-    Raises T2TwinError if it is missing or empty, or if a line is not the record of an epoch.
-    """
+    """Reads a run's log.jsonl, at least one epoch. Raises T2TwinError for anything else."""
     path = run_dir / LOG
     lines = read_file(path).splitlines() if path.is_file() else []
     if not lines:
@@ -240,8 +229,7 @@ def resolve_run(run: str | Path) -> Path:
     """The folder of a run, given as a folder or as the name of a pretrained run.
 
     A text equal to the name of a pretrained run refers to that run; a folder of that name is given
-    as ./NAME or as a Path. NAME@VERSION refers to that version of a pretrained run.
-    Raises T2TwinError if there is neither, and for a version that is not part of the package.
+    as ./NAME or as a Path. Raises T2TwinError for neither, and for another version in NAME@VERSION.
     """
     names, path = pretrained_runs(), arguments.path(run, "run")
     name = str(run).partition("@")[0]

@@ -489,7 +489,7 @@ class Trainer:
             learning_rate=share * config.preset.learning_rate,
             train={name: total / self.steps for name, total in losses.items()},
             val_rmse_counts=None if config.predicts_images else rmse,
-            val_rmse_percent=100.0 * rmse / config.full_scale,
+            val_rmse_percent=100.0 * rmse / config.data.target.full_scale,
             seconds=distributed.reduced(time.perf_counter() - started, "MAX"),
             val_rmse_grey=rmse if config.predicts_images else None,
             **{name: distributed.reduced(error, "MAX") for name, error in further.items()},

@@ -1,12 +1,12 @@
 """Calibration of predicted standard deviations on held-out presses.
 
-A raw spread of the network ranks errors well, but has the wrong magnitude. First a small network,
-`SpreadScale`, multiplies the spreads of a press by factors of its light, force and place. It is
-fitted with the pinball loss of the 90 % quantile of the errors (Koenker and Bassett 1978), as in
-conformalized quantile regression (Romano et al. 2019). Then knots of each output give a factor that
-depends on the spread itself (temperature scaling by bins, Guo et al. 2017). So 90 % intervals cover
-90 % of the errors in each bin. The result is monotone, as in isotonic calibration.
-The correlation of the standardized errors between places is one matrix for all images.
+A raw spread of the network ranks errors well, but has the wrong magnitude. First `SpreadScale`
+multiplies the spreads of a press by factors of its light, force and place. It is fitted with the
+pinball loss of the 90 % quantile of the errors (Koenker and Bassett 1978), as in conformalized
+quantile regression (Romano et al. 2019). Then knots of each output give a factor that depends on
+the spread itself (temperature scaling by bins, Guo et al. 2017), monotone as in isotonic
+calibration, so that 90 % intervals cover 90 % of the errors in each bin. The correlation of the
+standardized errors between places is one matrix for all images.
 
 Shape letters: P presses, F places of the dense counts, K knots, S image side.
 """

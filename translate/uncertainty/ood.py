@@ -1,8 +1,8 @@
 """Out-of-distribution detection for images of gel cameras.
 
-A run stores statistics of the cells of its training images. A second check compares an image with
-the background frame of its sensor: along the border, where most contacts change little, and by the
-fixed pattern of camera and gel. A third check is of a frame at its own size.
+An image is compared with statistics of the cells of a run's training images, and with the
+background frame of its sensor: along the border, where most contacts change little, and by the
+fixed pattern of camera and gel.
 
 Shape letters: B images, S image side, c channels, K = CELLS * CELLS * c values.
 """
