@@ -15,7 +15,7 @@ from t2twin.translate.evaluation.baselines import (
     force_bins,
 )
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.metrics import by_force, interval, resampled_means
+from t2twin.translate.evaluation.metrics import by_force
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.evaluation.table import results_tables
 
@@ -73,21 +73,6 @@ def test_the_mean_array_of_a_force_is_its_training_presses() -> None:
     assert [row.of_mean_array for row in rows] == [1.0, None]  # there is no part of nothing
 
 
-def test_every_force_is_measured_by_its_own_mean_array() -> None:
-    """Off by a tenth of the count, and mean arrays off by a fifth: half of them at each force."""
-    rng = np.random.default_rng(0)
-    forces = np.repeat([1.0, 8.0], 60)
-    strong = np.where(rng.permutation(120) % 2, 1.2, 0.8)
-    pairs = presses(forces, np.tile((1000.0 * forces * strong)[:, None], (1, 20)))
-    even = presses(forces)
-    predicted = pairs.counts + 100.0 * forces[:, None]
-    bins = force_bins(pairs, even)
-    rows = by_force(predicted, values_of_pairs(predicted, pairs), pairs, bins, FULL_SCALE)
-    assert [row.rmse_counts for row in rows] == pytest.approx([100.0, 800.0])
-    assert [row.rmse_percent for row in rows] == pytest.approx([0.25, 2.0])
-    assert [row.of_mean_array for row in rows] == pytest.approx([0.5, 0.5])
-
-
 def test_what_is_predicted_where_nothing_is_touched_is_a_phantom() -> None:
     """Presses of unknown force are in no bin."""
     pairs, predicted = presses(np.array([0.0, 0.0, 8.0, np.nan])), np.full((4, 20), 50.0)
@@ -99,17 +84,6 @@ def test_what_is_predicted_where_nothing_is_touched_is_a_phantom() -> None:
     unknown = presses(np.full(5, np.nan))
     values, bins = values_of_pairs(unknown.counts, unknown), force_bins(unknown, unknown)
     assert by_force(unknown.counts, values, unknown, bins, 1.0) == ()
-
-
-def test_intervals_by_force_are_those_of_the_same_resamples() -> None:
-    """One group of all pairs is the overall figure's."""
-    rng = np.random.default_rng(1)
-    pairs = presses(np.full(40, 8.0), shapes=7)
-    predicted = pairs.counts + rng.normal(0, 300, (40, 20))
-    values = values_of_pairs(predicted, pairs)
-    (alone,) = by_force(predicted, values, pairs, force_bins(pairs, pairs), FULL_SCALE)
-    whole = np.sqrt(resampled_means(values, pairs.shapes)["squared_error"])
-    assert alone.interval == pytest.approx(interval(np.asarray(whole)), rel=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -58,11 +58,12 @@ def test_counts_and_tactile_images_are_the_runs(run_dir: Path, session, size: in
 def test_file_says_what_it_is(run_dir: Path, session) -> None:
     config = load_config(run_dir)
     said = session.get_modelmeta().custom_metadata_map
-    assert said["model"] == config.model == run_dir.name
-    assert (said["preset"], said["layout"]) == ("smoke", "cyskin-20")
-    assert said["full_scale_counts"] == "40000"
-    assert said["color"] == ("grey" if run_dir.name == "touch2touch" else "rgb")
-    assert int(said["size"]) == config.preset.size
+    expected = {
+        "model": run_dir.name, "preset": "smoke", "layout": "cyskin-20",
+        "full_scale_counts": "40000", "size": str(config.preset.size),
+        "color": "grey" if run_dir.name == "touch2touch" else "rgb",
+    }  # fmt: skip
+    assert expected.items() <= said.items()
     assert json.loads(said["layout_x_mm"]) == config.data.array.x_mm.tolist()
     assert session.get_inputs()[0].shape[0] == "batch"
     assert "[0, 1]" in session.get_modelmeta().description
@@ -136,12 +137,6 @@ def test_card_of_pairs_brought_in_gives_no_license_away(data_dir: Path, tmp_path
     assert "simulat" not in text
     with pytest.raises(T2TwinError, match="is not the dataset"):
         write_card(tmp_path / "run", data_dir)
-
-
-def test_card_needs_an_epoch(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
-    (tmp_path / "config.json").write_text((run_dir / "config.json").read_text())
-    with pytest.raises(T2TwinError, match="the first is not finished"):
-        write_card(tmp_path, data_dir)
 
 
 SETTINGS = ("OMP_WAIT_POLICY", "ORT_DISABLE_TELEMETRY", "TORCHINDUCTOR_CACHE_DIR")

@@ -127,12 +127,6 @@ def test_interval_is_that_of_the_mean_of_shapes() -> None:
     assert drawn["ssim"].mean() == pytest.approx(1 - of_shape.mean() / 1e4, rel=1e-3)
 
 
-def test_resamples_of_one_shape_are_no_interval() -> None:
-    values, shapes = values_of(np.array([3.0, 4.0])), np.array(["a", "a"])
-    assert not any(metrics.intervals(values, FULL_SCALE, shapes).values())
-    np.testing.assert_allclose(resampled(values, shapes)["rmse_counts"], math.sqrt(12.5))
-
-
 def test_figures_are_of_the_pairs_that_have_them() -> None:
     values = values_of(np.array([0.0, 100.0, 300.0]))
     found = metrics.by_name(values, FULL_SCALE, np.array(["a", "b", "a"]))["a"]
@@ -181,16 +175,6 @@ def test_unknowable_part_is_found_by_extrapolation() -> None:
     assert floor is not None
     assert floor["parts"] == {"some": pytest.approx(hidden, rel=0.1)}
     assert floor["extrapolated_rmse_counts"] == pytest.approx(hidden, rel=0.05)
-
-
-def test_one_distance_makes_no_line() -> None:
-    counts = np.zeros((40, 20), np.float32)
-    near = Neighbors((np.arange(40) ^ 1)[:, None], np.full((40, 1), 0.5))
-    pairs = pairs_with(counts, np.array([f"s{n % 2}" for n in range(40)]))
-    floor = floor_of(pairs, pairs, near, 0.3, {})
-    assert floor is not None and floor["extrapolated_rmse_counts"] is None
-    far = Neighbors(near.index, np.full((40, 1), np.inf))
-    assert floor_of(pairs, pairs, far, 0.3, {}) is None
 
 
 def test_the_irreducible_error_of_a_dataset(data_dir: Path) -> None:

@@ -1,7 +1,6 @@
 """Files of taxel layouts, and a translator on a layout that it was not trained on."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -74,13 +73,6 @@ def test_linear_response_is_read_exactly_by_any_layout(
     np.testing.assert_allclose(counts[0], response(dense.x_mm, dense.y_mm), atol=1.0)
     assert applied.config.data.array.layout == "dense"
     assert run.predict(np.zeros((1, 320, 240, 3), np.uint8)).shape == (1, 20)
-
-
-def test_own_layout_changes_nothing(runs: dict[str, TrainedTranslator]) -> None:
-    layout = load_layout()
-    for run in runs.values():
-        assert run.at_layout(replace(layout, y_mm=layout.y_mm + 1e-6)) is run
-        assert not run.config.data.array.same_layout(layout.x_mm[::-1], layout.y_mm[::-1])
 
 
 def test_layouts_that_cannot_be_read_are_refused(

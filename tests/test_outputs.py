@@ -89,20 +89,8 @@ def test_predictions_are_recorded_from_the_first_frame_on(rerun: MagicMock) -> N
 
 @pytest.mark.usefixtures("rerun")
 def test_a_slide_is_recorded() -> None:
-    main(
-        [
-            "slide",
-            "hemisphere-4",
-            "--force-n",
-            "2",
-            "--dx-mm",
-            "0.2",
-            "--steps",
-            "1",
-            "--rerun",
-            "a.rrd",
-        ]
-    )
+    line = "slide hemisphere-4 --force-n 2 --dx-mm 0.2 --steps 1 --rerun a.rrd"
+    main(line.split())
     assert Path("a.rrd").exists()
     assert Path("runs/slide/hemisphere-4/slide.csv").exists()
 

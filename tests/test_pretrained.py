@@ -93,20 +93,6 @@ def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monk
         resolve_run("field@2")
 
 
-def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:
-    with pytest.raises(T2TwinError, match="contains no evaluation"):
-        publish_pretrained("mine", runs[0], [tmp_path], tmp_path / "home")
-    evaluate([runs[1]], data_dir, "val", tmp_path / "of-resnet18" / "val")
-    (tmp_path / "of-resnet18" / "val" / "metrics.json").write_text("{}")
-    with pytest.raises(T2TwinError, match=r"metrics\.json"):
-        publish_pretrained("mine", runs[0], [tmp_path / "of-resnet18"], tmp_path / "home")
-    unfinished = shutil.copytree(runs[0], tmp_path / "unfinished")
-    (unfinished / BEST).unlink()
-    with pytest.raises(T2TwinError, match="has not finished"):
-        publish_pretrained("mine", unfinished, [], tmp_path / "home")
-    assert not (tmp_path / "home").exists()
-
-
 @pytest.mark.parametrize("name", CARDS)
 def test_the_card_says_what_is_measured(name: str, products: Products) -> None:
     """Presses of hand tools, made anew, come to the card's figure for all of the protocol's."""

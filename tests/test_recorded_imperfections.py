@@ -159,12 +159,6 @@ def test_arrays_differ_and_each_has_the_whole_distribution():
     assert np.array_equal(one, same) and not np.array_equal(one, other)
 
 
-def test_dead_taxels_read_0():
-    flaws = structs.replace(RECORDED, dead=tuple(range(0, 20, 2)))
-    found = frames([LEVEL, 0.0, LEVEL, 0.0], flaws)
-    assert not found[:, ::2].any() and (found[::2, 1::2] > 0).all()
-
-
 def test_the_memory_goes_along_a_path(twin, shape):
     commands = path_commands(shape.name, [[0, 0, 0, 8], *2 * [[0, 0, 0, 0]]])
     rng = np.random.default_rng(1)
