@@ -73,7 +73,7 @@ class Phi:
         # A dense product is about three times faster than a sparse one.
         self._forward = np.ascontiguousarray(matrix.toarray().T, dtype=np.float32)  # (N, R*C)
         # In double precision because of cancellation.
-        self._backward = np.zeros(matrix.shape)  # (R*C, N)
+        self._backward = np.zeros(self._forward.shape[::-1])  # (R*C, N)
         self._backward[pixels] = used @ np.linalg.inv(normal)
         self._tensors: dict[tuple[str, torch.device, torch.dtype], torch.Tensor] = {}
         return self

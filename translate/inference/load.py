@@ -217,7 +217,7 @@ def _difference(run: TrainedTranslator, pixels: np.ndarray, path: Path) -> float
     theirs = _run(open_onnx(path), {INPUT: _to_input(pixels)})
     inputs = run.translator.to_input(pixels / np.float32(255.0))
     tensors = run.translator.predict_all(inputs, run.predicts_contact)
-    scales = {COUNTS: 1.0, "depth_mm": 1e3}
+    scales: dict[str, Any] = {COUNTS: 1.0, "depth_mm": 1e3}
     if run.has_uncertainty:  # standard deviations are exponentials: rounding errors are relative
         scales["counts_std"] = 1.0 / np.maximum(1.0, tensors["counts_std"].cpu().numpy() / 1e3)
     return max(
