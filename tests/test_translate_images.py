@@ -63,7 +63,7 @@ NO_IMAGES: dict[str, tuple[object, str]] = {
     "channels first": (np.zeros((3, 32, 24), np.uint8), "channels last"),
     "grey batch": (np.zeros((5, 32, 24), np.uint8), r"\(B, h, w, 1\)"),
     "no rows": (np.zeros((0, 24, 3), np.uint8), "with pixels"),
-    "tensor": (torch.zeros((32, 24, 3), dtype=torch.uint8), "images is of type Tensor"),
+    "tensor": (torch.zeros((32, 24, 3), dtype=torch.uint8), "of type Tensor"),
     "None in a list": ([np.zeros((32, 24), np.uint8), None], r"images\[1\] is None"),
 }  # fmt: skip
 """Values that are no images, and a part of the sentence."""
