@@ -1,10 +1,7 @@
-"""A solved press as a MuJoCo scene for viewing.
+"""A solved press as a MuJoCo scene for viewing: the model of `contact.mujoco_contact`, mm and N.
 
-The scene is the model of `t2twin.sim.contact.mujoco_contact` in mm and N: the active pins with
-their springs, the shape's balls above them, and the solid as a visual mesh. Its keyframe `rest` is
-the equilibrium. The force is an actuator and can be changed; the springs then respond without the
-layer's coupling.
-"""
+Its keyframe `rest` is the equilibrium. The force is an actuator and can be changed; the springs
+then respond without the layer's coupling."""
 
 from html import escape
 from pathlib import Path
@@ -16,9 +13,7 @@ from t2twin.sim.contact.mujoco_contact import BALL_MM, PIN_MASS, SHAPE_MASS
 from t2twin.sim.contact.types import Contact, PinState
 
 STEP_S = 0.02  # time step of the scene, s
-SINK_MM = (
-    0.05  # distance of the rendered surface below the pins' dots, mm, so that both are visible
-)
+SINK_MM = 0.05  # of the rendered surface below the pins' dots, so that both are visible
 MAX_FORCE = 4.0  # largest force of the actuator over the commanded one
 MAX_FACES = 200_000  # limit of MuJoCo on the triangles of a mesh
 # Colors of pins without force and with the largest force.

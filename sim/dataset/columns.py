@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import prod
 from typing import TYPE_CHECKING, Any
 
@@ -38,47 +38,34 @@ Values = Mapping[str, str]  # of each role, IMAGE or COUNTS
 
 @dataclass(frozen=True)
 class Sample:
-    """What the columns of a row are computed from.
-
-    index: of the touch among the shape's. path: index of the first touch of its path. friction: by
-    the sensors' names. units: by role, the columns of the gel cameras' units.
-    """
+    """What the columns of a row are computed from."""
 
     touch: "Touch"
-    index: int
+    index: int  # of the touch among the shape's
     split: str
-    path: int
-    friction: Mapping[str, float] = field(default_factory=dict)
-    units: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    path: int  # index of the first touch of its path
+    friction: Mapping[str, float]  # by the sensors' names
+    units: Mapping[str, Mapping[str, Any]]  # by role, the columns of the gel cameras' units
 
     def reading(self, role: str) -> Any:
-        """The reading of the sensor of a role, of the kind of the column."""
+        """The reading of the sensor of a role."""
         return [*self.touch.readings.values()][ROLES.index(role)]
-
-    def friction_of(self, role: str) -> float:
-        """The coefficient of friction of the sensor of a role."""
-        return self.friction[[*self.touch.readings][ROLES.index(role)]]
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column.
+    """A column."""
 
-    name: after the role, for a sensor's. value: of a sample and a role. kind: of the sensors that
-    have it; "press" for a column without a role, "sensor" for one of both kinds. when: whether the
-    pairs of a recipe have it; None for all pairs. size: values in a list of a sensor. stage: of
-    t2twin.sim.dataset.shard.STAGES.
-    """
-
-    name: str
+    name: str  # after the role, for a sensor's
     type: pa.DataType
     unit: str
     about: str
-    value: Callable[[Sample, str], Any]
+    value: Callable[[Sample, str], Any]  # of a sample and a role
+    # of the sensors that have it; "press" without a role, "sensor" for both kinds
     kind: str = "press"
-    when: Callable[[Recipe], object] | None = None
-    size: Callable[[Any], int] | None = None
-    stage: str = "encoding"
+    when: Callable[[Recipe], object] | None = None  # whether a recipe's pairs have it; None for all
+    size: Callable[[Any], int] | None = None  # values in a list of a sensor
+    stage: str = "encoding"  # of t2twin.sim.dataset.shard.STAGES
 
 
 def _pose(name: str, unit: str, about: str, when: Any = None) -> Column:
@@ -187,7 +174,8 @@ TABLE: tuple[tuple[Column, ...], ...] = (
     ),
     (
         Column(MOTION[0], pa.float64(), "", "coefficient of friction",
-               lambda s, role: s.friction_of(role), "sensor", lambda r: r.motion),
+               lambda s, role: [*s.friction.values()][ROLES.index(role)], "sensor",
+               lambda r: r.motion),
         _moving(MOTION[1], "N", "tangential force along x", lambda c: float(c.shear_n[0])),
         _moving(MOTION[2], "N", "tangential force along y", lambda c: float(c.shear_n[1])),
         _moving(MOTION[3], "N mm", "torque about the shape's origin, clockwise",

@@ -191,32 +191,22 @@ def plain(record: Any) -> Any:
 
 @dataclass(frozen=True)
 class DatasetInfo:
-    """info.json; the attributes have the names of its keys.
-
-    complete: whether all shards exist. pairs: their number in each split when complete. source,
-    target: the sensors. versions: of everything that may change a shard's bytes. shards: the
-    existing ones, by path below the dataset's folder.
-
-    The others are optional. seed, recipe, shapes, shape_code: of a simulated dataset. shapes:
-    the indices of each shape's presses on the grid. only: the primitives and tools to which it is
-    restricted. shape_code: a digest of the code and libraries of the shapes' surfaces. scale: of a
-    dataset of the protocol. files: sha256 of users' solids, by path.
-    """
+    """info.json. Optional fields are of a simulated dataset."""
 
     format: Literal[2]
-    complete: bool
-    pairs: dict[Literal["train", "val", "test"], Count]
+    complete: bool  # whether all shards exist
+    pairs: dict[Literal["train", "val", "test"], Count]  # in each split when complete
     source: SensorInfo
     target: SensorInfo
-    versions: dict[str, str]
-    shards: dict[ShardPath, Shard]
-    scale: str | None = None
+    versions: dict[str, str]  # of everything that may change a shard's bytes
+    shards: dict[ShardPath, Shard]  # the existing ones, by path below the dataset's folder
+    scale: str | None = None  # of a dataset of the protocol
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] | None = None
     recipe: Recipe | None = None
-    shapes: dict[str, tuple[Count, ...]] | None = None
-    only: tuple[str, ...] | None = None
-    shape_code: str | None = None
-    files: dict[str, str] | None = None
+    shapes: dict[str, tuple[Count, ...]] | None = None  # indices of the presses on the grid
+    only: tuple[str, ...] | None = None  # the primitives and tools to which it is restricted
+    shape_code: str | None = None  # digest of the code and libraries of the shapes' surfaces
+    files: dict[str, str] | None = None  # sha256 of users' solids, by path
 
     @property
     def sensors(self) -> dict[str, SensorInfo]:
@@ -229,10 +219,7 @@ class DatasetInfo:
         return {role: sensor.value for role, sensor in self.sensors.items()}
 
     def role_of(self, value: str) -> str:
-        """The role of the first sensor of "image" or "counts", for "counts" the target first.
-
-        Raises T2TwinError for a dataset without one.
-        """
+        """The role of the first sensor of "image" or "counts", for "counts" the target first."""
         roles = list(self.sensors) if value == IMAGE else list(self.sensors)[::-1]
         for role in roles:
             if self.values[role] == value:

@@ -72,17 +72,21 @@ def convert_to_lerobot(folder: str | Path, out: str | Path) -> dict[str, Any]:
     folder that is not empty or cannot be written. Then nothing is written.
     """
     folder = arguments.path(folder, "folder")
-    out = arguments.path(out, "out").absolute()
     info = read_info(folder)
     if not any(info.pairs.values()):
         raise T2TwinError(f"the dataset in {folder} has no pairs; expected at least one")
-    with new_folder(out) as temporary:
+    with new_folder(arguments.path(out, "out").absolute()) as temporary:
         return _convert(folder, temporary, info)
 
 
 def _convert(folder: Path, out: Path, info: DatasetInfo) -> dict[str, Any]:
     """Write all files; returns the content of meta/info.json."""
-    features = [*features_of(info, _present(folder, info)), *INDICES]
+    schema = schema_of(info.values, info.recipe)
+    scalars = [field.name for field in schema if not pa.types.is_nested(field.type)]
+    present = set(schema.names)
+    for _, table in _tables(folder, info, scalars):
+        present -= {name for name in scalars if table[name].null_count}
+    features = [*features_of(info, present), *INDICES]
     tasks: dict[str, int] = {}
     splits: dict[str, str] = {}
     totals: dict[str, list[np.ndarray]] = {feature.name: [] for feature in features}
@@ -122,22 +126,19 @@ def _convert(folder: Path, out: Path, info: DatasetInfo) -> dict[str, Any]:
         "splits": splits,
         "data_path": DATA,
         "video_path": None,
-        "features": {each.name: each.description() for each in features},
+        "features": {
+            each.name: {
+                "dtype": each.dtype,
+                "shape": list(each.shape),
+                "names": each.names and list(each.names),
+            }
+            for each in features
+        },
     }
     write_json(out / "meta" / "info.json", content)
     card = render("sim/dataset/lerobot_card.md", info=info, content=content)
     write_whole(out / CARD, card.encode())
     return content
-
-
-def _present(folder: Path, info: DatasetInfo) -> set[str]:
-    """Names of the columns with a value in every row."""
-    schema = schema_of(info.values, info.recipe)
-    scalars = [field.name for field in schema if not pa.types.is_nested(field.type)]
-    present = set(schema.names)
-    for _, table in _tables(folder, info, scalars):
-        present -= {name for name in scalars if table[name].null_count}
-    return present
 
 
 def _tables(
@@ -233,11 +234,6 @@ class Feature:
             return values
         flat = pa.array(values.ravel())
         return flat if self.shape == (1,) else pa.FixedSizeListArray.from_arrays(flat, *self.shape)
-
-    def description(self) -> dict[str, Any]:
-        """Its entry in meta/info.json."""
-        names = None if self.names is None else list(self.names)
-        return {"dtype": self.dtype, "shape": list(self.shape), "names": names}
 
 
 INDICES = (

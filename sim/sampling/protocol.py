@@ -38,12 +38,9 @@ OBJECT_GRID = Grid(points=3, orientations=7)
 
 @dataclass(frozen=True)
 class Scale:
-    """A subset of the presses: grid points (row, column), and the number of orientations at each.
+    """A subset of the presses: grid points (row, column), and the number of orientations at each,
+    which are equally spaced and start at another one from point to point."""
 
-    Orientations are equally spaced and start at another one from point to point, so that all occur.
-    """
-
-    name: str
     primitive_points: tuple[tuple[int, int], ...]
     primitive_orientations: int
     object_points: tuple[tuple[int, int], ...]
@@ -55,10 +52,10 @@ def _square(*axis: int) -> tuple[tuple[int, int], ...]:
 
 
 SCALES = {
-    "smoke": Scale("smoke", ((0, 0), (3, 3), (6, 6)), 1, ((1, 1),), 1),
-    "light": Scale("light", _square(0, 1, 3, 5, 6), 1, ((0, 0), (0, 2), (1, 1), (2, 0), (2, 2)), 2),
-    "small": Scale("small", _square(1, 2, 4, 5), 2, _square(0, 1, 2), 1),
-    "paper": Scale("paper", _square(*range(7)), 12, _square(*range(3)), 7),
+    "smoke": Scale(((0, 0), (3, 3), (6, 6)), 1, ((1, 1),), 1),
+    "light": Scale(_square(0, 1, 3, 5, 6), 1, ((0, 0), (0, 2), (1, 1), (2, 0), (2, 2)), 2),
+    "small": Scale(_square(1, 2, 4, 5), 2, _square(0, 1, 2), 1),
+    "paper": Scale(_square(*range(7)), 12, _square(*range(3)), 7),
 }
 
 
