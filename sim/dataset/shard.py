@@ -76,7 +76,7 @@ class Tally:
     """What is counted of a shard, or of many: processor time, rejected attempts, notes, memory."""
 
     def __init__(self) -> None:
-        self.seconds = dict.fromkeys(STAGES, 0.0)  # processor time by stage
+        self.seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)  # processor time by stage
         self.rejected: Counter[str] = Counter()  # attempts by reason
         self.notes: Counter[str] = Counter()  # pairs by the notes of their touch
         self.peaks: dict[str, int] = {}  # peak memory of the processes by name, bytes

@@ -126,6 +126,7 @@ class SensorPair:
         Raises T2TwinError as solve_contact does.
         """
         readings: dict[str, Reading] = {}
+        earlier: dict[str, Any] = {} if before is None else before.readings
         for role, (name, sensor) in zip(ROLES, self.by_name.items(), strict=True):
             if only not in (None, name):
                 continue
@@ -135,7 +136,7 @@ class SensorPair:
                     contact = sensor.press(shape, command)
                     sensor.prepare(contact)
             with timed(f"read {role}"):
-                readings[name] = sensor.read(contact, rng, before and before.readings.get(name))
+                readings[name] = sensor.read(contact, rng, earlier.get(name))
         return Touch(shape, command, readings)
 
     def check_over_pads(self, touch: Touch, command: PressCommand) -> None:
@@ -167,10 +168,9 @@ class SensorPair:
         self, touch: Touch, rng: np.random.Generator | None = None, before: Touch | None = None
     ) -> Touch:
         """The touch with the images and the counts of its contacts; rng, before as for `press`."""
+        earlier: dict[str, Any] = {} if before is None else before.readings
         readings = {
-            name: self.by_name[name].read(
-                reading.contact, rng, before and before.readings.get(name)
-            )
+            name: self.by_name[name].read(reading.contact, rng, earlier.get(name))
             for name, reading in touch.readings.items()
         }
         return replace(touch, readings=readings)
