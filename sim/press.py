@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from t2twin.sim.sensors.files import Sensor
 
 
-OPTIONS = ("layout", "optics", "imperfections", "markers")
-"""Options of the sensors."""
+OPTIONS = ("layout", "optics", "imperfections", "markers")  # Options of the sensors
 
 
 @dataclass(frozen=True)

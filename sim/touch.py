@@ -27,9 +27,8 @@ from t2twin.sim.taxels.layout import Layout
 from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
 from t2twin.sim.taxels.taxel_array import CountsReading
 
+# A sensor's reading: the sensor, its contact, and its image or counts
 Reading = ImageReading | CountsReading
-"""A sensor's reading: the sensor, its contact, and its image or counts."""
-
 VERSIONS = ("t2twin", "mujoco", "numpy")  # packages whose versions press.json contains
 PRESS_JSON = "press.json"  # the file that each saved touch has
 # Attributes of a contact that press.json contains.
@@ -37,6 +36,7 @@ CONTACT_JSON = (
     "force_n", "depth_mm", "settled", "smaller_than_grid", "bottomed", "contact_area_mm2",
     "milliseconds",
 )  # fmt: skip
+POSE_JSON = ("shape", "x_mm", "y_mm", "yaw_rad", *TILT)  # and of its command
 MARKERS_CSV = "markers.csv"
 MARKER_COLUMNS = ("marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm")
 
@@ -45,8 +45,8 @@ FAR_SHEARED = (
     "the surface is sheared beyond what the model describes, so its displacement is approximate"
 )
 
+# None, which type checkers need not exclude: most touches are of both sensors (as in typeshed)
 MaybeNone = Any
-"""None, which type checkers need not exclude: most touches are of both sensors (as in typeshed)."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ class Touch:
         folder = arguments.path(folder, "folder")
         with locked(folder), temporary_folder(folder, "press") as temporary:
             check_own(folder, PRESS_JSON, "press")
-            content = json.dumps(_press_json(self), indent=1)
+            content = json.dumps(self._content(), indent=1)
             (temporary / PRESS_JSON).write_text(f"{content}\n")
             mesh_file = scene.mesh_name(self.shape)
             if mesh_file is not None:
@@ -216,11 +216,37 @@ class Touch:
                 reading.save(temporary, sensor)
             if self.markers is not None:
                 write_csv(temporary / MARKERS_CSV, MARKER_COLUMNS, marker_rows(self))
+            # those of an earlier touch, except of sensors without contact
+            old = {MARKERS_CSV, "shape.stl", "tactile_image.png", "tactile_picture.png"}
+            for path in folder.glob("contact_*.npz"):
+                own = path.stem.removeprefix("contact_")
+                old |= {path.name, scene_path(folder, own).name, f"{own}.png", f"{own}.json"}
+                old |= {f"tactile_image_{own}.png", f"tactile_picture_{own}.png"}
             new = sorted(temporary.iterdir())
-            old = _files_of_touch(folder) - {path.name for path in new}
             move_into(folder, new)
-            for name in old:
+            for name in old - {path.name for path in new}:
                 (folder / name).unlink(missing_ok=True)
+
+    def _content(self) -> dict[str, Any]:
+        """The content of press.json."""
+        command, attached = self.command, {}
+        if self.sensor_to_world is not None:
+            attached["sensor_to_world"] = self.sensor_to_world.tolist()
+            attached["notices"] = [asdict(notice) for notice in self.notices]
+        return {
+            **attached,
+            **{
+                name: getattr(command, name) for name in ("shape", "x_mm", "y_mm", "yaw_rad", *TILT)
+            },
+            "commanded_force_n": command.force_n,
+            "notes": [*command.tilted(self.shape).notes, *self.notes],
+            "versions": {name: installed_version(name) for name in VERSIONS},
+        } | {
+            sensor: {name: getattr(contact, name) for name in CONTACT_JSON}
+            | {"elastomer": elastomer_json(contact.elastomer)}
+            | self[sensor].setup
+            for sensor, contact in self.contacts.items()
+        }
 
 
 def contact_notes(contact: Contact) -> list[str]:
@@ -257,16 +283,6 @@ def contact_notes(contact: Contact) -> list[str]:
     return found
 
 
-def _files_of_touch(folder: Path) -> set[str]:
-    """Names of the files of a touch in the folder, except those of sensors without contact."""
-    found = {MARKERS_CSV, "shape.stl", "tactile_image.png", "tactile_picture.png"}
-    for path in folder.glob("contact_*.npz"):
-        sensor = path.stem.removeprefix("contact_")
-        found |= {path.name, scene_path(folder, sensor).name, f"{sensor}.png", f"{sensor}.json"}
-        found |= {f"tactile_image_{sensor}.png", f"tactile_picture_{sensor}.png"}
-    return found
-
-
 def marker_rows(touch: Touch) -> list[list[Any]]:
     """Rows of MARKER_COLUMNS, one for each marker of a touch with markers."""
     assert touch.markers is not None
@@ -277,22 +293,3 @@ def marker_rows(touch: Touch) -> list[list[Any]]:
 def scene_path(folder: Path, sensor: str) -> Path:
     """The scene of a sensor, by its name, in the folder of a saved touch."""
     return folder / f"scene_{sensor}.xml"
-
-
-def _press_json(touch: Touch) -> dict[str, Any]:
-    command, attached = touch.command, {}
-    if touch.sensor_to_world is not None:
-        attached["sensor_to_world"] = touch.sensor_to_world.tolist()
-        attached["notices"] = [asdict(notice) for notice in touch.notices]
-    return {
-        **attached,
-        **{name: getattr(command, name) for name in ("shape", "x_mm", "y_mm", "yaw_rad", *TILT)},
-        "commanded_force_n": command.force_n,
-        "notes": [*command.tilted(touch.shape).notes, *touch.notes],
-        "versions": {name: installed_version(name) for name in VERSIONS},
-    } | {
-        sensor: {name: getattr(contact, name) for name in CONTACT_JSON}
-        | {"elastomer": elastomer_json(contact.elastomer)}
-        | touch[sensor].setup
-        for sensor, contact in touch.contacts.items()
-    }

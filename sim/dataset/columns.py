@@ -23,9 +23,8 @@ COUNTS_TYPE = pa.list_(pa.uint16())
 
 POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")  # of the press: fields of PressCommand
 
+# Columns of a sensor's contact, with their values in a press of 0 N, which has no contacts
 CONTACT = {"depth_mm": 0.0, "force_n": 0.0, "settled": True, "bottomed": False}
-"""Columns of a sensor's contact, with their values in a press of 0 N, which has no contacts."""
-
 UNIT, BACKGROUND, MARKERS = "unit", "background", "markers"
 DENSE_COUNTS = "dense_counts"
 CONTACT_MAPS = ("depth_map_um", "pressure_map_hpa")

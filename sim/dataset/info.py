@@ -26,8 +26,8 @@ MAX_COUNTS = 65_535  # of a column of uint16
 # of a printed board)
 SAME_MM = 1e-3
 
+# Packages whose versions may change a shard's bytes
 PACKAGES = ("t2twin", "mujoco", "numpy", "scipy", "numba", "cadquery", "pillow", "pyarrow")
-"""Packages whose versions may change a shard's bytes."""
 
 Count = Annotated[int, Meta(ge=0)]
 Size = Annotated[int, Meta(ge=1, le=1_000_000)]

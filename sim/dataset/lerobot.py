@@ -50,17 +50,16 @@ FILES_PER_CHUNK = 1000  # LeRobot's default number of files of a folder
 LEVELS = 256  # gray levels of an image
 
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+# Paths of the files of frames, one for each shard, and of episodes
 DATA, EPISODES = f"data/{FILE}", f"meta/episodes/{FILE}"
-"""Paths of the files of frames, one for each shard, and of episodes."""
-
 EPISODE_NUMBERS = (
     "episode_index", "length", "data/chunk_index", "data/file_index", "dataset_from_index",
     "dataset_to_index", "meta/episodes/chunk_index", "meta/episodes/file_index",
 )  # fmt: skip
 """Columns of whole numbers of the file of episodes."""
 
+# Quantiles of LeRobot's statistics, by name
 QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
-"""Quantiles of LeRobot's statistics, by name."""
 
 
 def convert_to_lerobot(folder: str | Path, out: str | Path) -> dict[str, Any]:

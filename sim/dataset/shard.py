@@ -68,8 +68,8 @@ MARKER_PITCHES_MM = (1.0, 2.5)  # range of the markers' pitches (assumed)
 MARKER_SHARES = (0.25, 0.45)  # range of the markers' diameters over their pitch (assumed)
 MAX_JITTER_SHARE = 0.3  # largest jitter over the free distance (assumed)
 
+# Makes a press and the touches of its path; the last one is rejected, or none
 Press = Callable[[Shape, PressSample], list[Touch]]
-"""Makes a press and the touches of its path; the last one is rejected, or none."""
 
 
 class Tally:
@@ -267,15 +267,6 @@ def _touches(
         return read
 
 
-def _is_fixed(recipe: Recipe, part: int, number: int) -> bool:
-    """Whether a unit of a part is the fixed one."""
-    light = recipe.light
-    if light.kind == "fixed" or not light.fixed_share:
-        return light.kind == "fixed"
-    rng = np.random.default_rng((recipe.seed, FIXED_STREAM, part, number))
-    return bool(rng.random() < light.fixed_share)
-
-
 def _markers(rng: np.random.Generator, share: float) -> Markers | None:
     """Sampled markers of a unit. share: of the units that have markers."""
     if rng.random() >= share:
@@ -303,7 +294,11 @@ def _unit(
             for stream in (UNIT_STREAM, ARTIFACT_STREAM, MARKER_STREAM, FRAME_STREAM)
         }
         columns[role] = {UNIT: number}
-        if not _is_fixed(recipe, part, number):
+        is_fixed, share = recipe.light.kind == "fixed", recipe.light.fixed_share
+        if share:
+            rng = np.random.default_rng((recipe.seed, FIXED_STREAM, part, number))
+            is_fixed = rng.random() < share
+        if not is_fixed:
             with tally.running("light"):
                 light, artifacts = rngs[UNIT_STREAM], rngs[ARTIFACT_STREAM]
                 draw = recipe.light.draw, recipe.light.artifacts or None

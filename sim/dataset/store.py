@@ -66,11 +66,9 @@ CROISSANT_TYPES = {
     "float64": "cr:Float64",
 }
 
-BATCH_ROWS = 128
-"""Rows of a row group, some 9 MB: the memory of a shard that is being written."""
-
+BATCH_ROWS = 128  # Rows of a row group, some 9 MB: the memory of a shard that is being written
+# Largest dictionary of background frames in a row group: at most one frame per row
 MAX_DICTIONARY_BYTES = 32_000_000
-"""Largest dictionary of background frames in a row group: at most one frame per row."""
 
 
 def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema) -> str:

@@ -210,7 +210,14 @@ def path_attempts(
     """
     own = recipe.parts[part]
     if own.place == "grid":
-        yield _grid_press(own, name, path.index, recipe.seed)
+        place, forces = catalogue.NAMES.index(name), own.force_n
+        listed = forces if isinstance(forces, tuple) else (forces,)
+        at, which = divmod(path.index, len(listed))
+        rng = np.random.default_rng((recipe.seed, FORCE_STREAM, place, path.index))
+        force_n = sample_force(rng, listed[which])
+        command = protocol.press_of(name, catalogue.spacing_mm(name), at)
+        rng = np.random.default_rng((recipe.seed, place, path.index))
+        yield PressSample(path.index, replace(command, force_n=force_n), rng, None)
         return
     for attempt in range(first, max_attempts(own)):
         yield sample_press(recipe, part, name, number, path, attempt)
@@ -258,19 +265,6 @@ def sample_tilt(rng: np.random.Generator, place: Place) -> tuple[float, float]:
     about_x = np.arcsin(np.sin(angle) * np.sin(towards))
     about_y = np.arctan2(np.sin(angle) * np.cos(towards), np.cos(angle))
     return float(about_x), float(about_y)
-
-
-def _grid_press(part: Part, name: str, index: int, seed: int) -> PressSample:
-    """A press of the protocol with the part's force, or one of its forces."""
-    place = catalogue.NAMES.index(name)
-    forces = part.force_n if isinstance(part.force_n, tuple) else (part.force_n,)
-    at, which = divmod(index, len(forces))
-    command = protocol.press_of(name, catalogue.properties(name)["spacing_mm"], at)
-    force = forces[which]
-    if isinstance(force, ForceRange):
-        force = sample_force(np.random.default_rng((seed, FORCE_STREAM, place, index)), force)
-    command = replace(command, force_n=float(force))
-    return PressSample(index, command, np.random.default_rng((seed, place, index)), None)
 
 
 def sample_force(rng: np.random.Generator, forces: float | tuple[float, ...] | ForceRange) -> float:

@@ -32,8 +32,8 @@ class Grid:
 
 
 PRIMITIVE_GRID = Grid(points=7, orientations=12)
+# The objects' seven orientations have the same range as the primitives' twelve (assumed)
 OBJECT_GRID = Grid(points=3, orientations=7)
-"""The objects' seven orientations have the same range as the primitives' twelve (assumed)."""
 
 
 @dataclass(frozen=True)

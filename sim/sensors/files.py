@@ -115,8 +115,8 @@ def _moved_ranges(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any] |
         return None
 
 
+# Tables that replace the extended file's as a whole, since their keys exclude each other
 REPLACED = ("layout", "transducer", "markers")
-"""Tables that replace the extended file's as a whole, since their keys exclude each other."""
 
 
 def _merged(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:

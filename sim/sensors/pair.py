@@ -24,8 +24,8 @@ from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
 from t2twin.sim.taxels.taxel_array import TaxelArray
 from t2twin.sim.touch import Reading, Touch
 
+# Context manager around each stage of a press, named as in t2twin.sim.dataset.shard.STAGES
 StageTimer = Callable[[str], AbstractContextManager[Any]]
-"""Context manager around each stage of a press, named as in t2twin.sim.dataset.shard.STAGES."""
 
 
 @dataclass(frozen=True)
