@@ -235,9 +235,7 @@ class Touch:
             attached["notices"] = [asdict(notice) for notice in self.notices]
         return {
             **attached,
-            **{
-                name: getattr(command, name) for name in ("shape", "x_mm", "y_mm", "yaw_rad", *TILT)
-            },
+            **{name: getattr(command, name) for name in POSE_JSON},
             "commanded_force_n": command.force_n,
             "notes": [*command.tilted(self.shape).notes, *self.notes],
             "versions": {name: installed_version(name) for name in VERSIONS},

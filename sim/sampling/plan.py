@@ -215,7 +215,7 @@ def path_attempts(
         at, which = divmod(path.index, len(listed))
         rng = np.random.default_rng((recipe.seed, FORCE_STREAM, place, path.index))
         force_n = sample_force(rng, listed[which])
-        command = protocol.press_of(name, catalogue.spacing_mm(name), at)
+        command = protocol.press_of(name, catalogue.properties(name)["spacing_mm"], at)
         rng = np.random.default_rng((recipe.seed, place, path.index))
         yield PressSample(path.index, replace(command, force_n=force_n), rng, None)
         return
