@@ -418,7 +418,7 @@ def place_pins(
             surface, thickness[window], first_touch_mm, *blocks, of_pins, own,
         )  # fmt: skip
         placed.append((np.full(kept, len(placed)), *blocks[:, :kept], *of_pins[:, :kept]))
-    of_all = placed[0] if len(placed) == 1 else map(np.concatenate, zip(*placed, strict=True))
+    of_all: Any = placed[0] if len(placed) == 1 else map(np.concatenate, zip(*placed, strict=True))
     heights = [shape.heights_mm for _, _, shape, _ in bodies]
     return Pins(layer, window, *of_all, cover, heights, np.array([each[-1] for each in bodies]))
 

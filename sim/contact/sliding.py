@@ -90,9 +90,9 @@ class Drive(Protocol):
 
     # Whether the forces are prescribed instead of the motion. The displacement by shear then moves
     # with the contact, and whole steps do not overshoot.
-    prescribed: bool
+    prescribed: ClassVar[bool]
     # Share of an error that a correction removes, with acceleration and late.
-    relaxation: tuple[float, float]
+    relaxation: ClassVar[tuple[float, float]]
 
     def traction(
         self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
