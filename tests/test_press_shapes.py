@@ -124,19 +124,6 @@ def test_a_touch_names_what_limits_it(command, note):
     assert any(each.startswith(note) for each in touch.notes) == bool(note), touch.notes
 
 
-def test_a_needle_that_may_be_missed_is_named(solid):
-    """Between the points at which the solver reads a shape, its plate is pressed instead."""
-    plate = box((20, 20, 1), (0, 0, 0))
-    for needle in (box((0.05, 0.05, 6), (0, 0, 3)), trimesh.creation.cone(0.2, 6.0)):
-        (note,) = solid(plate, needle).notes
-        assert "narrower than 0.5 x 0.2 mm" in note and "a press may miss them" in note
-    for other in (box((0.2, 0.5, 6), (0, 0, 3)), trimesh.creation.cone(2.0, 4.0), plate):
-        for yaw in (0.0, 0.5, np.pi / 4):
-            turned = other.copy()
-            turned.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0, 0, 1)))
-            assert solid(plate, turned).notes == ()
-
-
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
 def test_a_shape_off_the_middle_is_told_where_it_lies(solid, yaw):
     """A ring around the pad: the position in the sentence presses it, and so does centering."""

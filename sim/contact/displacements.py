@@ -61,7 +61,8 @@ def moved(
     return found
 
 
-def unfolded(displacement_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
+@compiled(nogil=True)
+def unfolded(displacement_mm, pitch_mm):
     """A displacement near the given one that does not shorten the surface by MAX_SHORTENING.
 
     displacement_mm: (2 or 3, rows, columns) along x, along y, and perhaps into the sensor, mm. The
@@ -69,14 +70,8 @@ def unfolded(displacement_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
     isotonic regression of the places to which the points move (Barlow et al., Statistical Inference
     under Order Restrictions, 1972), which is continuous in the displacement.
     """
-    found = np.array(displacement_mm, float)
-    _unfold(found, MAX_SHORTENING * pitch_mm)
-    return found
-
-
-@compiled(nogil=True)
-def _unfold(moved, most):
-    """Limit the displacement in place. most: decrease from one column or row to the next, mm."""
+    # The largest decrease from one column or row to the next.
+    moved, most = displacement_mm.astype(np.float64), MAX_SHORTENING * pitch_mm
     _, rows, columns = moved.shape
     places = np.empty(max(rows, columns))
     means, sizes = np.empty(places.size), np.empty(places.size, np.int64)
@@ -115,3 +110,4 @@ def _unfold(moved, most):
                     moved[0, i, j] += across * change
                     moved[1, i, j] += down * change
                     i, j, n = i + down, j + across, n + 1
+    return moved

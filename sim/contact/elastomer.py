@@ -197,24 +197,6 @@ def elastomer_of(content: dict[str, Any], source: object) -> Elastomer:
     return convert(given, Elastomer, source)
 
 
-def neo_hookean_mm(linear_mm: np.ndarray, thickness_mm: np.ndarray) -> np.ndarray:
-    """Deflection w, mm, of a neo-Hookean layer where a linear one deflects by u; (rows, columns).
-
-    The linear layer's strain u / h is its stress over the modulus. A neo-Hookean solid carries that
-    stress at a stretch l with (1 / l^2 - l) / 3 = u / h (Treloar, The Physics of Rubber Elasticity,
-    1975), and w = h (1 - l). w equals u for small strain and is below h for any stress; where the
-    surface bulges out (u < 0), w = u. The strain is uniform through the thickness, which neglects
-    large rotations.
-    """
-    deflection = np.empty(linear_mm.shape)
-    _neo_hookean(
-        np.ascontiguousarray(linear_mm, np.float64),
-        np.ascontiguousarray(thickness_mm, np.float64),
-        deflection,
-    )
-    return deflection
-
-
 @compiled(inline="always")
 def stiffened(u, h):
     """Deflection at one place, and its first and second derivative by u; see `neo_hookean_mm`."""
@@ -233,7 +215,17 @@ def stiffened(u, h):
 
 
 @compiled(nogil=True)
-def _neo_hookean(linear, thickness, deflection):
-    for i in range(linear.shape[0]):
-        for j in range(linear.shape[1]):
-            deflection[i, j], _, _ = stiffened(linear[i, j], thickness[i, j])
+def neo_hookean_mm(linear_mm, thickness_mm):
+    """Deflection w, mm, of a neo-Hookean layer where a linear one deflects by u; (rows, columns).
+
+    The linear layer's strain u / h is its stress over the modulus. A neo-Hookean solid carries that
+    stress at a stretch l with (1 / l^2 - l) / 3 = u / h (Treloar, The Physics of Rubber Elasticity,
+    1975), and w = h (1 - l). w equals u for small strain and is below h for any stress; where the
+    surface bulges out (u < 0), w = u. The strain is uniform through the thickness, which neglects
+    large rotations.
+    """
+    deflection = np.empty(linear_mm.shape)
+    for i in range(linear_mm.shape[0]):
+        for j in range(linear_mm.shape[1]):
+            deflection[i, j], _, _ = stiffened(linear_mm[i, j], thickness_mm[i, j])
+    return deflection

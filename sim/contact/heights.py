@@ -170,10 +170,7 @@ class Footprint:
         """The footprint on cells of per_side x per_side of these."""
         if per_side == 1:
             return self
-        sizes = [side // per_side for side in self.shares.shape]
-        mean, shares, peaks = (np.empty(sizes) for _ in range(3))
-        _coarsen(self.heights_mm, self.shares, self.peaks_mm, per_side, mean, shares, peaks)
-        return Footprint(mean, shares, peaks)
+        return Footprint(*_coarsened(self.heights_mm, self.shares, self.peaks_mm, per_side))
 
 
 def footprint(
@@ -356,8 +353,9 @@ def _footprint(heights, place, x_mm, y_mm, shifted, shift, included, mean, share
 
 
 @compiled(nogil=True)
-def _coarsen(heights, shares, peaks, per_side, mean, share, peak):
-    """Write mean, share and peak of cells of per_side x per_side cells."""
+def _coarsened(heights, shares, peaks, per_side):
+    """Mean, share and peak of cells of per_side x per_side cells."""
+    mean, share, peak = np.empty((3, heights.shape[0] // per_side, heights.shape[1] // per_side))
     for i in range(mean.shape[0]):
         for j in range(mean.shape[1]):
             covered, total, most = 0.0, 0.0, peaks[i * per_side, j * per_side]
@@ -369,3 +367,4 @@ def _coarsen(heights, shares, peaks, per_side, mean, share, peak):
                         total += shares[k, m] * heights[k, m]
             peak[i, j], share[i, j] = most, covered / per_side**2
             mean[i, j] = total / max(covered, MIN_COVER) if covered > 0.0 else NOTHING_MM
+    return mean, share, peak

@@ -142,7 +142,7 @@ class Layer:
         linear_mm = linear.astype(np.float64)
         if self.elastomer.law == "linear":
             return linear_mm
-        return neo_hookean_mm(linear_mm, self.thickness_mm[window])
+        return neo_hookean_mm(linear_mm, np.ascontiguousarray(self.thickness_mm[window]))
 
     def operator(self, window: Window) -> tuple[Any, ...]:
         """Arguments of `convolve` for a window, from kernel to work."""

@@ -224,15 +224,11 @@ class Pins:
 
     def gather(self, pressure_mpa: np.ndarray, per_cell: int, first: np.ndarray) -> np.ndarray:
         """(n,) pressures with the forces of each body's mean pressures on larger cells."""
-        found = np.empty(self.rows.size)
-        _gather(pressure_mpa, per_cell, first, self.bodies, *self.blocks, self.covered, found)
-        return found
+        return _gathered(pressure_mpa, per_cell, first, self.bodies, *self.blocks, self.covered)
 
     def with_neighbors(self, chosen: np.ndarray) -> np.ndarray:
         """(n,) bool: the chosen pins and those within one side length of a chosen one."""
-        found = np.empty(chosen.size, bool)
-        _with_neighbors(*self.blocks, chosen, np.zeros(self.cover.shape[1:], bool), found)
-        return found
+        return _with_neighbors(*self.blocks, chosen, np.zeros(self.cover.shape[1:], bool))
 
     def window_of(self, chosen: np.ndarray) -> Window:
         """The window of fine cells that contains the chosen pins, of one of few sizes."""
@@ -438,7 +434,8 @@ def _blocks(along, per_cell, rows, columns, sides):
 
 
 @compiled(nogil=True)
-def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pressure):
+def _gathered(coarse, per_cell, first, bodies, rows, columns, sides, covered):
+    pressure = np.empty(rows.size)
     down, across = coarse.shape[1] * per_cell, coarse.shape[2] * per_cell
     for n in range(rows.size):
         body, total = bodies[n], 0.0
@@ -447,11 +444,12 @@ def _gather(coarse, per_cell, first, bodies, rows, columns, sides, covered, pres
             for j in range(max(left, 0), min(left + sides[n], across)):
                 total += coarse[body, i // per_cell, j // per_cell]
         pressure[n] = total / covered[n]
+    return pressure
 
 
 @compiled(nogil=True)
-def _with_neighbors(rows, columns, sides, chosen, near, found):
-    down, across = near.shape
+def _with_neighbors(rows, columns, sides, chosen, near):
+    (down, across), found = near.shape, np.zeros(chosen.size, np.bool_)
     for n in range(chosen.size):
         if chosen[n]:
             side = sides[n]
@@ -459,10 +457,10 @@ def _with_neighbors(rows, columns, sides, chosen, near, found):
                 for j in range(max(columns[n] - side, 0), min(columns[n] + 2 * side, across)):
                     near[i, j] = True
     for n in range(chosen.size):
-        found[n] = False
         for i in range(rows[n], rows[n] + sides[n]):
             for j in range(columns[n], columns[n] + sides[n]):
                 found[n] |= near[i, j]
+    return found
 
 
 @compiled(inline="always")

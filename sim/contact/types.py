@@ -80,10 +80,8 @@ class SurfaceShift:
 
     def on(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Values on other axes, (3, y, x) or (2, y, x), linear between the grid's points."""
-        found = np.empty((len(self.values_mm), y_mm.size, x_mm.size))
         down, across = _interpolation(self.y_mm, y_mm), _interpolation(self.x_mm, x_mm)
-        _interpolate(np.ascontiguousarray(self.values_mm, float), *down, *across, found)
-        return found
+        return _interpolated(np.ascontiguousarray(self.values_mm, float), *down, *across)
 
 
 def _interpolation(places: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -94,8 +92,9 @@ def _interpolation(places: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, 
 
 
 @compiled(nogil=True)
-def _interpolate(values, rows, down, columns, across, found):
-    """Write values between rows and rows + 1, and columns and columns + 1, at shares of the way."""
+def _interpolated(values, rows, down, columns, across):
+    """Values between rows and rows + 1, and columns and columns + 1, at shares of the way."""
+    found = np.empty((values.shape[0], rows.size, columns.size))
     for k in range(found.shape[0]):
         for i in range(rows.size):
             upper, lower, share = values[k, rows[i]], values[k, rows[i] + 1], down[i]
@@ -104,6 +103,7 @@ def _interpolate(values, rows, down, columns, across, found):
                 left = upper[n] * (1 - share) + lower[n] * share
                 right = upper[m] * (1 - share) + lower[m] * share
                 found[k, i, j] = left * (1 - across[j]) + right * across[j]
+    return found
 
 
 @dataclass(frozen=True)
