@@ -37,8 +37,7 @@ TACTILE_IMAGES = "tactile_images"
 class Translator(ABC):
     """The networks of one model with their optimizers, losses and predictions.
 
-    networks: all trained networks by name, the predicting one first. average: its weight average,
-    if the preset has one, which predicts then.
+    networks: all that are trained, by name. The first predicts, or its weight average, if any.
     """
 
     reads_any_layout = is_contact_alone = False  # the second: only the contact's layers are trained
@@ -78,17 +77,15 @@ class Translator(ABC):
         raise NotImplementedError
 
     def outputs(self, inputs: torch.Tensor, *wanted: bool) -> Any:
-        """The predictor's outputs in evaluation mode. wanted: of a field run, see FieldNet."""
+        """The outputs of the predictor in evaluation mode. wanted: for a FieldNet, see there."""
         self.predictor.eval()
         with torch.inference_mode(), self.precision():
-            return self.predictor(inputs.to(self.device), *wanted)
+            return self.predictor(inputs.to(self.device))
 
-    def predict_all(
-        self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
-    ) -> Outputs:
-        """The predictions of one pass of `to_input`; the flags are for field runs."""
+    def predict_all(self, images: torch.Tensor, *wanted: bool) -> Outputs:
+        """The predictions of one pass of `to_input`. wanted: see `outputs`."""
         with torch.inference_mode():
-            return self.read(self.outputs(images))
+            return self.read(self.outputs(images, *wanted))
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
         """Counts within zero and full scale, or images, of `to_input`."""

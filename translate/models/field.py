@@ -212,18 +212,11 @@ class FieldTranslator(Translator):
             losses["shear_spread"] = likelihood @ moving / moving.sum().clamp(min=1.0)
         return losses
 
-    def outputs(
-        self, inputs: torch.Tensor, with_contact: bool = False, with_features: bool = False
-    ) -> Outputs:
+    def outputs(self, inputs: torch.Tensor, *wanted: bool) -> Outputs:
         """See Translator."""
-        return super().outputs(self._with_frame(inputs), with_contact, with_features)
-
-    def predict_all(
-        self, images: torch.Tensor, with_contact: bool = False, with_features: bool = False
-    ) -> Outputs:
-        """See Translator."""
-        with torch.inference_mode():
-            return self.read(self.outputs(images, with_contact, with_features))
+        self.predictor.eval()
+        with torch.inference_mode(), self.precision():
+            return self.predictor(self._with_frame(inputs), *wanted)
 
     def traced(self, *inputs: torch.Tensor) -> Outputs:
         """See Translator."""
@@ -321,7 +314,7 @@ class FieldTranslator(Translator):
             batches = (each for pairs in with_maps for each in self._outputs_on(pairs, True))
             parts = ((out, each.contact) for each, out in batches if each.contact is not None)
             fit_contact_knots(network, self.info.camera.view_mm, parts)
-            fit_contact_limits(network, *self._largest_logits(sets))
+            self._fit_contact_limits(sets)
         if self.is_contact_alone:
             return
         network.scale.reset()
@@ -360,10 +353,8 @@ class FieldTranslator(Translator):
             found["val_contact_error_mm"] = float(torch.cat(depths_mm).mean())
         return found
 
-    def _largest_logits(
-        self, sets: Sequence[Pairs]
-    ) -> tuple[list[torch.Tensor], list[torch.Tensor]]:
-        """Largest logits of pairs without and with a contact, as for `fit_contact_limits`."""
+    def _fit_contact_limits(self, sets: Sequence[Pairs]) -> None:
+        """Sets the limits of contact from pairs without and with a contact."""
 
         def largest(pixels: np.ndarray) -> torch.Tensor:
             found = [torch.empty(0)]
@@ -373,7 +364,7 @@ class FieldTranslator(Translator):
                 found.append(logit.amax(dim=(1, 2)).cpu())
             return torch.cat(found)
 
-        without_contact, with_contact = [torch.empty(0)] * 2, [torch.empty(0)] * 2
+        without_contact, with_contact = ([[torch.empty(0)], [torch.empty(0)]] for _ in range(2))
         for pairs in sets:
             if pairs.contact is None:
                 continue
@@ -384,11 +375,11 @@ class FieldTranslator(Translator):
             for found, rows in ((without_contact, none), (with_contact, some)):
                 pixels = pairs.inputs[rows]
                 for mode, inputs in enumerate((pixels[..., :COLORS], pixels)):
-                    found[mode] = torch.cat([found[mode], largest(inputs)])
+                    found[mode].append(largest(inputs))
                 if found is with_contact and pixels.shape[-1] > COLORS:
-                    frames = largest(pixels[..., COLORS:])
-                    without_contact[0] = torch.cat([without_contact[0], frames])
-        return without_contact, with_contact
+                    without_contact[0].append(largest(pixels[..., COLORS:]))
+        logits = ([torch.cat(each) for each in found] for found in (without_contact, with_contact))
+        fit_contact_limits(self.predictor, *logits)
 
     def _errors_on(self, pairs: Pairs) -> Errors:
         """The errors of pairs, for the calibration."""

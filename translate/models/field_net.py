@@ -1,11 +1,9 @@
 """From the image and the unit's background frame to the dense counts over the whole cover.
 
 A ResNet18 encodes the image. Its last map, pooled to a vector, predicts a canvas over the whole
-cover, for the places outside the view. Its finer maps are resampled onto the canvas where
-the view lies. A small decoder predicts mean and spread from the two.
-
-The places of the dense counts form columns of equal spacing. Each column is shifted by half a place
-relative to its neighbors. The decoder treats the places as a grid of columns by rows.
+cover. Its finer maps are resampled onto the canvas where the view lies. A small decoder predicts
+mean and spread from the two. It treats the places of the dense counts, in columns that are shifted
+by half a place relative to their neighbors, as a grid.
 
 A head predicts the shear force on the gel camera. A shear force displaces the markers on the
 gel. On a layer of thickness h and shear modulus G, the integral of the displacement over the area
@@ -27,6 +25,7 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
+from t2twin.translate.models.base import Outputs
 from t2twin.translate.models.frame_check import convolution, features_of
 from t2twin.translate.models.resnet18 import BasicBlock, ResNet18
 from t2twin.translate.uncertainty.calibration import (
@@ -56,7 +55,6 @@ MIN_TEXTURE = 1e-4
 # Limit of a displacement, pixels of its scale (assumed: larger ones are errors)
 MAX_DISPLACEMENT = 3.0
 WIDTH = 32  # Channels of the network that predicts the weights (assumed)
-Outputs = dict[str, torch.Tensor]  # Of a network by name, see FieldNet
 
 
 def averaged(maps: torch.Tensor, means: torch.Tensor) -> torch.Tensor:
@@ -88,15 +86,10 @@ def displacements(
     middle, difference = (image + frame) / 2, frame - image
     along_x = _gradient(middle)
     along_y = _gradient(middle.transpose(-1, -2)).transpose(-1, -2)
-    products = [
-        along_x * along_x,
-        along_y * along_y,
-        difference * difference,
-        along_x * along_y,
-        along_x * difference,
-        along_y * difference,
-    ]
-    xx, yy, dd, xy, xd, yd = averaged(torch.cat(products, dim=1), means).split(1, dim=1)
+    each = torch.cat([along_x, along_y, difference], dim=1)
+    mixed = each[:, [0, 0, 1]] * each[:, [1, 2, 2]]
+    products = averaged(torch.cat([each * each, mixed], dim=1), means)
+    xx, yy, dd, xy, xd, yd = products.split(1, dim=1)
     roots = torch.cat([xx, yy, dd], dim=1).sqrt()
     xx, yy = xx + MIN_TEXTURE, yy + MIN_TEXTURE
     moved = torch.cat([yy * xd - xy * yd, xx * yd - xy * xd], dim=1) / (xx * yy - xy * xy)

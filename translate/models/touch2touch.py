@@ -25,6 +25,7 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.dataset.columns import IMAGE
 from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.data.images import COLORS, WHITE_GREY, to_scaled
 from t2twin.translate.data.pairs import DataInfo, Examples
@@ -32,7 +33,6 @@ from t2twin.translate.models.base import TACTILE_IMAGES, Outputs, Translator, ad
 from t2twin.translate.models.presets import Preset
 
 GENERATED = "generated"
-
 # Largest distance of a taxel outside the trained layout's hull, mm: positions are often rounded
 OUTSIDE_MM = 0.01
 SAME_COVER = 1e-6  # Largest difference of two hulls' coverage of a pixel, as a fraction (assumed)
@@ -170,10 +170,9 @@ class Pix2Pix(Translator):
     to_input = staticmethod(to_scaled)
     mean = std = np.array([0.5], np.float32)
 
-    def __init__(
-        self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool, channels_out: int
-    ) -> None:
+    def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         channels_in = 1 if preset.grey else COLORS
+        channels_out = channels_in if info.target.value == IMAGE else 1
         self.generator = UNet(preset.size, preset.filters, channels_in, channels_out)
         self.discriminator = PatchGAN(channels_in + channels_out, preset.filters)
         networks = {"generator": self.generator, "discriminator": self.discriminator}
@@ -233,7 +232,7 @@ class Touch2Touch(Pix2Pix):
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         self.phi = info.array.phi.resized((preset.size, preset.size))
-        super().__init__(preset, info, device, bf16, channels_out=1)
+        super().__init__(preset, info, device, bf16)
 
     def target_pictures(self, targets: torch.Tensor) -> torch.Tensor:
         """(B, N) counts -> tactile images, (B, 1, S, S): -1 is zero, 1 is full scale."""
@@ -287,9 +286,6 @@ class Touch2Touch(Pix2Pix):
 
 class ImageTranslator(Pix2Pix):
     """pix2pix with images of a gel camera as targets."""
-
-    def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
-        super().__init__(preset, info, device, bf16, channels_out=1 if preset.grey else COLORS)
 
     def target_pictures(self, targets: torch.Tensor) -> torch.Tensor:
         """The images, (B, S, S, c), scaled."""

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import islice
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -68,24 +69,27 @@ VALIDATION_BATCH = {"cpu": 64, "cuda": 256}
 MIN_EPOCHS = 12
 MIN_STEPS = 100  # Of a shortened epoch (assumed: with fewer, validation takes longer)
 SAVE_SECONDS = 600.0  # Between two states within an epoch (assumed: one takes a few to write)
+# What a resumed training has in common with the stopped one: fields by their names in messages
+GIVEN = {
+    "model": "model", "direction": "direction", "source": "data.source.name", "preset": "preset",
+    "seed": "seed", "dataset": "data.sha256", "dataset of the contact": "contact_data",
+    "number of epochs": "epochs", "number of steps": "steps", "limit in minutes": "minutes",
+    "number of processes": "processes", "warm start": "init_from",
+}  # fmt: skip
 TIMED_STEPS = 3  # Steps of the time estimate, after one that is not counted
 
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """Result of a finished training.
-
-    best_rmse_counts: RMSE on the validation split, counts, or best_rmse_grey, grey levels of a run
-    that predicts images. best_rmse_percent: the same in percent of full scale.
-    """
+    """Result of a finished training."""
 
     run_dir: Path
     epochs: int
     best_epoch: int
-    best_rmse_counts: float | None
-    best_rmse_percent: float
+    best_rmse_counts: float | None  # on the validation split; None of a run that predicts images
+    best_rmse_percent: float  # of full scale
     stop_reason: str
-    best_rmse_grey: float | None = None
+    best_rmse_grey: float | None = None  # grey levels, of a run that predicts images
 
     @property
     def summary(self) -> str:
@@ -192,7 +196,18 @@ def _run(
                     raise T2TwinError(
                         f"{out_dir} is not empty and contains no run; choose another folder"
                     )
-                pairs, validation = _load_in_turn(data_dir, out_dir, config, rank, reverse)
+                if rank > 0:  # while the first process decodes the images
+                    distributed.wait()
+                pairs, validation = (
+                    _load(data_dir, split, config, out_dir, reverse) for split in ("train", "val")
+                )
+                if rank == 0:
+                    distributed.wait()
+                if len(pairs) < MIN_PAIRS:
+                    raise T2TwinError(
+                        f"the train split of {data_dir} has {len(pairs)} pair(s); training needs "
+                        f"{MIN_PAIRS}"
+                    )
                 trainer = Trainer(config, out_dir, pairs, validation, rank, weights)
                 config, history = trainer.run()
         best = best_epoch(history)
@@ -216,25 +231,10 @@ def _run(
         return result
 
 
-def _load_in_turn(
-    data_dir: Path, out_dir: Path, config: RunConfig, rank: int, reverse: bool
-) -> list[Pairs]:
-    """Training and validation pairs; the first process decodes them, while the others wait."""
-    cache = usable_cache(data_dir, out_dir)
-    if rank > 0:
-        distributed.wait()
-    found = [_load(data_dir, split, config, cache, reverse) for split in ("train", "val")]
-    if rank == 0:
-        distributed.wait()
-    if len(found[0]) < MIN_PAIRS:
-        raise T2TwinError(
-            f"the train split of {data_dir} has {len(found[0])} pair(s); training needs {MIN_PAIRS}"
-        )
-    return found
-
-
-def _load(data_dir: Path, split: str, config: RunConfig, cache: Path, reverse: bool) -> Pairs:
+def _load(data_dir: Path, split: str, config: RunConfig, run_dir: Path, reverse: bool) -> Pairs:
+    """The pairs of a split, with what the model learns."""
     preset, dense = config.preset, config.has_uncertainty
+    cache = usable_cache(data_dir, run_dir)
     side = side_of_maps(preset.size) if dense and config.data.has_contact else None
     return load_pairs(data_dir, split, preset.size, preset.grey, cache, dense, reverse, side)
 
@@ -244,23 +244,8 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
     if not (out_dir / CONFIG).is_file():
         return None
     earlier = load_config(out_dir)
-    theirs, ours = (
-        {
-            "model": each.model,
-            "direction": each.direction,
-            "source": each.data.source.name,
-            "preset": each.preset,
-            "seed": each.seed,
-            "dataset": (each.data.sha256, each.contact_data),
-            "number of epochs": each.epochs,
-            "number of steps": each.steps,
-            "limit in minutes": each.minutes,
-            "number of processes": each.processes,
-            "warm start": each.init_from,
-        }
-        for each in (earlier, config)
-    )
-    others = [name for name, value in ours.items() if theirs[name] != value]
+    fields = {name: attrgetter(field) for name, field in GIVEN.items()}
+    others = [name for name, field in fields.items() if field(earlier) != field(config)]
     if others:
         raise T2TwinError(
             f"{out_dir} holds a run with another {', '.join(others)}; give the same again, or "
@@ -401,7 +386,8 @@ class Trainer:
             self.translator.prepare(self.pairs)
             if self.rank == 0:
                 self.config.save(self.out_dir)
-        self._announce(epoch_seconds)
+        if self.rank == 0:
+            self._announce(epoch_seconds)
         self._train()
         return self.config, self.history
 
@@ -540,20 +526,17 @@ class Trainer:
         return distributed.reduced(self.steps * step_seconds + validate_seconds, "MAX")
 
     def _announce(self, epoch_seconds: float) -> None:
-        if self.rank > 0:
-            return
-        config, done, resumes = self.config, len(self.history), ""
+        """Prints what is trained, on what and for how long."""
+        config, done, device = self.config, len(self.history), self.translator.device.type
         seconds = (config.planned_epochs - done) * epoch_seconds
         if config.minutes is not None:
             seconds = min(seconds, 60 * config.minutes + epoch_seconds)
-        if done or self.part.steps:
-            resumes = f" resumes after step {self.part.steps:,} of epoch {done + 1:,};"
-        direction = "" if config.is_image_to_counts else f" {config.direction}"
+        resumes = f" resumes after step {self.part.steps:,} of epoch {done + 1:,};"
         print(
-            f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
-            f"{counted(len(self.pairs), 'pair')}, validated on {len(self.validation)}, "
-            f"{counted(config.planned_epochs, 'epoch')} of {counted(self.steps, 'step')}, "
-            f"{config.precision} on {self.translator.device.type}, "
+            f"{config.model} {config.direction}, preset {config.preset.name}:"
+            f"{resumes if done or self.part.steps else ''} {counted(len(self.pairs), 'pair')}, "
+            f"validated on {len(self.validation)}, {counted(config.planned_epochs, 'epoch')} of "
+            f"{counted(self.steps, 'step')}, {config.precision} on {device}, "
             f"{counted(config.processes, 'process', 'processes')} of "
             f"{counted(torch.get_num_threads(), 'thread')}. At most {seconds / 60:.1f} minutes; it "
             f"stops after {counted(config.preset.patience, 'epoch')} without a better validation.",
@@ -597,11 +580,10 @@ def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
     translator = checkpoint.build(config)
     with locked(run_dir):
         checkpoint.load_weights(run_dir / BEST, translator.predictor)
-        sets = []
-        for folder in folders:
-            reverse = read_info(folder).source.value != IMAGE
-            cache = usable_cache(folder, run_dir)
-            sets.append(_load(folder, "val", config, cache, reverse))
+        sets = [
+            _load(folder, "val", config, run_dir, read_info(folder).source.value != IMAGE)
+            for folder in folders
+        ]
         number, rng = min(map(len, sets)), np.random.default_rng(0)
         samples = [
             pairs.subset(np.sort(rng.choice(len(pairs), number, replace=False))) for pairs in sets
