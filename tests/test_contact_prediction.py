@@ -41,7 +41,7 @@ from t2twin.translate.models.field import (
     fit_contact_limits,
     read_contact,
 )
-from t2twin.translate.models.field_net import CONTACT, LIMITS, SCALE, FieldNet
+from t2twin.translate.models.field_net import CONTACT, SCALE, FieldNet
 from t2twin.translate.runs.checkpoint import average_runs
 from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, HOME, load_config
 from t2twin.translate.training.train import train
@@ -165,7 +165,7 @@ def with_limits(run: Path, folder: Path, limits: list[float]) -> Path:
     """A copy of a run with other limits of contact."""
     shutil.copytree(run, folder)
     weights = load_file(run / BEST)
-    save_file(weights | {LIMITS: torch.tensor(limits)}, folder / BEST)
+    save_file(weights | {"contact_limits": torch.tensor(limits)}, folder / BEST)
     return folder
 
 

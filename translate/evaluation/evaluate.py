@@ -261,7 +261,7 @@ def contact_metrics(
     parts, false_contacts = [], []
     for part in parts_of(len(contact), progress):
         inputs = to_input(pictures[part].astype(np.float32) / 255.0)
-        found = SimpleNamespace(**run.translator.predict_all(inputs, with_contact=True))
+        found = SimpleNamespace(**run.translator.predict_all(inputs, True))
         maps = torch.from_numpy(contact[part].astype(np.float32)).to(found.depth_mm.device)
         depth, pressure = maps.unbind(dim=1)
         inside, mask = pressure > CONTACT_KPA, found.probability > EVEN

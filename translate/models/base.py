@@ -5,7 +5,7 @@ of a tactile image.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from copy import copy, deepcopy
 from functools import cached_property
 from typing import Any, Self
@@ -213,9 +213,7 @@ def weight_average(network: nn.Module, part: float) -> AveragedModel | None:
     if part == 0.0:
         return None
 
-    def mix(
-        averages: Sequence[torch.Tensor], values: Sequence[torch.Tensor], steps: torch.Tensor | int
-    ) -> None:
+    def mix(averages: Any, values: Any, steps: torch.Tensor | int) -> None:
         share = 1.0 / max(1.0, (int(steps) + 1) * part)
         for average, value in zip(averages, values, strict=True):
             if average.is_floating_point():

@@ -29,7 +29,7 @@ from t2twin.sim.taxels.phi import barycentric
 from t2twin.translate.data.images import COLORS, WHITE_GREY, to_input
 from t2twin.translate.data.pairs import DataInfo, Examples, ImageFile, Pairs
 from t2twin.translate.models.base import TACTILE_IMAGES, Outputs, Translator, adamw
-from t2twin.translate.models.field_net import CONTACT, CONTACT_KNOTS, SCALE, SHEAR, FieldNet
+from t2twin.translate.models.field_net import CONTACT, KNOTS, SCALE, SHEAR, FieldNet
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.uncertainty.calibration import (
     MIN_ERRORS,
@@ -48,30 +48,23 @@ from t2twin.translate.uncertainty.calibration import (
 # Weights of losses, 1 unless given (assumed). Without absolute errors the network predicts up to
 # 100 counts where nothing touches
 WEIGHTS = {"field_absolute": 0.1, "force": 0.3, "contact_mask": 0.3}
-# Absolute error below which it is rounded off, standard deviations of the dense counts (assumed)
-ROUNDING = 0.01
-# Added to a force before its logarithm is taken, N (assumed: less than the lightest presses)
-FORCE_OFFSET_N = 0.1
-# Shear force below which its error is not relative to it, N (assumed: as in evaluations)
-MIN_RELATIVE_SHEAR_N = 0.3
+ROUNDING = 0.01  # Absolute errors below it are rounded off, standard deviations (assumed)
+FORCE_OFFSET_N = 0.1  # Added before the logarithm (assumed: less than the lightest presses)
+MIN_RELATIVE_SHEAR_N = 0.3  # Errors of smaller ones are not relative (assumed, as in evaluations)
 # Learning rate of the layers of shear force and contact, divided by the preset's (assumed: they
 # are new after a warm start, whose learning rate is lower)
 NEW_RATE_SHARE = 5.0
-# Share of the training pairs whose background frame is replaced by the dataset's mean frame
-# (assumed), so that the network also works without a background frame
+# Share of the training pairs that have the mean background frame in place of their own (assumed)
 MEAN_FRAME_SHARE = 0.35
 MIN_SHEAR_SCALE_N = 1e-3  # Least scale of the shear force (assumed), for presses that stay still
 MEAN_FRAME_IMAGES = 2000  # Averaged if the pairs have no background frames (assumed)
-# Minimum number of validation presses of random shapes for a calibration mostly on these (assumed)
-MIN_RANDOM_PRESSES = 500
+MIN_RANDOM_PRESSES = 500  # Of random shapes, for a calibration mostly on these (assumed)
 OTHER_PRESSES = 1 / 3  # Share of other presses in that calibration, relative to these (assumed)
 # Presses of a dataset that the limits of contact are set on, at most (assumed: quantiles of half a
 # percent need some hundreds)
 LIMIT_PRESSES = 400
-# Pressure from which a cell is in contact, kPa (assumed: a hundredth of a gel's modulus)
-CONTACT_KPA = 5.0
-# Weight of errors in the contact relative to others (assumed: it is about a tenth of the view)
-IN_CONTACT_WEIGHT = 4.0
+CONTACT_KPA = 5.0  # Pressure of a cell in contact (assumed: a hundredth of a gel's modulus)
+IN_CONTACT_WEIGHT = 4.0  # Of errors in the contact (assumed: it is about a tenth of the view)
 SQUARED_WEIGHT = 0.3  # Weight of squared errors relative to absolute errors (assumed)
 CONTACT_ROUNDING = 0.03  # As ROUNDING, fraction of the scale (assumed)
 MIN_SCALES = (0.01, 1.0)  # Of depth, mm, and pressure, kPa (assumed), for presses without contact
@@ -83,7 +76,6 @@ SCALE_PRESSES = 2000  # Presses that the scales are measured on
 EVEN = 0.5  # Probability from which a cell is in contact
 MAPS = ("depth_mm", "depth_std_mm", "pressure_kpa", "pressure_std_kpa", "probability")
 CENTER = ("center_mm", "center_std_mm")  # Names of the predictions, see `read_contact`
-SPREADS = ("depth", "pressure")  # Outputs with a spread
 BATCH_SIZE = 64  # Images in one batch of prediction; bounds memory
 FEATURES = "frame_features"  # Name of the features for the frame check among the predictions
 
@@ -114,7 +106,6 @@ class FieldTranslator(Translator):
 
     @cached_property
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """See Translator."""
         network, found = self.network, {}
         if not self.is_contact_alone:
             others = (SHEAR, CONTACT, SCALE)
@@ -213,13 +204,11 @@ class FieldTranslator(Translator):
         return losses
 
     def outputs(self, inputs: torch.Tensor, *wanted: bool) -> Outputs:
-        """See Translator."""
         self.predictor.eval()
         with torch.inference_mode(), self.precision():
             return self.predictor(self._with_frame(inputs), *wanted)
 
     def traced(self, *inputs: torch.Tensor) -> Outputs:
-        """See Translator."""
         network = self.predictor
         return self.read(network(torch.cat(inputs, dim=1), network.predicts_contact, True))
 
@@ -433,7 +422,7 @@ def contact_scale(maps: ImageFile) -> torch.Tensor:
 
 def contact_errors(network: FieldNet, outputs: Outputs, maps: torch.Tensor) -> Outputs:
     """Outputs minus targets, of the scales. maps: (B, 2, H, H) depth, mm, and pressure, kPa."""
-    scaled = zip(SPREADS, maps.unbind(dim=1), network.contact_scale, strict=True)
+    scaled = zip(("depth", "pressure"), maps.unbind(dim=1), network.contact_scale, strict=True)
     return {name: outputs[name] - values / scale for name, values, scale in scaled}
 
 
@@ -519,12 +508,12 @@ def fit_contact_knots(
 
     def fit(name: str, spread: torch.Tensor, error: torch.Tensor) -> None:
         key = f"contact_{name}_knots"
-        knots = fit_knots(spread.double().cpu(), error.double().cpu(), CONTACT_KNOTS[key])
+        knots = fit_knots(spread.double().cpu(), error.double().cpu(), KNOTS[key])
         getattr(network, key).copy_(knots)
 
     for name, error in contact_errors(network, outputs, maps).items():
         fit(name, outputs[f"{name}_spread"].exp(), error)
-    network.contact_center_knots.copy_(identity_knots(len(CONTACT_KNOTS["contact_center_knots"])))
+    network.contact_center_knots.copy_(identity_knots(len(KNOTS["contact_center_knots"])))
     found = read_contact(network, outputs | {"contact_limit": network.contact_limits[1]}, view_mm)
     true, _ = center_of_pressure(maps[:, 1], torch.zeros_like(maps[:, 1]), view_mm)
     error = found["center_mm"] - true

@@ -52,8 +52,7 @@ BLUR = 10
 # Mean squared gradient of a window that halves its displacement, in colors' variance per squared
 # pixel (as measured for MARGIN; ten times as much is worse)
 MIN_TEXTURE = 1e-4
-# Limit of a displacement, pixels of its scale (assumed: larger ones are errors)
-MAX_DISPLACEMENT = 3.0
+MAX_DISPLACEMENT = 3.0  # Pixels of its scale (assumed: larger ones are errors)
 WIDTH = 32  # Channels of the network that predicts the weights (assumed)
 
 
@@ -227,34 +226,24 @@ def _places(maps: torch.Tensor) -> torch.Tensor:
     return torch.stack([x, y, x * x, x * y, y * y])[None]
 
 
-# Maximum cells along each side of the last map that the vector is made from (assumed)
-MAX_POOLED = 4
+MAX_POOLED = 4  # Cells along each side of the map that the vector is made from (assumed)
 # Factor of the difference from the background frame (assumed: a press changes an image by some
 # tenths of the standard deviation of its colors)
 DIFFERENCE_SCALE = 2.0
 CANVAS = 32  # Channels of the canvas that the vector predicts (assumed)
 # Minimum spread of the dense counts, fraction of full scale (assumed: 10 counts, twice a reading's
-# noise)
-MIN_SPREAD = 2.5e-4
-# Minimum spread of the force, in standard deviations of the training forces' logarithms (assumed)
-MIN_FORCE_SPREAD = 0.01
-# Standard deviation of the training forces' logarithms above which the network predicts the force
-# (assumed)
-MIN_FORCE_SCALE = 1e-3
-# Minimum spread of the shear force, in root mean squares of the training presses (assumed)
-MIN_SHEAR_SPREAD = 0.01
+# noise), of the force, of force_scale, and of the shear force, of shear_scale (assumed)
+MIN_SPREAD, MIN_FORCE_SPREAD, MIN_SHEAR_SPREAD = 2.5e-4, 0.01, 0.01
+MIN_FORCE_SCALE = 1e-3  # Of forces that the network predicts (assumed)
 # First letters of the names of the weights and buffers of the shear force, of the contact, and of
 # the factors of the spreads, which belong to the calibration
 SHEAR, CONTACT, SCALE = "shear", "contact", "scale"
-LIMITS = "contact_limits"  # Name of the buffer of the limits of contact, which the calibration sets
-# As KNOTS, of the contact: of depth and pressure in a cell, and of the center of pressure
-CONTACT_KNOTS = {
-    "contact_depth_knots": PLACE_SHARES,
-    "contact_pressure_knots": PLACE_SHARES,
-    "contact_center_knots": PRESS_SHARES,
-}
 # Buffers with the knots of the calibration, and the shares of the errors in their bins
-KNOTS = {"place_knots": PLACE_SHARES, "press_knots": PRESS_SHARES, "force_knots": PRESS_SHARES}
+KNOTS = {
+    "place_knots": PLACE_SHARES, "press_knots": PRESS_SHARES, "force_knots": PRESS_SHARES,
+    "shear_knots": PRESS_SHARES, "contact_depth_knots": PLACE_SHARES,
+    "contact_pressure_knots": PLACE_SHARES, "contact_center_knots": PRESS_SHARES,
+}  # fmt: skip
 
 
 class FieldNet(nn.Module):
@@ -324,21 +313,20 @@ class FieldNet(nn.Module):
         self.register_buffer("field_mean", torch.zeros(x_mm.size))
         self.register_buffer("field_variance", torch.ones(()))
         self.register_buffer("force_scale", torch.tensor([0.0, 0.0]))
+        has = {SHEAR: predicts_shear, CONTACT: predicts_contact}
         for name, shares in KNOTS.items():
-            self.register_buffer(name, identity_knots(len(shares)))
+            if has.get(name.partition("_")[0], True):
+                self.register_buffer(name, identity_knots(len(shares)))
         self.register_buffer("correlation", torch.eye(x_mm.size))
         self.predicts_shear = predicts_shear
         if predicts_shear:  # last, so that the other weights start as without it
             self.shear = ShearHead(size, vector)
             self.register_buffer("shear_scale", torch.zeros(()))
-            self.register_buffer("shear_knots", identity_knots(len(PRESS_SHARES)))
         self.predicts_contact = predicts_contact
         if predicts_contact:
             self.contact = ContactHead(filters)
             self.register_buffer("contact_scale", torch.zeros(2))
-            for name, shares in CONTACT_KNOTS.items():
-                self.register_buffer(name, identity_knots(len(shares)))
-            self.register_buffer(LIMITS, torch.zeros(2))
+            self.register_buffer("contact_limits", torch.zeros(2))
         self.scale = SpreadScale(x_mm, y_mm, view_mm, self.grid, size)
 
     @property

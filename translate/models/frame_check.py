@@ -23,16 +23,11 @@ from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
 BATCH_SIZE = 64  # Images in one batch; bounds memory
 # The K classes, the right one first
-CLASSES = (
-    OODClass.IN_DISTRIBUTION,
-    *INVERSE_TRANSFORMS,
-    OODClass.UNLIKE_BACKGROUND,
-    OODClass.OTHER,
-)
+RIGHT = OODClass.IN_DISTRIBUTION
+CLASSES = (RIGHT, *INVERSE_TRANSFORMS, OODClass.UNLIKE_BACKGROUND, OODClass.OTHER)
 HIDDEN = 64  # Width of the hidden layer (assumed)
 DROPOUT = 0.2  # Share of the hidden values that is left out in training (assumed)
-# Limit of a standardized feature (assumed: wrong frames have features far from all others)
-MAX_FEATURE = 8.0
+MAX_FEATURE = 8.0  # Of standardized ones (assumed: wrong frames have some far from all others)
 CELLS = 3  # Cells along each side of the encoder's first map (assumed)
 SIDE = 32  # Side of the second network's images, pixels (assumed: light and color are smooth)
 # Channels of its convolutions, and width of its hidden layer (assumed)
@@ -47,9 +42,7 @@ WITHOUT, WITH, TRANSFORMED = 0, 1, 2
 
 def features_of(maps: Sequence[torch.Tensor], side: int) -> torch.Tensor:
     """(B, n): logarithms of mean and standard deviation of each channel of an encoder's maps, and
-    of the means of the first map's channels in CELLS x CELLS cells.
-
-    The cells tell from where the light comes.
+    of the means of the first map's channels in CELLS x CELLS cells, which depend on the light.
 
     maps: (B, channels, rows, columns) each, not negative. side: rows of the first.
     """
@@ -112,8 +105,8 @@ class FrameCheck(nn.Module):
                 inputs = to_input(images[part] / np.float32(255.0))
                 named = self._named(self.transforms(inputs), TRANSFORMED)
                 for kind, other in zip(kinds, named, strict=True):
-                    replaceable = kind in transforms or kind == CLASSES[0]
-                    found.append(other if replaceable and other in transforms else kind)
+                    replaces = other in transforms and kind in (RIGHT, *transforms)
+                    found.append(other if replaces else kind)
         return found
 
     def _named(self, logits: torch.Tensor, which: int) -> list[OODClass]:

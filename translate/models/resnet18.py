@@ -97,7 +97,6 @@ class ResNet18Translator(Translator):
 
     @cached_property
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """See Translator."""
         return {"resnet18": adamw(self.network.parameters(), self.preset)}
 
     def step(self, examples: Examples) -> Outputs:

@@ -180,7 +180,6 @@ class Pix2Pix(Translator):
 
     @cached_property
     def optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """See Translator."""
         shares = {"generator": 1.0, "discriminator": self.preset.discriminator_share}
         return {
             name: adamw(self.networks[name].parameters(), self.preset, share)

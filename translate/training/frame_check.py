@@ -1,4 +1,4 @@
-"""Trains the frame check of a field run (networks.frame_check) on the frames of a dataset.
+"""Trains the frame check of a field run (models.frame_check) on the frames of a dataset.
 
 Right frames, and wrong ones made of them, are each given with the unit's background frame and with
 the run's mean frame. A right frame with another unit's background frame is wrong too, unless all
@@ -41,10 +41,10 @@ from t2twin.translate.runs.checkpoint import build, load_weights, save_weights
 from t2twin.translate.runs.config import BEST, FRAME_CHECK, RunConfig, load_config
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
-# Makes a wrong frame of a right one, (h, w, 3) uint8
-Alter = Callable[[np.ndarray, np.random.Generator], np.ndarray]
-# Share of the wrong frames that are transformed (assumed: the most frequent mistake of users)
-TRANSFORM_SHARE = 0.5
+Alter = Callable[[np.ndarray, np.random.Generator], np.ndarray]  # Of a right frame, (h, w, 3)
+# Shares of the wrong frames (assumed): transformed, the most frequent mistake of users; altered as
+# their background frame, as users do; right but for their background frame
+TRANSFORM_SHARE, BOTH_SHARE, OTHER_UNIT_SHARE = 0.5, 0.5, 0.12
 # The transforms themselves; only the rotations are not their own inverse
 FORWARD = INVERSE_TRANSFORMS | {
     OODClass.ROTATED_LEFT: INVERSE_TRANSFORMS[OODClass.ROTATED_RIGHT],
@@ -154,10 +154,6 @@ ALTERATIONS: dict[str, Alter] = {
 MAX_FRAMES = 5000
 MIN_FRAMES = 300  # Right frames without which a run has no check (assumed)
 MAX_SHARDS = 40  # Shards that they are read from, at most (assumed)
-# Share of the wrong frames whose background frame is altered in the same way (assumed: as users do)
-BOTH_SHARE = 0.5
-# Share of the wrong frames that are right but for their background frame (assumed)
-OTHER_UNIT_SHARE = 0.12
 HELD_OUT_SHARE = 0.2  # Share of the units that the limits are set on
 MIN_UNITS = 10  # Units below which frames are held out, and not units (assumed)
 # Share of these units' right frames that is above the limits, without and with a background frame

@@ -62,8 +62,7 @@ MIN_PAIRS = 8  # Minimum number of training pairs (assumed: batch norm needs sev
 # Learning rate after a warm start, divided by the preset's (assumed): a trained translator needs a
 # tenth of the steps of a new one
 WARM_START_SHARE = 0.3
-# Pairs in one batch of validation by the type of the device; bounds memory
-VALIDATION_BATCH = {"cpu": 64, "cuda": 256}
+VALIDATION_BATCH = {"cpu": 64, "cuda": 256}  # Pairs, by the type of the device; bounds memory
 # Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
 # the paper's dataset): learning rates and the choice of the best weights depend on epochs
 MIN_EPOCHS = 12
@@ -303,10 +302,9 @@ def find_weights(run: str | Path, model: str, preset: Preset, data: DataInfo) ->
             raise T2TwinError(
                 f"{run_dir} has the {name} {one}, and the new run has {other}; expected equal ones"
             )
-    if not all(one.fits(other) for one, other in sides):
-        raise T2TwinError(f"{run_dir} is a run of another layout than the dataset's")
-    if model == "field" and not own.array.same_dense(data.array):
-        raise T2TwinError(f"{run_dir} is a run of other dense counts than the dataset's")
+    is_dense = model != "field" or own.array.same_dense(data.array)
+    if not (is_dense and all(one.fits(other) for one, other in sides)):
+        raise T2TwinError(f"{run_dir} is a run of another layout or other dense counts than these")
     weights = run_dir / BEST
     if not weights.is_file():
         raise T2TwinError(f"{weights} does not exist; the run has not finished its first epoch")
