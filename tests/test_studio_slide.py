@@ -100,7 +100,7 @@ def test_a_slide_continues_the_memory(session):
         most
     ] > 0
     other = session.press(noisy.with_changes({"layout": "cyskin-63", "force_n": 1.0})).touch
-    assert other.memory.shape == (2, 63)
+    assert other.of_array.memory.shape == (2, 63)
 
 
 def test_a_jump_has_no_shear(session):
