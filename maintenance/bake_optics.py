@@ -1,8 +1,6 @@
-"""Makes an optics file of the LEDs in a sensor's file: fits the baked model to pyrender's images.
+"""Fits the optics file of the LEDs in the default gel camera's file to pyrender's images.
 
-    python -m maintenance.bake_optics
-
-Run it after changes of the default gel camera's LEDs, camera or dome; it takes about a minute.
+Run it after changes of its LEDs, camera or dome: `python -m maintenance.bake_optics`, a minute.
 """
 
 from collections.abc import Sequence
@@ -96,10 +94,8 @@ def bake(sensor: GelCamera) -> Optics:
 def fit_response(
     optics: Optics, gel: Elastomer, surfaces: Sequence[np.ndarray], renders: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Least-squares response, (LEDs, PLACE_TERMS, COSINE_TERMS), from linear light of each LED.
-
-    Errors are weighted by the slope of the grey-level curve.
-    """
+    """Least-squares response, (LEDs, PLACE_TERMS, COSINE_TERMS), from linear light of each LED;
+    errors are weighted by the slope of the grey-level curve."""
     camera = optics.camera
     rays = Rays(camera, gel, shadows=False)
     in_blocks = (camera.rows // 2, 2, camera.columns // 2, 2, 3)

@@ -1,9 +1,7 @@
 """Checks the wheel in dist/, and runs its commands in an empty folder with an empty cache.
 
-    python -m maintenance.check_wheel                    contents, doctor, and a press
-    python -m maintenance.check_wheel COMMAND ...        only t2twin COMMAND ...
-
-The wheel is installed into a folder, which precedes the other packages.
+`python -m maintenance.check_wheel` checks the contents, doctor and a press; with COMMAND ..., only
+that command. The wheel is installed into a folder, which precedes the other packages.
 """
 
 import os

@@ -1,6 +1,4 @@
-"""Writes the bundled meshes and height maps from the CAD solids.
-
-    python -m maintenance.write_bundled [NAME ...]
+"""Writes the bundled meshes and height maps: `python -m maintenance.write_bundled [NAME ...]`.
 
 Run it after a change to a solid, its tessellation or the height maps. Without names it writes all.
 """

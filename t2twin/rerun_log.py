@@ -20,11 +20,8 @@ MM_PER_M = 1000.0  # of depth images
 
 
 class RerunLog:
-    """A recording that is written to a file while it grows.
-
-    file: with the suffix .rrd; an earlier recording is replaced.
-    Raises T2TwinError without the extra, for another suffix, and for a file that cannot be written.
-    """
+    """A recording that is written to a file, with the suffix .rrd, while it grows; an earlier one
+    is replaced. Raises T2TwinError without the extra, and for a file that cannot be written."""
 
     def __init__(self, file: Path) -> None:
         if file.suffix != SUFFIX:
@@ -60,11 +57,8 @@ class RerunLog:
         line: dict[str, Any],
         depth_mm: np.ndarray | None = None,
     ) -> None:
-        """Record an image and the prediction of `t2twin live` from it.
-
-        image: (h, w, 3) or (h, w) uint8. line: the values of a line of `t2twin live`. depth_mm:
-        (h, w) predicted depth of the gel's surface, mm.
-        """
+        """Record an image, (h, w, 3) or (h, w) uint8, a line of `t2twin live` of it, and the (h, w)
+        predicted depth of the gel's surface."""
         self._stream.set_time("time", duration=time_s)
         self._log("image", image)
         contact = {f"contact/{name}": value for name, value in line.get("contact", {}).items()}

@@ -42,11 +42,8 @@ Row = dict[str, Any]
 
 
 def write_slide(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
-    """Write all files of the touches of a path, or none; returns the rows of slide.csv.
-
-    touches: may compute each touch when it is needed. number: how many there are.
-    Raises T2TwinError for a folder with other files, or that cannot be written.
-    """
+    """Writes all files of a path's touches, of this number, or none; returns the rows of slide.csv.
+    Raises T2TwinError for a folder with other files, or that cannot be written."""
     with files.locked(folder):
         files.check_own(folder, SLIDE_CSV, "slide")
         with files.temporary_folder(folder, "slide") as temporary:

@@ -35,8 +35,6 @@ def test_png_gives_back_the_picture():
         np.full((5, 7, 3), 255, np.uint8),
     ):
         assert (decode_png(encode_png(image)) == image).all()
-    with pytest.raises(T2TwinError, match=r"expected uint8, \(rows, columns, 3\)"):
-        encode_png(np.zeros((4, 4), np.uint8))
 
 
 def test_a_stored_picture_that_is_none_is_one_sentence():

@@ -1,14 +1,9 @@
 """Adapts a translator to one gel camera, from about ten minutes of presses of a ball.
 
-There are four steps, which are also separate commands. A finished step is not repeated.
-
-1. light: calibrates the optics, first without the held-out presses, then on all.
-2. data: simulates a dataset of random shapes and primitives, pressed with 0.5 to 12 N. Its light is
-   sampled around the optics, and its images have the noise of single frames.
-3. training: trains a translator on this dataset, with the contact if the run that initializes it
-   predicts it. The weights of a field run are then averaged with those of that run.
-4. check: evaluates the trained run and the run that initialized it on the held-out presses, and
-   keeps the more accurate one.
+A finished step is not repeated. light: calibrates the optics, without the held-out presses and on
+all. data: simulates a dataset in the light around the optics, with the noise of single frames.
+training: trains a translator on it, and averages the weights of a field run with those of the run
+that initialized it. check: keeps the more accurate of both on the held-out presses.
 """
 
 import hashlib
@@ -120,11 +115,10 @@ class AdaptConfig:
 
     def digest(self, presses: Presses) -> str:
         """SHA-256 of the frames and numbers of the optics."""
-        measured = presses.measurements
         inputs = (
             presses.background.tobytes(), presses.frames.tobytes(), presses.names, self.held_out,
             self.ball_diameter_mm, self.camera, self.tolerance, self.sensor.spec,
-            *(values.tolist() for values in vars(measured).values()),
+            *(values.tolist() for values in vars(presses.measurements).values()),
         )  # fmt: skip
         return hashlib.sha256(repr(inputs).encode()).hexdigest()
 

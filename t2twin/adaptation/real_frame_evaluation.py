@@ -1,7 +1,6 @@
 """Evaluation of translators on real frames, with simulated presses as reference; the one to keep.
 
-The true counts of the real presses are unknown. The reference is the simulated target, a taxel
-array, pressed at the position and depth that the optics found in each frame.
+The reference is the simulated target, pressed at the position and depth found in each frame.
 
 Shape letters: P presses, N taxels.
 """
@@ -130,11 +129,8 @@ def simulate_references(
     diameters_mm: Sequence[float],
     sensors: SensorPair,
 ) -> References:
-    """Simulates the press of a ball for each frame.
-
-    poses: (P, 3) x_mm, y_mm, depth_mm. frames: (P, rows, columns, 3). sensors: a gel camera and a
-    taxel array. Raises T2TwinError for a depth that no force reaches.
-    """
+    """Simulates the press of a ball for each frame. poses, frames: as in `References`. sensors: a
+    gel camera and a taxel array. Raises T2TwinError for a depth that no force reaches."""
     rows, camera = [], sensors.camera
     for number, (pose, diameter_mm) in enumerate(zip(poses.tolist(), diameters_mm, strict=True)):
         shape, (x_mm, y_mm, depth_mm) = ball(diameter_mm / 2), pose
@@ -155,11 +151,8 @@ def evaluate_frames(
     references: References,
     background: np.ndarray | None,
 ) -> FrameErrors:
-    """Evaluates a run on the real or the simulated frames of the presses.
-
-    background: (rows, columns, 3) uint8, background frame of the unit, an input of field runs; None
-    for none.
-    """
+    """Evaluates a run on the real or the simulated frames of the presses. background: the unit's,
+    (rows, columns, 3) uint8, an input of field runs."""
     layout, truth = run.config.data.array, references.counts
     least = MIN_CONTACT_SHARE * layout.full_scale_counts
     own = background if run.has_uncertainty else None
@@ -229,9 +222,8 @@ def baseline_rmse_percent(references: References, run: TrainedTranslator) -> tup
 def choose(scores: Mapping[str, RunScores]) -> str:
     """TRAINED or INITIAL, the name of the run to keep.
 
-    TRAINED if its RMSE is lower on the real frames and also on their simulated frames, as one of
-    the two may be lower by chance, and if it refuses no more of the real frames, which are all
-    touches of the unit.
+    TRAINED if its RMSE is lower on the real and on their simulated frames, as one of them may be by
+    chance, and if it refuses no more of the real frames, which are all touches of the unit.
     """
     trained, initial = scores[TRAINED], scores.get(INITIAL)
     if initial is None:

@@ -128,11 +128,8 @@ def colored_tactile_image(
 def relief(
     depth_mm: np.ndarray, mask: np.ndarray, view_mm: tuple[float, float], caption: str = ""
 ) -> Image.Image:
-    """A picture of a depth, (R, C), with the outline of a mask and a caption below.
-
-    Colors go from depth 0 to the largest, shaded as if lit from the upper left. view_mm: half of
-    the view.
-    """
+    """A picture of a depth, (R, C), with the outline of a mask and a caption below: colors from 0 to
+    the largest, shaded as if lit from the upper left. view_mm: half of the view."""
     rows, columns = depth_mm.shape
     down, across = np.gradient(-depth_mm, 2 * view_mm[1] / rows, 2 * view_mm[0] / columns)
     slope = -(RELIEF_LIGHT[0] * across + RELIEF_LIGHT[1] * down)
@@ -205,10 +202,7 @@ def draw_tactile_image(
     axes: Axes, image: np.ndarray, phi: Any, layout: Any, limits: tuple[float, float]
 ) -> ScalarMappable:
     """Draws a tactile image, (R, C) counts, on axes in mm with y downwards, and taxels as rings.
-
-    phi: the `Phi` of the layout. limits: counts at the ends of the color scale, which is one of
-    differences where the lower is negative.
-    """
+    limits: ends of the color scale, counts; a negative one is for differences."""
     from scipy.spatial import KDTree
 
     axes.set(xticks=[], yticks=[])
@@ -251,11 +245,9 @@ def draw_contact(axes: Axes, contact: Any) -> float:
 
 
 def traction_arrows(contact: Any, number: int) -> tuple[tuple[Any, Any], np.ndarray, float]:
-    """About `number` arrows of tangential traction along the longer side of a contact.
-
-    Returns the (n,) rows and columns of their cells, the arrows, (2, n) mm, and the largest
-    traction, kPa, whose arrow is as long as the cells' spacing.
-    """
+    """About `number` arrows of tangential traction along a contact's longer side: the (n,) rows and
+    columns of their cells, the arrows, (2, n) mm, and the largest traction, kPa, whose arrow is as
+    long as the cells' spacing."""
     inside = contact.pressure_kpa > 0
     width, height = (np.ptp(np.flatnonzero(inside.any(axis=axis))) + 1 for axis in (0, 1))
     every = max(1, round(max(width, height) / number))

@@ -53,15 +53,7 @@ def decode_image(content: bytes, formats: tuple[str, ...] = FORMATS) -> Image.Im
 
 
 def encode_png(image: np.ndarray) -> bytes:
-    """PNG bytes of a (rows, columns, 3) uint8 image.
-
-    Raises T2TwinError for another shape or type.
-    """
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise T2TwinError(
-            f"the image has type {image.dtype} and shape {image.shape}; expected uint8, "
-            "(rows, columns, 3)"
-        )
+    """PNG bytes of a (rows, columns, 3) uint8 image."""
     rows, columns, _ = image.shape
     values = image.reshape(rows, -1)
     around = np.zeros(values.shape, np.uint16)

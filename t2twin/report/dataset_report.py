@@ -296,10 +296,8 @@ def saturation(page: Figure, array: Array) -> None:
 
 
 def forces(dataset: Dataset) -> dict[str, Any] | None:
-    """Ranges by sensor, histograms of forces and counts, depths by family and by force.
-
-    None for imported pairs, which have neither contact forces nor depths.
-    """
+    """Ranges by sensor, histograms of forces and counts, depths by family; None for imported pairs,
+    which have neither contact forces nor depths."""
     if not dataset.info.is_simulated:
         return None
     commanded = dataset.column("force_n")

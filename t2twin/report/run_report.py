@@ -96,11 +96,8 @@ class ReportData(Dataset):
 def read_report_data(
     out: Path, data: Path, runs: list[Path], evaluation: Path | None = None
 ) -> ReportData:
-    """Reads the dataset, the runs and their evaluation.
-
-    evaluation: a folder of `t2twin evaluate --split both`; see `_find_or_evaluate`. Raises
-    T2TwinError, before anything is written, for a dataset, a run or a folder that cannot be used.
-    """
+    """Reads the dataset, the runs and their evaluation. Raises T2TwinError, before anything is
+    written, for a dataset, a run or an evaluation's folder that cannot be used."""
     check_out(out)
     if not runs:
         raise T2TwinError(
@@ -142,12 +139,8 @@ def _find_or_evaluate(
     out: Path,
     given: Path | None,
 ) -> tuple[Path, Evaluation, Predictions]:
-    """Evaluation of runs on one split, and its folder.
-
-    Searches given, the sibling folder of `out`, and out/evaluate-SPLIT for an evaluation of these
-    weights, in this order, on this split of this dataset. Digests are compared, so folders may be
-    moved and copied. If none matches, evaluates the runs into the last.
-    """
+    """Folder and evaluation of runs on one split: of these weights, in this order, on this dataset,
+    in given, the sibling folder of `out` or out/evaluate-SPLIT, else evaluated into the last."""
     weights, info_sha256 = [sha256_of(run.run_dir / BEST) for run in runs], sha256_of(data / INFO)
     own = out / f"evaluate-{split}"
     folders = [out.parent / SIBLING_FOLDER / split, own]

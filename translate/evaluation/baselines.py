@@ -69,11 +69,8 @@ def neighbors(
     shapes: tuple[np.ndarray, np.ndarray] | None = None,
     progress: str | None = None,
 ) -> Neighbors:
-    """The k stored images, or counts, nearest to each query in Euclidean distance.
-
-    shapes: (M,) and (P,) names; stored images of the query's own shape are excluded. progress:
-    title of a progress bar, or None.
-    """
+    """The k stored images, or counts, nearest to each query in Euclidean distance. shapes: (M,) and
+    (P,) names; stored images of the query's own shape are excluded. progress: title of a bar."""
     pixels = stored[:].reshape(len(stored), -1)
     # The mean image; subtracting it reduces rounding errors of distances.
     mean = pixels.mean(axis=0, dtype=float).astype(np.float32)
@@ -97,12 +94,8 @@ def neighbors(
 def view_on(
     x_mm: np.ndarray, y_mm: np.ndarray, view_mm: tuple[float, float]
 ) -> tuple[Figures, dict[str, np.ndarray]]:
-    """The view of `Evaluation`, and the taxels of a layout by their distance from the rectangle of
-    the image, (N,) bool by the names in TAXEL_GROUPS.
-
-    x_mm, y_mm: (N,), N > 1, mm, sensor frame. view_mm: half of what the image shows. The pitch is
-    the median distance of a taxel to its nearest neighbor.
-    """
+    """The view of `Evaluation`, and the taxels by TAXEL_GROUPS, (N,) bool. view_mm: half of what
+    the image shows. The pitch is the median distance of a taxel to its nearest neighbor."""
     half_width, half_height = view_mm
     points = np.column_stack([x_mm, y_mm])
     pitch = float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
@@ -118,11 +111,8 @@ def view_on(
 
 
 def representable(trained: ArrayInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """Projection of a layout's counts onto those that another layout's images can represent.
-
-    x_mm, y_mm: (N,) taxels inside the trained layout's hull, mm. Returns (N, N): multiplied by true
-    counts, it is the least-squares approximation by interpolations of any M trained taxels.
-    """
+    """(N, N) projection of counts of taxels inside the trained layout's hull onto those that its
+    images can represent: the least-squares approximation by interpolations of M trained taxels."""
     points = np.column_stack([trained.x_mm, trained.y_mm])
     weights = barycentric(points, np.column_stack([x_mm, y_mm]), OUTSIDE_PARTS).toarray()
     return weights @ np.linalg.pinv(weights)
@@ -133,9 +123,8 @@ def second_reading(
 ) -> np.ndarray | None:
     """A second reading of each press, (P, N) float32; None without known imperfections.
 
-    counts: (P, N), the readings of the dataset's sensor of a role. Two readings of each are
-    simulated, as if it were noiseless, and their difference is added to it. The result differs from
-    the stored reading like two readings of one press; permanent imperfections cancel.
+    Two readings of each of the (P, N) counts are simulated, as if it were noiseless, and their
+    difference is added to it. Permanent imperfections cancel.
     """
     array = cast(ArrayInfo, info.sensors[role])
     if array.imperfections is None:
@@ -197,9 +186,8 @@ def predict_baselines(
 ) -> dict[str, np.ndarray]:
     """(P, N) counts of the trivial predictors and of the floors that are known, by row.
 
-    of_force: mean arrays of `force_bins`, None with one force only. info, role: of the dataset and
-    the target. trained_layouts: of runs that only interpolate between their own taxels; the layout
-    floor is that of the first one unlike the dataset's.
+    of_force: of `force_bins`, None with one force only. role: of the target. trained_layouts: of
+    runs that interpolate between their own taxels; the first unlike the dataset's has a floor.
     """
     mean = train.counts.mean(axis=0, dtype=float).astype(np.float32)
     rows = {MEAN_ARRAY: np.tile(mean, (len(pairs), 1))}

@@ -77,11 +77,7 @@ class EvaluationInputs:
     background: str | None  # source of the background frames of field runs, None if unknown
     frame: Image.Image | None  # one for all pairs, None if each has its own
     reverse: bool  # whether source and target of the runs exchange those of the dataset
-
-    @property
-    def target_role(self) -> str:
-        """Role in the dataset of the sensor whose readings are predicted."""
-        return ROLES[0 if self.reverse else 1]
+    target_role: str  # in the dataset, of the sensor whose readings are predicted
 
 
 def prepare(
@@ -131,7 +127,8 @@ def prepare(
             f"{background} is a background frame, which only field runs use; none of the runs is "
             "one"
         )
-    return EvaluationInputs(data_dir, dataset, info, trained, applied, *still, reverse)
+    role = ROLES[0 if reverse else 1]
+    return EvaluationInputs(data_dir, dataset, info, trained, applied, *still, reverse, role)
 
 
 def _background(
@@ -171,10 +168,7 @@ def bundled_in_own_light(camera: CameraInfo) -> GelCamera | None:
 
 
 def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
-    """Names of runs: their models, with the folder for runs of the same model.
-
-    Raises T2TwinError for a run that occurs twice.
-    """
+    """Names of runs: their models, with the folder for runs of the same model, each once."""
     folders = [run.run_dir.resolve() for run in runs]
     for run, folder in zip(runs, folders, strict=True):
         if folders.count(folder) > 1:
@@ -190,10 +184,7 @@ def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
 
 
 def splits_with_pairs(data_dir: Path) -> tuple[str, ...]:
-    """Those of validation and test that have pairs.
-
-    Raises T2TwinError if neither has, and if there is no dataset.
-    """
+    """Those of validation and test that have pairs; an error if neither has."""
     pairs = read_info(data_dir).pairs
     splits = tuple(split for split in SPLITS if pairs[split])
     if not splits:
@@ -206,10 +197,8 @@ def splits_with_pairs(data_dir: Path) -> tuple[str, ...]:
 def predict_runs(
     inputs: EvaluationInputs, split: str, cache: Path
 ) -> tuple[dict[str, np.ndarray], dict[str, Estimate], dict[str, Figures]]:
-    """(P, N) counts or (P, S, S, c) images that each run predicts, and estimates of field runs.
-
-    Also the errors of runs that predict the contact, if the pairs have contact maps.
-    """
+    """(P, N) counts or (P, S, S, c) images that each run predicts, estimates of field runs, and the
+    errors of runs that predict the contact, if the pairs have contact maps."""
     target = inputs.info.target
     has_dense_counts = target.value == COUNTS and target.dense_x_mm is not None
     predictions, estimates, contacts = {}, {}, {}
@@ -324,10 +313,7 @@ class Predictions:
 
 
 def read_predictions(folder: Path) -> Predictions:
-    """Reads the predictions in the folder of an evaluation.
-
-    Raises T2TwinError if the file is missing or damaged.
-    """
+    """The predictions of an evaluation's folder; an error if the file is missing or damaged."""
     path = folder / PREDICTIONS
     try:
         with path.open("rb") as file, np.load(file) as arrays:
@@ -372,12 +358,8 @@ def evaluate_splits(
     out_dir: Path,
     background: str | Path | None = None,
 ) -> dict[str, Evaluation]:
-    """`evaluate` on one split, or on "both", validation and test; returns evaluations by split.
-
-    Of both, those without pairs are left out. They are written to out_dir/val and out_dir/test,
-    with out_dir/results.md, a table in Markdown.
-    Raises T2TwinError as `evaluate`, and if both are empty.
-    """
+    """`evaluate` on one split, or on "both", validation and test as far as they have pairs, into
+    out_dir/val and out_dir/test, with their tables in results.md. Returns evaluations by split."""
     is_both = split == BOTH
     splits = splits_with_pairs(data_dir) if is_both else (split,)
     inputs = prepare(runs, data_dir, splits, background)

@@ -112,11 +112,8 @@ def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.
 def compare_images(
     predicted: np.ndarray, true: np.ndarray, background: np.ndarray | None
 ) -> pd.DataFrame:
-    """Values of each pair. predicted, true: (P, S, S, c) uint8. background: (S, S, c) uint8.
-
-    Columns: squared_error, grey levels^2, psnr_db and psnr_contact_db, ssim of the grey pictures.
-    The contact is where the true picture differs from the background frame.
-    """
+    """Values of each pair. predicted, true: (P, S, S, c) uint8. background: (S, S, c) uint8; the
+    contact is where the true picture differs from it. squared_error: grey levels^2."""
     rows = []
     for ours, theirs in zip(predicted, true, strict=True):
         squares = np.square(ours.astype(np.float32) - theirs).mean(axis=-1, dtype=float)
@@ -138,11 +135,8 @@ def _psnr_db(square: float) -> float:
 
 
 def figures_of(means: pd.DataFrame, full_scale: float) -> pd.DataFrame:
-    """The figures from the means of the values, a row for each group.
-
-    full_scale: of the target, counts or grey levels. A column that is not an error or a total of
-    counts is a figure itself.
-    """
+    """The figures from the means of the values, a row for each group. A column that is no error or
+    total of counts is a figure itself. full_scale: of the target, counts or grey levels."""
     rmse = np.sqrt(means.filter(like="squared_error"))
     unit = "grey" if "psnr_db" in means else "counts"
     figures = rmse.rename(columns=lambda name: f"{name.replace('squared_error', 'rmse')}_{unit}")
@@ -179,11 +173,8 @@ def resample_weights(shapes: int, seed: int = SEED) -> np.ndarray:
 
 
 def resampled_means(values: pd.DataFrame, shapes: np.ndarray) -> pd.DataFrame:
-    """Means of the values in each resample of the shapes, B rows.
-
-    shapes: (P,) names. Equal shapes result in equal resamples, so that differences between two
-    models are paired.
-    """
+    """Means of the values in each resample of the (P,) shapes, B rows. Equal shapes result in equal
+    resamples, so that differences between two models are paired."""
     groups = values.groupby(shapes)
     weights = resample_weights(groups.ngroups)
     pairs = weights @ groups.count().to_numpy(float)
@@ -193,10 +184,8 @@ def resampled_means(values: pd.DataFrame, shapes: np.ndarray) -> pd.DataFrame:
 
 
 def interval(values: np.ndarray) -> Interval | None:
-    """The percentile interval that contains CONFIDENCE of (B,) values.
-
-    None if all values are equal, as for a single shape, or if less than half are finite.
-    """
+    """The percentile interval that contains CONFIDENCE of (B,) values; None if all are equal, as
+    for a single shape, or less than half are finite."""
     known = values[np.isfinite(values)]
     if known.size < values.size / 2 or np.ptp(known) == 0:
         return None
@@ -276,10 +265,8 @@ def _covered(errors: np.ndarray, std: np.ndarray, level: float = REPORTED_LEVEL)
 
 
 def uncertainty_metrics(estimate: Estimate, counts: np.ndarray, force_n: np.ndarray) -> Uncertainty:
-    """Metrics of an estimate of P pairs. counts: (P, N), true. force_n: (P,), true.
-
-    The uncertainty of a press is the root mean square of its taxels' standard deviations.
-    """
+    """Metrics of an estimate of P pairs with true counts, (P, N), and forces, (P,). A press's
+    uncertainty is the root mean square of its taxels' standard deviations."""
     errors, std = counts - estimate.counts.astype(float), estimate.counts_std
     squares = np.square(errors).mean(axis=1)
     uncertainty = np.sqrt(np.square(std.astype(float)).mean(axis=1))

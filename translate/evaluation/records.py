@@ -45,12 +45,7 @@ class ForceFigures:
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Calibration and sharpness of a run's predicted uncertainty; see module metrics.
-
-    Its figures are coverage_percent of REPORTED_LEVEL, gain_percent with REPORTED_SHARE retained,
-    predicted_rmse_counts of the standard deviations, force_median_error_percent and
-    force_coverage_percent of presses with contact.
-    """
+    """Calibration and sharpness of a run's predicted uncertainty; see module metrics."""
 
     figures: Figures
     levels: tuple[float, ...]  # nominal coverages of intervals
@@ -119,10 +114,7 @@ class Evaluation:
 
 
 def read_evaluation(folder: Path) -> Evaluation:
-    """Reads the evaluation of one split from a folder.
-
-    Raises T2TwinError if metrics.json is missing, damaged or of another version of t2twin.
-    """
+    """The evaluation of one split in a folder; an error if it is missing, damaged or older."""
     path = folder / METRICS
     if not path.is_file():
         raise T2TwinError(
