@@ -202,12 +202,10 @@ def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run)
     info = read_info(out / "data")
     assert info.recipe is not None and info.recipe.light.frames == 1
     assert info.source.noise_grey == pytest.approx(2.8)
-    optics = "optics.npz", "optics_coverage.png"
-    for name in (*optics, "ball.step", "recipe.toml", "index.html", "adapted.json", "field"):
+    for name in ("optics_coverage.png", "ball.step", "recipe.toml", "adapted.json"):
         assert (out / name).exists(), name
     uncertainty = fitted.uncertainty
-    assert uncertainty is not None
-    assert len(uncertainty.presses) == len(POSES) and adapted.uncertainty == uncertainty
+    assert uncertainty is not None and adapted.uncertainty == uncertainty
     for press, pose in zip(uncertainty.presses, POSES, strict=True):
         assert press.depth_mm.low < pose[2] < press.depth_mm.high
         assert press.force_n is not None and press.force_n.low < press.force_n.high

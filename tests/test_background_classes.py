@@ -62,16 +62,11 @@ def test_transforms_are_named(units, kind: OODClass):
 def test_frames_at_their_own_size():
     even = np.full((320, 240, 3), 90, np.uint8)
     noise = np.random.default_rng(0).integers(0, 256, even.shape, dtype=np.uint8)
-    assert (
-        classify_frame(even, ASPECT)
-        == classify_frame(even[:, :, 0], ASPECT)
-        == OODClass.IN_DISTRIBUTION
-    )
-    assert classify_frame(np.full((640, 480), 90, np.uint8), ASPECT) == OODClass.IN_DISTRIBUTION
+    for frame in (even, even[:, :, 0], np.full((640, 480), 90, np.uint8)):
+        assert classify_frame(frame, ASPECT) == OODClass.IN_DISTRIBUTION
     assert classify_frame(noise, ASPECT) == classify_frame(noise[..., 0], ASPECT) == OODClass.NOISE
-    assert classify_frame(even[:240], ASPECT) == OODClass.OTHER_ASPECT
-    assert classify_frame(even, ASPECT, even[:240]) == OODClass.OTHER_ASPECT
-    assert classify_frame(even[:1, :1], ASPECT) == OODClass.OTHER_ASPECT
+    for given in ((even[:240], ASPECT), (even, ASPECT, even[:240]), (even[:1, :1], ASPECT)):
+        assert classify_frame(*given) == OODClass.OTHER_ASPECT
     turned = OODClass.ROTATED_LEFT
     assert classify_frame(even[:240], ASPECT, None, turned) == turned
     assert classify_frame(even[:240], ASPECT, None, OODClass.OTHER) == OODClass.OTHER_ASPECT

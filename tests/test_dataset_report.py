@@ -19,13 +19,8 @@ ALL = ("summary", "shapes", "gallery", "pairs", "forces", "saturation")
 """Sections of a dataset of a gel camera and a taxel array."""
 
 
-@pytest.fixture(scope="module")
-def data_dir(small_dataset: Path) -> Path:
-    return small_dataset
-
-
-def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -> None:
-    main(["report", "--data", str(data_dir), "--out", str(tmp_path)])
+def test_a_dataset_alone_has_a_page_of_its_own(small_dataset: Path, tmp_path: Path) -> None:
+    main(["report", "--data", str(small_dataset), "--out", str(tmp_path)])
     read, text = read_page(tmp_path / PAGE)
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
     assert sections == list(ALL)
@@ -62,9 +57,9 @@ def test_any_two_sensors_have_a_page(
     assert ("counts" in text) is ("saturation" in sections)
 
 
-def test_contact_is_found_over_the_noise_at_rest(data_dir: Path) -> None:
+def test_contact_is_found_over_the_noise_at_rest(small_dataset: Path) -> None:
     """The recorded noise of some taxels is over the least share of full scale."""
-    array = read_dataset(data_dir).array
+    array = read_dataset(small_dataset).array
     assert array.touched.all()
     rng = np.random.default_rng(0)
     flaws, reading = array.info.imperfections, array.info.reading

@@ -34,13 +34,8 @@ FULL_SCALE = 40000.0
 
 
 @pytest.fixture(scope="module")
-def data_dir(small_dataset: Path) -> Path:
-    return small_dataset
-
-
-@pytest.fixture(scope="module")
-def info(data_dir: Path) -> DatasetInfo:
-    return read_info(data_dir)
+def info(small_dataset: Path) -> DatasetInfo:
+    return read_info(small_dataset)
 
 
 def with_flaws(info: DatasetInfo, flaws: Imperfections) -> DatasetInfo:
@@ -82,10 +77,12 @@ def test_noise_without_contact_is_counted_once(info: DatasetInfo) -> None:
     assert np.sqrt(np.square(again - one).mean()) == pytest.approx(expected, rel=0.15)
 
 
-def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
-    pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
+def test_noise_floor_is_of_the_datasets_own_noise(small_dataset: Path) -> None:
+    pairs, train = (
+        load_pairs(small_dataset, s, FEATURE_SIZE, grey=False) for s in ("val", "train")
+    )
     near = Neighbors(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
-    rows = predict_baselines(pairs, train, near, None, read_info(data_dir), "target", ())
+    rows = predict_baselines(pairs, train, near, None, read_info(small_dataset), "target", ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
     array = SensorPair().array.for_dataset()
     flaws, table = array.flaws, array.spec.counts
@@ -177,10 +174,10 @@ def test_unknowable_part_is_found_by_extrapolation() -> None:
     assert floor["extrapolated_rmse_counts"] == pytest.approx(hidden, rel=0.05)
 
 
-def test_the_irreducible_error_of_a_dataset(data_dir: Path) -> None:
-    alike = estimate_irreducible_error(data_dir, "val")
+def test_the_irreducible_error_of_a_dataset(small_dataset: Path) -> None:
+    alike = estimate_irreducible_error(small_dataset, "val")
     assert alike is not None and alike["split"] is not None
-    noise = noise_distance_grey(data_dir, "val")
+    noise = noise_distance_grey(small_dataset, "val")
     assert noise is not None and alike["noise_grey"] == noise
     # Noise of 0.5 grey levels is a tenth of that in a picture of 32 pixels, whose own rounding is
     # of 0.29: two of them differ by less than two roundings do.

@@ -36,17 +36,12 @@ def read(page: Path) -> Reader:
     return read_page(page)[0]
 
 
-def test_page_holds_every_section_in_order(page: Path, read: Reader) -> None:
-    assert page.name == PAGE
-    sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
+def test_page_holds_every_section_and_needs_nothing_but_itself(page: Path, read: Reader) -> None:
+    """Every picture is a whole embedded file; nothing is fetched and nothing runs."""
     drawn = [name for name in SECTIONS if name != "uncertainty"]  # no run has it
-    assert sections == drawn
+    assert [attrs["id"] for tag, attrs in read.tags if tag == "section"] == drawn
     anchors = [attrs["href"] for tag, attrs in read.tags if tag == "a"]
     assert anchors == [f"#{name}" for name in drawn[2:]]
-
-
-def test_page_needs_nothing_but_itself(page: Path, read: Reader) -> None:
-    """Every picture is a whole embedded file; nothing is fetched and nothing runs."""
     images = [attrs for tag, attrs in read.tags if tag == "img"]
     assert len(images) >= 3 + dataset_report.PAIRS + 1 + 2 + 2
     starts = {"image/png": b"\x89PNG", "image/jpeg": b"\xff\xd8", "image/svg+xml": b"<?xml"}

@@ -128,8 +128,8 @@ def colored_tactile_image(
 def relief(
     depth_mm: np.ndarray, mask: np.ndarray, view_mm: tuple[float, float], caption: str = ""
 ) -> Image.Image:
-    """A picture of a depth, (R, C), with the outline of a mask and a caption below: colors go from 0
-    to the largest, shaded as if lit from the upper left. view_mm: half of the view."""
+    """A picture of a depth, (R, C), with the outline of a mask and a caption. Colors go from 0 to
+    the largest, shaded as if lit from the upper left. view_mm: half of the view."""
     rows, columns = depth_mm.shape
     down, across = np.gradient(-depth_mm, 2 * view_mm[1] / rows, 2 * view_mm[0] / columns)
     slope = -(RELIEF_LIGHT[0] * across + RELIEF_LIGHT[1] * down)
