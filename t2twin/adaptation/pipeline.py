@@ -201,18 +201,15 @@ def _check(
     if config.init_from is not None:
         folders[check.INITIAL] = config.init_from
     runs = {name: load_run(folder) for name, folder in folders.items()}
-    errors = {
-        name: [
-            check.evaluate_frames(run, frames, references, still)
-            for frames in (references.frames, references.simulated)
-        ]
-        for name, run in runs.items()
-    }
+    real, simulated = (
+        {name: check.evaluate_frames(run, each, references, still) for name, run in runs.items()}
+        for each in (references.frames, references.simulated)
+    )
     scores = {
         name: check.RunScores(
-            *(each.scores for each in both), check.background_counts(runs[name], still)
+            real[name].scores, simulated[name].scores, check.background_counts(run, still)
         )
-        for name, both in errors.items()
+        for name, run in runs.items()
     }
     kept = check.choose(scores)
     check.publish(folders[kept], kept, scores, config.out / config.model)
@@ -229,7 +226,7 @@ def _check(
         minutes=minutes,
         uncertainty=fitted.uncertainty,
     )
-    check.write_adapt_page(config.out, runs[kept], *errors[kept], references, result)
+    check.write_adapt_page(config.out, runs[kept], real[kept], simulated[kept], references, result)
     return result
 
 

@@ -150,10 +150,10 @@ def relief(
 
 def in_a_row(pictures: Iterable[Image.Image], height_px: int) -> Image.Image:
     """Pictures side by side, scaled to one height; their widths are even, for video codecs."""
-    parts = [
-        part.convert("RGB").resize((2 * round(part.width * height_px / part.height / 2), height_px))
-        for part in pictures
-    ]
+    parts = []
+    for picture in pictures:
+        width_px = 2 * round(picture.width * height_px / picture.height / 2)
+        parts.append(np.asarray(picture.convert("RGB").resize((width_px, height_px))))
     return Image.fromarray(np.hstack(parts))
 
 

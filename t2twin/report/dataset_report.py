@@ -215,7 +215,7 @@ def shapes(dataset: Dataset) -> dict[str, Any]:
     def bars(page: Figure) -> None:
         axes = page.subplots()
         for split, own in shown.groupby("split", sort=False):
-            look: Any = {"color": SPLIT_COLORS[split], "label": SPLIT_NAMES[split]}
+            look: Any = {"color": SPLIT_COLORS[str(split)], "label": SPLIT_NAMES[str(split)]}
             axes.barh(own.index, own["pairs"], 0.8, **look)
         axes.set_yticks(range(len(shown)), shown[kind].map(shape_name), fontsize=7.5)
         axes.set(xlabel="pairs", ylim=(len(shown) - 0.4, -0.6))

@@ -87,7 +87,8 @@ def image_scores(a: np.ndarray, b: np.ndarray, data_range: float) -> tuple[float
     A pixel above CONTACT_LEVEL of its image's maximum is in contact; NaN without contact.
     """
     shares = (np.float32(each / data_range) for each in (a, b))
-    ssim, local = structural_similarity(*shares, data_range=1.0, full=True)
+    found: Any = structural_similarity(*shares, data_range=1.0, full=True)
+    ssim, local = found
     one, other = (image > CONTACT_LEVEL * max(image.max(), 0.0) for image in (a, b))
     either = (one | other).sum()
     in_contact = local[other].mean(dtype=float) if other.any() else np.nan
@@ -137,7 +138,7 @@ def _psnr_db(square: float) -> float:
 def figures_of(means: pd.DataFrame, full_scale: float) -> pd.DataFrame:
     """The figures from the means of the values, a row for each group. A column that is no error or
     total of counts is a figure itself. full_scale: of the target, counts or grey levels."""
-    rmse = np.sqrt(means.filter(like="squared_error"))
+    rmse = pd.DataFrame(np.sqrt(means.filter(like="squared_error")))
     unit = "grey" if "psnr_db" in means else "counts"
     figures = rmse.rename(columns=lambda name: f"{name.replace('squared_error', 'rmse')}_{unit}")
     figures["rmse_percent"] = 100.0 * rmse["squared_error"] / full_scale
@@ -207,11 +208,12 @@ def paired(
     """Differences of the figures of two models, with intervals from the same resamples."""
     first, second = (overall(each, full_scale) for each in (one, two))
     drawn = [figures_of(resampled_means(each, shapes), full_scale) for each in (one, two)]
-    differences: dict[str, Figures] = {}
-    for name, samples in (drawn[0] - drawn[1]).items():
-        if name in first and name in second:
-            ends = dict(zip(("low", "high"), interval(samples.to_numpy()) or (), strict=False))
-            differences[str(name)] = {"difference": first[name] - second[name]} | ends
+    samples, differences = drawn[0] - drawn[1], {}
+    for name, value in first.items():
+        if name in second and name in samples:
+            span = interval(samples[name].to_numpy()) or ()
+            ends = dict(zip(("low", "high"), span, strict=False))
+            differences[name] = {"difference": value - second[name]} | ends
     return differences
 
 
