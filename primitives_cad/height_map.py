@@ -153,15 +153,6 @@ def base_mm(surface: HeightMap) -> float | None:
     return lowest if share >= FACE_SHARE and lowest < -FEATURES_MM else None
 
 
-def rasterize_triangles(
-    triangles: np.ndarray, pitch_mm: float, rows: int, columns: int
-) -> np.ndarray:
-    """Highest z of triangles (n, 3, 3) over a grid, (2 rows + 3, 2 columns + 3) float32, mm."""
-    heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
-    _raise_to_corners(np.ascontiguousarray(triangles, np.float64), pitch_mm, heights)
-    return heights
-
-
 class Triangles(NamedTuple):
     """Triangles in their own frame, mm, in blocks of BLOCK that are close to each other."""
 
@@ -238,12 +229,9 @@ def raise_to_triangles(
     blocks, upper: over the map, see `blocks_near`. closed: leave out triangles that face down.
     """
     # From here on x is in columns and y in rows of the map.
-    turned, middle = np.empty((3, 3)), np.empty(3)
-    for axis in range(3):
-        scale = 1.0 if axis == 2 else 1.0 / pitch
-        middle[axis] = center[axis] * scale
-        for n in range(3):
-            turned[axis, n] = rotation[axis, n] * scale
+    turned, middle, scale = rotation.copy(), center.copy(), 1.0 / pitch
+    turned[:2] *= scale
+    middle[:2] *= scale
     middle[0] += heights.shape[1] // 2
     middle[1] += heights.shape[0] // 2
     for m in range(blocks.size):
@@ -341,18 +329,20 @@ def raise_to_triangle(a, b, c, area, ab, bc, ca, behind, top, heights):
 
 
 @compiled(nogil=True)
-def _raise_to_corners(triangles, pitch, heights):
-    """Raise a map to triangles (n, 3, 3), mm, that face up or down, without moving outlines."""
-    column, row, edge = heights.shape[1] // 2, heights.shape[0] // 2, EDGE_MM / pitch
+def rasterize_triangles(triangles, pitch, rows, columns):
+    """Highest z of triangles (n, 3, 3) over a grid, (2 rows + 3, 2 columns + 3) float32, mm.
+
+    Triangles may face up or down; their outlines are not moved.
+    """
+    heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
+    edge = EDGE_MM / pitch
     for n in range(triangles.shape[0]):
-        x, y, z = (
-            triangles[n, :, 0] / pitch + column,
-            triangles[n, :, 1] / pitch + row,
-            triangles[n, :, 2],
-        )
+        x, y = triangles[n, :, 0] / pitch + (columns + 1), triangles[n, :, 1] / pitch + (rows + 1)
+        z = triangles[n, :, 2]
         a, b, c = (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         if area < 0.0:
             b, c = c, b
         if area != 0.0:
             raise_to_triangle(a, b, c, abs(area), edge, edge, edge, np.inf, NOTHING_MM, heights)
+    return heights

@@ -183,11 +183,11 @@ def sample_composition(rng: np.random.Generator) -> Composition:
         features.append(_sample_feature(rng, features[0] if features else None))
     cuts, holes = [], []
     if rng.random() < CUT_SHARE:
-        cuts.append((_turn(rng), float(rng.normal(0.0, CUT_OFFSET_MM))))
+        cuts.append((float(rng.uniform(0.0, 2.0 * np.pi)), float(rng.normal(0.0, CUT_OFFSET_MM))))
     if rng.random() < HOLE_SHARE:
         x, y = rng.normal(0.0, CUT_OFFSET_MM, 2)
         holes.append((float(x), float(y), _log_uniform(rng, HOLE_RADIUS_MM)))
-    slope, direction = 0.0, _turn(rng)
+    slope, direction = 0.0, float(rng.uniform(0.0, 2.0 * np.pi))
     if rng.random() < TILT_SHARE:
         slope = float(np.tan(np.radians(rng.uniform(0.0, MAX_TILT_DEG))))
     tilt = (slope * float(np.cos(direction)), slope * float(np.sin(direction)))
@@ -199,7 +199,7 @@ def _sample_feature(rng: np.random.Generator, first: Feature | None) -> Feature:
     shares = KINDS[kind][1]
     profile = str(rng.choice(list(shares), p=list(shares.values())))
     x, y = rng.normal(0.0, FIRST_OFFSET_MM if first is None else OTHERS_OFFSET_MM, 2)
-    turn = _turn(rng)
+    turn = float(rng.uniform(0.0, 2.0 * np.pi))
     if first is not None and rng.random() < PARALLEL_SHARE:
         turn = first.turn_rad
     lower = 0.0
@@ -263,10 +263,6 @@ def _sample_sizes(rng: np.random.Generator, kind: str) -> tuple[str, float, dict
         sizes["radius_mm"] = max(_log_uniform(rng, ARC_RADIUS_MM), 1.5 * half_width)
         length = sizes["radius_mm"] * float(rng.uniform(*ARC_ANGLE_RAD))
     return "bar", half_width, {"half_length_mm": max(length, 2 * half_width) / 2, **sizes}
-
-
-def _turn(rng: np.random.Generator) -> float:
-    return float(rng.uniform(0.0, 2.0 * np.pi))
 
 
 def _log_uniform(rng: np.random.Generator, limits: tuple[float, float]) -> float:

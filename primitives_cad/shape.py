@@ -79,7 +79,7 @@ class Keypoint:
 
     name: str
     point_mm: tuple[float, float, float]
-    direction: tuple[float, float, float]  # unit vector out of the tool
+    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)  # unit vector out of the tool
 
 
 @dataclass(frozen=True)

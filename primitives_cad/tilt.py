@@ -31,10 +31,7 @@ SIDE_MM = 10.0
 # distance from a plane within which neighboring cells of a row are one part (assumed)
 EVEN_MM = 1.0e-4
 NOT_SOLID = np.float32(-2.0)  # marks a cell without four solid corners in place of a normal
-SIDES_NOTE = (
-    "{} has no mesh; its height map does not show its sides, which are taken as vertical where a "
-    "tilt turns them up"
-)
+SIDES_NOTE = "{} has no mesh; its sides are taken as vertical where a tilt turns them up"
 
 
 def tilted(shape: Shape, tilt_x_rad: float, tilt_y_rad: float) -> Shape:

@@ -124,26 +124,6 @@ def test_an_unusable_marker_is_an_error(page, text):
         page(text)
 
 
-def test_cells_of_figures(tmp_path, monkeypatch):
-    provenance = json.loads((figures.RESULTS / "press.json").read_text())["measured_on"]
-    content = {"measured_on": provenance, "a": {"b.c": [0.0197, 3e3]}, "none": None}
-    (tmp_path / "x.json").write_text(json.dumps(content))
-    monkeypatch.setattr(figures, "RESULTS", tmp_path)
-    found = figures.Figures()
-    for template, cell in {
-        "{a.b.c.0:.1%} off": "2.0 % off",
-        "{a.b.c.1:,.0f}": "3,000",
-        "{a.ROW.1 / a.ROW.1 * 60:.1f}": "60.0",
-        "{none:.1f} and more": "",
-        "?{a.d:.1f}": "",
-    }.items():
-        assert found.cell(template, "x.", "b.c") == cell
-    for wrong in ("{a.d:.1f}", "{a.b.c.2:.1f}"):
-        with pytest.raises(T2TwinError, match=r"x\.json has nothing at a\."):
-            found.cell(wrong, "x.", "")
-    assert found.dates() == f"*Measured on {provenance['date'][:10]} (`x`).*"
-
-
 # Commands
 
 

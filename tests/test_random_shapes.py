@@ -165,9 +165,3 @@ def test_names_that_are_no_random_shapes(capsys, tmp_path):
         main(["press", "random-many", "--out", str(tmp_path / "out")])
     assert stop.value.code == 2 and not (tmp_path / "out").exists()
     assert "random-0, random-1" in capsys.readouterr().err
-
-
-def test_a_random_shape_is_pressed_by_name(tmp_path, capsys):
-    main(["press", "random-17", "--force-n", "3", "--out", str(tmp_path / "out")])
-    assert "digit: 3.00 N" in capsys.readouterr().out
-    assert (tmp_path / "out" / "digit.png").is_file()

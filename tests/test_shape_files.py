@@ -18,27 +18,6 @@ def block(path, sides=(6.0, 4.0, 3.0), at=(40.0, -7.0, 11.0)):
     return path
 
 
-def step_of_block(path, sides=(6.0, 4.0, 3.0)):
-    import cadquery as cq
-
-    cq.exporters.export(cq.Workplane().box(*sides).translate((9.0, 9.0, 9.0)), str(path))
-    return path
-
-
-@pytest.mark.parametrize("suffix", [".STL", ".StP"])
-def test_a_user_s_solid_is_centerd_below_the_axis(suffix, tmp_path):
-    made = tmp_path / "block.made.step" if suffix.lower() != ".stl" else tmp_path / "block.made.stl"
-    (step_of_block if suffix.lower() != ".stl" else block)(made)
-    path = made.rename(tmp_path / f"block{suffix}")
-    shape = catalogue.load(path, tmp_path / "kept")
-    assert shape.name == "block"
-    assert shape.mesh.is_watertight
-    np.testing.assert_allclose(shape.mesh.bounds, [[-3, -2, -3], [3, 2, 0]], atol=1e-5)
-    assert shape.mesh.volume == pytest.approx(72.0, rel=1e-5)
-    assert shape.surface.sample(np.array([0.0, 2.9]), np.array([0.0, -1.9])) == pytest.approx(0.0)
-    assert shape.base_mm is None
-
-
 def test_a_mesh_with_hairline_gaps_is_joined(tmp_path):
     mesh = trimesh.creation.box((5.0, 5.0, 5.0))
     soup = mesh.triangles.copy()

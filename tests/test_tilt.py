@@ -15,7 +15,6 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 import t2twin
-from t2twin.cli import main
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad.height_map import rasterize_triangles
 from t2twin.primitives_cad.random_shapes import solid_under
@@ -140,7 +139,7 @@ def test_a_shape_without_a_mesh_has_vertical_sides_and_says_so(tmp_path):
     solid.export(tmp_path / "box.stl")
     full = t2twin.load_shape(tmp_path / "box.stl")
     bare = replace(full, solid=trimesh.Trimesh())
-    with pytest.warns(T2TwinWarning, match="box has no mesh; its height map does not show its sid"):
+    with pytest.warns(T2TwinWarning, match="box has no mesh; its sides are taken as vertical"):
         touch = twin().press(bare, force_n=3.0, **TILT_DEG)
     expected = twin().press(full, force_n=3.0, **TILT_DEG)
     for sensor, contact in expected.contacts.items():
@@ -281,16 +280,3 @@ def test_a_dataset_of_tilted_presses_has_their_tilt(tmp_path):
     place = msgspec.json.decode(msgspec.json.encode(straight.parts[0].place))
     assert not straight.has_tilt and set(place) == {"normal_mm", "uniform_mm"}
     assert not {*TILT} & {*schema_of(info.values, straight).names}
-
-
-def test_the_command_writes_the_tilt(tmp_path, capsys):
-    pose = ["--tilt-x-deg", "8", "--tilt-y-deg=-3", "--force-n", "2", "--out", str(tmp_path / "a")]
-    main(["press", "square-2", "--sensor", "target", *pose])
-    saved = json.loads((tmp_path / "a" / "press.json").read_text())
-    assert [saved[f"tilt_{axis}_rad"] for axis in "xy"] == pytest.approx(np.deg2rad([8, -3]))
-    counts = json.loads((tmp_path / "a" / "cyskin-20.json").read_text())["counts"]
-    touch = twin().press("square-2", force_n=2.0, tilt_x_deg=8.0, tilt_y_deg=-3.0)
-    assert counts == touch.counts.tolist()
-    with pytest.raises(SystemExit):
-        main(["press", "square-2", "--tilt-x-deg", "31", "--out", str(tmp_path / "b")])
-    assert "tilt_x_deg is 31" in capsys.readouterr().err

@@ -36,7 +36,6 @@ from benchmarks.optics.fitted_optics import (
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.catalogue import OBJECTS
-from t2twin.primitives_cad.solids import write_ball
 from t2twin.sim.calibrate.calibrate import calibrate
 from t2twin.sim.contact.contact_solver import force_at_depth
 from t2twin.sim.contact.types import PressCommand
@@ -153,6 +152,8 @@ def ball_references(folder: Path) -> tuple[list[str], np.ndarray, np.ndarray, li
 
     The readings are ImageReading, with contact and image.
     """
+    from t2twin.primitives_cad.solids import write_ball  # slow to import
+
     report = calibrate(folder / BACKGROUND, folder, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
     background, frames, found = read_frames(folder / BACKGROUND, folder, SENSOR.camera)
     names = [*report.trained, *(press.name for press in report.held_out)]
