@@ -1,29 +1,18 @@
 """Recipes whose presses slide and twist."""
 
-import json
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
-from moving import RECIPE, write_recipe
-from msgspec import structs
+from moving import RECIPE
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import MOTION, PATH, TRACTIONS
-from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.store import (
-    lists,
-    read_info,
-    read_split,
-    sha256_of,
-    verify_dataset,
-    write_info,
-)
-from t2twin.sim.sampling.plan import MotionPath, plan, sample_commands, sample_paths
+from t2twin.sim.dataset.store import read_split, verify_dataset
+from t2twin.sim.sampling.plan import MotionPath, sample_commands, sample_paths
 from t2twin.sim.sampling.recipe import Motion, load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
@@ -84,25 +73,6 @@ def test_tractions_add_up_to_the_forces(rows: pa.Table) -> None:
         np.testing.assert_allclose(sums, column(rows, f"target_{force}"), atol=2e-3)
 
 
-def test_the_field_contains_the_shear_as_the_taxels_do(made: Path, rows: pa.Table) -> None:
-    info, field = read_info(made), np.array(rows["target_dense_counts"].to_pylist())
-    places = np.hypot(
-        np.subtract.outer(info.array.x_mm, info.array.dense_x_mm),
-        np.subtract.outer(info.array.y_mm, info.array.dense_y_mm),
-    ).argmin(axis=1)
-    counts = lists(rows, "target_counts")
-    assert np.abs(counts - field[:, places]).max() < 40  # the noise of a reading
-
-
-@pytest.mark.exhaustive
-def test_rows_do_not_depend_on_the_workers(made: Path, tmp_path: Path, shape_cache: Path) -> None:
-    recipe = write_recipe(tmp_path)
-    make_dataset(tmp_path / "two", recipe=recipe, workers=2, cache=shape_cache)
-    assert read_info(tmp_path / "two") == read_info(made)
-    for path in read_info(made).shards:
-        assert sha256_of(tmp_path / "two" / path) == sha256_of(made / path)
-
-
 def test_paths_cover_each_touch_once() -> None:
     motion = Motion(still=0.5, slide=0.3, twist=0.2, steps=(2, 3))
     kinds = Counter()
@@ -157,12 +127,3 @@ def test_motion_needs_sampled_places(tmp_path: Path) -> None:
     path.write_text('format = 1\nname = "a"\n[[parts]]\nshapes = "primitives"\n[motion]\n')
     with pytest.raises(T2TwinError, match="motion needs a part whose place is a distribution"):
         load_recipe(path)
-
-
-def test_recipes_without_motion_do_not_mention_it(made: Path, tmp_path: Path) -> None:
-    info = read_info(made)
-    assert info.recipe is not None
-    still = structs.replace(info.recipe, motion=load_recipe("open").motion)
-    write_info(tmp_path, replace(info, recipe=still))
-    assert "motion" not in json.loads((tmp_path / "info.json").read_text())["recipe"]
-    assert [batch.pairs for batch in plan(still)] == [batch.pairs for batch in plan(info.recipe)]
