@@ -100,8 +100,7 @@ class Press:
     def command(self, shape: "Shape", sensor: "Sensor") -> "PressCommand":
         """The command for the solver. A depth becomes the force that reaches it in `sensor`.
 
-        shape: the loaded shape. Raises T2TwinError for a force, a depth or a tilt out of range, for
-        a force and a depth, and for values not finite.
+        Raises T2TwinError for values out of range or not finite, and for a force and a depth.
         """
         from t2twin.core import arguments
         from t2twin.sim.contact.contact_solver import force_at_depth

@@ -69,11 +69,9 @@ def path_commands(
     source: str = "path",
     tilt_rad: tuple[float, float] = (0.0, 0.0),
 ) -> list[PressCommand]:
-    """The validated commands of a path, (n, 4) rows of PATH_COLUMNS.
+    """The validated commands of a path, (n, 4) rows of PATH_COLUMNS; source: for messages.
 
-    shape: its name. source: origin of the path, for messages. tilt_rad: of all commands, about x
-    and y. Raises T2TwinError for an array of another shape, values out of range, and a path without
-    contact.
+    Raises T2TwinError for another shape, values out of range, and a path without contact.
     """
     rows = arguments.array(path, source)
     if rows.ndim != 2 or rows.shape[1] != len(PATH_COLUMNS):
@@ -111,10 +109,9 @@ def touches_along(
     rng: np.random.Generator | None,
     only: str | None = None,
 ) -> Iterator[Touch]:
-    """The touches of a path, one for each command.
+    """The touches of a path, one for each command; rng, only: as for `SensorPair.press`.
 
-    rng, only: as for `SensorPair.press`.
-    Raises T2TwinError as `solve_contact` does, before the first slide if a row leaves a pad.
+    Raises T2TwinError as `solve_contact`, before the first slide if a row leaves a pad.
     """
     touch, is_checked = None, False
     for number, command in enumerate(commands, start=1):
@@ -137,11 +134,8 @@ def slide_to(
     command: PressCommand,
     friction: Friction | dict[str, Friction] | None,
 ) -> Touch:
-    """Slide the shape of a touch to another pose and force; without images and counts.
-
-    The motion is divided into steps of at most MAX_STEP_MM and MAX_STEP_DEG.
-    Raises T2TwinError as `solve_contact` does.
-    """
+    """Slide the shape of a touch to another pose and force, in steps of at most MAX_STEP_MM and
+    MAX_STEP_DEG; without images and counts. Raises T2TwinError as `solve_contact` does."""
     start, end = _row(touch.command), _row(command)
     change = end - start
     steps = max(hypot(change[0], change[1]) / MAX_STEP_MM, abs(change[2]) / MAX_STEP_DEG)

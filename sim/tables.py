@@ -21,8 +21,7 @@ DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(\d+)$")  # where commas do not delimit
 def read_csv(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
     """The names of the columns; of each row its place, such as "line 2", and its nonempty cells.
 
-    The delimiter is the most frequent one in the first line. Skips empty rows and spaces around
-    cells; decimal commas become points. Raises T2TwinError for a file that is not such a table.
+    The delimiter is the most frequent one in the first line; decimal commas become points.
     """
     try:
         text = read_file(path).decode("utf-8-sig")
@@ -51,11 +50,8 @@ def read_csv(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
 
 
 def read_rows(path: Path, kind: type[Record]) -> tuple[Record, ...]:
-    """The rows of a CSV file, in its order.
-
-    kind: a dataclass whose fields are the columns; an empty cell takes the field's default. Raises
-    T2TwinError, with the line, for other columns, missing ones, and values that do not fit.
-    """
+    """The rows of a CSV file. kind: a dataclass whose fields are the columns, defaults of empty
+    cells. Raises T2TwinError, with the line, for other columns and values that do not fit."""
     names, rows = read_csv(path)
     known = fields(kind)  # pyright: ignore[reportArgumentType]
     check_names(names, [field.name for field in known], path)

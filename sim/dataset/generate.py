@@ -268,12 +268,8 @@ def _tool_invariants(tool: str) -> np.ndarray:
 
 
 def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
-    """(bodies, 4): area^(3/2) / volume and the principal second moments / volume^(5/3), rising,
-    of each body that encloses a volume.
-
-    They do not change by rotation, reflection and scale, and by less than 1 % for a mesh ten times
-    as coarse.
-    """
+    """(bodies, 4): area^(3/2) / volume and the principal second moments / volume^(5/3), rising, of
+    each body with a volume. A mesh ten times as coarse changes them by less than 1 %."""
     rows = []
     for body in mesh.split(only_watertight=False, repair=False):
         if volume := abs(body.volume):

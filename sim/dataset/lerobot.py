@@ -161,8 +161,7 @@ def _write_frames(
 ) -> list[dict[str, Any]]:
     """Write the frames of a shard; returns the rows of its episodes.
 
-    before: numbers of the episodes and of the frames in earlier shards. tasks, totals: the numbers
-    of the tasks and the samples of the features, to which those of the shard are added.
+    before: numbers of the episodes and of the frames in earlier shards. tasks, totals: extended.
     """
     place = dict(zip(("chunk_index", "file_index"), divmod(file, FILES_PER_CHUNK), strict=True))
     path_of = table[PATH if PATH in table.column_names else "index"]
@@ -311,11 +310,8 @@ def histogram_of(png: bytes) -> np.ndarray:
 
 
 def statistics_of(feature: Feature, samples: np.ndarray, frames: int) -> dict[str, Any]:
-    """LeRobot's statistics as nested lists; of images over all pixels, whose levels are 0 to 1.
-
-    samples: from samples_of. A quantile of images is the lowest level that so large a share of the
-    pixels does not exceed.
-    """
+    """LeRobot's statistics of samples as nested lists; of images over all pixels, 0 to 1, whose
+    quantiles are the lowest levels that such a share of the pixels does not exceed."""
     shares = list(QUANTILES.values())
     if feature.dtype == IMAGE:
         values = np.repeat(np.arange(LEVELS)[:, None] / (LEVELS - 1), 3, axis=1)

@@ -200,10 +200,9 @@ def _samples(batch: Batch, context: ShardContext, tally: Tally) -> Iterator[Samp
 def press_until_accepted(
     attempts: Iterable[PressSample], shape: Shape, press: Press, rejected: Counter[str]
 ) -> tuple[list[Touch], int]:
-    """The touches of the first accepted attempt at a path, and its number.
+    """The touches of the first accepted attempt at a path, and its number; counts rejected ones.
 
-    attempts: from path_attempts. shape: the planned one. rejected: counts the reasons. A press on
-    the grid may bottom out, and must settle. Raises T2TwinError where no attempt is accepted.
+    A press on the grid may bottom out. Raises T2TwinError where no attempt is accepted.
     """
     planned = shape.name
     for sample in attempts:

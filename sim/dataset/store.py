@@ -72,10 +72,9 @@ MAX_DICTIONARY_BYTES = 32_000_000
 
 
 def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema) -> str:
-    """Write rows as one shard, as they come; returns its sha256. schema: from schema_of.
+    """Write rows as one shard, as they come; returns its sha256.
 
-    Raises T2TwinError where the shard cannot be written or has a value that is not finite; then
-    there is none.
+    Raises T2TwinError where it cannot be written or a value is not finite; then there is none.
     """
     # All rows of a unit have one background frame: a dictionary stores it once per row group.
     frames = [name for name in schema.names if name.endswith(f"_{BACKGROUND}")]
@@ -93,8 +92,7 @@ def table_writer(
 ) -> Iterator[Callable[[pa.Table], None]]:
     """A function that adds a table to a new Parquet file, which is complete after the block.
 
-    repeated: paths of the columns of repeated values. Raises T2TwinError where the file cannot be
-    written. After an error there is no new file.
+    repeated: paths of the columns of repeated values. Raises T2TwinError as `write_shard`.
     """
     has_frames = any(name.endswith(".bytes") for name in repeated)
     with _durable(path) as file:
@@ -158,12 +156,8 @@ def write_info(folder: Path, info: DatasetInfo) -> None:
 
 
 def write_card(folder: Path, info: DatasetInfo) -> None:
-    """Writes the metadata of a dataset whose shards exist: README.md and croissant.json.
-
-    The card's header declares splits, columns and license to the Hugging Face hub and `datasets`.
-    croissant.json declares the same in the Croissant format 1.1 of MLCommons
-    (https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html).
-    """
+    """Writes README.md, whose header is for Hugging Face's hub and `datasets`, and croissant.json,
+    Croissant 1.1 (https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html)."""
     sizes = {path: (folder / path).stat().st_size for path in sorted(info.shards)}
     values = {
         "info": info,
@@ -214,8 +208,7 @@ def split_shards(info: DatasetInfo, split: str) -> list[str]:
 def read_split(folder: str | Path, split: str, columns: list[str] | None = None) -> pa.Table:
     """All rows of a split, shards sorted by name. columns: default all.
 
-    Raises T2TwinError for a missing or unfinished dataset, an unknown or empty split, a column that
-    the dataset lacks, and a damaged shard.
+    Raises T2TwinError for an unfinished dataset, a split or column that it lacks, a damaged shard.
     """
     return pa.concat_tables(list(iter_shards(folder, split, columns)))
 
@@ -307,10 +300,9 @@ class Fault:
 
 
 def verify_dataset(folder: str | Path) -> list[Fault]:
-    """All faults of a dataset, none if it is complete and undamaged.
+    """All faults of a dataset, by sha256, columns and rows of each shard; none if it is complete.
 
-    Compares the sha256, the columns and the number of rows of each shard, and the number of pairs
-    of each split. Raises T2TwinError without a dataset.
+    Raises T2TwinError without a dataset.
     """
     folder = arguments.path(folder, "folder")
     info = read_info(folder)

@@ -120,10 +120,8 @@ class SensorPair:
     ) -> Touch:
         """Press a shape into both sensors, or into one of them, by its name in a touch.
 
-        command: a force of 0 N gives the readings without contact. rng: of the source's noise or
-        imperfections, then of the target's; None for neither. before: the touch one sample earlier,
-        which memories continue; None for none.
-        Raises T2TwinError as solve_contact does.
+        command: of 0 N for readings without contact. rng: of both sensors' noise. before: the touch
+        one sample earlier, for memories. Raises T2TwinError as solve_contact does.
         """
         readings: dict[str, Reading] = {}
         earlier: dict[str, Any] = {} if before is None else before.readings
@@ -149,8 +147,7 @@ class SensorPair:
     ) -> Touch:
         """Move the shape of a touch by a small step, with friction; without images and counts.
 
-        command: the new pose and force. friction: of both sensors, or by their names; None is each
-        one's own. Raises T2TwinError as solve_contact does.
+        friction: of both sensors, or by their names; None is each one's own.
         """
         before = touch.command
         dx_mm, dy_mm = command.x_mm - before.x_mm, command.y_mm - before.y_mm

@@ -97,11 +97,8 @@ def on_device(values: np.ndarray, device: torch.device) -> torch.Tensor:
 
 
 def to_input(pixels: np.ndarray | torch.Tensor) -> torch.Tensor:
-    """The input of the networks.
-
-    pixels: (B, S, S, c) float32 in [0, 1]: grey, RGB, or RGB followed by the background frame
-    (c = 6). Returns (B, c, S, S) float32, channels last in memory: grey in [-1, 1], RGB normalized.
-    """
+    """The input of the networks, (B, c, S, S) float32, channels last in memory: grey in [-1, 1], or
+    RGB normalized. pixels: (B, S, S, c) in [0, 1]; c = 6 is RGB and the background frame."""
     if pixels.shape[-1] == 1:
         return to_scaled(pixels)
     images, side, columns, channels = pixels.shape

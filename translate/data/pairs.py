@@ -327,8 +327,7 @@ def _pngs(data_dir: Path, info: DatasetInfo, split: str, name: str) -> Iterator[
 def load_backgrounds(data_dir: Path, split: str, size: int, cache: Path, name: str) -> ImageFile:
     """The background frames of a split's pairs at size x size, each distinct one stored once.
 
-    cache: folder of the decoded frames. name: of the dataset, for their file names. Raises
-    T2TwinError if a shard cannot be read.
+    cache, name: folder of the decoded frames, and of the dataset in their file names.
     """
     info = read_info(data_dir)
     index = cache / f"{split}-background-{size}-index-{name}.npy"
@@ -355,8 +354,7 @@ def load_contact(
 ) -> ImageFile | None:
     """The contact maps of a split's pairs, (P, 2, side, side) float16: depth, mm, pressure, kPa.
 
-    None without a side, and for pairs without contact maps. cache: folder of the resampled maps.
-    Raises T2TwinError if a shard cannot be read.
+    None without a side, and for pairs without contact maps. cache: of the resampled maps.
     """
     info, names = read_info(data_dir), [column(role, name) for name in CONTACT_MAPS]
     sensor, pairs = info.sensors[role], info.pairs[cast(Any, split)]
