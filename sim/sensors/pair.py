@@ -56,8 +56,8 @@ class SensorPair:
         for name in given:
             if name not in allowed:
                 names = " and ".join(dict.fromkeys((self.source.name, self.target.name)))
-                options = " and ".join(allowed)
-                raise T2TwinError(f"{name} has no effect on {names}, which has {options}")
+                known = " and ".join(allowed)
+                raise T2TwinError(f"{name} has no effect on {names}, which has {known}")
         both = []
         for sensor in (self.source, self.target):
             own = {name: value for name, value in given.items() if name in sensor.OPTIONS}
