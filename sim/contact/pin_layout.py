@@ -416,7 +416,9 @@ def place_pins(
         placed.append((np.full(kept, len(placed)), *blocks[:, :kept], *of_pins[:, :kept]))
     of_all: Any = placed[0] if len(placed) == 1 else map(np.concatenate, zip(*placed, strict=True))
     heights = [shape.heights_mm for _, _, shape, _ in bodies]
-    return Pins(layer, window, *of_all, cover, heights, np.array([each[-1] for each in bodies]))
+    first_touch_mm = np.array([each[-1] for each in bodies])
+    of_bodies: Any = cover, heights, first_touch_mm
+    return Pins(layer, window, *of_all, *of_bodies)
 
 
 @compiled(inline="always")
