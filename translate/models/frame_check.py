@@ -33,9 +33,7 @@ SIDE = 32  # Side of the second network's images, pixels (assumed: light and col
 # Channels of its convolutions, and width of its hidden layer (assumed)
 CHANNELS, WIDTH = (32, 48, 64), 128
 TRANSFORM_DROPOUT = 0.3  # Share of its values that is left out in training (assumed)
-# Minimum limit of a score, the logarithm of the odds: no frame is refused that is more likely
-# right than wrong
-MIN_LIMIT = 0.0
+MIN_LIMIT = 0.0  # Of a score, the logarithm of the odds: more likely wrong than right
 # Index of the limit without and with a background frame, and of the second network's
 WITHOUT, WITH, TRANSFORMED = 0, 1, 2
 

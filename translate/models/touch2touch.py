@@ -33,19 +33,14 @@ from t2twin.translate.models.base import TACTILE_IMAGES, Outputs, Translator, ad
 from t2twin.translate.models.presets import Preset
 
 GENERATED = "generated"
-# Largest distance of a taxel outside the trained layout's hull, mm: positions are often rounded
-OUTSIDE_MM = 0.01
+OUTSIDE_MM = 0.01  # Of a taxel outside the trained layout's hull: positions are often rounded
 SAME_COVER = 1e-6  # Largest difference of two hulls' coverage of a pixel, as a fraction (assumed)
-# Fraction of the maximum at which the membership is one half (evaluation.metrics.CONTACT_LEVEL)
-CONTACT_LEVEL = 0.1
+CONTACT_LEVEL = 0.1  # Of the maximum: there the membership is one half (evaluation.metrics)
 SHARPNESS = 2  # Exponent of the membership (assumed; with a higher one, few pixels have a gradient)
-# A target image with no pixel above this fraction of full scale has no contact (assumed: noise)
-MIN_CONTACT = 0.01
+MIN_CONTACT = 0.01  # Of full scale: a target image below it has no contact (assumed: noise)
 MIN_UNION = 0.5  # Pixels, against division by zero: less than the union of any contact
-# Channels stop doubling at this many times the base filters (Isola et al. 2017)
-MAX_WIDTH_FACTOR = 8
-# Decoder blocks, counted from the innermost, that have dropout (Isola et al. 2017)
-DROPOUT_BLOCKS = 3
+MAX_WIDTH_FACTOR = 8  # Of the base filters, where channels stop doubling (Isola et al. 2017)
+DROPOUT_BLOCKS = 3  # Innermost blocks of the decoder that have dropout (Isola et al. 2017)
 INITIAL_STD = 0.02  # Standard deviation of the initial weights (Isola et al. 2017)
 
 

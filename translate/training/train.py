@@ -192,9 +192,7 @@ def _run(
             with locked(out_dir) if rank == 0 else nullcontext():
                 names = {path.name for path in out_dir.iterdir()} if out_dir.is_dir() else set()
                 if not (CONFIG in names or names <= {LOCK, CACHE} or is_empty(out_dir)):
-                    raise T2TwinError(
-                        f"{out_dir} is not empty and contains no run; choose another folder"
-                    )
+                    raise T2TwinError(f"{out_dir} contains no run; choose another folder")
                 if rank > 0:  # while the first process decodes the images
                     distributed.wait()
                 pairs, validation = (
@@ -203,10 +201,8 @@ def _run(
                 if rank == 0:
                     distributed.wait()
                 if len(pairs) < MIN_PAIRS:
-                    raise T2TwinError(
-                        f"the train split of {data_dir} has {len(pairs)} pair(s); training needs "
-                        f"{MIN_PAIRS}"
-                    )
+                    found = counted(len(pairs), "training pair")
+                    raise T2TwinError(f"{data_dir} has {found}; training needs {MIN_PAIRS}")
                 trainer = Trainer(config, out_dir, pairs, validation, rank, weights)
                 config, history = trainer.run()
         best = best_epoch(history)
@@ -223,10 +219,8 @@ def _run(
             fit_frame_check(out_dir, data_dir)
         elif frame_check and weights is not None and (weights.parent / FRAME_CHECK).is_file():
             shutil.copyfile(weights.parent / FRAME_CHECK, out_dir / FRAME_CHECK)
-        if finished is None:
-            print(f"{out_dir}: {result.summary}.")
-        else:
-            print(f"{out_dir} is finished: {result.summary}. Nothing to do.")
+        state, rest = ("", "") if finished is None else (" is finished", " Nothing to do.")
+        print(f"{out_dir}{state}: {result.summary}.{rest}")
         return result
 
 
@@ -316,10 +310,7 @@ def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
     run_dir = resolve_run(run)
     config = load_config(run_dir)
     if config.model != model:
-        raise T2TwinError(
-            f"{run_dir} is a {config.model} run, and the new run is a {model}; expected a run like "
-            "the new one"
-        )
+        raise T2TwinError(f"{run_dir} is a {config.model} run; expected a {model} run")
     return run_dir, config
 
 
