@@ -191,7 +191,7 @@ def test_a_share_of_the_units_is_the_fixed_one_without_artifacts(tmp_path, shape
 @pytest.mark.parametrize(
     "old, new, sentence",
     [
-        ('kind = "drawn"', 'kind = "fixed"', 'artifacts of light need kind = "drawn"'),
+        ('kind = "drawn"', 'kind = "fixed"', 'of light needs kind = "drawn"'),
         ("[light.artifacts]", "[light.artifacts]\nworn = 2.0", "<= 1.0 - at .*worn"),
         ("[light.artifacts]", "[light.artifacts]\nstreaks = [3, 1]", "expected low first"),
         ("[light.artifacts]", "[light.artifacts]\nstreak_grey = [0, 9]", ">= 0.1 .*streak_grey"),

@@ -68,7 +68,7 @@ def test_the_shipped_background_is_the_reference(renderer, reference):
     ids=["ball", "block", "ring"],
 )
 def test_the_baked_picture_is_the_reference(renderer, reference, surface, place):
-    middle = CAMERA.project(*(np.array(v) for v in (*place, 0.0)))
+    middle = np.array(CAMERA.project(*(np.array(v) for v in (*place, 0.0))))
     wanted, given, nothing = (
         crop(each, middle).astype(float)
         for each in (reference.render(surface), renderer.render(surface), renderer.background)
@@ -221,7 +221,7 @@ def test_the_file_keeps_the_noise(tmp_path):
         ({"noise_mix": MIX}, "noise_taps is not a file"),
         ({"young_kpa": 500.0}, "its young_kpa is not read"),
     ):
-        np.savez(path, **parts, **more)
+        np.savez(path, **{**parts, **more})  # pyright: ignore[reportArgumentType]
         with pytest.raises(T2TwinError, match=message):
             Optics.load(path)
 

@@ -13,11 +13,11 @@ all inputs at the end of their tolerances where presses come out deepest, or sha
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, astuple, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from os.path import lexists
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 from msgspec import Meta, structs
@@ -501,11 +501,11 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: Fit) -> 
     radii_mm, covered, next_mm = coverage_of(
         camera, presses.sensor.own_gel, all_poses, diameters_mm
     )
-    found = zip(each, held_out.names, poses.tolist(), strict=True)
+    found = zip(each, held_out.names, *poses.T.tolist(), strict=True)
     return OpticsReport(
         trained=[*training.names],
         repeated=[n for n in presses.names if n not in (*training.names, *held_out.names)],
-        held_out=tuple(HeldOutPress(*astuple(score), name, *pose) for score, name, pose in found),
+        held_out=tuple(HeldOutPress(one.l1, one.ssim, one.psnr_db, *at) for one, *at in found),
         scores=scores,
         covered=covered,
         next_mm=next_mm,
@@ -530,8 +530,8 @@ def write_fit(
         )
         picture.save(temporary)
     report.optics.save(folder / OPTICS)
-    values = {field.name: getattr(report, field.name) for field in fields(OpticsRecord)}
-    record = OpticsRecord(**values | {"inputs_sha256": inputs_sha256})
+    own: Any = {field.name: getattr(report, field.name) for field in fields(OpticsRecord)}
+    record = replace(OpticsRecord(**own), inputs_sha256=inputs_sha256)
     write_json(folder / RECORD, asdict(record))
     return record
 

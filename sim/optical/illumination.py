@@ -206,11 +206,8 @@ class Rays:
         # means over the blocks of the shadow grid
         rows, columns = (SHADOW_STRIDE * count for count in self._coarse_shape)
         cells = range(SHADOW_STRIDE)
-        total = sum(
-            z[i:rows:SHADOW_STRIDE, j:columns:SHADOW_STRIDE].astype(float)
-            for i in cells for j in cells
-        )  # fmt: skip
-        heights = (total / SHADOW_STRIDE**2).astype(np.float32)
+        parts = [z[i:rows:SHADOW_STRIDE, j:columns:SHADOW_STRIDE] for i in cells for j in cells]
+        heights = np.mean(parts, axis=0, dtype=float).astype(np.float32)
         first = 0.5 * (SHADOW_STRIDE - 1) * self.pitch_mm
         led_visibility(
             heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),

@@ -76,7 +76,11 @@ class Optics:
         leds = len(self.leds_mm)
         if not 1 <= leds <= MAX_LEDS:
             raise T2TwinError(f"the optics file has {leds} LEDs; it must have 1 to {MAX_LEDS}")
-        sizes = {"rows": self.camera.rows, "columns": self.camera.columns, "leds": leds}
+        sizes: dict[int | str, int] = {
+            "rows": self.camera.rows,
+            "columns": self.camera.columns,
+            "leds": leds,
+        }
         for name, (dimensions, low, high) in _LIMITS.items():
             given = getattr(self, name)
             if given is None:
