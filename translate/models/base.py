@@ -94,10 +94,7 @@ class Translator(ABC):
     def examples(
         self, pairs: Pairs, batch: np.ndarray, rng: np.random.Generator | None = None
     ) -> Examples:
-        """The pairs with these indices, (B,); with rng, augmented as the preset defines.
-
-        Augmentation is for images of the source; counts and targets stay as they are.
-        """
+        """The pairs with these indices, (B,); with rng, images of the source are augmented."""
         batch, preset = np.sort(batch), self.preset  # the order on disk
         pixels, target = (self._tensor(each[batch]) for each in (pairs.inputs, pairs.target))
         pixels = pixels / WHITE_GREY

@@ -46,8 +46,7 @@ class BasicBlock(nn.Module):
 class ResNet18(nn.Module):
     """ResNet18 with `outputs` output values; 0 leaves out the pooling and the last layer.
 
-    filters: base width, 64 in the published network, which has 11,689,512 parameters at 1000
-    outputs. channels: of the images. Raises T2TwinError for fewer than MIN_FILTERS.
+    filters: base width, 64 in the published network. channels: of the images.
     """
 
     def __init__(self, outputs: int, filters: int = 64, channels: int = 3):

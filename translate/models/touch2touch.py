@@ -45,12 +45,9 @@ INITIAL_STD = 0.02  # Standard deviation of the initial weights (Isola et al. 20
 
 
 class UNet(nn.Module):
-    """U-Net for square images.
+    """U-Net for square images, whose side is a power of two of at least 16. filters: base width.
 
-    size: image side, a power of two of at least 16. filters: base width.
-
-    Size 256 with 64 filters is the generator of the paper: 54.4 M parameters with one input and one
-    output channel. Raises T2TwinError for other sizes.
+    Size 256 with 64 filters is the generator of the paper, with 54.4 M parameters.
     """
 
     def __init__(self, size: int, filters: int, channels_in: int = 1, channels_out: int = 1):

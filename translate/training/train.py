@@ -5,8 +5,6 @@
 
 A stopped training resumes with the result of an uninterrupted one: order, dropout and augmentation
 of each step depend on (seed, epoch, step). The number of threads changes the last digits.
-
-Shape letters: B batch, P pairs, S image side, c channels, N taxels, n values of a prediction.
 """
 
 import math
