@@ -10,11 +10,11 @@ import re
 import zipfile
 from array import array
 from codecs import BOM_UTF8
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -390,7 +390,7 @@ def _openness(mesh: trimesh.Trimesh) -> str:
     return f"is open at {len(rims)} edges, the widest gap {widest:.4g} mm; {UPPER}"
 
 
-def _widest_mm(mesh: trimesh.Trimesh, groups: Iterable[Sequence[int]]) -> float:
+def _widest_mm(mesh: trimesh.Trimesh, groups: Iterable[Any]) -> float:
     """Largest extent along an axis of any group of corners, mm."""
     return max(float(np.ptp(mesh.vertices[group], axis=0).max()) for group in groups)
 
@@ -434,8 +434,12 @@ def _rims(mesh: trimesh.Trimesh, edges: np.ndarray) -> list[list[int]]:
     for a, b in edges.tolist():
         if b not in ends:
             return []
-        onward = ends[b][int(_turns(mesh, a, b, ends[b]).argmin())]
-        following[a, b] = b, onward
+        # The edge onward at the least angle from the edge back stays on the same hole.
+        here, normal = mesh.vertices[b], mesh.vertex_normals[b]
+        back, ways = np.asarray(mesh.vertices[a] - here), np.asarray(mesh.vertices[ends[b]] - here)
+        along = ways @ back - (ways @ normal) * (back @ normal)
+        turns = np.arctan2(np.cross(back, ways) @ normal, along) % (2.0 * np.pi)
+        following[a, b] = b, ends[b][int(turns.argmin())]
     rims = []
     while following:
         edge, rim = next(iter(following)), []
@@ -444,12 +448,3 @@ def _rims(mesh: trimesh.Trimesh, edges: np.ndarray) -> list[list[int]]:
             edge = following.pop(edge)
         rims.append(rim)
     return rims
-
-
-def _turns(mesh: trimesh.Trimesh, before: int, at: int, corners: list[int]) -> np.ndarray:
-    """Angles from the edge to a corner to edges onward, rad; the least stays on the same hole."""
-    here, normal = mesh.vertices[at], mesh.vertex_normals[at]
-    back = np.asarray(mesh.vertices[before] - here)
-    ways = np.asarray(mesh.vertices[corners] - here)
-    along = ways @ back - (ways @ normal) * (back @ normal)
-    return np.arctan2(np.cross(back, ways) @ normal, along) % (2.0 * np.pi)

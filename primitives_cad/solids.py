@@ -29,8 +29,13 @@ def feature(name: str) -> cq.Workplane:
     sizes, kind = catalogue.parameters(name), catalogue.family(name)
     floor = cq.Workplane().workplane(offset=-FEATURE_HEIGHT_MM)
     if kind in ("hemisphere", "bump"):
+        # A spherical cap on a cylinder of its radius.
         curvature = sizes.get("curvature", sizes.get("radius", 0.0))
-        return _capped_cylinder(sizes.get("height", curvature), curvature)
+        height = sizes.get("height", curvature)
+        rim, arc_point = cap_radius_mm(height, curvature), cap_radius_mm(height / 2.0, curvature)
+        profile = cq.Workplane("XZ").moveTo(0.0, -FEATURE_HEIGHT_MM).lineTo(rim, -FEATURE_HEIGHT_MM)
+        profile = profile.lineTo(rim, -height).threePointArc((arc_point, -height / 2.0), (0.0, 0.0))
+        return profile.close().revolve(360.0, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     if kind.startswith("line"):
         outline = floor.rect(sizes["width"], sizes["length"])
     elif kind.startswith("square"):
@@ -46,22 +51,6 @@ def feature(name: str) -> cq.Workplane:
     if kind == "line-smooth":
         return solid.faces(">Z").edges("|Y").fillet(sizes["radius"])
     return solid
-
-
-def _capped_cylinder(height_mm: float, curvature_mm: float) -> cq.Workplane:
-    """A spherical cap on a cylinder of its radius; a hemisphere if height_mm is curvature_mm."""
-    rim = cap_radius_mm(height_mm, curvature_mm)
-    middle = height_mm / 2.0
-    arc_point = (cap_radius_mm(middle, curvature_mm), -middle)
-    profile = (
-        cq.Workplane("XZ")
-        .moveTo(0.0, -FEATURE_HEIGHT_MM)
-        .lineTo(rim, -FEATURE_HEIGHT_MM)
-        .lineTo(rim, -height_mm)
-        .threePointArc(arc_point, (0.0, 0.0))
-        .close()
-    )
-    return profile.revolve(360.0, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 def write_ball(path: Path, diameter_mm: float) -> Shape:

@@ -5,6 +5,7 @@ Grella et al. 2023 name the five tools, but not their sizes, which are assumed t
 
 from functools import partial
 from math import cos, hypot, radians, sin, sqrt
+from typing import Any
 
 import cadquery as cq
 
@@ -26,8 +27,8 @@ def _turned(x_mm: float, y_mm: float, angle_deg: float) -> tuple[float, float]:
     return (x_mm * cos(turn) - y_mm * sin(turn), x_mm * sin(turn) + y_mm * cos(turn))
 
 
-def _outline(start: Point, *onward: Point | tuple[Point, Point]) -> cq.Workplane:
-    """A closed outline of lines to points, and of arcs through a point to another."""
+def _outline(start: Point, *onward: Any) -> cq.Workplane:
+    """A closed outline of lines to points, and of arcs through a point to another: pairs."""
     outline = cq.Workplane().moveTo(*start)
     for one, other in onward:
         is_arc = isinstance(one, tuple)
