@@ -102,10 +102,7 @@ def _gradient(maps: torch.Tensor) -> torch.Tensor:
 
 
 class ShearHead(nn.Module):
-    """Predicts the shear force and the logarithm of its raw spread, (B, 2) each.
-
-    size: side of the input images, pixels. vector: numbers of the encoder's vector.
-    """
+    """Predicts the shear force and the logarithm of its raw spread. size: S. vector: G."""
 
     def __init__(self, size: int, vector: int) -> None:
         super().__init__()

@@ -251,10 +251,7 @@ class Touch2Touch(Pix2Pix):
         ]
 
     def read_at(self, layout: Layout) -> Self:
-        """See Translator. The images keep their size; the new layout's phi^-1 reads them.
-
-        Raises T2TwinError for taxels outside the trained layout's hull, without an image there.
-        """
+        """See Translator. The images keep their size; the new layout's phi^-1 reads them."""
         array, x_mm, y_mm = self.info.array, layout.x_mm, layout.y_mm
         phi = array.phi_of(x_mm, y_mm).resized(self.phi.shape)
         sides = ConvexHull(np.column_stack([array.x_mm, array.y_mm])).equations  # (sides, 3)
