@@ -1,4 +1,4 @@
-"""A small recipe with motion."""
+"""A small recipe with motion, and the digests of datasets."""
 
 from pathlib import Path
 
@@ -36,3 +36,11 @@ def write_recipe(folder: Path) -> Path:
     path = folder / "moving.toml"
     path.write_text(RECIPE)
     return path
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Of all files but the log, which says how long the runs took."""
+    from t2twin.sim.dataset.store import LOG, sha256_of  # imports pyarrow
+
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != LOG)
+    return {str(path.relative_to(folder)): sha256_of(path) for path in files}

@@ -12,10 +12,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-import t2twin
-from t2twin.core.cache_dir import VARIABLE, short_digest
-
-PACKAGE = Path(t2twin.__file__).parent
+from t2twin.core.cache_dir import VARIABLE
 
 SESSION = "T2TWIN_TEST_SESSION"
 """Environment variable that names the folder of the session to the workers."""
@@ -50,37 +47,6 @@ def start(numba: Path, mujoco: Path) -> Path:
     (folder / FOLDERS[VARIABLE] / "mujoco").symlink_to(mujoco)
     os.environ["NUMBA_CACHE_DIR"] = str(numba)
     return folder
-
-
-LEFT_OUT = "pins._with_neighbors"
-"""A function that every press calls; without its machine code, a press compiles it."""
-
-
-def copy_machine_code(numba: Path, package: Path = PACKAGE) -> None:
-    """Copies the machine code of this session, but LEFT_OUT's, to where another command finds it.
-
-    numba: its folder of machine code. package: the command's t2twin, of the same sources. Compiling
-    all functions takes half a minute.
-    """
-    for sources in (*PACKAGE.glob("*"), *PACKAGE.glob("*/*")):
-        place, other = (
-            f"{sources.name}-{short_digest(str(each).encode())}"
-            for each in (sources, package / sources.relative_to(PACKAGE))
-        )
-        if (kept := Path(os.environ["NUMBA_CACHE_DIR"]) / place).is_dir():
-            ignored = shutil.ignore_patterns(f"*{LEFT_OUT}*")
-            shutil.copytree(kept, numba / other, ignore=ignored)
-            for folder in (sources, *(path for path in sources.rglob("*") if path.is_dir())):
-                name = _numba_name(package / folder.relative_to(PACKAGE))
-                for each in (numba / other).glob(f"*/{_numba_name(folder)}"):
-                    each.rename(each.with_name(name))
-
-
-def _numba_name(folder: Path) -> str:
-    """Numba's name of the folder for the machine code of sources in a folder."""
-    from numba.core.caching import UserProvidedCacheLocator  # reads NUMBA_CACHE_DIR
-
-    return UserProvidedCacheLocator.get_suitable_cache_subpath(str(folder / "module.py"))
 
 
 class Products:

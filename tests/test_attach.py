@@ -277,6 +277,10 @@ def test_several_sensors_have_names_of_their_own():
     assert model.site("left/frame").id >= 0
     with pytest.raises(T2TwinError, match="already has elements named left/"):
         t2twin.attach(spec, site="pad", sensor="digit", name="left")
+    with pytest.raises(T2TwinError, match="the sensor digit is already mounted there"):
+        t2twin.attach(spec, site="pad", sensor="cyskin")
+    spec.worldbody.add_body(name="hand/body", pos=[0, 1, 0])  # no sensor
+    assert t2twin.attach(spec, body="hand/body", sensor="digit").name == "digit-3"
 
 
 @pytest.mark.parametrize(
@@ -319,18 +323,6 @@ def test_wrong_models():
     data.qpos[0] = np.nan
     with pytest.raises(T2TwinError, match="not finite"):
         attached.read(model, data)
-
-
-def test_two_sensors_in_one_place_are_refused():
-    spec = scene()
-    t2twin.attach(spec, site="pad", sensor="digit", name="one")
-    with pytest.raises(T2TwinError, match="the sensor one is already mounted there"):
-        t2twin.attach(spec, site="pad", sensor="cyskin")
-    t2twin.attach(spec, site="pad", sensor="cyskin", pos=[0.03, 0, 0])
-    assert spec.body("cyskin/body") is not None
-    spec.worldbody.add_body(name="hand/body", pos=[0, 1, 0])  # no sensor
-    t2twin.attach(spec, body="hand/body", sensor="digit")
-    assert spec.body("digit/body") is not None
 
 
 def test_a_flex_is_refused():

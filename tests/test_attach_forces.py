@@ -57,15 +57,11 @@ def force_n(model, data):
 
 @pytest.mark.parametrize(
     ("sensor", "kind", "drop_mm", "step_s"),
-    [
-        ("cyskin", "box", 100, 0.001), ("digit", "cylinder", 100, 0.005),
-        ("cyskin", "ellipsoid", 20, 0.002), ("digit", "capsule", 100, 0.005),
-    ],
-)  # fmt: skip
+    [("cyskin", "box", 100, 0.001), ("digit", "capsule", 100, 0.005)],
+)
 def test_a_dropped_body_rests_on_the_sensor(sensor, kind, drop_mm, step_s):
     """It arrives at 0.6 or 1.4 m/s, and moves by up to 7 mm a step."""
-    size = {"sphere": ".006", "cylinder": ".006 .004", "capsule": ".003 .006"}
-    geom = f"<geom type='{kind}' size='{size.get(kind, '.006 .005 .004')}' mass='.05'/>"
+    geom = f"<geom type='{kind}' size='.006 .006 .004' mass='.05'/>"
     spec, attached = scene(geom, sensor=sensor)
     spec.option.timestep = step_s
     spec.body("load").pos[2] = 0.0141 + 1e-3 * drop_mm
@@ -168,27 +164,6 @@ def test_a_body_that_falls_asleep_before_it_rests_has_its_mean_force_and_a_notic
 
 
 @pytest.mark.parametrize(
-    ("geom", "sensor"),
-    [
-        ("type='box' size='.0001 .0001 .01'", "cyskin"),
-        ("type='box' size='.00001 .01 .002'", "digit"),
-    ],
-)
-@pytest.mark.filterwarnings("ignore:.*wider on each side")
-def test_a_body_thinner_than_a_cell_is_read(geom, sensor):
-    spec, attached = scene(f"<geom {geom} mass='.1'/>", sensor=sensor)
-    spec.body("load").pos = [0.0013, 0.0021, 0.0145]
-    touch = attached.read(*at_rest(spec))
-    contact = touch.contacts[attached.sensor]
-    assert contact.force_n == pytest.approx(0.1 * GRAVITY, rel=0.01)
-    pressure, total = contact.pressure_kpa, contact.pressure_kpa.sum()
-    assert pressure.sum(axis=0) @ contact.x_mm / total == pytest.approx(1.3, abs=0.1)
-    if ".01 .002" not in geom:
-        assert pressure.sum(axis=1) @ contact.y_mm / total == pytest.approx(2.1, abs=0.1)
-    assert touch.unread_n == 0
-
-
-@pytest.mark.parametrize(
     "half_mm, named", [(0.15, []), (0.05, ["narrower than 0.2 mm"]), (0.02, ["0.25 mm wider"])]
 )
 @pytest.mark.filterwarnings("ignore:.*wider on each side", "ignore:.*narrower than 0.2 mm")
@@ -202,7 +177,10 @@ def test_a_blade_is_read_alike_everywhere(half_mm, named):
         reasons = [each.reason for each in touch.notices]
         assert len(reasons) == len(named)
         assert all(words in reason for words, reason in zip(named, reasons, strict=True))
-        depths.append(touch.digit.depth_mm)
+        contact, pressure = touch.digit, touch.digit.pressure_kpa.sum(axis=0)
+        assert contact.force_n == pytest.approx(0.5 * GRAVITY, rel=0.01)
+        assert pressure @ contact.x_mm / pressure.sum() == pytest.approx(x_mm, abs=0.1)
+        depths.append(contact.depth_mm)
     assert max(depths) < (1.15 if half_mm == 0.02 else 1.02) * min(depths)
 
 
@@ -283,9 +261,8 @@ def arm(*prefixes, suffix=""):
     return spec, attached
 
 
-@pytest.mark.parametrize(("prefix", "suffix"), [("left_", ""), ("a/", "-b")])
-def test_a_model_that_is_attached_to_another_has_its_sensor(prefix, suffix):
-    spec, attached = arm(prefix, suffix=suffix)
+def test_a_model_that_is_attached_to_another_has_its_sensor():
+    spec, attached = arm("a/", suffix="-b")
     model, data = at_rest(spec)
     assert attached.read(model, data).digit.force_n == pytest.approx(0.1 * GRAVITY, rel=0.01)
     assert attached.pose(model, data)[2, 3] == pytest.approx(0.01 + 0.00407)

@@ -64,10 +64,6 @@ def with_hfield() -> tuple[mujoco.MjModel, mujoco.MjData]:
     return of_spec(spec)
 
 
-def ball_mesh() -> trimesh.Trimesh:
-    return trimesh.creation.icosphere(3, 0.006)
-
-
 def check_with_rays(model, data, rotation, position_m, region=REGION, tolerance_mm=1e-3):
     """Compares a body's surface with the first hits of rays, except next to its outline."""
     found = body_surface(model, data, BODY, rotation, position_m, region, "visual")
@@ -96,24 +92,22 @@ def check_with_rays(model, data, rotation, position_m, region=REGION, tolerance_
     assert compared > 10
 
 
-@pytest.mark.parametrize("kind", SIZES)
-@pytest.mark.parametrize("seed", range(2))
-def test_geoms_at_any_tilt(kind, seed):
+@pytest.mark.parametrize("seed, kind", [*enumerate(SIZES)])
+def test_geoms_at_any_tilt(seed, kind):
     geom = f"<geom type='{kind}' size='{SIZES[kind]}' pos='.001 .002 .003' euler='10 20 30'/>"
     model, data = scene(geom)
     rotation = Rotation.from_quat(np.random.default_rng(seed).normal(size=4)).as_matrix()
     check_with_rays(model, data, rotation, data.geom_xpos[0] - rotation @ (1e-3, 2e-3, 6e-3))
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_meshes_at_any_tilt(seed):
+def test_meshes_at_any_tilt():
     mesh = trimesh.creation.annulus(0.003, 0.008, 0.006, sections=20)
     model, data = with_mesh(mesh, scale=[1.2, 0.8, 1.0])
-    rotation = Rotation.from_quat(np.random.default_rng(seed).normal(size=4)).as_matrix()
+    rotation = Rotation.from_quat(np.random.default_rng(0).normal(size=4)).as_matrix()
     check_with_rays(model, data, rotation, data.geom_xpos[0] - 6e-3 * rotation[:, 2])
 
 
-@pytest.mark.parametrize("tilt", [0.0, 8.0, 75.0, 170.0])
+@pytest.mark.parametrize("tilt", [8.0, 170.0])
 def test_height_fields(tilt):
     model, data = with_hfield()
     rotation = Rotation.from_euler("xz", [tilt, 30.0], degrees=True).as_matrix() @ FACING
@@ -230,17 +224,6 @@ def test_an_open_mesh_is_seen_from_both_sides():
     model, data = with_mesh(sheet, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
     for rotation in (FACING, np.eye(3)):
         check_with_rays(model, data, rotation, data.geom_xpos[0] - 3e-3 * rotation[:, 2])
-
-
-def test_parts_deeper_than_the_region_are_left_out():
-    model, data = with_mesh(ball_mesh())
-    shallow = Region(10.0, 12.0, 1.0, 0.1)
-    found = body_surface(model, data, BODY, FACING, data.geom_xpos[0], shallow)
-    deep = body_surface(model, data, BODY, FACING, data.geom_xpos[0], REGION)
-    assert found is not None and deep is not None
-    solid = found.surface.heights_mm[found.surface.heights_mm > NOTHING_MM]
-    assert -1.0 <= solid.min() < -0.9
-    assert solid.size == (deep.surface.heights_mm >= -1.0).sum()
 
 
 def test_a_signed_distance_field_has_its_mesh():

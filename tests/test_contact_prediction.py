@@ -15,6 +15,7 @@ from safetensors.torch import load_file, save_file
 from maintenance.publish_pretrained import publish_pretrained
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import lists, read_split
 from t2twin.studio.cards import frame_html
@@ -94,28 +95,19 @@ def plain(products) -> Path:
     return products.make("plain", write_plain)
 
 
-def write_alone(folder: Path, few: Path, plain: Path) -> None:
-    train("field", few, "cpu", folder, epochs=1, init_from=plain, contact_alone=True)
-
-
 @pytest.fixture(scope="module")
 def alone(few, plain, products) -> Path:
     """The same with new layers of the contact, after one step."""
-    return products.make("contact-alone", lambda folder: write_alone(folder, few, plain))
+    asked: dict[str, Any] = {"epochs": 1, "init_from": plain, "contact_alone": True}
+    return products.make("contact-alone", lambda to: train("field", few, "cpu", to, **asked))
 
 
 @pytest.fixture(scope="module")
 def images(few) -> tuple[list[np.ndarray], np.ndarray]:
     """Two images of one unit, and its background frame."""
     rows = read_split(few, "val", ["source_image", "source_background"]).to_pylist()[:2]
-    found = [_decoded(row["source_image"]["bytes"]) for row in rows]
-    return found, _decoded(rows[0]["source_background"]["bytes"])
-
-
-def _decoded(png: bytes) -> np.ndarray:
-    from t2twin.core.images import decode_png
-
-    return decode_png(png)
+    found = [decode_png(row["source_image"]["bytes"]) for row in rows]
+    return found, decode_png(rows[0]["source_background"]["bytes"])
 
 
 def test_the_contact_alone_leaves_all_other_predictions_as_they_are(alone, plain, images) -> None:
@@ -147,18 +139,6 @@ def test_the_estimate_has_the_size_of_the_image_and_the_force_of_the_run(alone, 
     for name in ("depth_std_mm", "pressure_std_kpa"):
         assert (getattr(contact, name) > 0).all()
     assert contact.area_mm2 == pytest.approx(contact.mask.mean() * 4 * np.prod(contact.view_mm))
-
-
-def test_each_image_passes_the_encoder_once(alone, images, monkeypatch) -> None:
-    run, (frames, background) = load(alone, engine="torch"), images
-    encoder: Any = run.translator.predictor.encoder
-    passed: list[int] = []
-    maps = encoder.maps
-    monkeypatch.setattr(encoder, "maps", lambda inputs: passed.append(len(inputs)) or maps(inputs))
-    for predict in (run.predict, run.estimate, run.contact):
-        predict(frames, background)
-        predict(frames[0], background)
-    assert passed == [2, 1, 1] + [2, 1] * 2  # and the background frame once
 
 
 def with_limits(run: Path, folder: Path, limits: list[float]) -> Path:
@@ -333,16 +313,6 @@ def small_network() -> FieldNet:
     torch.manual_seed(0)
     x, y = (each.ravel() for each in np.meshgrid(np.arange(3.0), np.arange(4.0), indexing="ij"))
     return FieldNet(x, y, VIEW_MM, 64, 16, predicts_contact=True)
-
-
-def test_the_decoder_trains_the_encoder() -> None:
-    network, images = small_network(), torch.randn(2, 6, 64, 64)
-    plain, outputs = network(images), network(images, True)
-    contact = [outputs[name] for name in outputs.keys() - plain.keys()]
-    assert [each.shape for each in contact] == [(2, 32, 32)] * 5
-    torch.stack([each.sum() for each in contact]).sum().backward()
-    for name, weight in network.named_parameters():
-        assert (weight.grad is not None) == name.startswith((CONTACT, "encoder")), name
 
 
 def contact_outputs(*values: torch.Tensor) -> dict[str, torch.Tensor]:

@@ -9,6 +9,7 @@ import threading
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from moving import digests
 from waiting import wait_until
 
 from t2twin.cli import main
@@ -18,21 +19,12 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.shard import STAGES
-from t2twin.sim.dataset.store import LOG, lists, read_info, read_split, sha256_of, verify_dataset
+from t2twin.sim.dataset.store import LOG, lists, read_info, read_split, verify_dataset
 from t2twin.sim.sampling import protocol
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
 
 SHAPES = ("square-1", "square-3", "circle-2", "pliers/teeth")
-
-
-def digests(folder):
-    """Of all files but the log, which says how long the runs took."""
-    return {
-        str(path.relative_to(folder)): sha256_of(path)
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != LOG
-    }
 
 
 def flip_a_bit(path):

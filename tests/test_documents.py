@@ -98,30 +98,11 @@ def test_every_picture_is_shown():
     assert pictures <= shown
 
 
-# Tables
-
-
-@pytest.fixture
-def page(tmp_path):
-    """Writes a README and returns what it is rewritten to."""
-
-    def rewrite(text):
-        (tmp_path / "README.md").write_text(text)
-        return next(iter(figures.rewritten(tmp_path)))[1]
-
-    return rewrite
-
-
-def test_a_table_is_replaced(page):
-    text = page("before\n<!--table results-->\nold\n<!--/table-->\nafter\n")
-    assert "| touch2touch" in text and "old" not in text
-    assert text.startswith("before\n<!--table results-->\n|") and text.endswith("-->\nafter\n")
-
-
 @pytest.mark.parametrize("text", ["<!--table results-->\n", "<!--table no-->\n<!--/table-->\n"])
-def test_an_unusable_marker_is_an_error(page, text):
+def test_an_unusable_marker_is_an_error(text, tmp_path):
+    (tmp_path / "README.md").write_text(text)
     with pytest.raises(T2TwinError, match=r"README\.md"):
-        page(text)
+        list(figures.rewritten(tmp_path))
 
 
 # Commands

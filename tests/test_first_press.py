@@ -7,7 +7,6 @@ import sys
 import numpy as np
 import pytest
 from matplotlib import colormaps
-from session import copy_machine_code
 
 from maintenance.write_bundled import build, tool_mesh
 from t2twin.core.cache_dir import VARIABLE
@@ -48,7 +47,6 @@ def test_a_press_imports_nothing_slow_and_says_when_it_compiles(tmp_path):
         return done
 
     press()
-    copy_machine_code(tmp_path / "cache" / "numba")
     own = {"NUMBA_CACHE_DIR": "", VARIABLE: str(tmp_path / "cache")}
     first, second = press(**own), press(**own)
     assert first.stderr.startswith(NOTICE) and first.stderr.count("\n") == 1

@@ -15,14 +15,7 @@ from t2twin.sim.dataset.store import read_info, split_shards
 from t2twin.translate.data.images import to_input
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.frame_check import (
-    CLASSES,
-    SIDE,
-    TRANSFORMED,
-    FrameCheck,
-    features_of,
-    scores,
-)
+from t2twin.translate.models.frame_check import CLASSES, SIDE, TRANSFORMED, FrameCheck, scores
 from t2twin.translate.runs.checkpoint import build, load_frame_check, save_weights
 from t2twin.translate.runs.config import FRAME_CHECK, HOME, load_config
 from t2twin.translate.training import frame_check as fitting
@@ -33,37 +26,6 @@ from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 @pytest.fixture(scope="module")
 def run():
     return load_run("field").need_uncertainty("the test")
-
-
-def test_features_are_means_and_deviations_of_the_channels():
-    slope = torch.arange(6.0)[:, None].expand(2, 1, 6, 6)
-    steps = torch.zeros(2, 1, 2, 2)
-    steps[:, :, 0] = 6.0
-    found = features_of([slope, steps], 6)
-    cells = np.repeat([0.5, 2.5, 4.5], 3)
-    expected = np.log1p([2.5, np.arange(6).std(), 3.0, 3.0, *cells])
-    np.testing.assert_allclose(found, [expected, expected], rtol=1e-6)
-
-
-def test_the_second_network_names_transforms():
-    check, features = FrameCheck(2), np.zeros((2, 2), np.float32)
-    last = check.transforms.layers[-1]
-    assert isinstance(last, torch.nn.Linear)
-    with torch.no_grad():
-        for layer in (check.hidden, check.logits, last):
-            layer.weight.zero_()
-            layer.bias.zero_()
-        last.bias[2] = 5.0
-    images = np.random.default_rng(0).integers(0, 256, (2, 96, 96, 3)).astype(np.uint8)
-    assert check.classify(features, images, False) == [CLASSES[0]] * 2  # no limit yet
-    check.limits.copy_(torch.tensor([torch.inf, torch.inf, 0.0]))
-    for has_background in (False, True):
-        assert check.classify(features, images, has_background) == [CLASSES[2]] * 2
-    check.limits[0] = -torch.inf  # the first network names another kind, which stays
-    with torch.no_grad():
-        check.logits.bias[-1] = 9.0
-    assert check.classify(features, images, False) == [OODClass.OTHER] * 2
-    assert check.classify(features, images, True) == [CLASSES[2]] * 2  # has a limit of its own
 
 
 def test_wrong_frames_are_what_their_class_says():

@@ -7,12 +7,13 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from moving import digests
 
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset import lerobot
 from t2twin.sim.dataset.columns import MOTION, POSE, TRACTIONS
 from t2twin.sim.dataset.lerobot import QUANTILES, convert_to_lerobot
-from t2twin.sim.dataset.store import read_info, read_split, sha256_of
+from t2twin.sim.dataset.store import read_info, read_split
 from t2twin.sim.sensors.defaults import ROLES
 
 IMAGE, COUNTS = "observation.images.source", "observation.target_counts"
@@ -58,10 +59,6 @@ def read_all(folder):
 
 def rounded(values):
     return np.array(list(values), np.float32).tolist()
-
-
-def digests(folder):
-    return {str(p.relative_to(folder)): sha256_of(p) for p in folder.rglob("*") if p.is_file()}
 
 
 @pytest.fixture(scope="module", params=["small_dataset", "moving_dataset"])

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from waiting import wait_until
 
 import t2twin
 from t2twin.cli import main
@@ -183,12 +184,10 @@ def test_a_slow_taker_gets_the_newest_frame():
             took.wait()
 
     newest = LatestFrame(listed(50, more))
-    while newest.read < 30:
-        time.sleep(0.001)
+    wait_until(lambda: newest.read == 30)
     first = newest.take()
     took.set()
-    while not newest.ended:
-        time.sleep(0.001)
+    wait_until(lambda: newest.ended)
     last = newest.take(29)
     taken = [each and each.number for each in (first, last, newest.take(49))]
     assert taken == [29, 49, None] and newest.read == 50
@@ -235,18 +234,13 @@ def test_a_frame_unlike_the_training_is_reported_once(run):
 
     def wide():
         for number in range(5):
-            _wait_for(lambda number=number: len(lines) >= number)
+            wait_until(lambda number=number: len(lines) >= number)
             yield Frame(np.full((100, 400, 3), 90, np.uint8), number, None, time.perf_counter())
 
     follow(run, wide(), lines.append, said.append)
     assert len(lines) == 5
     assert all(json.loads(line)["in_distribution"] is False for line in lines)
     assert sum("unlike all training images" in each or "aspect" in each for each in said) == 1
-
-
-def _wait_for(holds):
-    while not holds():
-        time.sleep(0.001)
 
 
 def test_a_field_run_gives_standard_deviations_and_force():

@@ -51,7 +51,7 @@ def test_subscribers_receive_each_line() -> None:
         context.destroy(linger=0)
 
 
-@pytest.mark.parametrize("address", ["", "nowhere", "tcp://256.0.0.1:1", "tcp://127.0.0.1:99999"])
+@pytest.mark.parametrize("address", ["", "tcp://256.0.0.1:1"])
 def test_an_invalid_address_is_one_sentence(address: str) -> None:
     with pytest.raises(T2TwinError, match="cannot be bound"):
         published(address).__enter__()

@@ -18,7 +18,6 @@ from t2twin.primitives_cad.random_shapes import Composition, Feature, heights_mm
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape, ball
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer, Friction
-from t2twin.sim.contact.heights import footprint
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.mujoco_contact import MujocoPins
 from t2twin.sim.contact.sliding import advance
@@ -81,7 +80,7 @@ def test_the_engine_agrees_with_the_oracle(shape):
 
 
 @pytest.mark.parametrize("elastomer, pitch", [(GEL, 0.25), (COVER, 0.5)])
-@pytest.mark.parametrize("name", ["square-3", "hemisphere-1", "line-sharp-1", "pliers/teeth"])
+@pytest.mark.parametrize("name", ["hemisphere-1", "pliers/teeth"])
 def test_eight_newtons_in_eight_newtons_out(name, elastomer, pitch, shapes):
     shape = shapes(name)
     for index in protocol.indices(name, protocol.SCALES["smoke"]):
@@ -96,8 +95,7 @@ def test_eight_newtons_in_eight_newtons_out(name, elastomer, pitch, shapes):
 
 def test_a_quarter_turn_of_the_press_turns_the_contact():
     shape = block(3.0, 10.0)
-    flat_gel = replace(GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
-    for elastomer, pitch in ((COVER, COVER_PITCH_MM), (flat_gel, GEL_PITCH_MM)):
+    for elastomer, pitch in ((COVER, COVER_PITCH_MM), (replace(GEL, **FLAT_TOP), GEL_PITCH_MM)):
         straight = pressed(shape, elastomer, pitch, x=2.0, y=1.0, yaw=0.3)
         turned = pressed(shape, elastomer, pitch, x=-1.0, y=2.0, yaw=0.3 + np.pi / 2)
         for name in ("surface_mm", "pressure_kpa"):
@@ -121,13 +119,6 @@ def test_the_shape_is_turned_over_about_x():
     x, y = np.meshgrid(contact.x_mm, contact.y_mm)
     touched = contact.pressure_kpa > 0
     assert (x[touched] > 0).all() and (y[touched] < 0).all()
-
-
-def test_footprint_of_a_turned_block_keeps_its_area():
-    command = PressCommand("block", 0.3, -0.2, 0.4, 8.0)
-    axis = (np.arange(60) - 29.5) * 0.25
-    shares = footprint(block(5.0, 7.0).surface, command, axis, axis).shares
-    assert shares.sum() * 0.25**2 == pytest.approx(35.0, rel=0.02)
 
 
 def test_the_fine_surface_follows_the_shape(shapes):

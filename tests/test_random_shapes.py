@@ -3,7 +3,6 @@ import pickle
 import numpy as np
 import pytest
 
-from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, height_map, random_shapes
 from t2twin.primitives_cad.random_shapes import (
@@ -80,7 +79,7 @@ def in_frame_of(feature):
     return cos * x + sin * y, cos * y - sin * x
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.7, np.pi / 2, 2.3, np.pi, -1.2, 3 * np.pi / 2])
+@pytest.mark.parametrize("turn", [0.0, 0.7, np.pi / 2, -1.2])
 @pytest.mark.parametrize("profile", ["flat", "rounded"])
 def test_a_half_plane_is_all_that_lies_beyond_its_edge(turn, profile):
     feature = Feature("half-plane", profile, 1.03, -2.04, turn, np.inf, curve=1.5, lower_mm=0.4)
@@ -156,12 +155,8 @@ def test_what_is_drawn_is_of_every_kind():
     assert any(feature.radius_mm for feature in parts if feature.outline == "bar")
 
 
-def test_names_that_are_no_random_shapes(capsys, tmp_path):
+def test_names_that_are_no_random_shapes():
     assert seed_of("square-1") is None and seed_of("random-5") == 5
     for name in ("random-", "random-x", "random--3", "random-1e3", f"random-{2**63}"):
-        with pytest.raises(T2TwinError, match="not a random shape"):
+        with pytest.raises(T2TwinError, match=r"not a random shape.*random-0, random-1"):
             catalogue.load(name)
-    with pytest.raises(SystemExit) as stop:
-        main(["press", "random-many", "--out", str(tmp_path / "out")])
-    assert stop.value.code == 2 and not (tmp_path / "out").exists()
-    assert "random-0, random-1" in capsys.readouterr().err

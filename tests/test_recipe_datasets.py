@@ -3,6 +3,7 @@ import re
 
 import numpy as np
 import pytest
+from moving import digests
 from msgspec import structs
 
 from t2twin.cli import main
@@ -13,7 +14,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import SPLITS
-from t2twin.sim.dataset.store import LOG, lists, read_info, read_split, sha256_of, verify_dataset
+from t2twin.sim.dataset.store import LOG, lists, read_info, read_split, verify_dataset
 from t2twin.sim.optical import pyrender_renderer
 from t2twin.sim.sampling import plan as planning
 from t2twin.sim.sampling.plan import MAX_ATTEMPTS, MotionPath, plan, sample_force, sample_press
@@ -60,14 +61,6 @@ def made(tmp_path_factory, shape_cache, recipe_file):
     folder = tmp_path_factory.mktemp("recipe") / "data"
     make_dataset(folder, recipe=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
     return folder
-
-
-def digests(folder):
-    return {
-        str(path.relative_to(folder)): sha256_of(path)
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != LOG
-    }
 
 
 def test_what_ships_can_be_planned():

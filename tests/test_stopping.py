@@ -29,6 +29,20 @@ def heed():
         signal.signal(number, signal.SIG_DFL)
 
 
+def check_stop(number, folder, first, *words):
+    """Runs Python code up to its first line, and stops it."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", *words], preexec_fn=heed,
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None and process.stdout.readline() == f"{first}\n"
+    process.send_signal(number)
+    out, err = process.communicate(timeout=PATIENCE_S)
+    assert (out, err) == ("", "t2twin: stopped; the same command begins again\n")
+    assert process.returncode == STATUS[number]
+    assert list(folder.iterdir()) == []
+
+
 WRITING = """
 import signal
 from pathlib import Path
@@ -64,32 +78,12 @@ runpy.run_module("t2twin", run_name="__main__", alter_sys=False)
     ("number", "module"), [(signal.SIGTERM, "t2twin.cli"), (signal.SIGINT, "mujoco")]
 )
 def test_a_command_is_stopped_while_it_is_being_loaded(number, module, tmp_path):
-    process = subprocess.Popen(
-        [sys.executable, "-c", LOADING, module],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=heed,
-    )  # fmt: skip
-    assert process.stdout is not None and process.stdout.readline() == f"{module}\n"
-    process.send_signal(number)
-    said = process.communicate(timeout=PATIENCE_S)[1]
-    assert said == "t2twin: stopped; the same command begins again\n"
-    assert process.returncode == STATUS[number]
-    assert list(tmp_path.iterdir()) == []
+    check_stop(number, tmp_path, module, LOADING, module)
 
 
 @pytest.mark.parametrize("number", STATUS)
 def test_half_written_files_are_removed(number, tmp_path):
-    process = subprocess.Popen(
-        [sys.executable, "-c", WRITING],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=heed,
-    )  # fmt: skip
-    assert process.stdout is not None and process.stdout.readline() == "written\n"
-    process.send_signal(number)
-    out, err = process.communicate(timeout=PATIENCE_S)
-    assert (out, err) == ("", "t2twin: stopped; the same command begins again\n")
-    assert process.returncode == STATUS[number]
-    assert list(tmp_path.iterdir()) == []
+    check_stop(number, tmp_path, "written", WRITING)
 
 
 def test_one_writer_a_folder(tmp_path):

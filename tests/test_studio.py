@@ -93,15 +93,6 @@ def test_presses_of_the_protocol_are_found_by_their_number(shapes):
 # Presses
 
 
-def test_noise_and_layout_are_those_of_the_twin(session):
-    state = PressState(SHAPE, seed=3, imperfections="all", layout="cyskin-63")
-    touch = t2twin.Twin(layout="cyskin-63", imperfections="all").press(SHAPE, seed=3)
-    seen = session.press(state)
-    assert np.array_equal(seen.touch.counts, touch.counts)
-    assert np.array_equal(seen.touch.image, touch.image)
-    assert not np.array_equal(session.press(replace(state, seed=None)).touch.image, touch.image)
-
-
 def test_any_two_sensors_are_pressed(tmp_path):
     own, file = Session(), tmp_path / "soft.toml"
     file.write_text('extends = "digit"\nname = "soft"\n[gel]\nyoung_mpa = 0.1\n')

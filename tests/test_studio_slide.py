@@ -43,18 +43,6 @@ def slid(shape_cache):
     return result
 
 
-def test_a_slide_has_the_shear_of_the_twin(slid):
-    twin = t2twin.Twin()
-    touch = twin.press(SHAPE, force_n=4.0)
-    (touch,) = twin.slide(touch, dx_mm=1.0, dyaw_deg=5.0, steps=1, friction=0.6)
-    (touch,) = twin.slide(touch, steps=1, force_n=6.0, friction=0.6)
-    for own, other in ((slid.touch.digit, touch.digit), (slid.touch.cyskin, touch.cyskin)):
-        assert own.shear_n == pytest.approx(other.shear_n, rel=1e-6, abs=1e-9)
-        assert own.torque_nmm == pytest.approx(other.torque_nmm, rel=1e-6)
-        assert np.hypot(*own.shear_n) > 0.3
-    assert np.abs(slid.touch.image.astype(int) - touch.image).max() <= 1
-
-
 def test_the_path_repeats_the_slide(slid):
     rows = [astuple(row) for row in slid.rows]
     assert len(rows) == 7 and rows[-1] == (1.0, 0.0, 5.0, 6.0)
@@ -117,16 +105,10 @@ def test_a_jump_has_no_shear(session):
 @pytest.mark.parametrize(
     "changes, continues",
     [
-        ({"y_mm": 1.0}, True),
-        ({"yaw_deg": 1.0}, True),
-        ({"force_n": 5.0}, True),
-        ({"layout": "cyskin-63"}, True),
-        ({"markers": True}, True),
-        ({"seed": 1, "imperfections": "all"}, True),
+        ({"y_mm": 1.0, "yaw_deg": 1.0, "force_n": 5.0}, True),
+        ({"layout": "cyskin-63", "markers": True, "seed": 1, "imperfections": "all"}, True),
         ({"shape": "square-2"}, False),
-        ({"scale": 2.0}, False),
         ({"optics": "other.npz"}, False),
-        ({"friction": 0.5}, False),
         ({"motion": "jump"}, False),
         ({"depth_mm": 0.5}, False),
     ],
@@ -152,25 +134,17 @@ def test_a_slide_off_the_pads_is_refused_and_the_contact_remains(session):
     assert after.rows == before.rows
 
 
-def test_readings_of_another_layout_are_of_the_same_contact(session):
+def test_another_layout_and_markers_show_the_same_contact(session):
     session.press(STATE)
     state = STATE.with_changes({"x_mm": 0.2})
     first = session.press(state)
     other = session.press(state.with_changes({"layout": "cyskin-63"}))
     assert other.touch.counts.shape == (63,) and other.touch.cyskin is first.touch.cyskin
-
-
-def test_markers_move_with_the_gel(session):
-    session.press(STATE)
-    state = STATE.with_changes({"x_mm": 0.4, "markers": True})
-    result = session.press(state)
+    marked = session.press(state.with_changes({"markers": True}))
+    assert marked.has_slid and not np.array_equal(marked.touch.image, first.touch.image)
     twin = t2twin.Twin(markers=True)
-    (touch,) = twin.slide(twin.press(SHAPE, force_n=4.0), dx_mm=0.4, steps=1, friction=0.6)
-    assert np.array_equal(result.touch.image, touch.image)
-    assert np.allclose(result.touch.markers_mm, touch.markers_mm)
-    without = session.press(state.with_changes({"markers": False}))
-    assert without.has_slid and without.touch.markers is None
-    assert not np.array_equal(without.touch.image, touch.image)
+    (touch,) = twin.slide(twin.press(SHAPE, force_n=4.0), dx_mm=0.2, steps=1, friction=0.6)
+    assert np.array_equal(marked.touch.image, touch.image)
 
 
 def test_arrows_show_the_traction(slid):

@@ -5,9 +5,12 @@ After each fault the same command, undisturbed, must give the same results.
 
 import hashlib
 import json
+import multiprocessing
 import os
+import runpy
 import signal
 import subprocess
+import sys
 import time
 import zipfile
 from collections.abc import Iterator
@@ -19,8 +22,8 @@ from pathlib import Path
 
 import pytest
 from cases import Content, laid
-from forked import end_of, start
 from session import Products
+from waiting import PATIENCE_S
 
 pytestmark = pytest.mark.exhaustive
 
@@ -31,6 +34,14 @@ STOPS = ((signal.SIGKILL, 0.6), (signal.SIGTERM, 0.7), (signal.SIGINT, 0.4))
 
 BRIEF_STOPS = ((signal.SIGTERM, 0.7),)
 """Those of commands that do not resume; they differ little from each other."""
+
+SERVER = multiprocessing.get_context("forkserver")
+SERVER.set_forkserver_preload(
+    ["t2twin.cli", "t2twin.twin", "t2twin.report", "t2twin.sim.dataset.generate",
+     "t2twin.translate.training.train", "t2twin.translate.inference.files",
+     "t2twin.translate.inference.load", "matplotlib.figure", "pyarrow.parquet"]
+)  # fmt: skip
+"""Commands are forked from a process with all modules, which costs no import."""
 
 UNCOMPARED = {"log.jsonl", "tensorboard", "cache", "README.md"}
 """Files and folders with times, or of caches."""
@@ -94,7 +105,11 @@ class Bench:
         return box
 
     def start(self, box: Path, out: str = "") -> ForkServerProcess:
-        return start([*self._words, "--out", out or self.command.out], box)
+        """Starts the command in the box, as the leader of a process group."""
+        words = [*self._words, "--out", out or self.command.out]
+        process = SERVER.Process(target=run, args=(words, box))
+        process.start()
+        return process
 
     def check_again(self, box: Path, out: str = "") -> None:
         """Runs the command once more, undisturbed, and compares the results."""
@@ -105,6 +120,39 @@ class Bench:
     def check_results(self, box: Path, out: str = "") -> None:
         assert digests(box / (out or self.command.out)) == digests(self.wanted)
         assert left_overs(box) == []
+
+
+def run(words: list[str], box: Path) -> None:
+    os.setsid()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    os.chdir(box)
+    stream = os.open(printed_to(box, os.getpid()), os.O_WRONLY | os.O_CREAT)
+    for number in (1, 2):
+        os.dup2(stream, number)
+    sys.argv = ["t2twin", *words]
+    runpy.run_module("t2twin", run_name="__main__", alter_sys=True)
+
+
+def printed_to(box: Path, pid: int) -> Path:
+    return box.with_name(f"{box.name}-{pid}.txt")
+
+
+def end_of(process: ForkServerProcess, box: Path) -> tuple[int, str]:
+    """Exit status and printed text, once no process of the command is left."""
+    process.join(PATIENCE_S)
+    assert process.pid is not None
+    try:
+        for _ in range(PATIENCE_S * 20):
+            os.killpg(process.pid, 0)
+            signal.sigtimedwait([], 0.05)
+        os.killpg(process.pid, signal.SIGKILL)
+        raise AssertionError(f"still running after {PATIENCE_S} s")
+    except ProcessLookupError:
+        process.join()
+    assert process.exitcode is not None
+    printed = printed_to(box, process.pid)
+    return process.exitcode, printed.read_text() if printed.exists() else ""
 
 
 def left_overs(box: Path) -> list[str]:
