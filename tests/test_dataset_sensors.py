@@ -112,7 +112,7 @@ def test_columns_have_the_roles_of_the_sensors(made) -> None:
         else:
             counts = lists(table, f"{role}_counts")
             assert counts.shape == (4, own.layout.size) and counts[force > 0].max() > 100
-            assert lists(table, f"{role}_dense_counts").shape == (4, own.dense.layout.size)
+            assert lists(table, f"{role}_dense_counts").shape == (4, own.dense.size)
             assert len(sensor.x_mm) == own.layout.size
 
 

@@ -17,7 +17,7 @@ from t2twin.sim.sampling.recipe import Motion, load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair
 
-CELL_MM2 = SensorPair().array.dense.cell_mm2
+CELL_MM2 = SensorPair().array.dense_table.cell_mm2
 TRACTION_COLUMNS = [f"target_{name}" for name in TRACTIONS]
 
 

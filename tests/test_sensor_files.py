@@ -100,7 +100,7 @@ def test_flexitac_reads_in_the_order_of_its_driver(shapes):
     np.testing.assert_allclose(np.diff(frame_x, axis=1), 2.0)
     np.testing.assert_allclose(np.diff(frame_y, axis=0), 2.0)
     places = {(round(x, 6), round(y, 6)) for x, y in zip(
-        sensor.dense.layout.x_mm, sensor.dense.layout.y_mm, strict=True
+        sensor.dense.x_mm, sensor.dense.y_mm, strict=True
     )}  # fmt: skip
     own = zip(sensor.layout.x_mm, sensor.layout.y_mm, strict=True)
     assert places == {(round(x, 6), round(y, 6)) for x, y in own}
@@ -126,7 +126,7 @@ def test_8_newtons_in_are_8_newtons_out(name, shapes):
         assert (background <= 2).mean() < 0.02 and (background >= 253).mean() < 0.02
     else:
         assert 0.02 * sensor.full_scale < reading.counts.max() < sensor.full_scale
-        normal_n = 1e-3 * reading.tractions[0].sum() * sensor.dense.cell_mm2
+        normal_n = 1e-3 * reading.tractions[0].sum() * sensor.dense_table.cell_mm2
         assert normal_n == pytest.approx(FORCE_N, rel=0.01)
 
 
@@ -191,7 +191,7 @@ def test_a_sampled_unit_keeps_its_bytes():
 
 
 def test_the_places_of_the_dense_counts_stay():
-    places = taxel_array().dense.layout
+    places = taxel_array().dense
     assert places.size == 216
     assert (digest(places.x_mm), digest(places.y_mm)) == ("23aa197308d1df21", "4bf0d32d915db8af")
 
@@ -353,7 +353,7 @@ def test_an_array_needs_no_imperfections(tmp_path):
     del content["imperfections"], content["dense"]
     array = sensor_of(spec_of(content, ""), "", "")
     assert isinstance(array, TaxelArray)
-    assert array.imperfections == "none" and array.dense.layout.size > 100
+    assert array.imperfections == "none" and array.dense.size > 100
     assert not counts_of(array, None).any()
 
 

@@ -9,7 +9,7 @@ Physics of Rubber Elasticity, 1975).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy import ndimage
@@ -85,21 +85,7 @@ class Step(NamedTuple):
 Fields = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-class Drive(Protocol):
-    """What moves the shapes in a step."""
-
-    # Whether the forces are prescribed instead of the motion. The displacement by shear then moves
-    # with the contact, and whole steps do not overshoot.
-    prescribed: ClassVar[bool]
-    # Share of an error that a correction removes, with acceleration and late.
-    relaxation: ClassVar[tuple[float, float]]
-
-    def traction(
-        self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
-    ) -> tuple[np.ndarray, np.ndarray, bool]:
-        """The traction under the pressure of a contact; the displacement of a surface that sticks
-        to the shape, mm; whether the traction converged. predicts: for the contact before."""
-        ...
+Drive: TypeAlias = "Slide | _Push"  # what moves the shapes in a step
 
 
 @dataclass(frozen=True)
@@ -110,13 +96,17 @@ class Slide:
     dy_mm: float
     dyaw_rad: float
     friction: Friction
+    # Whether the forces are prescribed instead of the motion. The displacement by shear then moves
+    # with the contact, and whole steps do not overshoot.
     prescribed: ClassVar = False
+    # Share of an error that a correction removes, with acceleration and late.
     relaxation: ClassVar = RELAXATION, 1.0
 
     def traction(
         self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
     ) -> tuple[np.ndarray, np.ndarray, bool]:
-        """See Drive."""
+        """The traction under the pressure of a contact; the displacement of a surface that sticks
+        to the shape, mm; whether the traction converged. predicts: for the contact before."""
         limit = self.friction.limit_mpa(1e-3 * normal.pressure_kpa[step.window], normal.elastomer)
         spread, dome, guess = fields
         # The motion of the shape at the displaced points of the surface.
@@ -454,13 +444,13 @@ class _Push:
     """Bodies with prescribed forces and torques."""
 
     loads: Sequence[Load]
-    prescribed: ClassVar = True
+    prescribed: ClassVar = True  # see Slide
     relaxation: ClassVar = 1.0, DAMPED_RELAXATION
 
     def traction(
         self, step: Step, normal: Contact, fields: Fields, predicts: bool = False
     ) -> tuple[np.ndarray, np.ndarray, bool]:
-        """See Drive. A prediction starts from the pressure of the contact before."""
+        """See Slide. A prediction starts from the pressure of the contact before."""
         contact, (rows, columns), loads = step.contact, step.window, self.loads
         spread, dome, guess = fields
         owner = owner_of(normal, tuple(load.shape.name for load in loads))[step.window]

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from typing import TYPE_CHECKING, Any
 
@@ -65,6 +65,12 @@ class Column:
     when: Callable[[Recipe], object] | None = None  # whether a recipe's pairs have it; None for all
     size: Callable[[Any], int] | None = None  # values in a list of a sensor
     stage: str = "encoding"  # of t2twin.sim.dataset.shard.STAGES
+    role: str = ""  # of the sensor, in a dataset; "" in TABLE and for a column of the press
+
+    @property
+    def full_name(self) -> str:
+        """The name in a dataset."""
+        return column(self.role, self.name) if self.role else self.name
 
 
 def _pose(name: str, unit: str, about: str, when: Any = None) -> Column:
@@ -185,16 +191,7 @@ TABLE: tuple[tuple[Column, ...], ...] = (
 """All columns in their order. The columns of a group come for the source, then for the target."""
 
 
-@dataclass(frozen=True)
-class Stored:
-    """A column of a dataset: its entry in TABLE, its full name, and its role; "" without one."""
-
-    column: Column
-    name: str
-    role: str
-
-
-def columns_of(values: Values, recipe: Recipe | None) -> list[Stored]:
+def columns_of(values: Values, recipe: Recipe | None) -> list[Column]:
     """The columns of a recipe's shards, without a recipe those of every dataset."""
 
     def has(each: Column, kinds: tuple[str, ...]) -> bool:
@@ -203,11 +200,10 @@ def columns_of(values: Values, recipe: Recipe | None) -> list[Stored]:
 
     found = []
     for group in TABLE:
-        found += [Stored(each, each.name, "") for each in group if has(each, ("press",))]
+        found += [each for each in group if has(each, ("press",))]
         for role in ROLES:
             kinds = "sensor", values[role]
-            own = (each for each in group if has(each, kinds))
-            found += [Stored(each, column(role, each.name), role) for each in own]
+            found += [replace(each, role=role) for each in group if has(each, kinds)]
     return found
 
 
@@ -218,7 +214,7 @@ def column(role: str, name: str) -> str:
 
 def schema_of(values: Values, recipe: Recipe | None) -> pa.Schema:
     """The schema of a recipe's shards, without a recipe that of every dataset."""
-    fields = [(each.name, each.column.type) for each in columns_of(values, recipe)]
+    fields = [(each.full_name, each.type) for each in columns_of(values, recipe)]
     return with_features(pa.schema(fields))
 
 

@@ -256,24 +256,24 @@ def features_of(info: DatasetInfo, present: set[str]) -> list[Feature]:
     components: dict[str, list[str]] = {f"observation.{role}_contact": [] for role in ROLES}
     components["action"] = []
     for stored in columns_of(info.values, info.recipe):
-        name, role, kind = stored.name, stored.role, stored.column.type
+        name, role, kind = stored.full_name, stored.role, stored.type
         if name not in present:
             continue
         if kind == IMAGE_TYPE:
             shape = cast(CameraInfo, info.sensors[role]).image_shape
-            feature = role if stored.column.name == IMAGE else name
+            feature = role if stored.name == IMAGE else name
             axes = ("height", "width", "channels")
             features.append(Feature(f"observation.images.{feature}", IMAGE, shape, axes, (name,)))
-        elif stored.column.size is not None:
-            size = stored.column.size(info.sensors[role])
-            is_counts = stored.column.name == COUNTS
+        elif stored.size is not None:
+            size = stored.size(info.sensors[role])
+            is_counts = stored.name == COUNTS
             names = tuple(f"taxel_{n}" for n in range(size)) if is_counts else None
             features.append(Feature(f"observation.{name}", "float32", (size,), names, (name,)))
         elif pa.types.is_floating(kind):
             components[f"observation.{role}_contact" if role else "action"].append(name)
         elif pa.types.is_boolean(kind):
             features.append(Feature(name, "bool", (1,), None, (name,)))
-        elif name == "index" or stored.column.name == UNIT:
+        elif name == "index" or stored.name == UNIT:
             own = "press_index" if name == "index" else name
             features.append(Feature(own, "int64", (1,), None, (name,)))
     for feature, own in components.items():

@@ -158,8 +158,8 @@ def make_shard(context: ShardContext, batch: Batch) -> tuple[Shard, Tally]:
                 tally.notes.update(sample.touch.notes)
             row = {}
             for each in columns:
-                with tally.running(each.column.stage):
-                    row[each.name] = each.column.value(sample, each.role)
+                with tally.running(each.stage):
+                    row[each.full_name] = each.value(sample, each.role)
             yield row
 
     path = Path(context.folder) / batch.path

@@ -31,7 +31,7 @@ from t2twin.sim.dataset.columns import (
     BACKGROUND,
     IMAGE,
     IMAGE_TYPE,
-    Stored,
+    Column,
     columns_of,
     schema_of,
     type_name,
@@ -171,18 +171,18 @@ def write_card(folder: Path, info: DatasetInfo) -> None:
     write_whole(folder / CROISSANT, render("sim/dataset/croissant.json", **values).encode())
 
 
-def _described(stored: Stored, info: DatasetInfo) -> dict[str, Any]:
+def _described(stored: Column, info: DatasetInfo) -> dict[str, Any]:
     """A column as the templates list it; value_type: of its elements."""
-    kind, size = stored.column.type, stored.column.size
+    kind, size = stored.type, stored.size
     if pa.types.is_list(kind):
         kind = kind.value_type
     return {
-        "name": stored.name,
+        "name": stored.full_name,
         "value_type": IMAGE if kind == IMAGE_TYPE else type_name(kind),
         "size": None if size is None else size(info.sensors[stored.role]),
         "sensor": info.sensors[stored.role].name if stored.role else None,
-        "unit": stored.column.unit,
-        "about": stored.column.about,
+        "unit": stored.unit,
+        "about": stored.about,
     }
 
 

@@ -10,7 +10,6 @@ Shape letters: N taxels, F places of the dense counts.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
@@ -118,26 +117,20 @@ def disc_transform(wavenumber: np.ndarray, diameter_mm: float) -> np.ndarray:
     return 2 * special.j1(reach) / reach
 
 
-@dataclass(frozen=True)
-class DenseGrid:
-    """The dense counts of an array."""
-
-    layout: Layout  # of pads at the places, column by column, rising in y
-    cell_mm2: float  # area of the surface for each place
-
-    def tractions(self, contact: Contact) -> np.ndarray:
-        """Normal pressure and traction along x and y, (3, F) float32, kPa: force over cell_mm2."""
-        nearest = _nearest_place(self.layout, tuple(contact.x_mm), tuple(contact.y_mm))
-        share = contact.pitch_mm**2 / self.cell_mm2
-        stresses = (contact.pressure_kpa, *contact.shear_kpa)
-        size = self.layout.size
-        found = [share * np.bincount(nearest, each.ravel(), size) for each in stresses]
-        return np.stack(found).astype(np.float32)
+def dense_tractions(places: Layout, cell_mm2: float, contact: Contact) -> np.ndarray:
+    """Normal pressure and traction along x and y at the dense counts' places, (3, F) float32, kPa:
+    force over the area of each place."""
+    nearest = _nearest_place(places, tuple(contact.x_mm), tuple(contact.y_mm))
+    share = contact.pitch_mm**2 / cell_mm2
+    stresses = (contact.pressure_kpa, *contact.shear_kpa)
+    found = [share * np.bincount(nearest, each.ravel(), places.size) for each in stresses]
+    return np.stack(found).astype(np.float32)
 
 
 @lru_cache(maxsize=8)
-def dense_grid(cover: Elastomer, table: DenseTable, taxels: Layout, pitch_mm: float) -> DenseGrid:
-    """The places on a cover, of a grid through the first taxel. pitch_mm: of the contact's grid."""
+def dense_layout(cover: Elastomer, table: DenseTable, taxels: Layout, pitch_mm: float) -> Layout:
+    """The places on a cover, column by column, rising in y, of a grid through the first taxel.
+    pitch_mm: of the contact's grid."""
     spacing, is_triangular = table.spacing_mm, table.grid == "triangular"
     across = (spacing * np.sqrt(0.75), spacing / 2) if is_triangular else (spacing, 0.0)
     steps_mm = np.array([across, (0.0, spacing)])
@@ -160,8 +153,7 @@ def dense_grid(cover: Elastomer, table: DenseTable, taxels: Layout, pitch_mm: fl
     distance, nearest = _nearest(x, y, taxels_mm)
     same = distance < SAME_MM
     x[nearest[same]], y[nearest[same]] = taxels_mm[same].T
-    places = Layout("dense", x, y, np.full(count, taxels.pad_diameter_mm[0]))
-    return DenseGrid(places, float(spacing**2 * (np.sqrt(0.75) if is_triangular else 1.0)))
+    return Layout("dense", x, y, np.full(count, taxels.pad_diameter_mm[0]))
 
 
 @lru_cache(maxsize=8)

@@ -161,6 +161,11 @@ class DenseTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
         Literal["triangular", "square"], Meta(description="triangular or square grid")
     ] = "triangular"
 
+    @property
+    def cell_mm2(self) -> float:
+        """Area of the surface for each place."""
+        return float(self.spacing_mm**2 * (np.sqrt(0.75) if self.grid == "triangular" else 1.0))
+
 
 class Imperfections(Struct, frozen=True, forbid_unknown_fields=True):
     """Deviations of an array from an ideal one. Zero, or an empty tuple, disables a term.

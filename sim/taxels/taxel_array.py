@@ -19,7 +19,13 @@ from t2twin.sim.contact.elastomer import Elastomer, Friction, MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.taxels import reading
 from t2twin.sim.taxels.layout import Layout, load_layout
-from t2twin.sim.taxels.pads import DenseGrid, check_within, dense_grid, pad_pressure_mpa, reach_mm
+from t2twin.sim.taxels.pads import (
+    check_within,
+    dense_layout,
+    dense_tractions,
+    pad_pressure_mpa,
+    reach_mm,
+)
 from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.spec import DenseTable, Imperfections, TaxelArraySpec
 
@@ -123,12 +129,16 @@ class TaxelArray:
         table = self.spec.tactile_image
         return table.rows, table.columns, table.px_per_mm
 
+    @property
+    def dense_table(self) -> DenseTable:
+        """The grid of the dense counts."""
+        return self.spec.dense or DenseTable(max(0.2, self.elastomer.thickness_mm))
+
     @cached_property
-    def dense(self) -> DenseGrid:
-        """The grid of the dense counts, through the first taxel of the sensor's file."""
+    def dense(self) -> Layout:
+        """The places of the dense counts, through the first taxel of the sensor's file."""
         own = self.spec.layout.layout(self.name, self.folder)
-        table = self.spec.dense or DenseTable(max(0.2, self.elastomer.thickness_mm))
-        return dense_grid(self.elastomer, table, own, self.pitch_mm)
+        return dense_layout(self.elastomer, self.dense_table, own, self.pitch_mm)
 
     @cached_property
     def phi(self) -> Phi:
@@ -165,10 +175,10 @@ class TaxelArray:
         }
         if with_dense_counts:
             content |= {
-                "dense_x_mm": self.dense.layout.x_mm,
-                "dense_y_mm": self.dense.layout.y_mm,
-                "dense_pad_mm": float(self.dense.layout.pad_diameter_mm[0]),
-                "dense_cell_mm2": self.dense.cell_mm2,
+                "dense_x_mm": self.dense.x_mm,
+                "dense_y_mm": self.dense.y_mm,
+                "dense_pad_mm": float(self.dense.pad_diameter_mm[0]),
+                "dense_cell_mm2": self.dense_table.cell_mm2,
             }
         return content
 
@@ -239,15 +249,15 @@ class CountsReading:
     @cached_property
     def dense_counts(self) -> np.ndarray:
         """(n,) uint16: noiseless counts at the places of the dense counts (`sensor.dense`)."""
-        noiseless = self.sensor.noiseless(self.contact, self.sensor.dense.layout)
+        noiseless = self.sensor.noiseless(self.contact, self.sensor.dense)
         return np.rint(noiseless).astype(np.uint16)
 
     @cached_property
     def tractions(self) -> np.ndarray:
         """(3, n) float32, kPa: pressure and shear along x and y at the places of dense counts."""
         if self.contact is None:
-            return np.zeros((3, self.sensor.dense.layout.size), np.float32)
-        return self.sensor.dense.tractions(self.contact)
+            return np.zeros((3, self.sensor.dense.size), np.float32)
+        return dense_tractions(self.sensor.dense, self.sensor.dense_table.cell_mm2, self.contact)
 
     @property
     def setup(self) -> dict[str, Any]:

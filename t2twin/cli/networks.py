@@ -162,30 +162,21 @@ def report(
 
 
 @dataclass(frozen=True)
-class RunOptions:
-    """The run of a command.
+class PredictionOptions:
+    """The run of a command that predicts, and its input.
 
     Args:
         run: Folder of a trained run, or name of a pretrained run. A folder called field is ./field.
         layout: Taxel layout (name, or JSON or CSV file) that a touch2touch or field run is read at.
             Default: the run's own.
-    """
-
-    run: str = PRETRAINED
-    layout: str | None = None
-
-
-@dataclass(frozen=True)
-class PredictionOptions(RunOptions):
-    """The run of a command that predicts, and its input.
-
-    Args:
         bf16: Compute in bfloat16 if the processor supports it: faster, counts differ by up to some
             hundreds.
         background: Background frame of the same sensor, in the orientation of the training images,
             for a field run. Default: the mean background frame of its training.
     """
 
+    run: str = PRETRAINED
+    layout: str | None = None
     bf16: bool = False
     background: Path | None = None
 
@@ -335,13 +326,14 @@ def _report(message: str) -> None:
 
 
 def export(
-    options: Annotated[RunOptions, tyro.conf.arg(name="")],
-    out: Path | None = None,
-    force: bool = False,
+    run: str = PRETRAINED, layout: str | None = None, out: Path | None = None, force: bool = False
 ) -> None:
     """Export a trained run as an ONNX file, from pixels to counts and tactile images.
 
     Args:
+        run: Folder of a trained run, or name of a pretrained run. A folder called field is ./field.
+        layout: Taxel layout (name, or JSON or CSV file) that a touch2touch or field run is read at.
+            Default: the run's own.
         out: Output file. Default: MODEL.onnx in RUN; for a pretrained run NAME.onnx in the working
             directory.
         force: Replace an existing file.
@@ -351,7 +343,7 @@ def export(
     from t2twin.translate.runs.config import HOME
 
     use_all_cores()
-    loaded = load_run(options.run, options.layout)
+    loaded = load_run(run, layout)
     if out is None:
         folder, model = loaded.run_dir, loaded.config.model
         is_pretrained = folder.parent == HOME

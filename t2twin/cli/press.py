@@ -191,20 +191,6 @@ class TouchOptions(Press):
 
 
 @dataclass(frozen=True)
-class PressOptions(TouchOptions):
-    """Options of `t2twin press`.
-
-    Args:
-        renderer: What renders the image of a gel camera: the baked model, in milliseconds, or
-            pyrender, in seconds and without an optics file only.
-        view: Open the scene in MuJoCo's viewer (the source's if both sensors are pressed).
-    """
-
-    renderer: Renderer = "baked"
-    view: bool = False
-
-
-@dataclass(frozen=True)
 class SlideOptions(TouchOptions):
     """Options of `t2twin slide`.
 
@@ -245,13 +231,23 @@ class SlideOptions(TouchOptions):
         return path_commands(shape.name, rows, str(self.path), self.tilt_rad)
 
 
-def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
-    """Press one shape into one sensor or both, and write the image, counts and contacts."""
-    from t2twin.sim.scene import view
+def press(
+    options: Annotated[TouchOptions, tyro.conf.arg(name="")],
+    renderer: Renderer = "baked",
+    view: bool = False,
+) -> None:
+    """Press one shape into one sensor or both, and write the image, counts and contacts.
+
+    Args:
+        renderer: What renders the image of a gel camera: the baked model, in milliseconds, or
+            pyrender, in seconds and without an optics file only.
+        view: Open the scene in MuJoCo's viewer (the source's if both sensors are pressed).
+    """
+    from t2twin.sim.scene import view as open_viewer
     from t2twin.sim.touch import scene_path
 
-    rng, (shape, pair, only) = options.rng, options.load(options.renderer)
-    if options.renderer == "pyrender":
+    rng, (shape, pair, only) = options.rng, options.load(renderer)
+    if renderer == "pyrender":
         from t2twin.sim.optical.pyrender_renderer import FIRST_SECONDS
 
         takes = f"about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
@@ -269,10 +265,10 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     print(f"written to {folder}")
     scene = scene_path(folder, next(iter(touch.readings)))
     is_headless = sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & {*os.environ}
-    if options.view and is_headless:
+    if view and is_headless:
         print(f"no display here; to view the scene: python -m mujoco.viewer --mjcf={scene}")
-    elif options.view:
-        view(scene)
+    elif view:
+        open_viewer(scene)
 
 
 def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
