@@ -67,13 +67,13 @@ def test_each_score_reacts_to_its_own_error():
         list("abcd"), nothing, np.full(4, 4.0), nothing, nothing, np.tile(truth, (4, 1)), nothing,
         nothing,
     )  # fmt: skip
-    found = evaluate_frames(run_of(counts, kinds), references.frames, references, None)
-    harder, beside, apart, other = (row for _, row in found.errors.iterrows())
+    _, errors = evaluate_frames(run_of(counts, kinds), references.frames, references, None)
+    harder, beside, apart, other = (row for _, row in errors.iterrows())
     assert harder.force_error == pytest.approx(0.2) and harder.regions == 1
     assert harder.rmse_percent == pytest.approx(20.0 * np.sqrt(np.mean(truth**2)) / FULL_SCALE)
     assert 1.5 < beside.centroid_mm < 4.0
     assert apart.regions == 2 and other.rmse_percent == 0.0
-    scores = found.scores
+    scores = AdaptationScores.of(errors)
     assert (scores.single_region, scores.refused) == (3, 1)
     assert (scores.interval_coverage_percent, scores.depth_rmse_mm) == (None, None)
     squares = [row.rmse_percent**2 for row in (harder, beside, apart, other)]

@@ -64,11 +64,11 @@ def test_neighbors_are_by_euclid_and_may_pass_over_their_own_shape(data_dir: Pat
     for names in (None, (shapes, shapes)):
         if names is not None:
             apart[shapes[:, None] == shapes[None]] = np.inf
-        near = neighbors(images, images, 3, names)
-        np.testing.assert_allclose(near.distance_grey, np.sort(apart)[:, :3], rtol=1e-5)
-        assert np.array_equal(np.take_along_axis(apart, near.index, axis=1), np.sort(apart)[:, :3])
-    alone = neighbors(images, images, 2, (np.full(48, "a"), np.full(48, "a")))
-    assert np.isinf(alone.distance_grey).all()
+        near, distance_grey = neighbors(images, images, 3, names)
+        np.testing.assert_allclose(distance_grey, np.sort(apart)[:, :3], rtol=1e-5)
+        assert np.array_equal(np.take_along_axis(apart, near, axis=1), np.sort(apart)[:, :3])
+    _, alone_grey = neighbors(images, images, 2, (np.full(48, "a"), np.full(48, "a")))
+    assert np.isinf(alone_grey).all()
 
 
 def test_evaluation_agrees_with_training(runs: list[Path], data_dir: Path, tmp_path: Path) -> None:

@@ -25,7 +25,6 @@ from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     NEAREST_NEIGHBOR,
     NOISE_FLOOR,
-    Neighbors,
     predict_baselines,
     second_reading,
 )
@@ -81,7 +80,7 @@ def test_noise_floor_is_of_the_datasets_own_noise(small_dataset: Path) -> None:
     pairs, train = (
         load_pairs(small_dataset, s, FEATURE_SIZE, grey=False) for s in ("val", "train")
     )
-    near = Neighbors(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
+    near = np.zeros(len(pairs), int)
     rows = predict_baselines(pairs, train, near, None, read_info(small_dataset), "target", ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
     array = SensorPair().array.for_dataset()
@@ -165,7 +164,7 @@ def test_unknowable_part_is_found_by_extrapolation() -> None:
     apart = np.linalg.norm(places[:, None] - places[None], axis=2)
     apart[apart < 1.0] = np.inf  # no pictures are nearly the same
     order = np.argsort(apart, axis=1)[:, :8]
-    near = Neighbors(order, np.take_along_axis(apart, order, axis=1))
+    near = order, np.take_along_axis(apart, order, axis=1)
     pairs = pairs_with(counts.astype(np.float32), np.array([f"s{n % 15}" for n in range(1500)]))
     some = np.arange(20) < 5
     floor = floor_of(pairs, pairs, near, 0.3, {"some": some, "none": np.zeros(20, bool)})

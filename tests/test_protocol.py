@@ -33,7 +33,7 @@ def test_light_has_1000_pairs_of_all_orientations():
     for name in catalogue.NAMES:
         chosen = protocol.indices(name, scale)
         counted[catalogue.split(name)] += len(chosen)
-        turns |= {index % protocol.grid_of(name).orientations for index in chosen}
+        turns |= {index % protocol.grid_of(name)[1] for index in chosen}
     assert counted == {"train": 600, "val": 200, "test": 200} and turns == set(range(12))
 
 

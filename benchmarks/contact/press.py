@@ -278,7 +278,7 @@ def orientations(shape: Shape, sensor: Sensor) -> float:
         solve_contact(
             shape, PressCommand(shape.name, 0.0, 0.0, yaw, 8.0), wide, sensor.pitch_mm
         ).depth_mm
-        for yaw in np.linspace(0, protocol.LAST_YAW_RAD, protocol.PRIMITIVE_GRID.orientations)
+        for yaw in np.linspace(0, protocol.LAST_YAW_RAD, protocol.PRIMITIVE_GRID[1])
     ]
     return float(np.abs(np.array(depths) / np.mean(depths) - 1).max())
 

@@ -14,7 +14,7 @@ from scipy import integrate, special
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.closed_forms import shear_kernels, spectra
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.friction import Traction, solve_traction
+from t2twin.sim.contact.friction import solve_traction
 from t2twin.sim.contact.layer import DomedLayer, WindowTransforms
 
 YOUNG_MPA, THICK_MM = 1.0, 200.0
@@ -49,10 +49,10 @@ class Contact:
         fields = [np.sqrt(np.maximum(0.0, 1 - r2 / radius_mm**2)) for r2 in squares]
         return np.mean(fields, axis=0)
 
-    def solve(self, limit_mpa: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray) -> Traction:
-        """Traction for a wanted displacement, from none."""
+    def solve(self, limit_mpa: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """(2, rows, columns) traction for a wanted displacement, from none."""
         wanted = np.stack(np.broadcast_arrays(x_mm, y_mm, self.x)[:2])
-        return solve_traction(self.layer, limit_mpa, wanted, np.zeros_like(wanted))
+        return solve_traction(self.layer, limit_mpa, wanted, np.zeros_like(wanted))[0]
 
     def integral(self, field: np.ndarray) -> float:
         return float(field.sum() * self.pitch_mm**2)
@@ -72,13 +72,13 @@ def pushed_ball(poisson: float, share: float, pitch_mm: float) -> dict[str, floa
     contact = Contact(poisson, pitch_mm)
     pressure, stick = contact.hertz(), (1 - share) ** (1 / 3)
     full_mm = 3 * FRICTION * FORCE_N * (2 - poisson) / (16 * contact.shear_mpa)
-    found = contact.solve(FRICTION * pressure, np.array(full_mm * (1 - stick**2)), np.array(0.0))
+    q_mpa = contact.solve(FRICTION * pressure, np.array(full_mm * (1 - stick**2)), np.array(0.0))
     expected = FRICTION * (pressure - stick * contact.hertz(stick))
-    radius = stick_radius_mm(contact, found.q_mpa, FRICTION * pressure)
+    radius = stick_radius_mm(contact, q_mpa, FRICTION * pressure)
     return {
-        "traction_error": distance(found.q_mpa[0], expected),
+        "traction_error": distance(q_mpa[0], expected),
         "stick_radius_error": radius / stick - 1,
-        "compliance_error": contact.integral(found.q_mpa[0]) / (share * FRICTION * FORCE_N) - 1,
+        "compliance_error": contact.integral(q_mpa[0]) / (share * FRICTION * FORCE_N) - 1,
     }
 
 
@@ -107,7 +107,7 @@ def twisted_ball(stick: float, pitch_mm: float) -> dict[str, float]:
     contact = Contact(0.3, pitch_mm)
     limit = FRICTION * contact.hertz()
     angle, torque = torsion(stick, FRICTION, contact.shear_mpa)
-    q = contact.solve(limit, -angle * contact.y, angle * contact.x).q_mpa
+    q = contact.solve(limit, -angle * contact.y, angle * contact.x)
     return {
         "torque_error": contact.integral(contact.x * q[1] - contact.y * q[0]) / torque - 1,
         "stick_radius_error": stick_radius_mm(contact, q, limit) / stick - 1,
@@ -142,10 +142,10 @@ def loop(pitch_mm: float) -> dict[str, float]:
             to_mm = origin_mm + sign * times * part * full_mm
             wanted = contact.response.response_mm(q)[:2]
             wanted[0] += to_mm - moved_mm
-            step = solve_traction(contact.layer, limit, wanted, q)
-            slip_mm = (wanted - step.displacement_mm) * (limit > 0)
-            work.append(contact.integral((slip_mm * step.q_mpa).sum(axis=0)))
-            q, moved_mm = step.q_mpa, to_mm
+            q, by_traction_mm, _ = solve_traction(contact.layer, limit, wanted, q)
+            slip_mm = (wanted - by_traction_mm) * (limit > 0)
+            work.append(contact.integral((slip_mm * q).sum(axis=0)))
+            moved_mm = to_mm
             off.append(abs(contact.integral(q[0]) / (FRICTION * FORCE_N) - share))
         found[f"{name}_error"] = max(off)
         top = q if name == "loading" else top
@@ -162,8 +162,8 @@ def stuck_punches(pitch_mm: float) -> dict[str, float]:
     thick, thin = Contact(poisson, pitch_mm), Contact(poisson, pitch_mm, thin_mm)
     radius = np.hypot(thick.x, thick.y)
     limit, one, zero = np.where(radius <= 1, 1e6, 0.0), np.array(1.0), np.array(0.0)
-    force = thick.integral(thick.solve(limit, one, zero).q_mpa[0])
-    middle = thin.solve(limit, one, zero).q_mpa[0][radius < 0.5].mean()
+    force = thick.integral(thick.solve(limit, one, zero)[0])
+    middle = thin.solve(limit, one, zero)[0][radius < 0.5].mean()
     return {
         "thick_error": force / (8 * thick.shear_mpa / (2 - poisson)) - 1,
         "thin_error": float(middle) / (thin.shear_mpa / thin_mm) - 1,

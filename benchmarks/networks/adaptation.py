@@ -104,10 +104,10 @@ def _scores(
     run: TrainedTranslator, references: References, background: np.ndarray
 ) -> dict[str, Any]:
     """Scores of a run on the real frames of a third."""
-    from t2twin.adaptation.real_frame_evaluation import evaluate_frames
+    from t2twin.adaptation.real_frame_evaluation import AdaptationScores, evaluate_frames
 
     found, alone = (
-        evaluate_frames(run, references.frames, references, still).scores
+        AdaptationScores.of(evaluate_frames(run, references.frames, references, still)[1])
         for still in (background, None)
     )
     return {

@@ -32,13 +32,7 @@ from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.evaluation.baselines import (
-    FEATURE_SIZE,
-    NEIGHBORS,
-    Neighbors,
-    neighbors,
-    view_on,
-)
+from t2twin.translate.evaluation.baselines import FEATURE_SIZE, NEIGHBORS, neighbors, view_on
 
 FITTED_SHARE = 0.5
 """Share of the pairs, the nearest ones, that the line is fitted to."""
@@ -117,11 +111,11 @@ def _sample_images(data_dir: Path, info: DatasetInfo, split: str) -> list[np.nda
 def floor_of(
     pairs: Pairs,
     others: Pairs,
-    near: Neighbors,
+    near: tuple[np.ndarray, np.ndarray],
     noise_grey: float,
     taxel_groups: Mapping[str, np.ndarray],
 ) -> dict[str, Any] | None:
-    """The estimate from the presses' k nearest of the others; None without neighbors.
+    """The estimate from the presses' `neighbors` among the others; None without any.
 
     noise_grey: the distance due to noise. The value is the root of the mean over presses of an
     extrapolation by shape. A line of half the squared difference over the squared distance is
@@ -129,14 +123,15 @@ def floor_of(
     distance due to noise. The value is 0 for a negative mean, and None if no shape has two
     distances.
     """
-    known = np.isfinite(near.distance_grey[:, 0])
+    index, distance_grey = near
+    known = np.isfinite(distance_grey[:, 0])
     if not known.any():
         return None
-    half_squares = np.square(pairs.counts[:, None] - others.counts[near.index])[known] / 2
+    half_squares = np.square(pairs.counts[:, None] - others.counts[index])[known] / 2
 
     def at_noise(taxels: np.ndarray | slice) -> float | None:
         half = half_squares[:, :, taxels].mean(axis=2, dtype=float)
-        return _at_noise(pairs.shapes[known], near.distance_grey[known], half, noise_grey)
+        return _at_noise(pairs.shapes[known], distance_grey[known], half, noise_grey)
 
     parts = {name: at_noise(mask) for name, mask in taxel_groups.items() if mask.any()}
     return {"extrapolated_rmse_counts": at_noise(slice(None)), "parts": parts}

@@ -98,10 +98,14 @@ def real_references(folder: Path) -> tuple[References, np.ndarray]:
 def _scores(
     run: TrainedTranslator, references: References, background: np.ndarray
 ) -> dict[str, Any]:
-    from t2twin.adaptation.real_frame_evaluation import background_counts, evaluate_frames
+    from t2twin.adaptation.real_frame_evaluation import (
+        AdaptationScores,
+        background_counts,
+        evaluate_frames,
+    )
 
     real, alone, simulated = (
-        evaluate_frames(run, images, references, still)
+        asdict(AdaptationScores.of(evaluate_frames(run, images, references, still)[1]))
         for images, still in (
             (references.frames, background),
             (references.frames, None),
@@ -109,9 +113,9 @@ def _scores(
         )
     )
     return {
-        "real": asdict(real.scores),
-        "real_without_background": asdict(alone.scores),
-        "simulated": asdict(simulated.scores),
+        "real": real,
+        "real_without_background": alone,
+        "simulated": simulated,
         "background_counts": background_counts(run, background),
     }
 

@@ -19,7 +19,6 @@ q . u.
 
 from functools import lru_cache
 from math import ceil, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
@@ -48,14 +47,6 @@ RIDGE, LESS_RIDGE, MIN_RIDGE = 1e-4, 0.1, 1e-14
 ROUNDING = 1e-12  # relative increase of the potential that is due to rounding
 
 
-class Traction(NamedTuple):
-    """The result of one step."""
-
-    q_mpa: np.ndarray  # (2, rows, columns), along x and y
-    displacement_mm: np.ndarray  # (2, rows, columns), of the surface by it
-    converged: bool
-
-
 # Bodies with prescribed forces and torques, arguments of the loops: x, (columns,), and y, (rows,),
 # mm; owner, (rows, columns) index of each cell's body; levers, wrenches, (bodies, 3); slides,
 # (bodies,), bodies whose traction is at the limit, along their rigid motion, whatever the gradient;
@@ -74,8 +65,10 @@ def solve_traction(
     start_mpa: np.ndarray,
     bodies: Bodies = NO_BODIES,
     tolerance: float = TOLERANCE,
-) -> Traction:
-    """The traction of one step, by spectral projected gradients (Birgin, Martinez, Raydan 2000).
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """The traction of one step along x and y, MPa, the displacement of the surface by it, mm, both
+    (2, rows, columns), and whether it converged. By spectral projected gradients (Birgin, Martinez,
+    Raydan 2000).
 
     limit_mpa: (rows, columns) largest traction, 0 outside the contact. wanted_mm: (2, rows,
     columns) w. start_mpa: (2, rows, columns) an initial guess. bodies: with prescribed forces; the
@@ -92,7 +85,7 @@ def solve_traction(
         layer.of(limit.shape), shear_work(limit.shape, 2), limit, wanted, bodies,
         1.0 / _compliance(layer, side), tolerance, q, displacement,
     )  # fmt: skip
-    return Traction(q.astype(float), displacement.astype(float), residual <= tolerance)
+    return q.astype(float), displacement.astype(float), residual <= tolerance
 
 
 @lru_cache(maxsize=256)

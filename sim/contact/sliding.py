@@ -121,12 +121,11 @@ class Slide:
             return traction, follows, True
         near = window_around(dilated(limit > 0, 1))
         part, wanted = (slice(None), *near), follows - spread - dome
-        found = solve_traction(
+        traction[part], _, converged = solve_traction(
             step.layer.middle, limit[near], wanted[part], guess[part],
             tolerance=PREDICTION_TOLERANCE if predicts else TOLERANCE,
         )  # fmt: skip
-        traction[part] = found.q_mpa
-        return traction, follows, found.converged
+        return traction, follows, converged
 
 
 def advance(
@@ -469,19 +468,18 @@ class _Push:
         part = (slice(None), *near)
         axes, before = (contact.x_mm[columns][near[1]], contact.y_mm[rows][near[0]]), follows[part]
         bodies = _Bodies(loads, owner[near], pressure[near], limit[near], axes, contact.pitch_mm)
-        found = solve_traction(
+        traction[part], shifted_mm, converged = solve_traction(
             step.layer.middle, bodies.limit, before - spread[part] - dome[part], guess[part],
             bodies.arrays, PREDICTION_TOLERANCE if predicts else TOLERANCE,
         )  # fmt: skip
-        traction[part] = found.q_mpa
         if predicts:  # the contact moves with the bodies, less the change of the shear
             follows[part] = bodies.with_motion_mm(bodies.motions, before)
         else:  # a surface that sticks to the bodies
             rigid = np.where(bodies.slides[:, None], bodies.motions, bodies.rigid)
-            now = found.displacement_mm + spread[part] + dome[part]
+            now = shifted_mm + spread[part] + dome[part]
             surface = np.where(bodies.slides[bodies.owner], now, before)
             follows[part] = bodies.with_motion_mm(rigid, surface)
-        return traction, follows, found.converged
+        return traction, follows, converged
 
 
 class _Bodies:

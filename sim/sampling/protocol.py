@@ -23,17 +23,9 @@ of a robot). Without it, a fifth of the presses of a round shape would repeat ot
 and at points whose angles differ by a difference of orientations."""
 
 
-@dataclass(frozen=True)
-class Grid:
-    """points x points places at the shape's spacing_mm, each with a number of orientations."""
-
-    points: int
-    orientations: int
-
-
-PRIMITIVE_GRID = Grid(points=7, orientations=12)
-# The objects' seven orientations have the same range as the primitives' twelve (assumed)
-OBJECT_GRID = Grid(points=3, orientations=7)
+# Points of a grid along x and y, at the shape's spacing_mm, and orientations at each; the objects'
+# seven orientations have the same range as the primitives' twelve (assumed)
+PRIMITIVE_GRID, OBJECT_GRID = (7, 12), (3, 7)
 
 
 @dataclass(frozen=True)
@@ -62,7 +54,8 @@ SCALES = {
 STRIDE = 5  # shift of the orientations from point to point: coprime to 12 and 7
 
 
-def grid_of(name: str) -> Grid:
+def grid_of(name: str) -> tuple[int, int]:
+    """Points along a side of the grid of a shape, and orientations at each."""
     return OBJECT_GRID if name in catalogue.OBJECTS else PRIMITIVE_GRID
 
 
@@ -75,16 +68,15 @@ def scale_of(name: str) -> Scale:
 
 def indices(name: str, scale: Scale) -> list[int]:
     """Indices of a shape's presses at a scale, rising."""
-    grid = grid_of(name)
+    side, orientations = grid_of(name)
     is_object = name in catalogue.OBJECTS
     points = scale.object_points if is_object else scale.primitive_points
     turns = scale.object_orientations if is_object else scale.primitive_orientations
-    step = grid.orientations // turns
+    step = orientations // turns
     # Each shape starts at another orientation, so that orientation and place are independent.
     first = catalogue.NAMES.index(name)
     return sorted(
-        (row * grid.points + column) * grid.orientations
-        + (first + STRIDE * n + k * step) % grid.orientations
+        (row * side + column) * orientations + (first + STRIDE * n + k * step) % orientations
         for n, (row, column) in enumerate(points)
         for k in range(turns)
     )
@@ -100,13 +92,13 @@ def press_of(name: str, spacing_mm: tuple[float, float], index: int) -> PressCom
 
     The grid rotates with the shape about the press axis: (x, y) = Rz(yaw) (grid point).
     """
-    grid = grid_of(name)
-    point, orientation = divmod(index, grid.orientations)
-    row, column = divmod(point, grid.points)
-    middle = (grid.points - 1) / 2
+    side, orientations = grid_of(name)
+    point, orientation = divmod(index, orientations)
+    row, column = divmod(point, side)
+    middle = (side - 1) / 2
     grid_x = (column - middle) * spacing_mm[0] + GRID_OFFSET_MM[0]
     grid_y = (row - middle) * spacing_mm[1] + GRID_OFFSET_MM[1]
-    yaw = LAST_YAW_RAD * orientation / (grid.orientations - 1)
+    yaw = LAST_YAW_RAD * orientation / (orientations - 1)
     cos, sin = float(np.cos(yaw)), float(np.sin(yaw))
     x_mm, y_mm = cos * grid_x - sin * grid_y, sin * grid_x + cos * grid_y
     return PressCommand(name, x_mm, y_mm, float(yaw), FORCE_N)

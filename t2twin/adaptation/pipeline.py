@@ -207,7 +207,8 @@ def _check(
     )
     scores = {
         name: check.RunScores(
-            real[name].scores, simulated[name].scores, check.background_counts(run, still)
+            *(check.AdaptationScores.of(each[name][1]) for each in (real, simulated)),
+            background_counts=check.background_counts(run, still),
         )
         for name, run in runs.items()
     }

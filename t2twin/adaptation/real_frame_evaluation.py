@@ -68,20 +68,11 @@ class AdaptationScores:
     )
     refused: int = 0  # presses whose frame the run names unlike its images
 
-
-@dataclass(frozen=True)
-class FrameErrors:
-    """Predicted counts (P, N), and a row of errors for each press, NaN where not predicted."""
-
-    counts: np.ndarray
-    errors: pd.DataFrame
-
-    @property
-    def scores(self) -> AdaptationScores:
-        """The errors over all presses."""
-        errors = self.errors
+    @classmethod
+    def of(cls, errors: pd.DataFrame) -> "AdaptationScores":
+        """The scores of the errors of presses, see `evaluate_frames`."""
         covered, depth_mm = errors.covered.mean(), errors.depth_rmse_mm.median()
-        return AdaptationScores(
+        return cls(
             rmse_percent=float(np.sqrt(np.square(errors.rmse_percent).mean())),
             centroid_mm=float(errors.centroid_mm.median()),
             single_region=int((errors.regions == 1).sum()),
@@ -150,9 +141,10 @@ def evaluate_frames(
     images: np.ndarray,
     references: References,
     background: np.ndarray | None,
-) -> FrameErrors:
-    """Evaluates a run on the real or the simulated frames of the presses. background: the unit's,
-    (rows, columns, 3) uint8, an input of field runs."""
+) -> tuple[np.ndarray, pd.DataFrame]:
+    """Counts (P, N) that a run predicts of the real or the simulated frames of the presses, and a
+    row of errors for each press, NaN where not predicted. background: the unit's, (rows, columns,
+    3) uint8, an input of field runs."""
     layout, truth = run.config.data.array, references.counts
     least = MIN_CONTACT_SHARE * layout.full_scale_counts
     own = background if run.has_uncertainty else None
@@ -187,7 +179,7 @@ def evaluate_frames(
         ]
         squares, inside = np.square(found_mm - references.depth_mm), references.in_contact
         errors["depth_rmse_mm"] = np.sqrt(squares.mean(axis=(1, 2), where=inside))
-    return FrameErrors(counts, errors)
+    return counts, errors
 
 
 def _rmse_percent(error: np.ndarray, run: TrainedTranslator) -> np.ndarray:
@@ -275,12 +267,13 @@ def scores_table(result: AdaptationResult) -> Table:
 def write_adapt_page(
     out: Path,
     run: TrainedTranslator,
-    real: FrameErrors,
-    simulated: FrameErrors,
+    real: tuple[np.ndarray, pd.DataFrame],
+    simulated: tuple[np.ndarray, pd.DataFrame],
     references: References,
     result: AdaptationResult,
 ) -> Path:
-    """Writes out/index.html and returns its path. real, simulated: of the kept run."""
+    """Writes out/index.html and returns its path. real, simulated: what `evaluate_frames` found
+    of the kept run."""
     least = MIN_CONTACT_SHARE * run.config.data.array.full_scale_counts
     summary = {"table": scores_table(result), "min_contact_counts": least}
 
@@ -292,12 +285,12 @@ def write_adapt_page(
                 if values.ndim == 4
                 else Panel(title, layout.phi(values[n]), layout.phi, layout, "counts")
                 for title, values in (
-                    ("real frame", references.frames), ("translated", real.counts),
-                    ("simulated frame", references.simulated), ("translated", simulated.counts),
+                    ("real frame", references.frames), ("translated", real[0]),
+                    ("simulated frame", references.simulated), ("translated", simulated[0]),
                     ("simulated target", references.counts),
                 )
             ]  # fmt: skip
-            errors = (each.errors.rmse_percent[n] for each in (real, simulated))
+            errors = (each.rmse_percent[n] for _, each in (real, simulated))
             pose, force_n = references.poses[n], references.force_n[n]
             found.append((name, pose, force_n, panels_image(panels), *errors))
         return {"presses": found}

@@ -61,22 +61,27 @@ BATCH_SIZE = 256  # Images decoded together; bounds memory to 60 MB
 
 @dataclass(frozen=True)
 class ImageFile:
-    """Images in an .npy file, read on access."""
+    """Images in an .npy file, read on access, each followed by its background frame if given."""
 
     path: Path
     places: np.ndarray | None = None  # indices in the file, which may repeat; None for all
+    backgrounds: "ImageFile | np.ndarray | None" = None  # one for each image, (S, S, 3) uint8
 
     def __len__(self) -> int:
         images = np.load(self.path, mmap_mode="r") if self.places is None else self.places
         return images.shape[0]
 
     def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
-        """(b, S, S, c) uint8. The memory map is closed again, so that its pages are freed."""
+        """(b, S, S, c) uint8; c = 6 with background frames. The memory map is closed again, so that
+        its pages are freed."""
         own = index if self.places is None else self.places[index]
-        return np.array(np.load(self.path, mmap_mode="r")[own])
+        images = np.array(np.load(self.path, mmap_mode="r")[own])
+        if self.backgrounds is None:
+            return images
+        return np.concatenate([images, self.backgrounds[index]], axis=-1)
 
     def subset(self, places: np.ndarray) -> "ImageFile":
-        """The images with these indices, (b,)."""
+        """The images with these indices, (b,), without background frames."""
         return ImageFile(self.path, places if self.places is None else self.places[places])
 
     def mean(self) -> np.ndarray:
@@ -86,24 +91,6 @@ class ImageFile:
         for image in images:
             total += image
         return (total / len(images)).astype(np.float32)
-
-
-@dataclass(frozen=True)
-class InputImages:
-    """Images, each followed by its background frame, (S, S, 3) uint8, if there are frames."""
-
-    images: ImageFile
-    backgrounds: ImageFile | np.ndarray | None = None
-
-    def __len__(self) -> int:
-        return len(self.images)
-
-    def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
-        """(b, S, S, c) uint8; c = 6 with background frames."""
-        images = self.images[index]
-        if self.backgrounds is None:
-            return images
-        return np.concatenate([images, self.backgrounds[index]], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -135,7 +122,7 @@ class TactilePictures:
 
 
 Readings = ImageFile | np.ndarray  # Images, or counts, (P, N) float32
-Pictures = InputImages | TactilePictures  # The pictures of the source's readings
+Pictures = ImageFile | TactilePictures  # The pictures of the source's readings
 
 
 @dataclass(frozen=True)
@@ -179,7 +166,7 @@ class Pairs:
         """The inputs of a translator."""
         if self.pictures is not None:
             return self.pictures
-        return InputImages(self.images, self.backgrounds)
+        return replace(self.images, backgrounds=self.backgrounds)
 
     def subset(self, places: np.ndarray) -> "Pairs":
         """The pairs with these indices, (b,)."""

@@ -4,7 +4,7 @@ Shape letters: P pairs or queries, M stored pairs or training taxels, N taxels.
 """
 
 from collections.abc import Iterable
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -55,21 +55,15 @@ BINS_PER_DOUBLING = 2  # of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed
 MIN_PRESSES = 50
 
 
-class Neighbors(NamedTuple):
-    """The nearest stored images of each query, in ascending order of distance."""
-
-    index: np.ndarray  # (P, k), of stored images
-    distance_grey: np.ndarray  # (P, k), RMS difference at FEATURE_SIZE; infinite beyond the last
-
-
 def neighbors(
     stored: Readings,
     queries: Readings,
     k: int = 1,
     shapes: tuple[np.ndarray, np.ndarray] | None = None,
     progress: str | None = None,
-) -> Neighbors:
-    """The k stored images, or counts, nearest to each query in Euclidean distance. shapes: (M,) and
+) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the k stored images, or counts, nearest to each query, (P, k), the nearest first,
+    and their RMS differences at FEATURE_SIZE, (P, k), infinite beyond the last. shapes: (M,) and
     (P,) names; stored images of the query's own shape are excluded. progress: title of a bar."""
     pixels = stored[:].reshape(len(stored), -1)
     # The mean image; subtracting it reduces rounding errors of distances.
@@ -88,7 +82,7 @@ def neighbors(
         ordered = exact.where(values.isfinite(), torch.inf).sort(dim=1, stable=True)
         found.append((near.gather(1, ordered.indices), ordered.values))
     index, distance = (torch.cat(each).numpy() for each in zip(*found, strict=True))
-    return Neighbors(index, distance)
+    return index, distance
 
 
 def view_on(
@@ -178,7 +172,7 @@ def _low_edges_n(force_n: np.ndarray, single: bool) -> np.ndarray:
 def predict_baselines(
     pairs: Pairs,
     train: Pairs,
-    near: Neighbors,
+    nearest: np.ndarray,
     of_force: np.ndarray | None,
     info: DatasetInfo,
     role: str,
@@ -186,14 +180,14 @@ def predict_baselines(
 ) -> dict[str, np.ndarray]:
     """(P, N) counts of the trivial predictors and of the floors that are known, by row.
 
-    of_force: of `force_bins`, None with one force only. role: of the target. trained_layouts: of
+    nearest: (P,) indices of training pairs. of_force: of `force_bins`, None with one force only. role: of the target. trained_layouts: of
     runs that interpolate between their own taxels; the first unlike the dataset's has a floor.
     """
     mean = train.counts.mean(axis=0, dtype=float).astype(np.float32)
     rows = {MEAN_ARRAY: np.tile(mean, (len(pairs), 1))}
     if of_force is not None:
         rows[MEAN_ARRAY_OF_FORCE] = of_force
-    rows[NEAREST_NEIGHBOR] = train.counts[near.index[:, 0]]
+    rows[NEAREST_NEIGHBOR] = train.counts[nearest]
     repeated = second_reading(pairs.counts, info, role=role)
     if repeated is not None:
         rows[NOISE_FLOOR] = repeated

@@ -32,7 +32,6 @@ from t2twin.translate.data.images import COLORS, open_image, to_input, to_pixels
 from t2twin.translate.data.pairs import (
     DataInfo,
     ImageFile,
-    InputImages,
     Pairs,
     Pictures,
     has_backgrounds,
@@ -216,7 +215,8 @@ def predict_runs(
         images = own.inputs
         if inputs.frame is not None:
             frame = to_pixels(inputs.frame, preset.size, grey=False)
-            images = InputImages(own.images, np.broadcast_to(frame, (len(own), *frame.shape)))
+            still = np.broadcast_to(frame, (len(own), *frame.shape))
+            images = replace(own.images, backgrounds=still)
         found = run.estimate_pixels(images, progress=name)
         estimates[name] = as_readings(found, inputs.dataset)
         predictions[name] = estimates[name].counts
@@ -432,12 +432,12 @@ def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
     array, source = inputs.info.array, inputs.info.source
     full_scale, bins = array.full_scale_counts, baselines.force_bins(pairs, train)
     layouts = [run.config.data.array for run in inputs.trained.values() if not run.has_uncertainty]
-    near = baselines.neighbors(
+    near, _ = baselines.neighbors(
         train.source, pairs.source, baselines.NEIGHBORS, progress=baselines.NEAREST_NEIGHBOR
     )
     of_force = bins[1] if bins[0]["low_n"].nunique() > 1 else None
     predictions = baselines.predict_baselines(
-        pairs, train, near, of_force, inputs.dataset, inputs.target_role, layouts
+        pairs, train, near[:, 0], of_force, inputs.dataset, inputs.target_role, layouts
     )
     predicted, estimates, contacts = predict_runs(inputs, split, cache)
     predictions |= predicted
@@ -472,9 +472,9 @@ def _counts(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
 
 def _images(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, train: Pairs) -> Found:
     """Of predicted images, compared as the runs' largest pictures, and in grey if one run is."""
-    near = baselines.neighbors(
+    near, _ = baselines.neighbors(
         train.source, pairs.source, baselines.NEIGHBORS, progress=baselines.NEAREST_NEIGHBOR
-    ).index[:, 0]
+    )
     presets = [run.config.preset for run in inputs.trained.values()]
     size, grey = max(each.size for each in presets), any(each.grey for each in presets)
     true, known = (

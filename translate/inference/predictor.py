@@ -35,7 +35,7 @@ from t2twin.translate.data.images import (
     one_image,
     resized,
 )
-from t2twin.translate.data.pairs import ImageFile, Pictures, TactilePictures
+from t2twin.translate.data.pairs import Pictures, TactilePictures
 from t2twin.translate.inference.estimate import VALUES, Estimate, contacts_of, half_width
 from t2twin.translate.models.base import TACTILE_IMAGES, Translator
 from t2twin.translate.models.field import FEATURES, FieldTranslator
@@ -148,7 +148,7 @@ class TrainedTranslator:
         return TactilePictures.of(none, array, preset.size, preset.grey)
 
     def predict_pixels(
-        self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None
+        self, pixels: np.ndarray | Pictures, progress: str | None = None
     ) -> np.ndarray:
         """(B, N) counts, or (B, S, S, c) uint8 images, of pictures of the run's size and color.
 
@@ -169,7 +169,7 @@ class TrainedTranslator:
         return outputs, [classify_frame(frame, aspect, background, kind) for frame, kind in both]
 
     def _outputs(
-        self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None,
+        self, pixels: np.ndarray | Pictures, progress: str | None = None,
         contact: bool = False, features: bool = False, tactile: bool = False,
     ) -> Outputs:  # fmt: skip
         """Predictions for checked pixels; of none, those of `predict_pixels` alone."""
@@ -436,7 +436,7 @@ class TrainedTranslator:
         behind = resized([frame], self.config.preset.size, self.config.preset.grey)[0]
         return with_background(pixels, behind)
 
-    def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
+    def _check_pixels(self, pixels: np.ndarray | Pictures) -> None:
         """Raises T2TwinError for an array that `pixels_of` cannot return."""
         preset = self.config.preset
         if isinstance(pixels, np.ndarray) and self.config.data.source.value == IMAGE:
