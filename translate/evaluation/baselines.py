@@ -180,8 +180,9 @@ def predict_baselines(
 ) -> dict[str, np.ndarray]:
     """(P, N) counts of the trivial predictors and of the floors that are known, by row.
 
-    nearest: (P,) indices of training pairs. of_force: of `force_bins`, None with one force only. role: of the target. trained_layouts: of
-    runs that interpolate between their own taxels; the first unlike the dataset's has a floor.
+    nearest: (P,) indices of training pairs. of_force: of `force_bins`, None with one force only.
+    role: of the target. trained_layouts: of runs that interpolate between their own taxels; the
+    first unlike the dataset's has a floor.
     """
     mean = train.counts.mean(axis=0, dtype=float).astype(np.float32)
     rows = {MEAN_ARRAY: np.tile(mean, (len(pairs), 1))}

@@ -485,7 +485,7 @@ def _images(inputs: EvaluationInputs, split: str, cache: Path, pairs: Pairs, tra
     mean, truth = np.rint(known.mean()).astype(np.uint8), true[:]
     predictions = {
         baselines.MEAN_IMAGE: np.broadcast_to(mean, (len(near), *mean.shape)),
-        baselines.NEAREST_NEIGHBOR: known[near],
+        baselines.NEAREST_NEIGHBOR: known[near[:, 0]],
     }
     for name, images in predict_runs(inputs, split, cache)[0].items():
         if images.shape[1:] != mean.shape:  # other sizes, and colors where one run is grey
