@@ -75,7 +75,7 @@ def test_light_from_elsewhere_in_other_colors_is_found():
     training = cleaned(presses, train)
     fit = fit_presses(training, sensor.camera)
     assert evaluate(presses, test, training, fit).scores.calibrated.psnr_db > 29.5
-    geometry = fit.state.geometry
+    geometry = fit.geometry
     true = np.radians([led.angle_deg for led in unit.spec.light.leds])
     found = np.radians(geometry.values[: geometry.count])
     apart = np.abs(np.angle(np.exp(1j * (found[:, None] - true))))

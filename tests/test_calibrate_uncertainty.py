@@ -228,7 +228,7 @@ def test_displacements_in_another_unit_are_refused(copied, monkeypatch):
     poses = TRUE_POSES[: PRESSES - 1]
     geometry = Geometry.of(Leds(DIGIT.optics.leds_mm, DIGIT.optics.sizes_mm))
     terms = Terms(geometry.count, 2, 1e-4)
-    found = State(geometry, poses, terms, np.zeros((3, terms.entries)), 0.0)
+    found = State(DIGIT.camera, geometry, poses, terms, np.zeros((3, terms.entries)), 0.0)
     monkeypatch.setattr(BallFit, "fit", lambda self, start=None: found)
     table(copied, ("depth_mm", TRUE_POSES[:, 2] / 10))
     assert "do not fit the frames at any scale" in refused(copied)

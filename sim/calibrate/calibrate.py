@@ -167,19 +167,10 @@ def check_ball(diameter_mm: float, name: str, sensor: GelCamera) -> None:
     arguments.number(diameter_mm, name, SMALLEST_BALL_MM, max(largest_mm, SMALLEST_BALL_MM))
 
 
-@dataclass(frozen=True)
-class Fit:
-    """A model and its fitted state."""
-
-    model: BallFit
-    state: State
-
-
-def fit_presses(presses: Presses, camera: Camera, start: State | None = None) -> Fit:
+def fit_presses(presses: Presses, camera: Camera, start: State | None = None) -> State:
     """The fit at the camera's scale, or at the scale that measured displacements give. start: state
     of another fit, whose LEDs and terms are the initial ones."""
-    model = BallFit(presses, camera)
-    fit = Fit(model, model.fit(start))
+    fit = BallFit(presses, camera).fit(start)
     if not presses.measurements.has_depths:
         return fit
     low, high = (share * presses.sensor.camera.scale_px_per_mm for share in SCALES)
@@ -187,15 +178,15 @@ def fit_presses(presses: Presses, camera: Camera, start: State | None = None) ->
     measured_mm = presses.measurements.depths_mm[is_measured]
     for _ in range(MAX_FITS):
         # fitted over measured depths, by least squares
-        fitted_mm = fit.state.poses[is_measured, 2]
+        fitted_mm = fit.poses[is_measured, 2]
         ratio = float(fitted_mm @ measured_mm / (measured_mm @ measured_mm))
         if abs(ratio - 1.0) < DEPTH_RATIO_TOLERANCE:
             return fit
-        scale = model.camera.scale_px_per_mm * float(np.sqrt(ratio))
+        scale = camera.scale_px_per_mm * float(np.sqrt(ratio))
         if not low <= scale <= high:
             break
-        model = BallFit(presses, structs.replace(camera, scale_px_per_mm=scale))
-        fit = Fit(model, model.fit(fit.state))
+        camera = structs.replace(camera, scale_px_per_mm=scale)
+        fit = BallFit(presses, camera).fit(fit)
     raise T2TwinError(
         "the displacements do not fit the frames at any scale from "
         f"{low:g} to {high:g} px/mm; they must be in mm, from the "
@@ -243,7 +234,7 @@ class OpticsUncertainty:
 
 
 def estimate_uncertainty(
-    presses: Presses, fit: Fit, tolerance: Tolerance, report: Callable[[str], object]
+    presses: Presses, fit: State, tolerance: Tolerance, report: Callable[[str], object]
 ) -> OpticsUncertainty:
     """Bounds around a fit to all presses. tolerance: complete. report: called with progress
     messages. Raises T2TwinError where the presses cannot be fitted within the tolerances."""
@@ -252,9 +243,9 @@ def estimate_uncertainty(
     estimates = [_estimate(presses, fit, own_mpa)]
     for sign, word in ((DEEPEST_SIGN, "deepest"), (SHALLOWEST_SIGN, "shallowest")):
         report(f"fitting within the tolerances, {word}")
-        moved, camera = shifted(presses, fit.model.camera, tolerance, sign)
+        moved, camera = shifted(presses, fit.camera, tolerance, sign)
         try:
-            moved_fit = fit_presses(moved, camera, fit.state)
+            moved_fit = fit_presses(moved, camera, fit)
         except T2TwinError as error:
             raise T2TwinError(
                 f"with all inputs at the end of their tolerances where presses are {word}, "
@@ -316,15 +307,15 @@ def shifted(
 
 
 def _estimate(
-    presses: Presses, fit: Fit, young_mpa: float
+    presses: Presses, fit: State, young_mpa: float
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Depths and forces (n,), scale and modulus; young_mpa is used where no force is measured."""
     measurements, own_mpa = presses.measurements, presses.sensor.own_gel.young_mpa
-    forces_n = ball_forces_n(presses.sensor, fit.state.poses, measurements.diameters_mm)
+    forces_n = ball_forces_n(presses.sensor, fit.poses, measurements.diameters_mm)
     if measurements.has_forces:
         young_mpa = own_mpa * force_ratio(measurements.forces_n, forces_n)
     forces_n = forces_n * young_mpa / own_mpa
-    return fit.state.poses[:, 2], forces_n, fit.model.camera.scale_px_per_mm, young_mpa
+    return fit.poses[:, 2], forces_n, fit.camera.scale_px_per_mm, young_mpa
 
 
 def _bounds(values: Sequence[float] | np.ndarray) -> Bounds:
@@ -467,20 +458,20 @@ def cleaned(presses: Presses, indices: list[int]) -> Presses:
     return presses.subset(indices, clean)
 
 
-def evaluate(presses: Presses, test: list[int], training: Presses, fit: Fit) -> OpticsReport:
+def evaluate(presses: Presses, test: list[int], training: Presses, fit: State) -> OpticsReport:
     """The report of a fit without the held-out presses, which are only located."""
-    held_out, camera = presses.subset(test, training.background), fit.model.camera
+    held_out, camera = presses.subset(test, training.background), fit.camera
     model = BallFit(held_out, camera)
-    poses = np.array([model.pose(fit.state, index) for index in range(len(test))])
+    poses = np.array([model.pose(fit, index) for index in range(len(test))])
     surfaces_mm = np.array(
-        [model.surface(fit.state.geometry, index, pose) for index, pose in enumerate(poses)]
+        [model.surface(fit.geometry, index, pose) for index, pose in enumerate(poses)]
     )
-    optics = fit.model.optics(fit.state)
+    optics = fit.optics(training.background)
     renderer = ImageRenderer(optics, presses.sensor.own_gel, presses.sensor.noise_grey)
     simulated = np.array([renderer.render(surface_mm) for surface_mm in surfaces_mm])
     from_px, to_px = (
         np.stack(camera.project(x, y, np.zeros(x.size)), axis=1)
-        for x, y, _ in (fit.state.poses.T, poses.T)
+        for x, y, _ in (fit.poses.T, poses.T)
     )
     pasted = cut_and_paste(presses.background, training.frames, from_px, to_px)
     still = np.broadcast_to(presses.background, held_out.frames.shape)
@@ -496,7 +487,7 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: Fit) -> 
             f"{still_db:.1f} dB for the background; use frames of one ball, pressed into the "
             "sensor of the background"
         )
-    all_poses = np.concatenate([fit.state.poses, poses])
+    all_poses = np.concatenate([fit.poses, poses])
     diameters_mm = np.concatenate([of.measurements.diameters_mm for of in (training, held_out)])
     radii_mm, covered, next_mm = coverage_of(
         camera, presses.sensor.own_gel, all_poses, diameters_mm
@@ -626,12 +617,12 @@ def calibrate(
     evaluated = evaluate(given, test, training, fit)
     every = cleaned(given, [*train, *test])
     report(f"fitting again, to all {len(every.frames)}")
-    fit, uncertainty = fit_presses(every, fit.model.camera, fit.state), None
+    fit, uncertainty = fit_presses(every, fit.camera, fit), None
     if tolerance is not None:
         uncertainty = estimate_uncertainty(every, fit, tolerance.of(own), report)
     young = None if uncertainty is None else uncertainty.young_mpa
     optics = replace(
-        fit.model.optics(fit.state),
+        fit.optics(every.background),
         noise=measure_noise(every.background, every.frames, given.background),
         young_mpa=None if young is None else young.value,
     )

@@ -313,11 +313,28 @@ class Geometry:
 class State:
     """Fitted parameters."""
 
+    camera: Camera  # at the scale of the fit
     geometry: Geometry
     poses: np.ndarray  # (n, 3)
     terms: Terms
     response: np.ndarray  # (RGB, entries of its terms)
     error: float  # mean square error with the priors
+
+    def optics(self, background: np.ndarray) -> Optics:
+        """The fitted optics of a background, without noise and modulus."""
+        leds = self.geometry.leds
+        response = np.zeros((self.geometry.count, 3, PLACE_TERMS, COSINE_TERMS))
+        table, lobe = self.terms.tables(self.response)
+        response[:, :, : self.terms.places] = table.transpose(1, 0, 2, 3)
+        return Optics(
+            background=background,
+            leds_mm=leds.places_mm,
+            sizes_mm=leds.sizes_mm,
+            response=response,
+            gamma=GAMMA,
+            camera=self.camera,
+            lobe=None if lobe is None else lobe.transpose(1, 0, 2, 3),
+        )
 
 
 class BallFit:
@@ -326,11 +343,11 @@ class BallFit:
     def __init__(self, presses: Presses, camera: Camera) -> None:
         optics = presses.sensor.optics
         self.camera, self.gel = camera, presses.sensor.own_gel
-        self.background, self.radii_mm = presses.background, presses.measurements.diameters_mm / 2
+        self.radii_mm = presses.measurements.diameters_mm / 2
         self._start = Geometry.of(Leds(optics.leds_mm, optics.sizes_mm))
         self._rays = Rays(camera, self.gel)
         self._places = place_terms(*self._rays.places_mm)
-        light = linear(self.background, GAMMA)
+        light = linear(presses.background, GAMMA)
         half = round(HALF_MM * camera.scale_px_per_mm / 2)
         self._targets, self._squares = [], []
         for frame, patch in zip(presses.frames, presses.patches, strict=True):
@@ -450,22 +467,6 @@ class BallFit:
         ]  # fmt: skip
         return min(fits, key=lambda fit: fit.cost).x
 
-    def optics(self, state: State) -> Optics:
-        """The fitted optics, without noise and modulus."""
-        leds = state.geometry.leds
-        response = np.zeros((state.geometry.count, 3, PLACE_TERMS, COSINE_TERMS))
-        table, lobe = state.terms.tables(state.response)
-        response[:, :, : state.terms.places] = table.transpose(1, 0, 2, 3)
-        return Optics(
-            background=self.background,
-            leds_mm=leds.places_mm,
-            sizes_mm=leds.sizes_mm,
-            response=response,
-            gamma=GAMMA,
-            camera=self.camera,
-            lobe=None if lobe is None else lobe.transpose(1, 0, 2, 3),
-        )
-
     def surface(self, geometry: Geometry, index: int, pose: np.ndarray) -> np.ndarray:
         """The deflection by one frame's ball at a pose within bounds, mm, on optical_grid(gel)."""
         (x_mm, y_mm, depth), radius_mm = pose, self.radii_mm[index]
@@ -552,7 +553,7 @@ class BallFit:
         everything = np.arange(terms.entries)
         error = float(np.mean([press.error(response, everything) for press in sums]))
         error += PRIOR / len(poses) * float(geometry.deviation @ geometry.deviation)
-        return State(geometry, poses, terms, response, error)
+        return State(self.camera, geometry, poses, terms, response, error)
 
     def _step(self, state: State, damping: float) -> tuple[State, float]:
         """One step of the joint fit: the better state, or the same one, and the next damping."""
