@@ -16,15 +16,7 @@ import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.calibrate import RANGES, calibrate, guess_light, mean_light, sample_lights
-from t2twin.sim.calibrate.fit import (
-    BallFit,
-    Geometry,
-    Measurements,
-    Presses,
-    Sums,
-    Terms,
-    select_terms,
-)
+from t2twin.sim.calibrate.fit import BallFit, Geometry, Presses, Sums, Terms, select_terms
 from t2twin.sim.calibrate.frames import (
     clean_background,
     contact_patch,
@@ -276,8 +268,8 @@ def test_a_unit_with_a_lobe_and_drift_is_recovered(lobed):
     assert np.abs(clean.astype(float) - warm).mean() < 0.5
     patches = np.array([contact_patch(frame, lobed.background) for frame in frames])
     nothing = np.full(len(POSES) - 1, np.nan)
-    known = Measurements(np.full(len(POSES) - 1, BALL_MM), nothing, nothing)
-    model = BallFit(Presses(DIGIT, clean, frames[1:], patches[1:], known), DIGIT.camera)
+    known = np.full(len(POSES) - 1, BALL_MM), nothing, nothing
+    model = BallFit(Presses(DIGIT, clean, frames[1:], patches[1:], *known), DIGIT.camera)
     geometry = Geometry.of(Leds(lobed.leds_mm, lobed.sizes_mm))
     geometry = replace(geometry, values=np.array([*geometry.values[:-2], HOLD, SKIRT]))
     psnr_db = {}

@@ -9,7 +9,7 @@ from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.calibrate.calibrate import calibrate, cleaned, evaluate, fit_presses, guess_light
-from t2twin.sim.calibrate.fit import Measurements, Presses
+from t2twin.sim.calibrate.fit import Presses
 from t2twin.sim.calibrate.frames import (
     contact_patch,
     coverage_of,
@@ -68,9 +68,9 @@ def test_light_from_elsewhere_in_other_colors_is_found():
     background, frames = frames_of(unit, poses_of(9))
     count, missing = len(frames), np.full(len(frames), np.nan)
     patches = np.array([contact_patch(frame, background) for frame in frames], float)
-    measured = Measurements(np.full(count, BALL_MM), missing, missing)
+    measured = np.full(count, BALL_MM), missing, missing
     names = [f"press_{index:02d}.png" for index in range(count)]
-    presses = Presses(sensor, background, frames, patches, measured, names)
+    presses = Presses(sensor, background, frames, patches, *measured, names)
     train, test = list(range(count - HELD_OUT)), list(range(count - HELD_OUT, count))
     training = cleaned(presses, train)
     fit = fit_presses(training, sensor.camera)

@@ -28,7 +28,7 @@ from t2twin.core.files import atomic_write, write_json
 from t2twin.core.images import is_colored
 from t2twin.core.tables import Table
 from t2twin.primitives_cad.shape import ball
-from t2twin.sim.calibrate.fit import GAMMA, BallFit, Measurements, Presses, State
+from t2twin.sim.calibrate.fit import GAMMA, BallFit, Presses, State
 from t2twin.sim.calibrate.frames import (
     Score,
     check_usable,
@@ -131,8 +131,9 @@ class _Row:
 
 def read_measurements(
     folder: Path, names: Sequence[str], ball_diameter_mm: float, sensor: GelCamera
-) -> Measurements:
-    """The measurements of the named frames of a folder; its file FORCES may be missing.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Diameters, depths and forces of the named frames of a folder, as in `Presses`; its file
+    FORCES may be missing.
 
     ball_diameter_mm: of presses without a diameter in the file.
     """
@@ -154,7 +155,7 @@ def read_measurements(
             )
     found = [rows.get(name, _Row(name)) for name in names]
     diameters = [row.ball_diameter_mm or ball_diameter_mm for row in found]
-    return Measurements(
+    return (
         np.array(diameters, float),
         np.array([row.depth_mm for row in found], float),
         np.array([row.force_n for row in found], float),
@@ -171,11 +172,11 @@ def fit_presses(presses: Presses, camera: Camera, start: State | None = None) ->
     """The fit at the camera's scale, or at the scale that measured displacements give. start: state
     of another fit, whose LEDs and terms are the initial ones."""
     fit = BallFit(presses, camera).fit(start)
-    if not presses.measurements.has_depths:
+    if not presses.has_depths:
         return fit
     low, high = (share * presses.sensor.camera.scale_px_per_mm for share in SCALES)
-    is_measured = np.isfinite(presses.measurements.depths_mm)
-    measured_mm = presses.measurements.depths_mm[is_measured]
+    is_measured = np.isfinite(presses.depths_mm)
+    measured_mm = presses.depths_mm[is_measured]
     for _ in range(MAX_FITS):
         # fitted over measured depths, by least squares
         fitted_mm = fit.poses[is_measured, 2]
@@ -239,7 +240,7 @@ def estimate_uncertainty(
     """Bounds around a fit to all presses. tolerance: complete. report: called with progress
     messages. Raises T2TwinError where the presses cannot be fitted within the tolerances."""
     assert tolerance.young_mpa is not None
-    measurements, own_mpa = presses.measurements, presses.sensor.own_gel.young_mpa
+    own_mpa = presses.sensor.own_gel.young_mpa
     estimates = [_estimate(presses, fit, own_mpa)]
     for sign, word in ((DEEPEST_SIGN, "deepest"), (SHALLOWEST_SIGN, "shallowest")):
         report(f"fitting within the tolerances, {word}")
@@ -259,7 +260,7 @@ def estimate_uncertainty(
             _bounds(forces) if np.isfinite(forces).all() else None,
         )
         for name, diameter, depths, forces in zip(
-            presses.names, measurements.diameters_mm, np.transpose(depths_mm),
+            presses.names, presses.diameters_mm, np.transpose(depths_mm),
             np.transpose(forces_n), strict=True,
         )
     )  # fmt: skip
@@ -267,12 +268,12 @@ def estimate_uncertainty(
         tolerance=tolerance,
         presses=press_bounds,
         scale_px_per_mm=_bounds(scales),
-        depth_measurements=int(np.isfinite(measurements.depths_mm).sum()),
-        depth_residual_mm=_residual(depths_mm[0], measurements.depths_mm),
+        depth_measurements=int(np.isfinite(presses.depths_mm).sum()),
+        depth_residual_mm=_residual(depths_mm[0], presses.depths_mm),
         own_young_mpa=own_mpa,
-        young_mpa=_bounds(moduli_mpa) if measurements.has_forces else None,
-        force_measurements=int(np.isfinite(measurements.forces_n).sum()),
-        force_residual_n=_residual(forces_n[0], measurements.forces_n),
+        young_mpa=_bounds(moduli_mpa) if presses.has_forces else None,
+        force_measurements=int(np.isfinite(presses.forces_n).sum()),
+        force_residual_n=_residual(forces_n[0], presses.forces_n),
     )
 
 
@@ -281,15 +282,16 @@ def shifted(
 ) -> tuple[Presses, Camera]:
     """The presses and camera with every input at one end of its tolerance, which is complete."""
     assert tolerance.scale_px_per_mm is not None and tolerance.young_mpa is not None
-    given, own_mpa = presses.measurements, presses.sensor.own_gel.young_mpa
-    measurements = Measurements(
-        diameters_mm=given.diameters_mm + sign * tolerance.ball_mm,
-        depths_mm=np.maximum(given.depths_mm - sign * tolerance.depth_mm, tolerance.depth_mm),
-        forces_n=np.maximum(given.forces_n + sign * tolerance.force_n, FORCE_RANGE_N[0]),
+    own_mpa = presses.sensor.own_gel.young_mpa
+    moved = replace(
+        presses,
+        diameters_mm=presses.diameters_mm + sign * tolerance.ball_mm,
+        depths_mm=np.maximum(presses.depths_mm - sign * tolerance.depth_mm, tolerance.depth_mm),
+        forces_n=np.maximum(presses.forces_n + sign * tolerance.force_n, FORCE_RANGE_N[0]),
     )
-    for diameter_mm in measurements.diameters_mm.tolist():
+    for diameter_mm in moved.diameters_mm.tolist():
         check_ball(diameter_mm, "the ball's diameter in mm, within its tolerance,", presses.sensor)
-    if not given.has_depths:
+    if not presses.has_depths:
         scale = camera.scale_px_per_mm + sign * tolerance.scale_px_per_mm
         low, high = (share * presses.sensor.camera.scale_px_per_mm for share in SCALES)
         if not low <= scale <= high:
@@ -303,17 +305,17 @@ def shifted(
             f"the tolerance of the modulus is {tolerance.young_mpa:g} MPa; it must be less than "
             f"the sensor's modulus, {own_mpa:g} MPa"
         )
-    return replace(presses, measurements=measurements), camera
+    return moved, camera
 
 
 def _estimate(
     presses: Presses, fit: State, young_mpa: float
 ) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Depths and forces (n,), scale and modulus; young_mpa is used where no force is measured."""
-    measurements, own_mpa = presses.measurements, presses.sensor.own_gel.young_mpa
-    forces_n = ball_forces_n(presses.sensor, fit.poses, measurements.diameters_mm)
-    if measurements.has_forces:
-        young_mpa = own_mpa * force_ratio(measurements.forces_n, forces_n)
+    own_mpa = presses.sensor.own_gel.young_mpa
+    forces_n = ball_forces_n(presses.sensor, fit.poses, presses.diameters_mm)
+    if presses.has_forces:
+        young_mpa = own_mpa * force_ratio(presses.forces_n, forces_n)
     forces_n = forces_n * young_mpa / own_mpa
     return fit.poses[:, 2], forces_n, fit.camera.scale_px_per_mm, young_mpa
 
@@ -420,7 +422,7 @@ def read_presses(
     colored = is_colored(sensor.background_frame())
     for name, frame in zip([background.name, *names], [background_frame, *frames], strict=True):
         check_usable(frame, name, colored)
-    measurements = read_measurements(presses, names, ball_diameter_mm, sensor)
+    measured = read_measurements(presses, names, ball_diameter_mm, sensor)
     count = len(frames) // HELD_OUT_SHARE if held_out is None else held_out
     first: dict[bytes, int] = {}  # of each different frame
     for index, frame in enumerate(frames):
@@ -440,12 +442,12 @@ def read_presses(
             f"no contact is visible in {', '.join(empty)}, which do not differ from the "
             "background; remove these frames"
         )
-    if measurements.has_depths and not np.isfinite(measurements.depths_mm[train]).any():
+    found = Presses(sensor, background_frame, frames, np.array(patches), *measured, names)
+    if found.has_depths and not np.isfinite(found.depths_mm[train]).any():
         raise T2TwinError(
             f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
             "presses"
         )
-    found = Presses(sensor, background_frame, frames, np.array(patches), measurements, names)
     if tolerance is not None:
         for sign in (DEEPEST_SIGN, SHALLOWEST_SIGN):  # refuses too large ones
             shifted(found, camera, tolerance.of(sensor), sign)
@@ -488,7 +490,7 @@ def evaluate(presses: Presses, test: list[int], training: Presses, fit: State) -
             "sensor of the background"
         )
     all_poses = np.concatenate([fit.poses, poses])
-    diameters_mm = np.concatenate([of.measurements.diameters_mm for of in (training, held_out)])
+    diameters_mm = np.concatenate([of.diameters_mm for of in (training, held_out)])
     radii_mm, covered, next_mm = coverage_of(
         camera, presses.sensor.own_gel, all_poses, diameters_mm
     )

@@ -80,12 +80,18 @@ MIN_IMPROVEMENT = 1e-6  # part of the squared error by which exchanging an LED l
 
 
 @dataclass(frozen=True)
-class Measurements:
-    """Measurements of n presses, each (n,); NaN where there is no measurement."""
+class Presses:
+    """Presses into one sensor."""
 
-    diameters_mm: np.ndarray  # of the balls, never NaN
+    sensor: GelCamera
+    background: np.ndarray  # (rows, columns, 3) uint8, for a fit cleaned
+    frames: np.ndarray  # (n, rows, columns, 3) uint8
+    patches: np.ndarray  # (n, 2) row and column of each contact, px
+    diameters_mm: np.ndarray  # (n,) of the balls
+    # Measurements, (n,); NaN where there is none
     depths_mm: np.ndarray  # from first contact
     forces_n: np.ndarray
+    names: Sequence[str] = ()  # of the frames' files
 
     @property
     def has_depths(self) -> bool:
@@ -95,23 +101,11 @@ class Measurements:
     def has_forces(self) -> bool:
         return bool(np.isfinite(self.forces_n).any())
 
-
-@dataclass(frozen=True)
-class Presses:
-    """Presses into one sensor."""
-
-    sensor: GelCamera
-    background: np.ndarray  # (rows, columns, 3) uint8, for a fit cleaned
-    frames: np.ndarray  # (n, rows, columns, 3) uint8
-    patches: np.ndarray  # (n, 2) row and column of each contact, px
-    measurements: Measurements
-    names: Sequence[str] = ()  # of the frames' files
-
     def subset(self, presses: Sequence[int], background: np.ndarray) -> "Presses":
         """The presses with these indices, with another background."""
         return Presses(
             self.sensor, background, self.frames[presses], self.patches[presses],
-            Measurements(*(values[presses] for values in vars(self.measurements).values())),
+            self.diameters_mm[presses], self.depths_mm[presses], self.forces_n[presses],
             [self.names[index] for index in presses],
         )  # fmt: skip
 
@@ -343,7 +337,7 @@ class BallFit:
     def __init__(self, presses: Presses, camera: Camera) -> None:
         optics = presses.sensor.optics
         self.camera, self.gel = camera, presses.sensor.own_gel
-        self.radii_mm = presses.measurements.diameters_mm / 2
+        self.radii_mm = presses.diameters_mm / 2
         self._start = Geometry.of(Leds(optics.leds_mm, optics.sizes_mm))
         self._rays = Rays(camera, self.gel)
         self._places = place_terms(*self._rays.places_mm)

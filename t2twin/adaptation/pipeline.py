@@ -118,7 +118,7 @@ class AdaptConfig:
         inputs = (
             presses.background.tobytes(), presses.frames.tobytes(), presses.names, self.held_out,
             self.ball_diameter_mm, self.camera, self.tolerance, self.sensor.spec,
-            *(values.tolist() for values in vars(presses.measurements).values()),
+            presses.diameters_mm.tolist(), presses.depths_mm.tolist(), presses.forces_n.tolist(),
         )  # fmt: skip
         return hashlib.sha256(repr(inputs).encode()).hexdigest()
 
