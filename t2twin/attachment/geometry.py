@@ -9,7 +9,7 @@ its height are minus the sensor's y and z.
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -71,13 +71,6 @@ class Region:
         return cls(half_x + MARGIN_MM, half_y + MARGIN_MM, depth_mm)
 
 
-class BodySurface(NamedTuple):
-    """The surface of a body that faces a sensor, in the shape frame at x = y = yaw = 0."""
-
-    surface: HeightMap
-    z_mm: float  # of its highest point along the sensor's z; negative where contacts penetrate
-
-
 def body_surface(
     model: "mujoco.MjModel",
     data: "mujoco.MjData",
@@ -86,8 +79,10 @@ def body_surface(
     position_m: np.ndarray,
     region: Region,
     geometry: Geometry = "collision",
-) -> BodySurface | None:
-    """The surface of a body, and of all bodies welded to it, over a sensor; None without any.
+) -> tuple[HeightMap, float] | None:
+    """The surface of a body, and of all bodies welded to it, over a sensor, in the shape frame at
+    x = y = yaw = 0, and the z of its highest point in the sensor frame, mm, negative where contacts
+    penetrate; None without any.
 
     rotation, (3, 3), position_m, (3,): pose of the sensor in the world. geometry: see `body_geoms`.
     A plane is a half space. A mesh that MuJoCo collides has the faces of its convex hull, and with
@@ -127,7 +122,7 @@ def body_surface(
         x_mm=(np.arange(first - 1, last + 2) - (columns + 1)) * pitch,
         y_mm=(np.arange(first_row - 1, last_row + 2) - (rows + 1)) * pitch,
     )
-    return BodySurface(surface, -top)
+    return surface, -top
 
 
 def covers_square(heights_mm: np.ndarray, cells: int) -> bool:

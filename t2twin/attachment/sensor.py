@@ -307,7 +307,7 @@ class AttachedSensor:
         """The surface of a body over the sensor; None without any."""
         region = Region.of(self.elastomer)
         found = body_surface(at.model, at.data, body, *at.frame, region, self.geometry)
-        return None if found is None else replace(NOTHING, name=name, surface=found.surface)
+        return None if found is None else replace(NOTHING, name=name, surface=found[0])
 
 
 def read_all(
