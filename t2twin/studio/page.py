@@ -6,7 +6,7 @@ import tempfile
 import zipfile
 from pathlib import Path
 from threading import Event, Lock, Thread
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 import viser
@@ -15,9 +15,11 @@ from t2twin.core.errors import T2TwinError
 from t2twin.studio import cards
 from t2twin.studio.controls import MAX_SLIDER_N, MIN_SLIDER_N, Controls, Inputs
 from t2twin.studio.scene import Scene, Sensors, ShapeStyle
-from t2twin.studio.server import Studio
 from t2twin.studio.session import PressResult, PressState, Session, file_name
 from t2twin.studio.translators import NamedFrame, read_frame
+
+if TYPE_CHECKING:
+    from t2twin.studio.server import Studio
 
 DEGREES_PER_MM, NEWTONS_PER_MM = 4.0, 0.25
 """Rotation of a drag to the right with Shift, and force of a drag downwards with Ctrl (assumed)."""
@@ -51,7 +53,7 @@ class Page:
     runs: names of the selected translators. result: the shown press, None before the first.
     """
 
-    def __init__(self, client: viser.ClientHandle, studio: Studio) -> None:
+    def __init__(self, client: viser.ClientHandle, studio: "Studio") -> None:
         self._client, self.studio = client, studio
         self.folder = Path(tempfile.mkdtemp(dir=studio.folder))
         self.inputs = Inputs(client, self.folder)
