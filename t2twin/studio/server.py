@@ -8,10 +8,10 @@ import io
 import socket
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, redirect_stdout
 from importlib import import_module
 from pathlib import Path
-from threading import Lock, Thread
+from threading import Thread
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
@@ -19,8 +19,7 @@ import viser
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import temporary_folder
-from t2twin.live.sources import LatestFrame, open_source
-from t2twin.studio.translators import Translators, read_frame
+from t2twin.studio.translators import Shared
 
 if TYPE_CHECKING:
     from t2twin.studio.page import Page
@@ -30,24 +29,10 @@ HOST, PORT = "127.0.0.1", 8080
 
 
 class Studio(viser.ViserServer):
-    """A running studio, created by `studio`, with what all its pages share.
+    """A running studio, created by `studio`. address: of the page. pages: by client number."""
 
-    address: of the page. pages: by client number. folder: of the clients' files. runs: folders of
-    trained runs; if empty, runs in the folder `runs` are found. source: frames to translate, as for
-    `t2twin live`. background: background frame of the same sensor. Raises T2TwinError for an
-    invalid run, source or image.
-    """
-
-    def __init__(
-        self, host: str, port: int, folder: Path, runs: Sequence[Path],
-        source: str | None, background: Path | None,
-    ) -> None:  # fmt: skip
-        self.folder, self.source = folder, source
-        self.background = None if background is None else read_frame(background)
-        self._frames = None if source is None else open_source(source)
-        self._latest: LatestFrame | None = None
-        self._translators = Translators(runs) if runs else None
-        self._source_lock = Lock()
+    def __init__(self, host: str, port: int, shared: Shared) -> None:
+        self._shared = shared
         self.pages: dict[int, Page] = {}
         with redirect_stdout(io.StringIO()):  # hides viser's message
             super().__init__(host, port, verbose=False)
@@ -63,7 +48,7 @@ class Studio(viser.ViserServer):
     def _connected(self, client: viser.ClientHandle) -> None:
         from t2twin.studio.page import Page
 
-        self.pages[client.client_id] = Page(client, self)
+        self.pages[client.client_id] = Page(client, self._shared)
         if client.client_id not in self.get_clients():
             self._gone(client)
 
@@ -71,31 +56,6 @@ class Studio(viser.ViserServer):
         page = self.pages.pop(client.client_id, None)
         if page is not None:
             page.close()
-
-    def translators(self) -> Translators:
-        """The translators; imports torch."""
-        with self._source_lock:
-            if self._translators is None:
-                self._translators = Translators()
-            return self._translators
-
-    def latest_frames(self) -> LatestFrame:
-        """The latest frames of the source from now on; restarts a video that has ended."""
-        with self._source_lock:
-            if self._latest is None or self._latest.ended:
-                assert self.source is not None
-                self._latest = LatestFrame(self._frames or open_source(self.source))
-                self._frames = None
-            return self._latest
-
-    def source_files(self) -> list[Path]:
-        """The image files of a source that is a folder, sorted by name; else none."""
-        from t2twin.translate.inference.files import find_images
-
-        if self.source is not None and not self.source.isdigit() and Path(self.source).is_dir():
-            with suppress(T2TwinError):  # a folder without images so far
-                return find_images([self.source])
-        return []
 
 
 @contextmanager
@@ -108,7 +68,7 @@ def studio(
 ) -> Iterator[Studio]:
     """Serves the studio within the block.
 
-    runs, source, background: see `Studio`. Raises T2TwinError as `Studio`, and for an unusable host
+    runs, source, background: see `Shared`. Raises T2TwinError as `Shared`, and for an unusable host
     and port.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -117,7 +77,7 @@ def studio(
     except (OSError, OverflowError) as error:
         raise T2TwinError(f"cannot listen on {host}, port {port}: {error}") from error
     with temporary_folder(Path(tempfile.gettempdir()), f"t2twin-studio-{uuid4().hex}") as folder:
-        served = Studio(host, port, folder, runs, source, background)
+        served = Studio(host, port, Shared(folder, runs, source, background))
         Thread(target=import_module, args=("t2twin.studio.page",), daemon=True).start()
         yield served
         with redirect_stdout(io.StringIO()):  # skipped after a signal, because it takes seconds

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.live.sources import LatestFrame, open_source
 
 if TYPE_CHECKING:
     from t2twin.sim.dataset.info import ArrayInfo
@@ -199,3 +200,47 @@ def read_frame(path: Path) -> NamedFrame:
     from t2twin.translate.data.images import open_image
 
     return np.asarray(open_image(path)), path.name
+
+
+class Shared:
+    """What all pages of a studio share.
+
+    folder: of the clients' files. runs: folders of trained runs; if empty, runs in the folder
+    `runs` are found. source: frames to translate, as for `t2twin live`. background: background
+    frame of the same sensor. Raises T2TwinError for an invalid run, source or image.
+    """
+
+    def __init__(
+        self, folder: Path, runs: Sequence[Path], source: str | None, background: Path | None
+    ) -> None:
+        self.folder, self.source = folder, source
+        self.background = None if background is None else read_frame(background)
+        self._frames = None if source is None else open_source(source)
+        self._latest: LatestFrame | None = None
+        self._translators = Translators(runs) if runs else None
+        self._lock = Lock()
+
+    def translators(self) -> Translators:
+        """The translators; imports torch."""
+        with self._lock:
+            if self._translators is None:
+                self._translators = Translators()
+            return self._translators
+
+    def latest_frames(self) -> LatestFrame:
+        """The latest frames of the source from now on; restarts a video that has ended."""
+        with self._lock:
+            if self._latest is None or self._latest.ended:
+                assert self.source is not None
+                self._latest = LatestFrame(self._frames or open_source(self.source))
+                self._frames = None
+            return self._latest
+
+    def source_files(self) -> list[Path]:
+        """The image files of a source that is a folder, sorted by name; else none."""
+        from t2twin.translate.inference.files import find_images
+
+        if self.source is not None and not self.source.isdigit() and Path(self.source).is_dir():
+            with suppress(T2TwinError):  # a folder without images so far
+                return find_images([self.source])
+        return []
