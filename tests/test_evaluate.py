@@ -180,7 +180,7 @@ def test_drawn_images_become_counts_and_tactile_images(
     assert isinstance(translator, Touch2Touch)
     perfect = translator.phi.to_torch(torch.tensor(true, dtype=torch.float32))
     outputs = perfect * (2.0 / translator.full_scale) - 1.0
-    monkeypatch.setattr(translator, "outputs", lambda images: outputs)
+    monkeypatch.setattr(translator, "outputs", lambda *_: outputs)
     images = load_pairs(data_dir, "val", 64, grey=False).images[:6]
     np.testing.assert_allclose(run.predict(images), true, atol=1.0)
     tactile = run.tactile_images(images)
