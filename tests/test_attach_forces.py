@@ -170,7 +170,7 @@ def test_a_body_that_falls_asleep_before_it_rests_has_its_mean_force_and_a_notic
 def test_a_blade_is_read_alike_everywhere(half_mm, named):
     """Its place between the points of the grid hardly matters."""
     depths = []
-    for x_mm in (0.0, 0.16, 0.4):
+    for x_mm in (0.0, 0.16):
         spec, attached = scene(f"<geom type='box' size='{1e-3 * half_mm} .005 .004' mass='.5'/>")
         spec.body("load").pos = [1e-3 * x_mm, 0.0, 0.0082]
         touch = attached.read(*at_rest(spec))

@@ -27,7 +27,7 @@ def mean_of(part: float, values: list[float]) -> float:
     return float(weight.detach())
 
 
-@pytest.mark.parametrize("part", [0.1, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("part", [0.1, 0.5])
 def test_steps_weigh_by_a_power_of_their_number(part: float) -> None:
     """After a jump half-way the mean lacks (1/2)^(1/part) of it."""
     found = mean_of(part, [0.0] * 500 + [1.0] * 500)

@@ -61,7 +61,6 @@ def test_the_variable_names_another_folder(tmp_path, monkeypatch):
 def test_without_a_home_it_is_a_private_folder_among_the_temporary(homeless):
     assert cache_dir.cache_dir() == own(homeless)
     assert own(homeless).stat().st_mode & 0o777 == 0o700
-    assert cache_dir.cache_dir() == own(homeless)
 
 
 def test_a_folder_that_others_can_write_to_is_not_used(homeless):

@@ -24,11 +24,6 @@ def run(*arguments, code=0):
     assert status == code
 
 
-@pytest.fixture(autouse=True)
-def in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def test_press_writes_pictures_and_numbers(tmp_path, capsys):
     run("press", "square-2", "--yaw-deg", "30", "--out", tmp_path / "out")
     summary = json.loads((tmp_path / "out/press.json").read_text())

@@ -12,11 +12,6 @@ from t2twin.primitives_cad.shape import ball
 from t2twin.sim.sensors.files import load_sensor
 
 
-@pytest.fixture(autouse=True)
-def in_a_folder_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-
-
 def test_list_names_all_bundled_sensors(capsys):
     main(["sensors"])
     lines = capsys.readouterr().out.splitlines()

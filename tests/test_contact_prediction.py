@@ -141,18 +141,12 @@ def test_the_estimate_has_the_size_of_the_image_and_the_force_of_the_run(alone, 
     assert contact.area_mm2 == pytest.approx(contact.mask.mean() * 4 * np.prod(contact.view_mm))
 
 
-def with_limits(run: Path, folder: Path, limits: list[float]) -> Path:
-    """A copy of a run with other limits of contact."""
-    shutil.copytree(run, folder)
-    weights = load_file(run / BEST)
-    save_file(weights | {"contact_limits": torch.tensor(limits)}, folder / BEST)
-    return folder
-
-
 def test_onnx_files_predict_the_same_contact(alone, images, tmp_path) -> None:
     """With limits, so that there is no contact without background frames."""
     frames, background = images
-    limited = with_limits(alone, tmp_path / "limited", [99.0, -99.0])
+    limited = shutil.copytree(alone, tmp_path / "limited")
+    limits = {"contact_limits": torch.tensor([99.0, -99.0])}
+    save_file(load_file(alone / BEST) | limits, limited / BEST)
     by_torch, by_onnx = load(limited, engine="torch"), load(limited, engine="onnx")
     for frame in (background, None):
         contacts = [run.contact(frames, frame) for run in (by_torch, by_onnx)]
@@ -191,19 +185,13 @@ def test_the_training_alone_refuses_what_it_cannot_start_from(few, data_dir, tmp
     for model, run in (("field", None), ("resnet18", "field")):
         with pytest.raises(T2TwinError):
             train(model, few, "smoke", tmp_path / "run", init_from=run, contact_alone=True)
-    with pytest.raises(T2TwinError, match="no contact maps"):
-        main_train = {"init_from": "field", "contact_alone": True}
-        train("field", without_maps(few, tmp_path), "cpu", tmp_path / "run", **main_train)
-    assert not (tmp_path / "run").exists()
-
-
-def without_maps(few: Path, folder: Path) -> Path:
-    """The dataset with an info.json that has no grid of contact maps."""
     content = json.loads((few / "info.json").read_text())
     del content["source"]["contact_grid"], content["recipe"]["contact_maps"]
-    (folder / "bare").mkdir()
-    (folder / "bare" / "info.json").write_text(json.dumps(content))
-    return folder / "bare"
+    (tmp_path / "info.json").write_text(json.dumps(content))
+    asked: dict[str, Any] = {"init_from": "field", "contact_alone": True}
+    with pytest.raises(T2TwinError, match="no contact maps"):
+        train("field", tmp_path, "cpu", tmp_path / "run", **asked)
+    assert not (tmp_path / "run").exists()
 
 
 def test_the_command_writes_depth_and_contact_of_each_image(

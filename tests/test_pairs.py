@@ -39,13 +39,6 @@ def test_pairs_stay_paired(data_dir: Path) -> None:
         assert abs((row + 0.5) * 320 / 64 / 8 - 20 - y_mm) < 1.0
 
 
-def test_subsets_of_subsets_stay_paired(data_dir: Path) -> None:
-    pairs = load_pairs(data_dir, "train", 32, grey=True)
-    part = pairs.subset(np.array([3, 8, 13, 21])).subset(np.array([1, 3]))
-    assert np.array_equal(part.images[:], pairs.images[np.array([8, 21])])
-    assert np.array_equal(part.x_mm, pairs.x_mm[[8, 21]])
-
-
 def test_augmentation_is_mild_seeded_and_keeps_the_geometry(data_dir: Path) -> None:
     pixels = load_pairs(data_dir, "train", 32, grey=True).images[:8]
     pixels = torch.from_numpy(pixels).float() / 255.0

@@ -4,13 +4,7 @@ import torch
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import load_layout
-from t2twin.sim.taxels.phi import TACTILE_SHAPE, Phi, barycentric
-
-
-@pytest.fixture(scope="module")
-def phi() -> Phi:
-    layout = load_layout()
-    return Phi(layout.x_mm, layout.y_mm)
+from t2twin.sim.taxels.phi import TACTILE_SHAPE, Phi
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +12,7 @@ def counts() -> np.ndarray:
     return np.random.default_rng(0).integers(0, 40001, (16, load_layout().size))
 
 
-@pytest.mark.parametrize("shape", [TACTILE_SHAPE, (256, 256), (32, 32)])
+@pytest.mark.parametrize("shape", [TACTILE_SHAPE, (32, 32)])
 def test_inverse_gives_the_array_back_within_a_count(
     phi: Phi, counts: np.ndarray, shape: tuple[int, int]
 ) -> None:
@@ -45,17 +39,6 @@ def test_inverse_is_least_squares(phi: Phi) -> None:
     image = np.random.default_rng(1).normal(size=TACTILE_SHAPE)
     expected = np.linalg.lstsq(phi.matrix.toarray(), image.ravel(), rcond=None)[0]
     np.testing.assert_allclose(phi.inverse(image), expected, atol=1e-4)
-
-
-def test_weights_put_every_place_back_where_it_is() -> None:
-    """Barycentric weights of a place give the place, none of them negative; outside they are 0."""
-    rng = np.random.default_rng(3)
-    points, at = rng.uniform(-10, 10, (30, 2)), rng.uniform(-4, 4, (200, 2))
-    weights = barycentric(points, at)
-    np.testing.assert_allclose(weights @ points, at, atol=1e-9)
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
-    assert weights.data.min() > -1e-12
-    assert not barycentric(points, np.array([[50.0, 0.0]])).toarray().any()
 
 
 def test_what_is_not_read_does_not_count(phi: Phi, counts: np.ndarray) -> None:

@@ -153,7 +153,7 @@ def test_presses_in_threads_are_those_of_one_after_another(shapes):
     names = ("square-2", "circle-empty-2", "line-smooth-2", "hemisphere-1")
     commands = [
         (PressCommand(name, 0.3 * turn, -0.2, 0.5 * turn, 4.0 + turn), sensor)
-        for turn in range(3)
+        for turn in range(2)
         for name in names
         for sensor in ((GEL, GEL_PITCH_MM), (COVER, COVER_PITCH_MM))
     ]

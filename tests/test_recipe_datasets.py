@@ -222,7 +222,6 @@ def test_draws_keep_to_their_distributions():
         ('shapes = "primitives"\npresses = 3', "presses is for a distribution of place"),
         ('shapes = "random"\ncount = 2\npresses = 2\nplace = {}', "one of normal_mm"),
         ('shapes = "random"\ncont = 2', "cont"),
-        ('shapes = "primitives"\nforce_n = 200.0', "force_n"),
         (
             'shapes = "primitives"\nforce_n = { low = 5.0, high = 2.0 }',
             "force_n is 5 to 2; expected low below high",

@@ -369,11 +369,10 @@ def test_images_of_any_even_size(size, shapes):
     marked = sensor.with_options({"markers": True})
     contact = sensor.press(shapes("hemisphere-4"), PressCommand("ball", 0.0, 0.0, 0.0, 5.0))
     leds = sensor.spec.light.leds
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        unit = sample_unit(rng, sensor.spec, UnitRanges())
-        for each in (unit, with_artifacts(rng, unit, Artifacts(worn=1.0), leds)):
-            for of in (sensor.with_unit(each), marked.with_unit(each)):
-                image, background = of.image(contact, rng), of.background_frame(rng)
-                assert image.shape == background.shape == (rows, columns, 3)
-                assert np.abs(image.astype(int) - background).max() > 5
+    rng = np.random.default_rng(0)
+    unit = sample_unit(rng, sensor.spec, UnitRanges())
+    for each in (unit, with_artifacts(rng, unit, Artifacts(worn=1.0), leds)):
+        for of in (sensor.with_unit(each), marked.with_unit(each)):
+            image, background = of.image(contact, rng), of.background_frame(rng)
+            assert image.shape == background.shape == (rows, columns, 3)
+            assert np.abs(image.astype(int) - background).max() > 5

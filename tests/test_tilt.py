@@ -216,13 +216,9 @@ def test_the_shown_solid_touches_the_surface_where_the_contact_does():
     np.testing.assert_allclose(turn, about.as_matrix() @ np.diag([1.0, -1.0, -1.0]), atol=1e-12)
     points = contact.shape.triangles[0] @ turn.T + place
     deepest = points[points[:, 2].argmin()]
-    assert deepest[2] == pytest.approx(-contact.shape_depth_mm, abs=2e-3)
-    assert deepest[:2] == pytest.approx(centers_of_deepest(contact), abs=0.15)
-
-
-def centers_of_deepest(contact):
     row, column = divmod(int(contact.surface_mm.argmax()), contact.x_mm.size)
-    return contact.x_mm[column], contact.y_mm[row]
+    assert deepest[2] == pytest.approx(-contact.shape_depth_mm, abs=2e-3)
+    assert deepest[:2] == pytest.approx((contact.x_mm[column], contact.y_mm[row]), abs=0.15)
 
 
 def test_recipes_sample_a_uniform_angle_in_a_uniform_direction():
