@@ -8,6 +8,7 @@ from contextlib import closing, contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -139,8 +140,9 @@ def published(address: str) -> Iterator[Output]:
     socket = context.socket(zmq.PUB)
     try:
         try:
+            _ = urlsplit(address.removesuffix(":*")).port  # ZeroMQ takes it modulo 65,536
             socket.bind(address)
-        except zmq.ZMQError as error:
+        except (zmq.ZMQError, ValueError) as error:
             raise T2TwinError(f"--zmq {address} cannot be bound: {error}") from error
         yield lambda frame, line, contact: socket.send_string(json.dumps(line))
     finally:

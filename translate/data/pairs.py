@@ -332,6 +332,8 @@ def load_backgrounds(data_dir: Path, split: str, size: int, cache: Path, name: s
         np.save(file, np.stack(frames))
 
     frames = cache / f"{split}-background-{size}-rgb-{name}.npy"
+    if not index.exists():
+        frames.unlink(missing_ok=True)
     write_once(frames, write)
     return ImageFile(frames, np.load(index))
 
