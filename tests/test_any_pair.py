@@ -124,7 +124,7 @@ def test_a_run_takes_what_its_source_measures_and_returns_what_its_target_does(t
     assert found.shape == expected and several.shape == (2, *expected)
     assert found.dtype == (np.uint8 if is_image else np.float32)
     np.testing.assert_allclose(several[1], found, atol=1)
-    with pytest.raises(T2TwinError, match=r"counts have shape \(3,\)|expected an image"):
+    with pytest.raises(T2TwinError, match=r"counts of shape \(3,\)|expected an image"):
         run.predict(np.zeros(3, np.uint8))
 
 

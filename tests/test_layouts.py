@@ -54,7 +54,7 @@ def drawing(run: TrainedTranslator, counts: np.ndarray, monkeypatch: pytest.Monk
     assert isinstance(run.translator, Touch2Touch)
     perfect = run.translator.phi.to_torch(torch.tensor(counts, dtype=torch.float32))
     outputs = perfect * (2.0 / run.translator.full_scale) - 1.0
-    monkeypatch.setattr(Touch2Touch, "outputs", lambda self, images: outputs)
+    monkeypatch.setattr(Touch2Touch, "outputs", lambda self, images, *wanted: outputs)
 
 
 def test_linear_response_is_read_exactly_by_any_layout(
