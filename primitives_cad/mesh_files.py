@@ -1,6 +1,6 @@
 """Reads solids from STL, OBJ, PLY, 3MF, GLB and STEP files, and closes small holes of their meshes.
 
-OBJ, 3MF and holes have own code: trimesh 5.2 returns wrong faces of OBJ without an error (notches,
+OBJ, 3MF and holes have own code. trimesh 5.2 returns wrong faces of OBJ without an error (notches,
 corners counted back), needs lxml for 3MF, and closes holes that touch at corners wrongly.
 """
 

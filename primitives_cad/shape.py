@@ -88,7 +88,7 @@ class Shape:
 
     name: as in the catalogue (`square-2`, `pliers/jaw-tip`) or a file's stem.
     solid: the solid, closed around a volume, or a function that returns its vertices (n, 3) and
-        faces (m, 3) at their first use; of a file that is not closed, its surface.
+        faces (m, 3) at their first use. Of a file that is not closed, its surface.
     surface: its pressing surface.
     spacing_mm: pitch of the protocol's grid of press points for this shape, along x and y.
     parameters: of a primitive, by name, mm.

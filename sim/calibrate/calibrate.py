@@ -1,11 +1,11 @@
 """Calibrates a gel camera's optics to a user's unit: fits some presses, scores on others.
 
 From a background frame alone, an optics file is the mean light of sampled units. The frame does not
-determine how LEDs shade a press: the units that explain it best predict presses no better than the
+determine how LEDs shade a press. The units that explain it best predict presses no better than the
 others, and the mean over many units predicts them better than any one.
 
 Frames alone hardly determine the scale: a larger ball pressed deeper and seen from farther away
-gives the same image, and nearly so does the same ball pressed deeper at a smaller scale. A measured
+gives the same image. Nearly so does the same ball pressed deeper at a smaller scale. A measured
 depth determines it: at a given contact width in pixels, a ball's depth is inversely proportional to
 the square of the scale. For bounds of depths and forces, all presses are fitted twice more, with
 all inputs at the end of their tolerances where presses come out deepest, or shallowest.

@@ -1,14 +1,14 @@
 """Fits the baked model to frames of ball presses at unknown positions and depths.
 
 The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry that all presses
-share (LEDs, and the gel's profile around a ball), and the response of each LED in each color, which
-is linear. All are fitted jointly to the grey levels around the contacts by the method of Levenberg
-and Marquardt (1963); the response is solved for after each step. Between two such fits,
+share (LEDs, and the gel's profile around a ball), and the response of each LED in each color. The
+last is linear. All are fitted jointly to the grey levels around the contacts by the method of
+Levenberg and Marquardt (1963); the response is solved for after each step. Between two such fits,
 select_terms selects the response's terms.
 
 The response is found by ridge regression. Its entries are (LED, place, power): polynomials of the
 place times powers of the cosine of incidence. LEDs that the frames show are found by photometric
-stereo on surfaces of known normals, the balls: on a ring of LEDs, those are chosen whose Lambertian
+stereo on surfaces of known normals, the balls. On a ring of LEDs, those are chosen whose Lambertian
 light explains the change of the background best, in any amount of each color. A lobe can replace a
 tenth of the depths (measured on a real unit), so these are fitted without it.
 

@@ -295,8 +295,9 @@ def cut_and_paste(
 def coverage_of(
     camera: Camera, gel: Elastomer, poses: np.ndarray, diameters_mm: np.ndarray
 ) -> tuple[np.ndarray, float, list[tuple[float, float]]]:
-    """The coverage by presses (n, 3) of balls (n,): radii of the contacts (n,), the share of the
-    image near presses, and x_mm and y_mm of presses that would cover the rest, the best first.
+    """Radii of the contacts (n,) of balls, and the share of the image that lies near presses.
+
+    The third are places of presses that would cover the rest, mm, the best first.
     """
     radii_mm, depths_mm = diameters_mm / 2.0, np.minimum(poses[:, 2], diameters_mm / 2.0)
     contacts_mm = np.sqrt(radii_mm**2 - (radii_mm - depths_mm) ** 2)

@@ -66,9 +66,9 @@ def unfolded(displacement_mm, pitch_mm):
     """A displacement near the given one that does not shorten the surface by MAX_SHORTENING.
 
     displacement_mm: (2 or 3, rows, columns) along x, along y, and perhaps into the sensor, mm. The
-    component along each line of cells is limited, in turn along x, y and both diagonals, by an
-    isotonic regression of the places to which the points move (Barlow et al., Statistical Inference
-    under Order Restrictions, 1972), which is continuous in the displacement.
+    component along each line of cells is limited, in turn along x, y and both diagonals. The
+    limit is an isotonic regression of the places to which the points move (Barlow et al.,
+    Statistical Inference under Order Restrictions, 1972), continuous in the displacement.
     """
     # The largest decrease from one column or row to the next.
     moved, most = displacement_mm.astype(np.float64), MAX_SHORTENING * pitch_mm

@@ -108,7 +108,7 @@ def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
 
     A layer is stiffer the shorter the waves of a pressure, but the springs are equally stiff for
     all. Adds to each pin's step a gain, (k,), times its difference from the mean step of the loaded
-    pins around it, in squares that reach so many fine cells, (k,), beyond the pin's own. sums:
+    pins around it. Around it are squares that reach so many fine cells, (k,), beyond its own. sums:
     (rows + 1, columns + 1, 2) work array, its first row and column zero.
     """
     down, across = sums.shape[0] - 1, sums.shape[1] - 1

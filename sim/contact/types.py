@@ -125,7 +125,7 @@ class Motion:
     """What sliding and turning have done to a contact, on its grid.
 
     The arrays from `window` on are the response to the contact's pressure and traction in a window
-    of the grid, from which the next step starts; None before the first step.
+    of the grid, from which the next step starts. They are None before the first step.
     """
 
     friction: tuple[Friction, ...]  # of each body in the step

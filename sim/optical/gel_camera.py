@@ -72,7 +72,7 @@ class ContactGrid:
         return depth
 
     def pressure_kpa(self, contact: Contact, camera: Camera) -> np.ndarray:
-        """(rows, columns) pressure of a contact, in the image of a unit's camera: the force of each
+        """(rows, columns) pressure of a contact, in the image of a unit's camera. The force of each
         cell of the contact's grid is shared by the four nearest cells of the image."""
         loaded = np.nonzero(contact.pressure_kpa)
         moved_mm = contact.sheared_mm[:, *loaded]

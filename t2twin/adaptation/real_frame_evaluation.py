@@ -215,7 +215,7 @@ def choose(scores: Mapping[str, RunScores]) -> str:
     """TRAINED or INITIAL, the name of the run to keep.
 
     TRAINED if its RMSE is lower on the real and on their simulated frames, as one of them may be by
-    chance, and if it refuses no more of the real frames, which are all touches of the unit.
+    chance. It must also refuse no more of the real frames, which are all touches of the unit.
     """
     trained, initial = scores[TRAINED], scores.get(INITIAL)
     if initial is None:

@@ -1,7 +1,7 @@
 """Surfaces of a MuJoCo model: triangles of its geoms, and height maps of its bodies over a sensor.
 
-A height map is in the shape frame of a press at x = y = yaw = 0: its x is the sensor's x, its y and
-its height are minus the sensor's y and z.
+A height map is in the shape frame of a press at x = y = yaw = 0. Its x is the sensor's x; its y
+and its height are minus the sensor's y and z.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.
@@ -80,9 +80,10 @@ def body_surface(
     region: Region,
     geometry: Geometry = "collision",
 ) -> tuple[HeightMap, float] | None:
-    """The surface of a body, and of all bodies welded to it, over a sensor, in the shape frame at
-    x = y = yaw = 0, and the z of its highest point in the sensor frame, mm, negative where contacts
-    penetrate; None without any.
+    """The surface of a body, and of all bodies welded to it, over a sensor.
+
+    With it comes the z of its highest point in the sensor frame, mm, negative where contacts
+    penetrate. None without any. The surface is in the shape frame at x = y = yaw = 0.
 
     rotation, (3, 3), position_m, (3,): pose of the sensor in the world. geometry: see `body_geoms`.
     A plane is a half space. A mesh that MuJoCo collides has the faces of its convex hull, and with

@@ -245,9 +245,11 @@ def draw_contact(axes: Axes, contact: Any) -> float:
 
 
 def traction_arrows(contact: Any, number: int) -> tuple[tuple[Any, Any], np.ndarray, float]:
-    """About `number` arrows of tangential traction along a contact's longer side: the (n,) rows and
-    columns of their cells, the arrows, (2, n) mm, and the largest traction, kPa, whose arrow is as
-    long as the cells' spacing."""
+    """About `number` arrows of tangential traction along a contact's longer side.
+
+    Returns the (n,) rows and columns of their cells, the arrows, (2, n) mm, and the largest
+    traction, kPa, whose arrow is as long as the cells' spacing.
+    """
     inside = contact.pressure_kpa > 0
     width, height = (np.ptp(np.flatnonzero(inside.any(axis=axis))) + 1 for axis in (0, 1))
     every = max(1, round(max(width, height) / number))

@@ -196,8 +196,9 @@ def splits_with_pairs(data_dir: Path) -> tuple[str, ...]:
 def predict_runs(
     inputs: EvaluationInputs, split: str, cache: Path
 ) -> tuple[dict[str, np.ndarray], dict[str, Estimate], dict[str, Figures]]:
-    """(P, N) counts or (P, S, S, c) images that each run predicts, estimates of field runs, and the
-    errors of runs that predict the contact, if the pairs have contact maps."""
+    """(P, N) counts or (P, S, S, c) images that each run predicts, estimates of field runs.
+
+    Also the errors of runs that predict the contact, if the pairs have contact maps."""
     target = inputs.info.target
     has_dense_counts = target.value == COUNTS and target.dense_x_mm is not None
     predictions, estimates, contacts = {}, {}, {}

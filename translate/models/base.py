@@ -166,7 +166,7 @@ class FromPixels(nn.Module):
     """A whole prediction in float32 on the CPU, ready for tracing.
 
     From pixels in [0, 1], (B, c, S, S), and the background frame of a field run, (1, 3, S, S), to
-    the counts, the tactile images and the other predictions, which `names` then names.
+    the counts, the tactile images and the other predictions. `names` then names these.
     """
 
     mean: torch.Tensor

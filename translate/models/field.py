@@ -319,7 +319,7 @@ class FieldTranslator(Translator):
 
     def further_errors(self, pairs: Pairs) -> dict[str, float]:
         """See Translator: the geometric mean of the relative error of the shear force of touches
-        that have moved, and the mean over the presses of the RMSE of the depth in the contact."""
+        that have moved. Also the mean over the presses of the RMSE of the depth in the contact."""
         network = self.predictor
         has_shear = network.predicts_shear and pairs.shear_n is not None and pairs.shear_n.any()
         has_contact = network.predicts_contact and pairs.contact is not None

@@ -39,7 +39,7 @@ WITHOUT, WITH, TRANSFORMED = 0, 1, 2
 
 
 def features_of(maps: Sequence[torch.Tensor], side: int) -> torch.Tensor:
-    """(B, n): logarithms of mean and standard deviation of each channel of an encoder's maps, and
+    """(B, n): logarithms of mean and standard deviation of each channel of an encoder's maps. And
     of the means of the first map's channels in CELLS x CELLS cells, which depend on the light.
 
     maps: (B, channels, rows, columns) each, not negative. side: rows of the first.
