@@ -10,13 +10,13 @@ ROOT = Path(__file__).parents[1]
 PRODUCT = ("t2twin", "translate", "sim", "primitives_cad", "maintenance")
 
 BUDGET = {
-    "t2twin": 10_200,
-    "translate": 9_100,
-    "sim": 16_800,
-    "primitives_cad": 2_970,
-    "maintenance": 670,
-    "tests": 21_000,
-    "benchmarks": 7_000,
+    "t2twin": 9_300,
+    "translate": 7_600,
+    "sim": 15_000,
+    "primitives_cad": 2_550,
+    "maintenance": 630,
+    "tests": 19_000,
+    "benchmarks": 6_990,
 }
 """Lines of Python of each folder. A budget only falls: lower it when a folder shrinks."""
 

@@ -1,8 +1,8 @@
 """Fits the baked model to frames of ball presses at unknown positions and depths.
 
-The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry that all presses
-share (LEDs, and the gel's profile around a ball), and the response of each LED in each color. The
-last is linear. All are fitted jointly to the grey levels around the contacts by the method of
+The parameters are the pose (x_mm, y_mm, depth_mm) of each press, and the geometry that all presses
+share: LEDs, and the gel's profile around a ball. Others are the response of each LED in each color,
+which is linear. All are fitted jointly to the grey levels around the contacts by the method of
 Levenberg and Marquardt (1963); the response is solved for after each step. Between two such fits,
 select_terms selects the response's terms.
 
