@@ -201,7 +201,7 @@ def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run)
     np.testing.assert_allclose(places, POSES[-HELD_OUT:, :2], atol=0.15)
     info = read_info(out / "data")
     assert info.recipe is not None and info.recipe.light.frames == 1
-    assert info.source.noise_grey == pytest.approx(2.8)
+    assert info.camera.noise_grey == pytest.approx(2.8)
     for name in ("optics_coverage.png", "ball.step", "recipe.toml", "adapted.json"):
         assert (out / name).exists(), name
     uncertainty = fitted.uncertainty

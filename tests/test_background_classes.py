@@ -65,8 +65,8 @@ def test_frames_at_their_own_size():
     for frame in (even, even[:, :, 0], np.full((640, 480), 90, np.uint8)):
         assert classify_frame(frame, ASPECT) == OODClass.IN_DISTRIBUTION
     assert classify_frame(noise, ASPECT) == classify_frame(noise[..., 0], ASPECT) == OODClass.NOISE
-    for given in ((even[:240], ASPECT), (even, ASPECT, even[:240]), (even[:1, :1], ASPECT)):
-        assert classify_frame(*given) == OODClass.OTHER_ASPECT
+    for frame, background in ((even[:240], None), (even, even[:240]), (even[:1, :1], None)):
+        assert classify_frame(frame, ASPECT, background) == OODClass.OTHER_ASPECT
     turned = OODClass.ROTATED_LEFT
     assert classify_frame(even[:240], ASPECT, None, turned) == turned
     assert classify_frame(even[:240], ASPECT, None, OODClass.OTHER) == OODClass.OTHER_ASPECT

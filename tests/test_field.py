@@ -105,7 +105,7 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
     pairs = load_pairs(data_dir, "train", 64, grey=False, with_dense_counts=True)
     info = load_info(data_dir)
     assert pairs.dense_counts is not None and pairs.backgrounds is not None
-    own = reading_matrix(DENSE.layout, info.array.taxels, ARRAY.elastomer) @ pairs.dense_counts.T
+    own = reading_matrix(DENSE, info.array.taxels, ARRAY.elastomer) @ pairs.dense_counts.T
     assert np.abs(own.T - pairs.counts).max() < 40  # the reading's noise alone
     pictures = pairs.inputs[:]
     assert pictures.shape == (len(pairs), 64, 64, 6)
@@ -148,14 +148,14 @@ def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float) -> None:
         shape = shapes(name)
         reading = ARRAY.read(ARRAY.press(shape, PressCommand(shape.name, 1.5, -2.0, yaw, 8.0)))
         true = ARRAY.noiseless(reading.contact, layout)
-        matrix = reading_matrix(DENSE.layout, layout, ARRAY.elastomer)
+        matrix = reading_matrix(DENSE, layout, ARRAY.elastomer)
         read = matrix @ reading.dense_counts.astype(float)
         assert np.sqrt(np.square(read - true).mean()) < 0.01 * true.max()
 
 
 def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
     """A map that holds each cell's own x or y gives every place in the view its own."""
-    places, view = DENSE.layout, (6.25, 8.0)
+    places, view = DENSE, (6.25, 8.0)
     assert grid_of(places.x_mm) == (12, 18)
     reading = resampling_weights(places.x_mm, places.y_mm, view, 12)
     centers = (np.arange(12) + 0.5) / 12 * 2 - 1
@@ -335,7 +335,7 @@ def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: TrainedTr
         each.read(said)["counts_std"][0] / each.read(said)["dense_counts_std"][0, 0]
         for each in (together, apart)
     ]
-    weights = torch.from_numpy(reading_matrix(DENSE.layout, dense, ARRAY.elastomer)).float()
+    weights = torch.from_numpy(reading_matrix(DENSE, dense, ARRAY.elastomer)).float()
     torch.testing.assert_close(sizes[0], weights.sum(dim=1).abs(), atol=0.05, rtol=0)
     torch.testing.assert_close(sizes[1], weights.square().sum(dim=1).sqrt(), atol=1e-3, rtol=0)
 

@@ -54,7 +54,7 @@ def test_a_folder_of_pictures_and_a_csv_comes_in_whole(tmp_path, layout):
     folder, rows = write_csv(tmp_path / "mine")
     info = import_pairs(folder, tmp_path / "data", layout, full_scale=1000)
     assert info.pairs == {"train": 16, "val": 2, "test": 2}
-    assert info.source.image_shape == (32, 24, 3) and info == read_info(tmp_path / "data")
+    assert info.camera.image_shape == (32, 24, 3) and info == read_info(tmp_path / "data")
     assert verify_dataset(tmp_path / "data") == []
     assert not list(tmp_path.glob(".*"))
     assert "20 pairs" not in (tmp_path / "data" / CARD).read_text()

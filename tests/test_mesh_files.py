@@ -434,7 +434,7 @@ def bad_corner(value):
 
 def glb_with(path, change):
     """A GLB file of a box with a changed description."""
-    content = bytes(y_up(box(unit_mm=1000.0)).export(file_type="glb"))
+    content = cast(bytes, y_up(box(unit_mm=1000.0)).export(file_type="glb"))
     end = 20 + int.from_bytes(content[12:16], "little")
     about = json.loads(content[20:end])
     change(about)

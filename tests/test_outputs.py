@@ -51,7 +51,7 @@ def test_subscribers_receive_each_line() -> None:
         context.destroy(linger=0)
 
 
-@pytest.mark.parametrize("address", ["", "tcp://256.0.0.1:1"])
+@pytest.mark.parametrize("address", ["", "tcp://256.0.0.1:1", "tcp://127.0.0.1:99999"])
 def test_an_invalid_address_is_one_sentence(address: str) -> None:
     with pytest.raises(T2TwinError, match="cannot be bound"):
         published(address).__enter__()
@@ -90,7 +90,7 @@ def test_predictions_are_recorded_from_the_first_frame_on(rerun: MagicMock) -> N
 @pytest.mark.usefixtures("rerun")
 def test_a_slide_is_recorded() -> None:
     line = "slide hemisphere-4 --force-n 2 --dx-mm 0.2 --steps 1 --rerun a.rrd"
-    main(line.split())
+    main([*line.split()])
     assert Path("a.rrd").exists()
     assert Path("runs/slide/hemisphere-4/slide.csv").exists()
 

@@ -121,11 +121,11 @@ def test_pairs_hold_dense_counts_and_background_frame(made):
         lists(table, "target_counts"),
         np.array(table["target_dense_counts"].to_pylist()),
     )
-    info = read_info(made)
-    assert field.shape == (16, len(info.array.dense_x_mm))
+    array = read_info(made).array
+    assert array.dense is not None and field.shape == (16, array.dense.x_mm.size)
     places = np.hypot(
-        np.subtract.outer(info.array.x_mm, info.array.dense_x_mm),
-        np.subtract.outer(info.array.y_mm, info.array.dense_y_mm),
+        np.subtract.outer(array.x_mm, array.dense.x_mm),
+        np.subtract.outer(array.y_mm, array.dense.y_mm),
     )
     assert (places.min(axis=1) == 0.0).all()
     # a reading differs from the noiseless field at the taxels by its noise alone

@@ -233,7 +233,8 @@ class ImageRenderer:
         if rng is not None and self.optics.noise is None:
             own_keys, sigma = keys(rng), np.float32(noise_grey)
         elif rng is not None and self.optics.noise is not None:
-            frame = self.optics.noise.sample(rng, out.shape[0], out.shape[1])
+            rows, columns = background.shape[:2]
+            frame = self.optics.noise.sample(rng, rows, columns)
             sigma = np.float32(noise_grey / self.noise_grey)
         response.encode(
             change, background, self._light, self._table, pixels, shade, own_keys, quantiles(),
