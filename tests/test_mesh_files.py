@@ -5,6 +5,7 @@ import re
 import struct
 import zipfile
 from functools import partial
+from typing import cast
 
 import numpy as np
 import pytest
