@@ -128,7 +128,7 @@ def virtual_counts(
         scene.model, data, data.body(tool).id, pose[:3, :3], pose[:3, 3], region, "visual"
     )
     assert found is not None  # the DIGIT touches the tool, and the cover is larger than its gel
-    shape = replace(touch.shape, surface=found.surface)
+    shape = replace(touch.shape, surface=found[0])
     reading = device.read(device.press(shape, touch.command), rng)
     assert isinstance(reading, CountsReading) and reading.counts is not None
     return reading.counts
