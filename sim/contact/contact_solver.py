@@ -271,10 +271,7 @@ class Equilibrium:
     def _iterate(self, min_slope: float, step: float, steps_left: int) -> bool:
         """Iterate, adding inactive pins that the shape penetrates; returns whether it converged."""
         pins, tolerance, outside = self.pins, STAGES[self.last][1], np.empty(self.active.size, bool)
-        reaches, operator = (
-            np.array(REACHES_MM) / pins.layer.pitch_mm,
-            pins.layer.operator(pins.window),
-        )
+        operator = pins.layer.operator(pins.window)
         reaches = np.rint(np.array(REACHES_MM) / pins.layer.pitch_mm).astype(int)
         around = reaches[reaches > 0], np.array(GAINS)[reaches > 0]
         while True:

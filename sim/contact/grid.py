@@ -72,18 +72,40 @@ def center_values(fine: np.ndarray, per_side: int) -> np.ndarray:
     each axis. For one cell it is the mean less the second differences over 24.
     """
     if per_side == 1:
-        near = np.pad(fine, 1, "edge")
-        around = near[:-2, 1:-1] + near[2:, 1:-1] + near[1:-1, :-2] + near[1:-1, 2:]
-        return fine - (around - 4 * fine) / 24
-    return _middle_rows(_middle_rows(fine, per_side).T, per_side).T
+        return _without_curvature(fine)
+    rows, columns = (length // per_side for length in fine.shape)
+    between, found = np.empty((rows, fine.shape[1])), np.empty((rows, columns))
+    _middle_rows(fine, per_side, CENTER_WEIGHTS, between)
+    _middle_rows(between.T, per_side, CENTER_WEIGHTS, found.T)
+    return found
 
 
-def _middle_rows(fine: np.ndarray, per_side: int) -> np.ndarray:
-    """Values between the two rows in the middle of each block of an even number."""
-    after = np.arange(per_side // 2, len(fine), per_side)
-    first = np.clip(after - 2, 0, len(fine) - 4)  # of four rows, moved inwards at a rim
-    weights = CENTER_WEIGHTS[after - 1 - first].T[:, :, None]
-    return reduce(np.add, (weights[k] * fine[first + k] for k in range(4)))
+@compiled(nogil=True)
+def _middle_rows(fine, per_side, weights, values):
+    """Write the values between the two rows in the middle of each block of an even number."""
+    for i in range(values.shape[0]):
+        after = i * per_side + per_side // 2
+        # The four cells around the middle, moved inwards at a rim.
+        first = min(max(after - 2, 0), fine.shape[0] - 4)
+        own = weights[after - 1 - first]
+        for j in range(values.shape[1]):
+            value = 0.0
+            for k in range(4):
+                value += own[k] * fine[first + k, j]
+            values[i, j] = value
+
+
+@compiled(nogil=True)
+def _without_curvature(means):
+    """Means less the second differences over 24, which are one-sided at a rim."""
+    centers, (rows, columns) = np.empty(means.shape), means.shape
+    for i in range(rows):
+        above, below = max(i - 1, 0), min(i + 1, rows - 1)
+        for j in range(columns):
+            left, right = max(j - 1, 0), min(j + 1, columns - 1)
+            around = means[above, j] + means[below, j] + means[i, left] + means[i, right]
+            centers[i, j] = means[i, j] - (around - 4 * means[i, j]) / 24
+    return centers
 
 
 @compiled(nogil=True)

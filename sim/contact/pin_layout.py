@@ -393,6 +393,11 @@ def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:
     window = window_around(expected)
     shares = survey.footprint.shares[window] * expected[window]
     touched, pins = shares > 0.0, shares.sum() * FINER[-1] ** 2
+    corners = touched.copy()  # each part has a cell without neighbors above and on the left
+    corners[1:] &= ~touched[:-1]
+    corners[:, 1:] &= ~touched[:, :-1]
+    if pins >= PART_PINS * np.count_nonzero(corners):
+        return FINER
     labels: Any = ndimage.label(touched)
     return (*FINER, 2 * FINER[-1]) if pins < PART_PINS * labels[1] else FINER
 
