@@ -23,7 +23,7 @@ from t2twin.core.files import (
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
-def heed():
+def default_signals():
     """In the child: signals do what they do by default, though a shell had it ignore some."""
     for number in STATUS:
         signal.signal(number, signal.SIG_DFL)
@@ -32,7 +32,7 @@ def heed():
 def check_stop(number, folder, first, *words):
     """Runs Python code up to its first line, and stops it."""
     process = subprocess.Popen(
-        [sys.executable, "-c", *words], preexec_fn=heed,
+        [sys.executable, "-c", *words], preexec_fn=default_signals,
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stdout is not None and process.stdout.readline() == f"{first}\n"

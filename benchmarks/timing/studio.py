@@ -31,7 +31,7 @@ BENCHMARK = Benchmark(
     minutes=2,
     sources=("primitives_cad", "sim", "t2twin/studio", "translate/inference"),
     figures=(
-        Figure("start_s.first", "s", most=25.0),
+        Figure("start_s.first", "s", most=15.0),
         Figure("start_s.after", "s", most=5.0),
         Figure("page_median_ms", "ms", most=100.0),
     ),

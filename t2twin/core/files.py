@@ -102,9 +102,9 @@ def write_csv(path: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -
 
 
 def move_into(folder: Path, files: Sequence[Path]) -> None:
-    """Move finished files into a folder, replacing files of the same names: all of them or none.
+    """Move finished files into a folder, replacing files of the same names.
 
-    Raises T2TwinError where a folder or a device has one of the names.
+    Raises T2TwinError, before any is moved, where a folder or a device has one of the names.
     """
     for file in files:
         check_replaceable(folder / file.name)

@@ -164,8 +164,8 @@ SCALE_WIDTH = 24  # Width of the layers (assumed; 48 gains nothing)
 SCALE_CELLS = 6
 # Added to predicted counts before their logarithm is taken, fraction of full scale (assumed: 20
 # counts, the error where nothing touches)
-LEAST_SHARE = 5e-4
-LEAST_COLOR = 0.01  # The same for differences of colors, in their standard deviations (assumed)
+MIN_SHARE = 5e-4
+MIN_COLOR = 0.01  # The same for differences of colors, in their standard deviations (assumed)
 # Largest difference, normalized, up to which a background frame is the mean frame, that is, none
 # was given (assumed: rounding errors)
 SAME_FRAME = 1e-3
@@ -176,8 +176,8 @@ LOG_LIMITS = (-2.0, 3.0)  # Limits of a factor's logarithm (assumed)
 OF_PLACE, OF_PRESS = 5, 12  # Features of a place, and of a press without the cells of its light
 # Errors below it count alike, fraction of full scale, or standard deviations of the force's
 # logarithm (assumed: 2.5 counts)
-LEAST_ERROR = 6e-5
-LEAST_DEVIATION = 1e-3  # Of a feature (assumed), for features that hardly vary
+MIN_ERROR = 6e-5
+MIN_DEVIATION = 1e-3  # Of a feature (assumed), for features that hardly vary
 MIN_PRESSES = 500  # For a fit (assumed: fewer do not represent other presses)
 # Presses of a block, which are often of the same shapes; one block of every three is held out
 # (assumed). Knots of the presses that the factors were fitted to would be too narrow for others
@@ -229,9 +229,9 @@ class SpreadScale(nn.Module):
         images: (P, 6, S, S), each with its background frame. mean and the rest: raw outputs.
         """
         share = mean.clamp(0.0, 1.0)
-        total = share.sum(dim=1) + LEAST_SHARE * share.shape[1]
+        total = share.sum(dim=1) + MIN_SHARE * share.shape[1]
         around = functional.max_pool2d(share.unflatten(1, (1, *self.grid)), 3, 1, 1).flatten(1)
-        log_share, log_around = (share + LEAST_SHARE).log(), (around + LEAST_SHARE).log()
+        log_share, log_around = (share + MIN_SHARE).log(), (around + MIN_SHARE).log()
         near = (self.outside_mm.abs() < EDGE_MM).float()
         outside = (self.outside_mm > 0).float()
         at = self.outside_mm.clamp(-FARTHEST_MM, FARTHEST_MM).expand_as(share)
@@ -276,7 +276,7 @@ def fit_scale(scale: SpreadScale, datasets: Sequence[Errors]) -> None:
         parts = (of_place.flatten(0, 1), of_press)
         fitted.center.copy_(torch.cat([part.mean(dim=0) for part in parts]))
         deviation = torch.cat([part.std(dim=0, correction=0) for part in parts])
-        fitted.deviation.copy_(deviation.clamp(min=LEAST_DEVIATION))
+        fitted.deviation.copy_(deviation.clamp(min=MIN_DEVIATION))
         optimizer = torch.optim.AdamW(fitted.parameters(), RATE, weight_decay=WEIGHT_DECAY)
         schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, STEPS)
         for _ in range(STEPS):
@@ -315,7 +315,7 @@ def scaled(scale: SpreadScale, errors: Errors) -> Errors:
 def _quantile_loss(errors: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
     """Pinball loss of the logarithm of half the interval's width."""
     half_width = HALF_WIDTH * log_std.exp()
-    beyond = (errors.abs() + LEAST_ERROR).log() - (half_width + LEAST_ERROR).log()
+    beyond = (errors.abs() + MIN_ERROR).log() - (half_width + MIN_ERROR).log()
     return torch.maximum(LEVEL * beyond, (LEVEL - 1.0) * beyond).mean()
 
 
@@ -331,4 +331,4 @@ def _layers(features: int) -> nn.Sequential:
 def _cells(difference: torch.Tensor, side: int) -> torch.Tensor:
     """(P, n) logarithms of the colors' mean absolute difference in each cell of images."""
     means = functional.avg_pool2d(difference, side).abs().mean(dim=1)
-    return (means + LEAST_COLOR).log().flatten(1)
+    return (means + MIN_COLOR).log().flatten(1)
