@@ -1,9 +1,11 @@
-"""Processor times of the checkout in the working directory, printed as JSON; speed.py runs it.
+"""A server of processor times for the checkout in the working directory; speed.py drives it.
 
-It uses only names that the other commit has too.
+It reads numbers of presses, a line each, and answers with one line of JSON: the milliseconds of
+each stage. It uses only names that the other commit has too.
 """
 
 import json
+import sys
 import time
 
 import numpy as np
@@ -14,9 +16,6 @@ from t2twin.sim.sensors.pair import SensorPair
 from t2twin.sim.slide import path_commands, slide_to, straight_path
 
 SCALE = "smoke"
-ROUNDS = 3
-"""Rounds over the presses, of which each one's best time counts."""
-
 SLIDE_MM, STEPS, EVERY = (1.5, 0.7), 4, 8
 """Motion of a slide along x and y, its steps, and the number of presses for each slide."""
 
@@ -27,41 +26,38 @@ def main() -> None:
         for shape in map(catalogue.load, catalogue.NAMES)
         for index in protocol.indices(shape.name, protocol.SCALES[SCALE])
     ]
-    rng, pair = np.random.default_rng(0), SensorPair()
-    best = np.full((len(presses), 3), np.inf)
-    for _ in range(ROUNDS):
-        for row, (shape, command) in enumerate(presses):
-            times = [time.process_time()]
-            contact = pair.camera.press(shape, command)
-            _ = contact.surface_mm  # which the picture needs, and the CySkin's taxels do not
-            times.append(time.process_time())
-            pair.array.press(shape, command)
-            times.append(time.process_time())
-            pair.camera.image(contact, rng)
-            times.append(time.process_time())
-            best[row] = np.minimum(best[row], 1e3 * np.diff(times))
-    digit, cyskin, seen = np.median(best, axis=0)
-    content = {"press_digit": digit, "press_cyskin": cyskin, "picture": seen}
-    content["slide"] = slide_ms(presses[::EVERY])
-    print(json.dumps(content))
+    pair = SensorPair()
+    print(len(presses), flush=True)
+    for line in sys.stdin:
+        row = int(line)
+        found = stages_ms(pair, *presses[row])
+        if row % EVERY == 0:
+            found["slide"] = slide_ms(pair, *presses[row])
+        print(json.dumps(found), flush=True)
 
 
-def slide_ms(presses) -> float:
-    """Median of the best time of a step on both sensors, without readings, ms."""
-    sensors = SensorPair()
-    best = []
-    for shape, command in presses:
-        rows = straight_path(command, *SLIDE_MM, 0.0, STEPS, command.force_n)
-        start, *steps = path_commands(shape.name, rows)
-        times = []
-        for _ in range(ROUNDS):
-            touch = sensors.press(shape, start, np.random.default_rng(0))
-            for step in steps:
-                begun = time.process_time()
-                touch = slide_to(sensors, touch, step, None)
-                times.append(time.process_time() - begun)
-        best.append(np.reshape(times, (ROUNDS, -1)).min(axis=0))
-    return 1e3 * float(np.median(best))
+def stages_ms(pair, shape, command) -> dict[str, float]:
+    """Milliseconds of a press on each sensor and of its image."""
+    times = [time.process_time()]
+    contact = pair.camera.press(shape, command)
+    _ = contact.surface_mm  # which the image needs, and the CySkin's taxels do not
+    times.append(time.process_time())
+    pair.array.press(shape, command)
+    times.append(time.process_time())
+    pair.camera.image(contact, np.random.default_rng(0))
+    times.append(time.process_time())
+    return dict(zip(("press_digit", "press_cyskin", "image"), 1e3 * np.diff(times), strict=True))
+
+
+def slide_ms(pair, shape, command) -> float:
+    """Milliseconds of a step of a slide on both sensors, without readings."""
+    rows = straight_path(command, *SLIDE_MM, 0.0, STEPS, command.force_n)
+    start, *steps = path_commands(shape.name, rows)
+    touch = pair.press(shape, start, np.random.default_rng(0))
+    begun = time.process_time()
+    for step in steps:
+        touch = slide_to(pair, touch, step, None)
+    return 1e3 * (time.process_time() - begun) / len(steps)
 
 
 if __name__ == "__main__":
