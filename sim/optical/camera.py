@@ -6,6 +6,7 @@ is at these integer coordinates. A shift moves the whole image by pixels. A tilt
 about its apex: it adds a plane to the surface at rest, while the camera and the LEDs stay.
 """
 
+from functools import lru_cache
 from typing import Annotated, get_type_hints
 
 import numpy as np
@@ -123,9 +124,11 @@ LIMITS: dict[str, tuple[float, float]] = {
 """Lowest and highest value of each field but the size of the image."""
 
 
+@lru_cache(maxsize=8)
 def optical_grid(gel: Elastomer) -> tuple[np.ndarray, np.ndarray]:
     """Axes of the optics' grid of the gel's deflection: x_mm (nx,) and y_mm (ny,), cell centers,
     rising, GRID_PITCH_MM apart, symmetric about 0 and covering the gel."""
     counts = (round(side_mm / GRID_PITCH_MM) for side_mm in (gel.width_mm, gel.length_mm))
     x, y = ((np.arange(count) - (count - 1) / 2) * GRID_PITCH_MM for count in counts)
+    x.flags.writeable = y.flags.writeable = False
     return x, y

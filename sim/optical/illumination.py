@@ -18,6 +18,7 @@ the place.
 """
 
 from dataclasses import dataclass
+from math import ceil, floor
 
 import numpy as np
 
@@ -224,17 +225,21 @@ class Rays:
     def _pixels(self, region: Region, nearest_mm: float) -> Region:
         """Region of the image that can contain a region of the grid with z >= nearest_mm."""
         camera = self.camera
-        ends = np.array([self._highest_mm, min(nearest_mm, 0.0)])
-        per_mm = camera.focal_px / (camera.distance_mm + ends)
+        per_mm = [
+            camera.focal_px / (camera.distance_mm + end)
+            for end in (self._highest_mm, min(nearest_mm, 0.0))
+        ]
         edges = []
         for axis, first, last, middle, count in (
             (self.y_mm, region[0], region[1] - 1, camera.middle[0], camera.rows),
             (self.x_mm, region[2], region[3] - 1, camera.middle[1], camera.columns),
         ):
-            places = np.outer([axis[first], axis[last]], per_mm) + middle
+            places = [
+                float(axis[end]) * scale + middle for end in (first, last) for scale in per_mm
+            ]
             edges += [
-                int(np.clip(np.floor(places.min()) - 1, 0, count)),
-                int(np.clip(np.ceil(places.max()) + 2, 0, count)),
+                min(max(floor(min(places)) - 1, 0), count),
+                min(max(ceil(max(places)) + 2, 0), count),
             ]
         return edges[0], edges[1], edges[2], edges[3]
 
