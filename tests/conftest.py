@@ -31,7 +31,7 @@ REPORT_SHAPES = (
 
 def pytest_configure(config):
     if SESSION not in os.environ:
-        folder = start(config.cache.mkdir("numba"), config.cache.mkdir("mujoco"))
+        folder = start(*map(config.cache.mkdir, ("numba", "mujoco", "matplotlib")))
         config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
         config.add_cleanup(lambda: os.environ.pop(SESSION))
 

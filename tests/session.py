@@ -22,7 +22,6 @@ FOLDERS = {
     "XDG_CACHE_HOME": "home/.cache",
     "XDG_CONFIG_HOME": "home/.config",
     "XDG_DATA_HOME": "home/.local/share",
-    "MPLCONFIGDIR": "matplotlib",
     VARIABLE: "cache",
 }
 """Environment variables that name a user's folders, and the folders that replace them."""
@@ -31,12 +30,12 @@ DECODED = "cache"
 """Folder of a dataset that every reader may write to: its decoded images."""
 
 
-def start(numba: Path, mujoco: Path) -> Path:
+def start(numba: Path, mujoco: Path, matplotlib: Path) -> Path:
     """Makes the folder of the session and sets the environment of all of its processes.
 
-    numba, mujoco: where compiled code and models are kept from one session to the next. They depend
-    on the sources alone (t2twin/core/jit.py, sim/contact/mujoco_pins.py), and compiling takes a
-    minute.
+    numba, mujoco, matplotlib: where compiled code, models and the list of fonts are kept from one
+    session to the next. They depend on the sources alone (t2twin/core/jit.py,
+    sim/contact/mujoco_pins.py) or the machine, and compiling takes a minute.
     """
     folder = Path(tempfile.mkdtemp(prefix="t2twin-tests-"))
     os.environ[SESSION] = str(folder)
@@ -45,7 +44,7 @@ def start(numba: Path, mujoco: Path) -> Path:
         os.environ[name] = str(folder / place)
     (folder / "empty").mkdir()
     (folder / FOLDERS[VARIABLE] / "mujoco").symlink_to(mujoco)
-    os.environ["NUMBA_CACHE_DIR"] = str(numba)
+    os.environ["NUMBA_CACHE_DIR"], os.environ["MPLCONFIGDIR"] = str(numba), str(matplotlib)
     return folder
 
 

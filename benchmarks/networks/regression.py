@@ -21,7 +21,7 @@ from t2twin.sim.dataset.generate import make_dataset
 BENCHMARK = Benchmark(
     module="benchmarks.networks.regression",
     measures="Both translators trained briefly on a small fixed dataset, against a baseline.",
-    minutes=2,
+    minutes=1,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
         # Runs on other processors and other numbers of threads differ by some percent, and those
@@ -41,10 +41,10 @@ SHAPES = (*(f"{family}-{version}" for family in FAMILIES for version in (1, 2, 3
 """Of two families, two versions to train on and the one to validate on, which lies between them;
 and one place of each tool, blunt or straight as these are."""
 
-EPOCHS = {"touch2touch": 24, "resnet18": 12}
+EPOCHS = {"touch2touch": 12, "resnet18": 6}
 """Epochs of each translator: brief, yet enough to be well below the mean array."""
 
-CHANGES = {"touch2touch": {"size": 32, "batch": 16}, "resnet18": {"size": 64, "batch": 16}}
+CHANGES = {"touch2touch": {"size": 32, "batch": 8}, "resnet18": {"size": 64, "batch": 8}}
 """Settings that differ from the preset cpu: smaller images, and more steps of few pairs."""
 
 DECIMALS = 6
