@@ -62,15 +62,6 @@ def test_import_and_help_load_nothing_slow(script):
     assert done.stdout.splitlines()[-1] == "loaded"
 
 
-def test_a_loaded_run_needs_no_compiler_of_torch():
-    """Which takes as long to import as torch."""
-    script = "import sys, t2twin; t2twin.load('field', engine='torch'); print(*sys.modules)"
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert "torch" in done.stdout.split() and "torch._dynamo" not in done.stdout.split()
-
-
 def test_a_touch_has_what_its_docstring_says(shape_cache):
     touch = t2twin.Twin().press("square-2", force_n=8, yaw_deg=30, x_mm=1.0)
     assert touch.image.shape == (320, 240, 3) and touch.image.dtype == np.uint8
