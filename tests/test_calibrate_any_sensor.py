@@ -1,6 +1,7 @@
 """Calibration of any gel camera: its size, LEDs wherever they are, what presses cover, refusals."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,12 +26,13 @@ HELD_OUT = 3
 COLORS = ((0.9, 0.1, 0.1), (0.1, 0.8, 0.2), (0.2, 0.2, 0.9), (0.5, 0.5, 0.5))
 
 
+@cache
 def sensor_of(turn_deg=0.0, colors=COLORS):
     """A flat gel of 24 x 18 mm in small images, lit from four sides, one of them white."""
     own = SensorPair().camera.spec
     flat = {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf}
     gel = structs.replace(own.gel, width_mm=24.0, length_mm=18.0, **flat)
-    camera = structs.replace(own.camera, rows=128, columns=176, scale_px_per_mm=8.0, noise_grey=1.5)
+    camera = structs.replace(own.camera, rows=96, columns=132, scale_px_per_mm=6.0, noise_grey=1.5)
     plain = structs.replace(own.light.leds[0], aim_mm=(0.0, 0.0, 0.0), beam_deg=(60.0, 85.0))
     leds = tuple(
         structs.replace(plain, color=color, angle_deg=(90.0 * number + 20.0 + turn_deg) % 360.0)
@@ -38,7 +40,7 @@ def sensor_of(turn_deg=0.0, colors=COLORS):
     )
     light = structs.replace(own.light, leds=leds, optics=None)
     assert own.units is not None
-    units = structs.replace(own.units, scale_px_per_mm=(7.4, 8.8))
+    units = structs.replace(own.units, scale_px_per_mm=(5.6, 6.6))
     spec = structs.replace(own, name="small", gel=gel, camera=camera, light=light, units=units)
     return GelCamera(structs.replace(spec, markers=None))
 

@@ -99,7 +99,7 @@ def stated(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         # A force takes several presses, most of them to the last micrometer.
         patch.setattr("t2twin.sim.contact.contact_solver.DEPTH_TOLERANCE_MM", 0.02)
-        patch.setattr("t2twin.sim.calibrate.fit.MAX_STEPS", 2)
+        patch.setattr("t2twin.sim.calibrate.fit.MAX_STEPS", 1)
         return calibrate(folder / "background.png", folder, 5.0, 1, sensor=sensor).uncertainty
 
 

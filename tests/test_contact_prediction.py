@@ -230,9 +230,9 @@ def test_live_lines_have_the_contact(alone, images, tmp_path, capsys) -> None:
     assert line["contact"] == load(alone).contact(frames[0], background).summary()
 
 
-def test_the_studio_shows_the_contact(alone, plain, images, tmp_path) -> None:
+def test_the_studio_shows_the_contact(alone, untrained_runs, images, tmp_path) -> None:
     frames, background = images
-    translators = Translators([alone, plain], below=tmp_path)
+    translators = Translators([alone, untrained_runs[1]], below=tmp_path)
     names = [name for name in translators.names if name != "field"]
     found, without = translators.translate(frames[0], names, background)
     contact, expected = found.contact, load(alone).contact(frames[0], background)

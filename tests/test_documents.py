@@ -41,7 +41,11 @@ other tests run these commands."""
 EXHAUSTIVE = ("t2twin evaluate", "t2twin primitives")
 """Commands that take longer than the others; `make test` leaves their blocks out."""
 
-REPLACED = {r"--dx-mm [\d.]+": "--dx-mm 0.2 --steps 1", "--dyaw-deg 10": "--dyaw-deg 1"}
+REPLACED = {
+    r"--dx-mm [\d.]+": "--dx-mm 0.2 --steps 1",
+    "--dyaw-deg 10": "--dyaw-deg 1",
+    'scale="smoke"': 'scale="smoke", shapes=("circle-1", "square-3")',
+}
 """Options that take long, and those in their place."""
 
 NOT_INSTALLED = {"dask_jobqueue": "needs SLURM", "datasets": "of Hugging Face, as an example"}
@@ -289,16 +293,17 @@ def run_block(block, namespace, expensive, capsys):
     """Runs a block, or nothing if it takes long and expensive is false."""
     if any(name in block.text for name in EXHAUSTIVE) and not expensive:
         return
+    text = block.text
+    for option, other in REPLACED.items():
+        text = re.sub(option, other, text)
     if block.language == "python":
-        code = compile(block.text, block.place, "exec")
+        code = compile(text, block.place, "exec")
         if not any(f"from {name}" in block.text for name in NOT_INSTALLED):
             exec(code, namespace)
     elif block.language == "bash":
-        for line, output in block.commands():
+        for line, output in block._replace(text=text).commands():
             if not line.startswith(NOT_RUN):
                 before = capsys.readouterr().out if output else ""
-                for option, other in REPLACED.items():
-                    line = re.sub(option, other, line)
                 cli.main(shlex.split(line)[1:])
                 if output:
                     Path(output).write_text(capsys.readouterr().out)

@@ -93,7 +93,7 @@ def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monk
         resolve_run("field@2")
 
 
-@pytest.mark.parametrize("name", CARDS)
+@pytest.mark.parametrize("name", [pytest.param("mini", marks=pytest.mark.exhaustive), "field"])
 def test_the_card_says_what_is_measured(name: str, products: Products) -> None:
     """Presses of hand tools, made anew, come to the card's figure for all of the protocol's."""
     card = (HOME / name / "README.md").read_text()

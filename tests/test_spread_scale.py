@@ -1,9 +1,13 @@
 """Factors of spreads, fitted to presses whose errors follow a known rule."""
 
+from copy import deepcopy
+from functools import cache
+
 import numpy as np
 import pytest
 import torch
 
+from t2twin.translate.uncertainty import calibration
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     Errors,
@@ -43,13 +47,17 @@ def known(
     return scale, errors, in_other_light
 
 
+@cache
+def fitted(colored: bool = False) -> tuple[SpreadScale, Errors, torch.Tensor]:
+    """The same, with factors fitted to them."""
+    scale, errors, in_other_light = known(colored=colored)
+    fit_scale(scale, [errors])
+    return scale, errors, in_other_light
+
+
 @pytest.mark.parametrize("colored", [False, True])
 def test_intervals_cover_nine_tenths_in_each_light(colored: bool) -> None:
-    scale, errors, in_other_light = known(colored=colored)
-    few = scaled(scale, errors)  # not fitted
-    assert torch.equal(few.spread, errors.spread)
-    assert torch.equal(few.force_spread, errors.force_spread)
-    fit_scale(scale, [errors])
+    scale, errors, in_other_light = fitted(colored)
     found = scaled(scale, errors)
     for part, width in ((in_other_light, 3.0), (~in_other_light, 1.0)):
         for error, spread, raw in (
@@ -61,16 +69,25 @@ def test_intervals_cover_nine_tenths_in_each_light(colored: bool) -> None:
             assert float(spread[part].median()) == pytest.approx(raw * width, rel=0.1)
     raw = (errors.dense_counts[in_other_light].abs() <= HALF_WIDTH * 0.01).float().mean()
     assert float(raw) < 0.5  # without the factors
-    again = scale.state_dict()
+    reset = deepcopy(scale)
+    reset.reset()
+    assert torch.equal(scaled(reset, errors).spread, errors.spread)
+
+
+def test_a_fit_starts_from_no_factors_and_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    scale, errors, _ = known()
+    few = scaled(scale, errors)  # not fitted
+    assert torch.equal(few.spread, errors.spread)
+    assert torch.equal(few.force_spread, errors.force_spread)
+    monkeypatch.setattr(calibration, "STEPS", 40)
+    fit_scale(scale, [errors])
+    again = deepcopy(scale.state_dict())
     fit_scale(scale, [errors])
     assert all(torch.equal(each, again[name]) for name, each in scale.state_dict().items())
-    scale.reset()
-    assert torch.equal(scaled(scale, errors).spread, errors.spread)
 
 
 def test_a_feature_far_outside_changes_an_interval_by_a_bounded_factor() -> None:
-    scale, errors, _ = known()
-    fit_scale(scale, [errors])
+    scale, errors, _ = fitted()
     assert errors.of_place is not None and errors.of_press is not None
     place, force = scale(1e3 * errors.of_place, -1e3 * errors.of_press)
     for each in (place, force):
