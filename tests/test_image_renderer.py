@@ -278,13 +278,6 @@ def test_the_light_follows_the_beam_and_the_distance():
     assert np.abs(optics.background[120, :, 0] - expected)[5:-5].max() < 2
 
 
-@pytest.mark.parametrize("ambient, level", [(9.0, "white"), (0.0, "black")])
-def test_light_that_shows_nothing_is_refused(ambient, level):
-    led = led_of((ambient, ambient, ambient))
-    with pytest.raises(T2TwinError, match=f"background {level}"):
-        optics_of_leds((led,), (ambient,) * 3, 2.2, MINI.camera, MINI.own_gel)
-
-
 # pyrender's reference: light, color, shadow and symmetry
 
 

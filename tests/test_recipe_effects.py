@@ -14,6 +14,7 @@ PART = (
     '[[parts]]\nshapes = "random"\ncount = 10\npresses = 2\nplace = { normal_mm = 2.0 }\n'
     "force_n = 4.0\n"
 )
+STILL, SLIDES = (f"still = {still}\nslide = {1.0 - still}\ntwist = 0.0\n" for still in (1.0, 0.5))
 DRAWN = '[light]\nkind = "drawn"\n'
 
 
@@ -26,8 +27,18 @@ def load(folder: Path, text: str) -> t2twin.Recipe:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[light.draw]\nled_size_mm = [1.0, 2.0]\n", 'draw of light needs kind = "drawn"'),
-        ('[light]\neach = "press"\n', 'each of light needs kind = "drawn"'),
+        ("[light.draw]\nled_size_mm = [1.0, 2.0]\n", "draw of light .* as kind of light is fixed"),
+        ('[light]\neach = "press"\n', "each of light .* as kind of light is fixed"),
+        (f"[motion]\n{SLIDES}twist_deg = [1.0, 5.0]\n", "twist_deg of motion .* as twist of"),
+        ("[motion]\n" + STILL + "force_change = [1.0, 2.0]\n", "slide and twist of motion is 0"),
+        (
+            f"{DRAWN}[light.draw]\nspecks = [0, 0]\nspeck_px = [1.0, 2.0]\n",
+            "speck_px of light.draw .* as specks",
+        ),
+        (
+            f"{DRAWN}[light.artifacts]\nworn = 0\nwear_part = [0.0, 0.1]\n",
+            "wear_part of light.artifacts .* as worn",
+        ),
         ('scale = "small"\n', "random shapes: scale small has no effect"),
         ('split = "val"\nval_share = 0.5\n', "split val must not have val_share"),
         (f"{DRAWN}[light.draw]\naround_part = [0.0, 0.1]\n", "around_part .* has no optics"),
@@ -39,7 +50,7 @@ def load(folder: Path, text: str) -> t2twin.Recipe:
     ],
 )
 def test_a_field_without_effect_is_refused(text: str, said: str, tmp_path: Path) -> None:
-    part = PART.replace("presses = 2", "presses = 1") if "motion" in text else PART
+    part = PART.replace("presses = 2", "presses = 1") if text == "[motion]\n" else PART
     with pytest.raises(T2TwinError, match=rf"w\.toml: .*{said}"):
         load(tmp_path, part + text)
 

@@ -2,6 +2,7 @@
 
 import copy
 import hashlib
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 from kinds import gel_camera, taxel_array
 from msgspec import structs
 
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.gel_camera import GelCamera, ImageReading
@@ -231,22 +232,33 @@ def test_a_fault_is_named(place, value, named):
 ON_ITSELF = content_of("digit")["light"]["leds"][0] | {
     "angle_deg": 0.0, "radius_mm": 5.0, "z_mm": -3.0, "aim_mm": [5.0, 0.0, -3.0],
 }  # fmt: skip
-WIDE = content_of("digit")["camera"] | {"columns": 300}
+
+
+DIM = content_of("digit")["light"]["leds"][0] | {"color": [1e-7, 1e-7, 1e-7]}
 
 
 @pytest.mark.parametrize(
     ("name", "place", "value", "sentence"),
     [
         ("digit", ("camera", "scale_px_per_mm"), 9.0, "the camera sees 26.7 mm of the gel's width"),
-        ("flexitac", ("cover", "grid_mm"), 0.1, "grid_mm is 0.1, which gives 660 cells"),
+        ("flexitac", ("cover", "grid_mm"), 0.1, "which gives the layer 660 x 260 cells"),
+        ("digit", ("gel", "grid_mm"), 5.0, "2 x 4 cells of its contact's grid; expected 4 to 500"),
+        ("gelsight-mini", ("gel", "thickness_mm"), 24.0, "is 23.3 mm from the apex, inside"),
+        ("gelsight-mini", ("gel", "dome_width_radius_mm"), 12.0, "expected at least 21.92"),
+        ("gelsight-mini", ("gel", "dome_length_radius_mm"), 12.0, "expected at least 15.46"),
         ("digit", ("units", "distance_mm"), [22.0, 20.8], "expected low first"),
         ("digit", ("light", "leds", 1, "beam_deg"), [9.0, 9.0], "beam_deg is [9, 9]"),
         ("digit", ("light", "leds", 0), ON_ITSELF, "aim_mm is the LED's own place"),
         ("digit", ("light",), {"ambient": [0.1, 0.1, 0.1]}, "at least one of leds and optics"),
         ("digit", ("light", "optics"), "none.npz", "none.npz does not exist"),
-        ("digit", ("camera",), WIDE, "columns; expected 320 and 300"),
+        ("digit", ("camera", "columns"), 300, "camera.columns is not that of digit"),
+        ("digit", ("camera", "shift_x_px"), 5.0, "camera.shift_x_px is not that of digit"),
+        ("digit", ("light", "leds"), [], "light.leds is not that of digit"),
+        ("digit", ("gel", "dome_flat_mm"), 3.0, "gel.dome_flat_mm is not that of digit"),
+        ("cyskin-20", ("counts", "rate_hz"), None, "recorded has a memory, which needs"),
         ("gelsight-mini", ("markers", "diameter_mm"), 3.0, "diameter_mm"),
-        ("gelsight-mini", ("light", "ambient"), [90.0, 90.0, 90.0], "background white"),
+        ("gelsight-mini", ("light", "ambient"), [9.0, 0.0, 0.0], "100 % of the background frame"),
+        ("gelsight-mini", ("light",), {"leds": [DIM]}, "% of the background frame are black"),
         ("flexitac", ("layout", "pitch_mm"), 3.0, "taxel(s) off the cover"),
         ("flexitac", ("layout", "file"), "a.csv", "expected file, or all of rows, columns"),
         ("flexitac", ("transducer", "modulus_mpa"), 1.0, "is not of the law piezoresistive"),
@@ -294,6 +306,46 @@ def test_ranges_of_units_move_with_the_values_of_the_camera(tmp_path):
     path.write_text(path.read_text() + "[units]\nscale_px_per_mm = [30.0, 33.0]\n")
     with pytest.raises(T2TwinError, match="expected a range that contains camera"):
         load_sensor(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("[camera]\nshift_x_px = 100\n", "camera.shift_x_px is not that of digit"),
+        ("[light]\nambient = [0, 0, 0]\n", "light.ambient is not that of digit"),
+        ('[light]\noptics = "none"\nleds = []\n', "at least one of leds and optics"),
+        ('[camera]\ncolumns = 200\n[light]\noptics = "none"\n', None),
+        ('[camera]\ncolumns = 320\n[light]\noptics = "unit.npz"\n', None),
+        ('[light]\noptics = "unit.npz"\ngamma = 2.0\n', "light.gamma has no effect beside"),
+        ('[camera]\ndistance_mm = 30\n[light]\noptics = "unit.npz"\n', "is 30, but .*with 25"),
+        ('[gel]\nyoung_mpa = 0.3\n[light]\noptics = "unit.npz"\n', "is 0.3, but .* with 0.2"),
+    ],
+)
+def test_optics_are_of_the_values_that_a_file_states(text, sentence, tmp_path):
+    given = gel_camera("gelsight-mini").optics
+    camera = structs.replace(given.camera, distance_mm=25.0)
+    replace(given, camera=camera, young_mpa=0.2).save(tmp_path / "unit.npz")
+    path = tmp_path / "mine.toml"
+    base = "gelsight-mini" if "unit.npz" in text else "digit"
+    path.write_text(f'extends = "{base}"\nname = "mine"\n{text}')
+    if sentence is not None:
+        with pytest.raises(T2TwinError, match=sentence):
+            load_sensor(path)
+        return
+    mine = gel_camera(path)
+    assert mine.optics.camera == mine.camera and mine.elastomer == mine.own_gel
+    assert (mine.camera.columns == 200) == (mine.optics.young_mpa is None)
+
+
+def test_values_of_earlier_editions_are_not_used():
+    content = changed(content_of("gelsight-mini"), ("camera", "rate_hz"), 25)
+    with pytest.warns(T2TwinWarning, match=r"my.toml: camera.rate_hz has no effect; remove it"):
+        assert spec_of(content, "my.toml") == gel_camera("gelsight-mini").spec
+    content = content_of("flexitac")
+    content["counts"] |= {"bits": 8, "rate_hz": 60}
+    with pytest.warns(T2TwinWarning, match=r"counts.(bits|rate_hz) has no effect") as found:
+        assert spec_of(content, "my.toml") == taxel_array("flexitac").spec
+    assert len(found) == 2
 
 
 @pytest.mark.parametrize("extends", ["a.toml", "b/b.toml"])
@@ -357,8 +409,8 @@ def test_an_array_needs_no_imperfections(tmp_path):
     assert not counts_of(array, None).any()
 
 
-@pytest.mark.parametrize("size", [(246, 318), (16, 22)])
-def test_images_of_any_even_size(size, shapes):
+@pytest.mark.parametrize("size", [(247, 318), (16, 23)])
+def test_images_of_any_size(size, shapes):
     """With markers, sampled units and artifacts: sizes that no step of theirs divides."""
     content = content_of("gelsight-mini")
     rows, columns = size

@@ -353,10 +353,10 @@ class BallFit:
                 first = round(min(max(middle, reach), count - reach)) - reach
                 sides += [first, first + 2 * reach]
             top, bottom, left, right = sides
-            change = (linear(frame, GAMMA) - light).reshape(
-                camera.rows // 2, 2, camera.columns // 2, 2, 3
-            )
-            samples = change.mean(axis=(1, 3))[top:bottom, left:right]
+            rows, columns = camera.rows // 2, camera.columns // 2
+            change = (linear(frame, GAMMA) - light)[: 2 * rows, : 2 * columns]
+            blocks = change.reshape(rows, 2, columns, 2, 3).mean(axis=(1, 3))
+            samples = blocks[top:bottom, left:right]
             self._targets.append(samples.reshape(-1, 3))
             # the lattice of samples has one more row and column at each edge
             self._squares.append((top + 1, bottom + 1, left + 1, right + 1))

@@ -17,7 +17,7 @@ Law = Literal["linear", "stiffening"]
 THINNEST_MM = 0.5
 
 # Properties of a layer with their limits (assumed: beyond any sensor's).
-Side = Annotated[float, Meta(ge=1.0, le=500.0)]
+Side = Annotated[float, Meta(ge=1.0, le=1000.0)]
 Thickness = Annotated[float, Meta(ge=0.1, le=200.0, description="thickness at the thickest place")]
 Young = Annotated[float, Meta(ge=0.001, le=100.0, description="Young's modulus at small strain")]
 Poisson = Annotated[float, Meta(ge=0.0, le=0.499, description="Poisson's ratio")]
@@ -27,10 +27,11 @@ SensorName = Annotated[
 ]
 ColorValue = Annotated[float, Meta(ge=0.0, le=1.0)]
 FlatPart = Annotated[
-    float, Meta(ge=0.0, le=500.0, description="the surface is flat so far either side along y")
+    float, Meta(ge=0.0, le=1000.0, description="the surface is flat so far either side along y")
 ]
 MAX_FRICTION = 5.0  # largest allowed coefficient (assumed: above any rubber's on a dry solid)
-MAX_CELLS = 500  # cells of the contact's grid along a side (assumed: presses stay below a second)
+MIN_CELLS = 4  # cells of the contact's grid along a side, which splines between them need
+MAX_CELLS = 500  # the same (assumed: presses stay below a second)
 DEEPEST_MM = 200.0  # largest depth of a sensor's housing, mm (assumed)
 # Pressure, over Young's modulus, above which neither the friction of a stiffening layer nor its
 # displacement along the surface increases (assumed: it is compressed to a third there). Friction is
@@ -91,6 +92,18 @@ class Elastomer:
         """Pressure above which friction does not increase, see FULL_PRESSURE."""
         return np.inf if self.law == "linear" else FULL_PRESSURE * self.young_mpa
 
+    def cells(self, pitch_mm: float) -> tuple[int, int]:
+        """Cells of the contact's grid along x and y. Raises T2TwinError for too few or too many."""
+        # Both even, so that a quarter turn about the center maps cells onto cells.
+        sides = self.width_mm, self.length_mm
+        columns, rows = (2 * int(side / pitch_mm / 2 + 1e-9) for side in sides)
+        if min(columns, rows) < MIN_CELLS or max(columns, rows) > MAX_CELLS:
+            raise T2TwinError(
+                f"grid_mm is {pitch_mm:g}, which gives {self.name} {columns} x {rows} cells of its "
+                f"contact's grid; expected {MIN_CELLS} to {MAX_CELLS} along each side"
+            )
+        return columns, rows
+
     def rest_surface_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Height of the undeformed surface above its apex, mm (<= 0), at points of equal shape."""
         beyond = np.maximum(np.abs(y_mm) - self.dome_flat_mm, 0.0)
@@ -146,13 +159,19 @@ class LayerTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     ] = "stiffening"
 
     def __post_init__(self) -> None:
-        self.elastomer("layer")
-        cells = max(self.width_mm, self.length_mm) / self.grid_mm
-        if cells > MAX_CELLS:
-            raise T2TwinError(
-                f"grid_mm is {self.grid_mm:g}, which gives {cells:.0f} cells along a side; "
-                f"expected at most {MAX_CELLS}"
-            )
+        self.elastomer("the layer").cells(self.grid_mm)
+        reach_y_mm = max(self.length_mm / 2 - self.dome_flat_mm, 0.0)
+        for name, reach_mm in (
+            ("dome_width_radius_mm", self.width_mm / 2), ("dome_length_radius_mm", reach_y_mm),
+        ):  # fmt: skip
+            # the circle through the apex, and through the base at the edge or its own end
+            height_mm = min(self.thickness_mm, reach_mm)
+            least_mm = reach_mm and (reach_mm**2 + height_mm**2) / (2 * height_mm)
+            if getattr(self, name) < least_mm:
+                raise T2TwinError(
+                    f"{name} is {getattr(self, name):g}, with which the surface falls below the "
+                    f"base within {reach_mm:g} mm; expected at least {least_mm:.4g}"
+                )
 
     @property
     def law_of_friction(self) -> Friction:

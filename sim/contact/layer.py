@@ -84,9 +84,7 @@ class Layer:
     def __init__(self, elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> None:
         self._arguments = elastomer, pitch_mm, per_side
         self.elastomer = elastomer
-        # Both even, so that a quarter turn about the center maps cells onto cells.
-        self.columns = per_side * 2 * int(elastomer.width_mm / pitch_mm / 2 + 1e-9)
-        self.rows = per_side * 2 * int(elastomer.length_mm / pitch_mm / 2 + 1e-9)
+        self.columns, self.rows = (per_side * count for count in elastomer.cells(pitch_mm))
         self.per_side = per_side
         self.per_node = per_side * (2 if 2 * pitch_mm <= NODE_MM + 1e-9 else 1)
         self.pitch_mm = pitch_mm = pitch_mm / per_side

@@ -14,7 +14,7 @@ from t2twin.sim.contact.elastomer import Elastomer, elastomer_of
 from t2twin.sim.sampling.recipe import PAPER, Recipe
 from t2twin.sim.taxels.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.taxels.phi import Phi
-from t2twin.sim.taxels.spec import MAX_BITS, CountsTable, Imperfections
+from t2twin.sim.taxels.spec import CountsTable, Imperfections
 
 FORMAT = 2  # of the dataset's folders, columns and info.json
 SPLITS = ("train", "val", "test")
@@ -124,11 +124,7 @@ class ArrayInfo(_SensorInfo, frozen=True, kw_only=True, tag=COUNTS):
     @property
     def reading(self) -> CountsTable:
         """How a simulated taxel array's counts are read; the gain is 1, as counts are given."""
-        assert self.rate_hz is not None
-        return CountsTable(
-            gain=1.0, full_scale=self.full_scale_counts, bits=MAX_BITS, rate_hz=self.rate_hz,
-            readings=self.readings or 1,
-        )  # fmt: skip
+        return CountsTable(1.0, self.full_scale_counts, self.readings or 1, self.rate_hz)
 
     @property
     def taxels(self) -> Layout:

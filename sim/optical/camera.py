@@ -13,7 +13,6 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 
 GRID_PITCH_MM = 0.1
@@ -24,7 +23,7 @@ PARALLAX_STEPS = 6
 surface and ray (at most 0.4); the remaining error is below 0.01 mm."""
 MAX_PIXELS = 1600  # rows and columns of an image (assumed: makers' interfaces give less)
 
-Pixels = Annotated[int, Meta(ge=16, le=MAX_PIXELS, multiple_of=2)]
+Pixels = Annotated[int, Meta(ge=16, le=MAX_PIXELS)]
 Scale = Annotated[float, Meta(ge=5.0, le=100.0)]  # assumed: public files have 17.2 to 19.6 px/mm
 Distance = Annotated[float, Meta(ge=5.0, le=100.0)]  # assumed: these have 20.8 to 22 mm
 Shift = Annotated[float, Meta(ge=-100.0, le=100.0)]  # assumed: 5 mm of a DIGIT
@@ -52,8 +51,7 @@ class Camera(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
         for name, (low, high) in LIMITS.items():
             arguments.number(getattr(self, name), name, low, high)
         for name in ("rows", "columns"):
-            if getattr(self, name) < 2 or getattr(self, name) % 2:
-                raise T2TwinError(f"{name} is {getattr(self, name)}; expected an even number")
+            arguments.whole_number(getattr(self, name), name, 2)
 
     @property
     def focal_px(self) -> float:

@@ -27,9 +27,14 @@ from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.optical.artifacts import Artifacts, with_artifacts
 from t2twin.sim.optical.camera import PARALLAX_STEPS, Camera, optical_grid
 from t2twin.sim.optical.compiled import at_places
-from t2twin.sim.optical.image_renderer import ImageRenderer, Renderer, optics_of_leds
+from t2twin.sim.optical.image_renderer import (
+    ImageRenderer,
+    Renderer,
+    check_exposure,
+    optics_of_leds,
+)
 from t2twin.sim.optical.markers import Markers, surface_shift
-from t2twin.sim.optical.optics import Optics
+from t2twin.sim.optical.optics import Optics, optics_path
 from t2twin.sim.optical.pyrender_renderer import PyrenderRenderer
 from t2twin.sim.optical.spec import GelCameraSpec
 from t2twin.sim.optical.surface import surface_on
@@ -123,7 +128,10 @@ class GelCamera:
         if self.markers is not None:
             printed = arguments.instance(self.markers, "markers", Markers).printed(self.camera)
             object.__setattr__(self, "markers", printed)
-        _ = self.image_renderer, self.elastomer  # faults of the optics are those of the sensor
+        self.elastomer.cells(self.pitch_mm)
+        _ = self.image_renderer  # faults of the optics are those of the sensor
+        if self.unit is None:
+            check_exposure(self.optics.background)
 
     @property
     def name(self) -> str:
@@ -185,7 +193,7 @@ class GelCamera:
         if self.optics_file is not None:
             return Path(self.optics_file)
         own = self.spec.light.optics
-        return None if own is None else Path(self.folder) / own
+        return None if own is None else optics_path(own, Path(self.folder))
 
     @cached_property
     def optics(self) -> Optics:

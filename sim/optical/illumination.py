@@ -5,7 +5,8 @@ fixed; LEDs are arguments, so that a fit can move them.
 
 G is the optical grid (ny, nx), C its shadow grid, P the image (rows, columns), S the image's
 lattice of samples: one in the middle of every 2 x 2 pixels and one more beyond each edge
-(rows / 2 + 2, columns / 2 + 2). All numbers are float32, which is twice as fast as mixed types.
+(rows / 2 + 2, columns / 2 + 2; halves are rounded up). All numbers are float32, which is twice
+as fast as mixed types.
 
 Shadows are soft: the visible fraction of each LED's disc is computed at each cell of C. Let D be
 the LED's distance. By similar triangles, a blocker at distance s along the ray to the LED's middle,
@@ -245,8 +246,8 @@ class Rays:
 
 
 def _sample_slopes(count: int, middle: float, focal_px: float) -> np.ndarray:
-    """(count / 2 + 2,) float32 slopes of the rays of the lattice of samples along one axis."""
-    places = 2.0 * np.arange(count // 2 + 2) - 1.5 - middle
+    """(-(-count // 2) + 2,) float32 slopes of the rays of the lattice of samples along one axis."""
+    places = 2.0 * np.arange(-(-count // 2) + 2) - 1.5 - middle
     return (places / focal_px).astype(np.float32)
 
 

@@ -42,6 +42,7 @@ Renderer = Literal["baked", "pyrender"]
 """What renders images: the baked model, in milliseconds, or pyrender, in about
 t2twin.sim.optical.pyrender_renderer.FRAME_SECONDS."""
 
+MOST_CLIPPED = 0.5  # largest part of a background frame that is black or overexposed (assumed)
 LED_PLACES = 48  # places along each axis where beams are fitted (assumed: they are smooth)
 
 Color = tuple[float, float, float]
@@ -159,8 +160,9 @@ class ImageRenderer:
         """(S) of the optics file's coating, or 1."""
         if self.optics.albedo is None:
             return np.float32(1.0)
-        rows, columns = self.optics.albedo.shape
-        samples = self.optics.albedo.reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
+        odd = [(0, count % 2) for count in self.optics.albedo.shape]
+        even = np.pad(self.optics.albedo, odd, mode="edge")
+        samples = even.reshape(len(even) // 2, 2, -1, 2).mean(axis=(1, 3))
         return np.pad(samples, 1, mode="edge").astype(np.float32)
 
     @cached_property
@@ -248,8 +250,7 @@ def optics_of_leds(
 ) -> Optics:
     """The optics of a unit with these LEDs, beside a Lambertian coating.
 
-    ambient: undirected light, which adds to the background. Raises T2TwinError where the gel at
-    rest would be overexposed everywhere, or dark.
+    ambient: undirected light, which adds to the background.
     """
     response = np.zeros((len(leds), 3, PLACE_TERMS, COSINE_TERMS))
     # each beam is a polynomial, fitted over the part of the gel that the camera sees
@@ -274,10 +275,17 @@ def optics_of_leds(
     renderer = ImageRenderer(blank, gel, 0.0)
     light = renderer._rest_light + np.array(ambient, np.float32)[:, None, None]
     background = renderer._encoded(blank.background, light, renderer._all_pixels)
-    for level, what in ((0, "black"), (255, "white")):
-        if (background == level).all():
-            raise T2TwinError(
-                f"the LEDs leave the background {what} in every pixel and color; change their "
-                "color or the ambient light"
-            )
     return replace(blank, background=background)
+
+
+def check_exposure(background: np.ndarray) -> None:
+    """Raises T2TwinError for a background frame that is mostly black or overexposed."""
+    black = (background == 0).all(axis=2).mean()
+    white = (background == 255).mean(axis=(0, 1)).max()  # of the brightest color
+    for part, what in ((black, "black"), (white, "overexposed in a color")):
+        if part > MOST_CLIPPED:
+            raise T2TwinError(
+                f"{100 * part:.0f} % of the background frame are {what}; expected at most "
+                f"{100 * MOST_CLIPPED:g} %, so change the colors and places of the LEDs, or the "
+                "ambient light"
+            )

@@ -27,7 +27,14 @@ MAX_RESPONSE = 1e4  # largest entry (assumed: 19 in the default optics, for a wh
 GAMMAS = (0.5, 4.0)  # exponent between light and grey levels (assumed: cameras have 1 to 2.4)
 YOUNGS_MPA = (0.01, 10.0)  # range of the modulus (assumed: soft silicones have 0.05 to 2 MPa)
 ALBEDOS = (0.01, 10.0)  # range of the albedo (assumed: worn coatings have 0.3 to 1.5)
+SPECS = Path(__file__).parents[1] / "sensors" / "specs"  # bundled sensors' files and optics
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"  # keys in the file, if the noise was measured
+
+
+def optics_path(source: str, folder: Path) -> Path:
+    """The optics file of a bundled sensor, by its name, or a file by a path from a folder."""
+    bundled = SPECS / f"{source}.npz"
+    return bundled if bundled.parent == SPECS and bundled.exists() else folder / source
 
 
 def place_terms(x_mm: np.ndarray, y_mm: np.ndarray, degree: int = PLACE_DEGREE) -> np.ndarray:

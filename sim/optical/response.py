@@ -113,7 +113,8 @@ class Noise:
     def sample(self, rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
         """(rows, columns, 3) float32: noise of one frame, grey levels."""
         # white noise covers the image and a margin of the smoothing's radius
-        white = np.empty((rows + 2 * REACH, (columns + 2 * REACH) * 3), dtype=np.float32)
+        even = columns + columns % 2
+        white = np.empty((rows + 2 * REACH, (even + 2 * REACH) * 3), dtype=np.float32)
         _fill_white(*keys(rng), quantiles(), white)
         taps, mix = self.taps.astype(np.float32), self.mix.astype(np.float32)
         down = reduce(np.add, (tap * white[k : k + rows] for k, tap in enumerate(taps)))
@@ -141,8 +142,9 @@ def encode(change, background, light, table, region, shade, keys, quantiles, sig
     rows, columns = background.shape[0], background.shape[1]
     is_white = noise.size == 0 and sigma > _ZERO
     lines = np.empty((3, change.shape[2]), dtype=np.float32)
-    grey, value = np.empty(3 * columns, dtype=np.float32), np.empty(3 * columns, dtype=np.float32)
-    entry, chosen = np.empty(3 * columns, dtype=np.uint32), np.empty(3 * columns, dtype=np.uint32)
+    width = 3 * (columns + columns % 2)  # of whole pairs of columns
+    grey, value = np.empty(3 * columns, dtype=np.float32), np.empty(width, dtype=np.float32)
+    entry, chosen = np.empty(width, dtype=np.uint32), np.empty(width, dtype=np.uint32)
     # in pairs of columns, so that no loop starts within a sample; indices of slices are never
     # negative, so their loops are vectorized
     pairs, end = region[2] // 2, (region[3] + 1) // 2
@@ -167,7 +169,7 @@ def encode(change, background, light, table, region, shade, keys, quantiles, sig
                 for color in range(3):
                     grey[3 * n + color] *= factors[n]
         if is_white:
-            choose(3 * columns * row, keys[0], keys[1], chosen)
+            choose(width * row, keys[0], keys[1], chosen)
             for n in range(3 * columns):
                 grey[n] += sigma * quantiles[chosen[n]]
         elif noise.size > 0:

@@ -33,7 +33,6 @@ Elevation = Annotated[float, Meta(ge=5.0, le=80.0)]
 class CameraTable(Camera, frozen=True, kw_only=True):
     """The camera and its images."""
 
-    rate_hz: Annotated[float, Meta(gt=0.0, le=1e4, description="frames per second")]
     frames: Annotated[
         int, Meta(ge=1, le=10_000, description="frames averaged for an image of a press")
     ] = 1
@@ -107,7 +106,7 @@ class Led(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
 
 
 class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The light of one unit: an optics file, LEDs, or both, which then describe the same light."""
+    """The light: the optics file of a unit, or LEDs, which a bundled sensor's optics may render."""
 
     leds: Annotated[
         tuple[Led, ...], Meta(max_length=MAX_LEDS, description="LEDs, one table each")
@@ -118,7 +117,8 @@ class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     ] = (0.0, 0.0, 0.0)
     gamma: Annotated[Gamma, Meta(description="exponent between light and grey levels")] = 2.2
     optics: Annotated[
-        str | None, Meta(description="optics file of `t2twin calibrate`, beside the sensor's file")
+        str | None,
+        Meta(description="optics file of `t2twin calibrate`, or name of a sensor of equal LEDs"),
     ] = None
 
     def __post_init__(self) -> None:
@@ -175,6 +175,12 @@ class GelCameraSpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defaul
 
     def __post_init__(self) -> None:
         camera, gel = self.camera, self.gel
+        nearest_mm = self.units.distance_mm[0] if self.units else camera.distance_mm
+        if min(camera.distance_mm, nearest_mm) <= gel.thickness_mm:
+            raise T2TwinError(
+                f"the camera is {min(camera.distance_mm, nearest_mm):g} mm from the apex, inside "
+                f"the gel of {gel.thickness_mm:g} mm; expected a larger distance_mm"
+            )
         scales = {"the camera": camera.scale_px_per_mm}
         if self.units is not None:
             scales["a unit's camera"] = self.units.scale_px_per_mm[0]

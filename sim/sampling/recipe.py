@@ -168,13 +168,7 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     artifacts: Artifacts | UnsetType = UNSET
 
     def __post_init__(self) -> None:
-        for name, default in zip(self.__struct_fields__, self.__struct_defaults__, strict=True):
-            of_drawn = name in ("each", "draw", "fixed_share", "artifacts")
-            if self.kind == "fixed" and of_drawn and getattr(self, name) != default:
-                raise T2TwinError(f'{name} of light needs kind = "drawn"')
-        for name, default in zip(
-            self.draw.__struct_fields__, self.draw.__struct_defaults__, strict=True
-        ):
+        for name, default in _defaults(self.draw).items():
             is_unused = name.startswith("around_") == (self.optics is None)
             if is_unused and getattr(self.draw, name) != default:
                 state = "has no" if self.optics is None else "has an"
@@ -215,6 +209,51 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
                 raise T2TwinError(f"{name} of motion is [{low:g}, {high:g}]; expected low first")
 
 
+PATHS = ("steps", "force_change", "gel_friction", "cover_friction")
+STREAKS = ("grey", "px", "length_px", "off_deg", "bend_part", "moved_px")
+EFFECTS: dict[str, dict[tuple[str, ...], tuple[object, tuple[str, ...]]]] = {
+    "light": {("kind",): ("fixed", ("each", "draw", "fixed_share", "artifacts"))},
+    "motion": {
+        ("slide",): (0, ("slide_mm",)),
+        ("twist",): (0, ("twist_deg",)),
+        ("slide", "twist"): (0, PATHS),
+    },
+    "light.draw": {
+        ("linear_amount",): (0, ("linear_gamma",)),
+        ("leak_amount",): (0, ("leak_part",)),
+        ("follow_amount",): (1, ("gradient_part",)),
+        ("edge_dark_amount",): (0, ("edge_px", "edge_soft_px")),
+        ("specks",): (0, ("speck_px", "speck_grey")),
+    },
+    "light.artifacts": {
+        ("streaks",): (0, tuple(f"streak_{name}" for name in STREAKS)),
+        ("glares",): (0, ("glare_grey", "glare_px")),
+        ("streaks", "glares"): (0, ("changed_part", "other_color_part")),
+        ("worn",): (0, ("wear_part", "speckle_part")),
+        ("drift_grey",): (0, ("drift_even_part",)),
+    },
+}
+"""Of each table, the amounts of an effect, the value of all that disables it, and its details."""
+
+
+def _defaults(record: Struct) -> dict[str, object]:
+    """The default of each field of a record, all of which have one."""
+    return dict(zip(record.__struct_fields__, record.__struct_defaults__, strict=True))
+
+
+def _check_effects(table: str, record: Struct) -> None:
+    """Raises T2TwinError for a detail of an effect that the record disables."""
+    for amounts, (off, details) in EFFECTS[table].items():
+        if any(getattr(record, name) not in (off, (off, off)) for name in amounts):
+            continue
+        for name in details:
+            if getattr(record, name) != _defaults(record)[name]:
+                raise T2TwinError(
+                    f"{name} of {table} has no effect, as {' and '.join(amounts)} of {table} is "
+                    f"{off}; leave it out"
+                )
+
+
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     """What is sampled into a dataset; docs/reference/file-formats.md lists the keys.
 
@@ -237,6 +276,13 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     contact_maps: bool | UnsetType = UNSET
 
     def __post_init__(self) -> None:
+        light = self.light
+        tables = "light", "light.draw", "light.artifacts", "motion"
+        for table, record in zip(
+            tables, (light, light.draw, light.artifacts, self.motion), strict=True
+        ):
+            if record:
+                _check_effects(table, record)
         own = [part.shapes for part in self.parts if part.place == "grid"]
         if len(own) != len(set(own)):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")

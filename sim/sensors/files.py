@@ -1,17 +1,24 @@
 """Reads sensor files, TOML: bundled ones by name, a user's own by path.
 
 `extends` names another sensor, whose values hold where the file has none. Its ranges of units move
-with the camera's values.
+with the camera's values. Optics state the values that they were fitted with: those of the bundled
+sensor that they are named after, or the camera, noise and modulus in the file of one unit. A sensor
+file beside them states the same values or none, and has no other light.
 """
 
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from msgspec import structs
+
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.records import convert, nearest, read_toml
+from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
+from t2twin.sim.optical.optics import SPECS, Optics, optics_path
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
 from t2twin.sim.optical.spec import GelCameraSpec
 from t2twin.sim.sensors.defaults import ALIASES
@@ -22,12 +29,16 @@ from t2twin.sim.taxels.taxel_array import TaxelArray
 Spec = GelCameraSpec | TaxelArraySpec
 Sensor = GelCamera | TaxelArray
 
-SPECS = Path(__file__).parent / "specs"
 KINDS: dict[str, tuple[type[Spec], type[Sensor]]] = {
     GEL_CAMERA: (GelCameraSpec, GelCamera),
     TAXEL_ARRAY: (TaxelArraySpec, TaxelArray),
 }
 """The record and the simulated sensor of each kind."""
+NO_OPTICS = "none"  # as light.optics, for the LEDs alone where the extended file has optics
+DOME = ("dome_width_radius_mm", "dome_length_radius_mm", "dome_flat_mm")
+LIGHT = ("leds", "ambient", "gamma")
+FITTED = {"camera": Camera.__struct_fields__, "light": LIGHT, "gel": DOME}
+"""Values with which the optics of a bundled sensor's LEDs are fitted."""
 
 
 def bundled_sensors() -> tuple[str, ...]:
@@ -83,24 +94,53 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
     """The values of a file over those of the file that it extends, and the folder for its paths."""
     content = read_toml(path)
     extends = content.pop("extends", None)
-    if extends is None:
-        return content, path.parent
-    if path.resolve() in extended:
-        raise T2TwinError(f"{path} extends itself; remove one `extends`")
-    name = arguments.text(extends, f"{path}: extends")
-    other = path_of(path.parent / name if name.endswith(".toml") else name)
-    base, folder = _content(other, (*extended, path.resolve()))
-    own_files = any(
-        isinstance(content.get(table), dict) and key in content[table]
-        for table, key in (("light", "optics"), ("layout", "file"))
-    )
-    if own_files and folder != path.parent:
-        light = base.get("light")
-        if isinstance(light, dict) and isinstance(light.get("optics"), str):
-            light["optics"] = str((folder / light["optics"]).absolute())
+    base, folder = {}, path.parent
+    if extends is not None:
+        if path.resolve() in extended:
+            raise T2TwinError(f"{path} extends itself; remove one `extends`")
+        name = arguments.text(extends, f"{path}: extends")
+        other = path_of(path.parent / name if name.endswith(".toml") else name)
+        base, folder = _content(other, (*extended, path.resolve()))
+    if "file" in _table(content, "layout"):
         folder = path.parent
+    optics = _table(content, "light").get("optics")
+    if optics == NO_OPTICS:
+        del content["light"]["optics"]
+        base = base | {"light": {k: v for k, v in _table(base, "light").items() if k != "optics"}}
+    elif isinstance(optics, str) and optics_path(optics, path.parent).parent != SPECS:
+        folder = path.parent
+        base = _of_unit(base, content, optics_path(optics, folder), path)
     moved = _moved_ranges(base, content)
     return _merged(base if moved is None else base | {"units": moved}, content), folder
+
+
+def _table(content: dict[str, Any], name: str) -> dict[str, Any]:
+    """A table of a file's content; empty for anything else."""
+    table = content.get(name)
+    return table if isinstance(table, dict) else {}
+
+
+def _of_unit(base: dict[str, Any], own: dict[str, Any], path: Path, source: Path) -> dict[str, Any]:
+    """The extended values with those of a unit's optics file in place of its light and units."""
+    optics, base = Optics.load(path), {k: v for k, v in base.items() if k not in ("light", "units")}
+    unused = [f"light.{key}" for key in _table(own, "light") if key != "optics"]
+    if unused := [*unused, *({"units"} & own.keys())]:
+        raise T2TwinError(f"{source}: {unused[0]} has no effect beside light.optics; remove one")
+    stated: dict[str, dict[str, Any]] = {"camera": structs.asdict(optics.camera)}
+    if optics.noise is not None:
+        stated["camera"]["noise_grey"] = optics.noise.grey
+    if optics.young_mpa is not None:
+        stated["gel"] = {"young_mpa": optics.young_mpa}
+    for table, values in stated.items():
+        for key, value in values.items():
+            given = _table(own, table).get(key, value)
+            if given != value:
+                raise T2TwinError(
+                    f"{source}: {table}.{key} is {given}, but {path} was fitted with {value:.6g}; "
+                    "leave it out, or light.optics"
+                )
+        base[table] = _table(base, table) | values
+    return base
 
 
 def _moved_ranges(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any] | None:
@@ -133,4 +173,32 @@ def spec_of(content: dict[str, Any], source: object) -> Spec:
     if kind not in KINDS:
         given = "missing" if kind is None else repr(kind)
         raise T2TwinError(f"{source}: kind is {given}; expected {' or '.join(KINDS)}")
-    return convert(content, KINDS[kind][0], source)
+    presets = _table(content, "imperfections")
+    has_memory = any(_table(presets, name).get("memory_s") for name in presets)
+    unused = ("camera", "rate_hz"), ("counts", "bits"), ("counts", "rate_hz")
+    for table, key in unused[: 2 if has_memory else 3]:
+        if key in (values := _table(content, table)):
+            content = content | {table: {k: v for k, v in values.items() if k != key}}
+            message = f"{source}: {table}.{key} has no effect; remove it"
+            warnings.warn(message, T2TwinWarning, stacklevel=2)
+    spec = convert(content, KINDS[kind][0], source)
+    if isinstance(spec, GelCameraSpec):
+        _check_fitted(spec, source)
+    return spec
+
+
+def _check_fitted(spec: GelCameraSpec, source: object) -> None:
+    """Raises T2TwinError for optics of a bundled sensor with other values than the file's."""
+    name = spec.light.optics
+    if name is None or optics_path(name, Path()).parent != SPECS:
+        return
+    fitted = convert(_content(SPECS / f"{name}.toml", ())[0], GelCameraSpec, name)
+    for table, keys in FITTED.items():
+        own, other = getattr(spec, table), getattr(fitted, table)
+        for key in keys:
+            if getattr(own, key) != getattr(other, key):
+                raise T2TwinError(
+                    f"{source}: {table}.{key} is not that of {name}, with which its optics were "
+                    f'fitted; write optics = "{NO_OPTICS}" in [light], so that its LEDs light the '
+                    "gel, or an optics file of `t2twin calibrate`"
+                )

@@ -118,6 +118,11 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT, folder: Path | None = None)
     names = [field.name for field in fields(_Taxel)]
     if path.suffix.lower() == ".csv":
         rows = read_rows(path, _Taxel)
+    elif path.suffix.lower() != ".json":
+        raise T2TwinError(
+            f"{path} is no layout; expected a .csv file with the columns {', '.join(names)}, or a "
+            ".json file with a list of taxels that have these keys"
+        )
     else:
         content = read_json(path, dict, 1)
         # unknown keys would have no effect, such as a gain

@@ -18,7 +18,6 @@ from t2twin.sim.taxels.layout import (
 )
 
 KIND = "taxel-array"
-MAX_BITS = 16  # largest number of bits of a count
 
 Line = Annotated[int, Meta(ge=1, le=MAX_TAXELS)]
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
@@ -123,24 +122,23 @@ class CountsTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults
 
     gain: Annotated[float, Meta(gt=0.0, le=1e9, description="counts for a signal of 1")]
     full_scale: Annotated[
-        int, Meta(ge=2, le=2**MAX_BITS - 1, description="count at which a taxel saturates")
+        int, Meta(ge=2, le=2**16 - 1, description="count at which a taxel saturates")
     ]
-    bits: Annotated[int, Meta(ge=2, le=MAX_BITS, description="bits of a count")]
-    rate_hz: Annotated[float, Meta(gt=0.0, le=1e4, description="readings per second")]
     readings: Annotated[
         int, Meta(ge=1, le=10_000, description="readings averaged for the counts of a press")
     ] = 1
+    rate_hz: Annotated[
+        float | None, Meta(description="readings per second, for imperfections with a memory")
+    ] = None
 
     def __post_init__(self) -> None:
-        if self.full_scale >= 2**self.bits:
-            raise T2TwinError(
-                f"full_scale is {self.full_scale}; {self.bits} bits hold at most {2**self.bits - 1}"
-            )
+        if self.rate_hz is not None:
+            arguments.number(self.rate_hz, "rate_hz", 1e-4, 1e4)
 
     @property
     def sample_s(self) -> float:
-        """Duration of the averaged readings, s."""
-        return self.readings / self.rate_hz
+        """Duration of the averaged readings, s; only a memory depends on it."""
+        return self.readings / (self.rate_hz or 1.0)
 
 
 class TactileImageTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -225,3 +223,8 @@ class TaxelArraySpec(Struct, frozen=True, forbid_unknown_fields=True, omit_defau
         dict[str, Imperfections], Meta(description="imperfections by name, one table each")
     ] = {}
     about: Annotated[str | None, Meta(description="remark, which is not read")] = None
+
+    def __post_init__(self) -> None:
+        for name, flaws in self.imperfections.items():
+            if flaws.memory_s and self.counts.rate_hz is None:
+                raise T2TwinError(f"imperfections.{name} has a memory, which needs counts.rate_hz")

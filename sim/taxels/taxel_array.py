@@ -30,6 +30,10 @@ from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.spec import DenseTable, Imperfections, TaxelArraySpec
 
 
+MAX_WEIGHTS = 100_000_000  # cells times taxels, whose weights take 8 bytes each (assumed)
+FEWER_PLACES = 1500  # most places of the dense counts of a file without a table [dense] (assumed)
+
+
 @dataclass(frozen=True)
 class TaxelArray:
     """A taxel array: its file, and what differs from it."""
@@ -57,6 +61,12 @@ class TaxelArray:
         else:
             layout = load_layout(self.layout_source)
         object.__setattr__(self, "layout", layout)
+        columns, rows = self.elastomer.cells(self.pitch_mm)
+        if columns * rows * layout.size > MAX_WEIGHTS:
+            raise T2TwinError(
+                f"{layout.size} taxels over {columns} x {rows} cells of the contact's grid need too "
+                f"much memory; expected a product of at most {MAX_WEIGHTS:,}, so a larger grid_mm"
+            )
         check_within(layout, *reach_mm(self.elastomer, self.pitch_mm))
         if (self.layout_source, self.cover) == (None, None):
             self._check_file()
@@ -132,7 +142,9 @@ class TaxelArray:
     @property
     def dense_table(self) -> DenseTable:
         """The grid of the dense counts."""
-        return self.spec.dense or DenseTable(max(0.2, self.elastomer.thickness_mm))
+        cover = self.elastomer
+        least_mm = np.sqrt(cover.width_mm * cover.length_mm / FEWER_PLACES)
+        return self.spec.dense or DenseTable(float(max(0.2, cover.thickness_mm, least_mm)))
 
     @cached_property
     def dense(self) -> Layout:

@@ -1,6 +1,5 @@
 """t2twin shapes, primitives, sensors, press, slide and studio"""
 
-import json
 import math
 import os
 import sys
@@ -97,11 +96,8 @@ def sensors(
             loaded.read(contact).picture().save(temporary, "PNG")
         print(f"{contact_summary(loaded.name, contact)}; wrote {path}")
     else:
-        text = path_of(sensor).read_text(encoding="utf-8")
-        optics = getattr(load_sensor(sensor), "optics_path", None)
-        if optics is not None:  # beside the file, and named with its folder
-            text = text.replace(json.dumps(optics.name), json.dumps(str(optics.absolute())), 1)
-        print(text, end="")
+        load_sensor(sensor)
+        print(path_of(sensor).read_text(encoding="utf-8"), end="")
 
 
 def _press_ball(sensor: "Sensor") -> "Contact":
