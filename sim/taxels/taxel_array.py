@@ -18,7 +18,7 @@ from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer, Friction, MountTable
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.taxels import reading
-from t2twin.sim.taxels.layout import Layout, load_layout
+from t2twin.sim.taxels.layout import MAX_TAXELS, Layout, load_layout
 from t2twin.sim.taxels.pads import (
     check_within,
     dense_layout,
@@ -29,9 +29,8 @@ from t2twin.sim.taxels.pads import (
 from t2twin.sim.taxels.phi import Phi
 from t2twin.sim.taxels.spec import DenseTable, Imperfections, TaxelArraySpec
 
-
-MAX_WEIGHTS = 100_000_000  # cells times taxels, whose weights take 8 bytes each (assumed)
-FEWER_PLACES = 1500  # most places of the dense counts of a file without a table [dense] (assumed)
+MAX_WEIGHTS = 64_000_000  # cells times taxels; their weights take 7 GB for a moment (assumed)
+FEWER_PLACES = 200  # places of dense counts of a mat without a table [dense] (assumed)
 
 
 @dataclass(frozen=True)
@@ -61,12 +60,7 @@ class TaxelArray:
         else:
             layout = load_layout(self.layout_source)
         object.__setattr__(self, "layout", layout)
-        columns, rows = self.elastomer.cells(self.pitch_mm)
-        if columns * rows * layout.size > MAX_WEIGHTS:
-            raise T2TwinError(
-                f"{layout.size} taxels over {columns} x {rows} cells of the contact's grid need too "
-                f"much memory; expected a product of at most {MAX_WEIGHTS:,}, so a larger grid_mm"
-            )
+        self._check_weights(layout.size, "taxels")
         check_within(layout, *reach_mm(self.elastomer, self.pitch_mm))
         if (self.layout_source, self.cover) == (None, None):
             self._check_file()
@@ -98,7 +92,16 @@ class TaxelArray:
                     f"middle; the taxels reach {most_mm:.4g} mm"
                 )
         if self.spec.dense is not None:
-            _ = self.dense
+            self._check_weights(self.dense.size, "places of the dense counts")
+
+    def _check_weights(self, count: int, what: str) -> None:
+        """Raises T2TwinError for more places over the cells of the contact's grid than memory."""
+        columns, rows = self.elastomer.cells(self.pitch_mm)
+        if columns * rows * count > MAX_WEIGHTS:
+            raise T2TwinError(
+                f"{count} {what} over {columns} x {rows} cells of the contact's grid need too much "
+                f"memory; use a larger grid_mm, for a product of at most {MAX_WEIGHTS:,}"
+            )
 
     @property
     def name(self) -> str:
@@ -142,9 +145,11 @@ class TaxelArray:
     @property
     def dense_table(self) -> DenseTable:
         """The grid of the dense counts."""
-        cover = self.elastomer
-        least_mm = np.sqrt(cover.width_mm * cover.length_mm / FEWER_PLACES)
-        return self.spec.dense or DenseTable(float(max(0.2, cover.thickness_mm, least_mm)))
+        cover, table = self.elastomer, DenseTable(max(0.2, self.elastomer.thickness_mm))
+        area_mm2 = cover.width_mm * cover.length_mm
+        if area_mm2 > MAX_TAXELS * table.cell_mm2:  # a mat
+            table = DenseTable(float(np.sqrt(area_mm2 / FEWER_PLACES)))
+        return self.spec.dense or table
 
     @cached_property
     def dense(self) -> Layout:
