@@ -147,14 +147,6 @@ def test_a_digit_takes_a_units_light_and_noise(units):
 # The camera
 
 
-def test_the_optical_grid_covers_the_gel_symmetrically():
-    x, y = optical_grid(GEL)
-    assert (x.size, y.size) == (184, 250)
-    np.testing.assert_allclose(x, -x[::-1], atol=1e-12)
-    np.testing.assert_allclose(np.diff(y), 0.1)
-    assert y[-1] + 0.05 == pytest.approx(GEL.length_mm / 2)
-
-
 @pytest.mark.parametrize(
     "camera", [{"scale_px_per_mm": 0.0}, {"distance_mm": -3.0}, {"rows": 1}, {"tilt_x_deg": np.nan}]
 )
