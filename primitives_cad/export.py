@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, locked, write_json
+from t2twin.core.files import result_folder, write_json
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue, mesh_files, solids, tools
 from t2twin.primitives_cad.catalogue import FAMILIES, PRIMITIVES
@@ -60,17 +60,17 @@ CREASE_MM, CREASE_STRENGTH, CREASE_STEP = 1.6, 0.30, 3
 def export_shapes(out_dir: str | Path) -> Path:
     """Write NAME.step and NAME.stl of the primitives, the tools and the plate (`mosaic`), in mm.
 
-    Returns the path of manifest.json, which describes them. Raises T2TwinError where the folder
-    cannot be written.
+    Returns the path of manifest.json, which describes them. Raises T2TwinError where another's file
+    has one of the names, or the folder cannot be written.
     """
     folder = arguments.path(out_dir, "out_dir")
     names = (*catalogue.PRIMITIVES, *catalogue.TOOLS, MOSAIC)
-    with locked(folder):
+    with result_folder(folder, "export of shapes", [MANIFEST]) as temporary:
         shapes = [
-            _write_shape(folder, name)
+            _write_shape(temporary, name)
             for name in Progress(names, desc="primitives and tools", unit="shape")
         ]
-        write_json(folder / MANIFEST, {"units": "mm", "shapes": shapes})
+        write_json(temporary / MANIFEST, {"units": "mm", "shapes": shapes})
     return folder / MANIFEST
 
 
@@ -100,10 +100,8 @@ def _write_shape(folder: Path, name: str) -> dict[str, Any]:
     bodies = solid.Solids()
     if len(bodies) != 1 or not bodies[0].isValid():
         raise T2TwinError(f"{name} is not one valid solid; its parameters do not make a shape")
-    with atomic_write(folder / f"{name}.step") as temporary:
-        cq.exporters.export(cq.Workplane(bodies[0]), str(temporary))
-    with atomic_write(folder / f"{name}.stl") as temporary:
-        mesh.export(temporary, file_type="stl")
+    cq.exporters.export(cq.Workplane(bodies[0]), str(folder / f"{name}.step"))
+    mesh.export(folder / f"{name}.stl", file_type="stl")
     return {
         "name": name,
         **about,
@@ -167,9 +165,10 @@ def draw_sheet(path: str | Path) -> Path:
             left = x > TOOL_PX[0] - wide or wide < x < TOOL_PX[0] / 2
             place, anchor = (at_x - 10 if left else at_x + 10, at_y), "rm" if left else "lm"
             pen.text(place, point.name, MARK, font, anchor, stroke_width=3, stroke_fill="white")
-    with atomic_write(Path(path)) as temporary:
-        page.save(temporary, format="PNG")
-    return Path(path)
+    path = Path(path)
+    with result_folder(path.parent, path.name, [path.name]) as temporary:
+        page.save(temporary / path.name, format="PNG")
+    return path
 
 
 def draw(

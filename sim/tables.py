@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+from collections.abc import Iterable
 from dataclasses import MISSING, fields
 from math import isfinite
 from pathlib import Path
@@ -15,17 +16,21 @@ from t2twin.core.records import check_names, convert
 Record = TypeVar("Record")
 
 DELIMITERS = ",;\t"  # of columns; spreadsheets of many countries write the second
-DECIMAL_COMMA = re.compile(r"^([-+]?\d+),(\d+)$")  # where commas do not delimit columns
+SIGNS = {".": ",", ",": "."}  # decimal signs, and the sign of thousands that goes with each
+AMBIGUOUS = re.compile(r"[-+]?[1-9][0-9]{0,2}[.,][0-9]{3}")  # 1,234 is 1234 or 1.234
 
 
-def read_csv(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
+def read_csv(path: Path, numbers: str) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
     """The names of the columns; of each row its place, such as "line 2", and its nonempty cells.
 
-    The delimiter is the most frequent one in the first line; decimal commas become points.
+    The delimiter is the most frequent one in the first line. numbers: pattern of the names of the
+    columns of numbers, which are returned as Python writes them. Raises T2TwinError, with line and
+    column, for a cell there that is no finite number, or that may be one of two.
     """
     try:
         text = read_file(path).decode("utf-8-sig")
-        delimiter = max(DELIMITERS, key=text.partition("\n")[0].count)
+        text = re.sub(r"\Asep=.(?=\r?\n)", "", text)  # an instruction to a spreadsheet
+        delimiter = max(DELIMITERS, key=text.lstrip("\r\n").partition("\n")[0].count)
         if text.count('"') % 2:  # the reader would take all that follows for one cell
             raise csv.Error("a quotation mark is not closed")
         reader = csv.reader(
@@ -38,30 +43,62 @@ def read_csv(path: Path) -> tuple[list[str], list[tuple[str, dict[str, str]]]]:
     if not lines:
         raise T2TwinError(f"{path} is empty; expected a CSV table")
     (_, names), *others = lines
+    while not names[-1]:  # columns without a name or a cell
+        names.pop()
     rows = []
     for number, cells in others:
-        place = f"line {number}"
-        if len(cells) != len(names):
-            raise T2TwinError(f"{path}, {place}: {len(cells)} cells in {len(names)} columns")
-        if delimiter != ",":
-            cells = [DECIMAL_COMMA.sub(r"\1.\2", each) for each in cells]
-        rows.append((place, {name: cell for name, cell in zip(names, cells, strict=True) if cell}))
+        if len(cells) < len(names) or any(cells[len(names) :]):
+            raise T2TwinError(f"{path}, line {number}: {len(cells)} cells in {len(names)} columns")
+        pairs = zip(names, cells, strict=False)
+        rows.append((f"line {number}", {name: cell for name, cell in pairs if cell}))
+    own = [name for name in names if re.fullmatch(numbers, name)]
+    sign = _decimal_sign(row[name] for _, row in rows for name in own if name in row)
+    for place, row in rows:
+        for name in own:
+            if name in row:
+                row[name] = _plain(row[name], sign, f"{path}, {place}, column {name}")
     return names, rows
+
+
+def _decimal_sign(cells: Iterable[str]) -> str | None:
+    """The decimal sign of the numbers of a file; None where no cell shows it."""
+    for cell in cells:
+        first, *others = re.findall("[.,]", cell) or [""]
+        if first and not AMBIGUOUS.fullmatch(cell):
+            # The last of two signs; the other one of a sign that returns; the only sign.
+            return others[-1] if {*others} - {first} else SIGNS[first] if others else first
+    return None
+
+
+def _plain(cell: str, sign: str | None, source: str) -> str:
+    """A number as Python writes it, from a cell of a file with a decimal sign."""
+    if sign is None and AMBIGUOUS.fullmatch(cell) and "," in cell:
+        raise T2TwinError(
+            f"{source}: {cell} may be {cell.replace(',', '')} or {cell.replace(',', '.')}; write "
+            "numbers with a decimal point and without a sign of thousands"
+        )
+    point, of_file = sign or ".", f" with the decimal sign {sign} of this file" if sign else ""
+    groups = rf"[0-9]{{1,3}}(?:[{SIGNS[point]}' \u00a0\u202f\u2019][0-9]{{3}})+"
+    found = re.fullmatch(rf"([-+]?)({groups}|[0-9]*)[{point}]?([0-9]*)(e[-+]?[0-9]+)?", cell, re.I)
+    if found is not None and (found[2] or found[3]):
+        whole = re.sub("[^0-9]", "", found[2]) or "0"
+        plain = f"{found[1]}{whole}{found[3] and '.'}{found[3]}{found[4] or ''}"
+        if isfinite(float(plain)):
+            return plain
+    raise T2TwinError(
+        f"{source}: {cell[:40]!r} is no finite number{of_file}; expected one such as 1234.5, "
+        "without a unit or a percent sign"
+    )
 
 
 def read_rows(path: Path, kind: type[Record]) -> tuple[Record, ...]:
     """The rows of a CSV file. kind: a dataclass whose fields are the columns, defaults of empty
     cells. Raises T2TwinError, with the line, for other columns and values that do not fit."""
-    names, rows = read_csv(path)
     known = fields(kind)  # pyright: ignore[reportArgumentType]
+    numbers = "|".join(field.name for field in known if field.type is not str)
+    names, rows = read_csv(path, numbers)
     check_names(names, [field.name for field in known], path)
     for field in known:
         if field.default is MISSING and field.name not in names:
             raise T2TwinError(f"{path} has no column {field.name}; it has {', '.join(names)}")
-    records = []
-    for place, cells in rows:
-        records.append(convert(cells, kind, f"{path}, {place}", strict=False))
-        for name, value in vars(records[-1]).items():
-            if isinstance(value, float) and name in cells and not isfinite(value):
-                raise T2TwinError(f"{path}, {place}: {name} is {value}; expected a finite number")
-    return tuple(records)
+    return tuple(convert(cells, kind, f"{path}, {place}", strict=False) for place, cells in rows)

@@ -12,7 +12,7 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import check_own, locked, move_into, temporary_folder, write_csv
+from t2twin.core.files import result_folder, write_csv
 from t2twin.core.machine import installed_version
 from t2twin.primitives_cad.shape import Shape, binary_stl
 from t2twin.sim import scene
@@ -197,11 +197,10 @@ class Touch:
     def save(self, folder: str | Path) -> None:
         """Write all files of the folder, or none; removes those of an earlier touch there.
 
-        Raises T2TwinError where the folder has other files or cannot be written.
+        Raises T2TwinError where another's file has one of the names, or none can be written.
         """
         folder = arguments.path(folder, "folder")
-        with locked(folder), temporary_folder(folder, "press") as temporary:
-            check_own(folder, PRESS_JSON, "press")
+        with result_folder(folder, "press", [PRESS_JSON]) as temporary:
             content = json.dumps(self._content(), indent=1)
             (temporary / PRESS_JSON).write_text(f"{content}\n")
             mesh_file = scene.mesh_name(self.shape)
@@ -216,16 +215,6 @@ class Touch:
                 reading.save(temporary, sensor)
             if self.markers is not None:
                 write_csv(temporary / MARKERS_CSV, MARKER_COLUMNS, marker_rows(self))
-            # those of an earlier touch, except of sensors without contact
-            old = {MARKERS_CSV, "shape.stl", "tactile_image.png", "tactile_picture.png"}
-            for path in folder.glob("contact_*.npz"):
-                own = path.stem.removeprefix("contact_")
-                old |= {path.name, scene_path(folder, own).name, f"{own}.png", f"{own}.json"}
-                old |= {f"tactile_image_{own}.png", f"tactile_picture_{own}.png"}
-            new = sorted(temporary.iterdir())
-            move_into(folder, new)
-            for name in old - {path.name for path in new}:
-                (folder / name).unlink(missing_ok=True)
 
     def _content(self) -> dict[str, Any]:
         """The content of press.json."""

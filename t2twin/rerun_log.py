@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.files import check_own, record_own, sha256_of, write_error
 from t2twin.sim.touch import Touch
 
 SUFFIX = ".rrd"
@@ -21,7 +22,8 @@ MM_PER_M = 1000.0  # of depth images
 
 class RerunLog:
     """A recording that is written to a file, with the suffix .rrd, while it grows; an earlier one
-    is replaced. Raises T2TwinError without the extra, and for a file that cannot be written."""
+    is replaced. Raises T2TwinError without the extra, and for a file that cannot be written or is
+    another's."""
 
     def __init__(self, file: Path) -> None:
         if file.suffix != SUFFIX:
@@ -30,9 +32,11 @@ class RerunLog:
             raise T2TwinError("a recording needs Rerun: `pip install 't2twin[rerun]'`")
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
+            check_own(file.parent, [file.name], file.name)
             file.open("ab").close()
         except OSError as error:
-            raise T2TwinError(f"{file} cannot be written: {error.strerror}") from error
+            raise write_error(file, error) from error
+        self._file = file
         self._rerun: Any = importlib.import_module("rerun")
         self._stream = self._rerun.RecordingStream("t2twin")
         self._stream.save(file)
@@ -74,6 +78,7 @@ class RerunLog:
         """Write what is not yet in the file."""
         self._stream.flush()
         self._stream.disconnect()
+        record_own(self._file.parent, self._file.name, {self._file.name: [sha256_of(self._file)]})
 
     def _log(self, place: str, value: Any) -> None:
         """Record a number, counts or an image."""

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SLIDE_CSV, FRAMES = "slide.csv", "frames"
-OPTIONAL_FILES = ("contact_*_*.npz", "counts*.csv", MARKERS_CSV, "slide.mp4")
-"""Patterns of the files that an earlier slide may have and a new one lacks, besides the frames."""
 
 MARKER_VALUES = ("pitch_mm", "diameter_mm", "jitter_mm", "seed")  # also columns of slide.csv
 MIN_DIGITS = 3  # of a step in a file's name, at least
@@ -43,13 +41,9 @@ Row = dict[str, Any]
 
 def write_slide(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
     """Writes all files of a path's touches, of this number, or none; returns the rows of slide.csv.
-    Raises T2TwinError for a folder with other files, or that cannot be written."""
-    with files.locked(folder):
-        files.check_own(folder, SLIDE_CSV, "slide")
-        with files.temporary_folder(folder, "slide") as temporary:
-            rows = _write(temporary, touches, number)
-            _replace(folder, temporary)
-    return rows
+    Raises T2TwinError where another's file has one of the names, or none can be written."""
+    with files.result_folder(folder, "slide", [SLIDE_CSV]) as temporary:
+        return _write(temporary, touches, number)
 
 
 def _write(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
@@ -172,21 +166,6 @@ def _write_animation(
         for page in pages:
             writer.send(np.ascontiguousarray(page.convert("RGB")))
         writer.close()
-
-
-def _replace(folder: Path, temporary: Path) -> None:
-    """Move the new files into the folder, and remove those of an earlier slide."""
-    frames = sorted((temporary / FRAMES).iterdir())
-    new = [path for path in temporary.iterdir() if path.is_file()]
-    new.sort(key=lambda path: path.name != SLIDE_CSV)  # first: it marks the folder of a slide
-    sensors = {path.stem.split("_", 1)[1].rpartition("_")[0] for path in folder.glob("contact_*")}
-    old_frames = ["[0-9]*.png", *(f"{sensor}_[0-9]*.png" for sensor in sensors)]
-    with files.created_folder(folder / FRAMES):
-        for pattern in (*OPTIONAL_FILES, *(f"{FRAMES}/{name}" for name in old_frames)):
-            for path in folder.glob(pattern):
-                path.unlink()
-        files.move_into(folder, new)
-        files.move_into(folder / FRAMES, frames)
 
 
 def _draw_slide(page: Figure, rows: list[Row], shown: dict[int, Touch]) -> None:

@@ -176,7 +176,8 @@ def trained(products):
     def run(model: str, data_dir: Path, epochs: int) -> Path:
         from spots import train_smoke  # imports torch, which most tests do without
 
-        from t2twin.sim.dataset.store import INFO, sha256_of
+        from t2twin.core.files import sha256_of
+        from t2twin.sim.dataset.store import INFO
 
         name = f"{sha256_of(data_dir / INFO)}-{epochs}/{model}"
         return products.make(name, lambda folder: train_smoke(model, data_dir, folder, epochs))

@@ -40,7 +40,8 @@ def write_recipe(folder: Path) -> Path:
 
 def digests(folder: Path) -> dict[str, str]:
     """Of all files but the log, which says how long the runs took."""
-    from t2twin.sim.dataset.store import LOG, sha256_of  # imports pyarrow
+    from t2twin.core.files import sha256_of
+    from t2twin.sim.dataset.store import LOG  # imports pyarrow
 
     files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != LOG)
     return {str(path.relative_to(folder)): sha256_of(path) for path in files}

@@ -216,7 +216,7 @@ def test_counts_are_read_from_files(trained, tmp_path: Path, capsys) -> None:
     main(["translate", str(tmp_path / "some.csv"), str(tmp_path / "one.npy"),
           "--run", str(run_dir), "--out", str(tmp_path / "out")])  # fmt: skip
     assert "3 readings translated" in capsys.readouterr().out
-    files = {path.name for path in (tmp_path / "out").iterdir()} - {"counts.csv"}
+    files = {path.name for path in (tmp_path / "out").glob("[!.]*")} - {"counts.csv"}
     assert files == {"some.png", "some-2.png", "one.png"}
     found = translate_readings(
         run_dir, [tmp_path / "some.csv", tmp_path / "one.npy"], tmp_path / "again", png=False

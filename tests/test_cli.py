@@ -96,13 +96,6 @@ def test_press_leaves_its_scene_and_says_where_there_is_no_display(tmp_path, cap
     assert "no display" in capsys.readouterr().out
 
 
-def test_press_says_that_a_shape_lies_off_the_sensor(capsys):
-    run("press", "square-2", "--x-mm", "14", "--sensor", "digit", "--out", "out")
-    assert "the shape's middle lies off the sensor" in capsys.readouterr().out
-    run("press", "square-2", "--x-mm", "3", "--sensor", "digit", "--out", "out")
-    assert "off the sensor" not in capsys.readouterr().out
-
-
 def test_press_says_that_a_shape_bottoms_out(tmp_path, capsys):
     post = trimesh.creation.box((2, 2, 0.4))
     post.apply_translation((0, 0, 0.7))
@@ -120,14 +113,6 @@ def test_version_and_shapes_are_told_without_making_any(tmp_path, capsys):
     said = capsys.readouterr().out
     assert all(name in said for name in t2twin.shapes())
     assert files(tmp_path) == set()
-
-
-def test_press_names_the_elastomer_and_the_versions(tmp_path):
-    run("press", "circle-1", "--sensor", "digit", "--flat", "--out", tmp_path / "out")
-    summary = json.loads((tmp_path / "out/press.json").read_text())
-    elastomer = summary["digit"]["elastomer"]
-    assert elastomer["thickness_mm"] == 4.07 and elastomer["dome_width_radius_mm"] is None
-    assert summary["versions"]["t2twin"] == version("t2twin")
 
 
 def test_commands_import_no_renderer_of_mujoco():

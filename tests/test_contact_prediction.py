@@ -48,6 +48,8 @@ from t2twin.translate.runs.config import BEST, CONFIG, FRAME_CHECK, HOME, load_c
 from t2twin.translate.training.train import train
 from t2twin.translate.uncertainty.ood import OODClass
 
+pytestmark = pytest.mark.filterwarnings("ignore::t2twin.core.errors.T2TwinWarning")
+
 RECIPE = """
 format = 1
 name = "few-maps"

@@ -2,11 +2,16 @@
 
 import functools
 import importlib.util
+import inspect
 import json
+import mimetypes
 import re
 import shlex
 import shutil
+import sys
+from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -21,7 +26,9 @@ from benchmarks.documents import figures, reference
 from benchmarks.evidence import find_benchmarks
 from t2twin import cli
 from t2twin.core.errors import T2TwinError
+from t2twin.core.files import result_folder
 from t2twin.sim.calibrate.calibrate import read_measurements
+from t2twin.sim.dataset.store import read_split
 from t2twin.sim.sampling.recipe import Light, Motion, Part, Recipe, load_recipe
 from t2twin.sim.sensors.files import load_sensor
 from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path
@@ -48,7 +55,7 @@ REPLACED = {
 }
 """Options that take long, and those in their place."""
 
-NOT_INSTALLED = {"dask_jobqueue": "needs SLURM", "datasets": "of Hugging Face, as an example"}
+NOT_INSTALLED = {"dask_jobqueue": "needs SLURM"}
 """Libraries of examples that are compiled only."""
 
 OTHER_OPTIONS = {"--help", "--version", "--list", "--stale", "--docs", "--write", "--real-digit"}
@@ -225,7 +232,8 @@ def examples(products, small_dataset, trained):
         (folder / "my-recipe.toml").write_text(
             recipe.replace("val_share = 0.02", "val_share = 0.5")
         )
-        gel_camera().optics.save(folder / "runs" / "optics" / "optics.npz")
+        with result_folder(folder / "runs" / "optics", "calibration") as optics:
+            gel_camera().optics.save(optics / "optics.npz")
         video = cv2.VideoWriter(
             str(folder / "video.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 60, (240, 320)
         )
@@ -325,8 +333,7 @@ def run_block(block, namespace, expensive, capsys):
 def cases():
     for page in PAGES:
         found = blocks(page)
-        if found:
-            yield pytest.param(page, False, id=name_of(page))
+        yield pytest.param(page, False, id=name_of(page))
         if any(name in block.text for name in EXHAUSTIVE for block in found):
             marks = pytest.mark.exhaustive
             yield pytest.param(page, True, id=f"{name_of(page)}-all", marks=marks)
@@ -343,7 +350,7 @@ def listed(section):
 
 def files(folder):
     """Names in a folder; folders end with /, and the numbers of contacts are 000."""
-    names = {path.name + "/" * path.is_dir() for path in Path(folder).iterdir()}
+    names = {path.name + "/" * path.is_dir() for path in Path(folder).glob("[!.]*")}
     return {re.sub(r"_\d{3}\.npz", "_000.npz", name) for name in names}
 
 
@@ -371,9 +378,44 @@ def test_the_keys_of_a_recipe_are_listed(kind):
     assert {*kind.__struct_fields__} - {"parts", "light", "motion"} <= {*listed("Recipes")}
 
 
+CODE = re.compile(r"(\w+)((?:\.\w+)*)(\(.*\))?")
+TABLE = re.compile(r"(?m)^\| (?:attribute|method) of `(\w+)` \|.*\n((?:\|.*\n)+)")
+
+
+def names_in(page):
+    """Code in the text of a page; names in tables of attributes or methods with their class."""
+    yield from inline_code(page)
+    for owner, rows in TABLE.findall(page.read_text("utf-8")):
+        for row in rows.splitlines()[1:]:
+            yield from (f"{owner}.{name}" for name in re.findall("`([^`]+)`", row.split("|")[1]))
+
+
+def check_name(code, known):
+    """An attribute or a signature of something that is known exists, or the code names a file."""
+    found = CODE.fullmatch(code)
+    if found is None or found[1] not in known or Path(code).suffix in mimetypes.types_map:
+        return
+    thing = known[found[1]]
+    for name in found[2].split(".")[1:]:
+        known_names = {*dir(thing), *getattr(thing, "__annotations__", ())}
+        assert name in known_names or hasattr(thing, name), code
+        with suppress(T2TwinError):  # what another object has
+            thing = getattr(thing, name, None)
+    if found[3] and thing is not None:
+        names = re.findall(r"(?:^\(|, )([a-z_]\w*)(?=[=,)])", found[3])
+        known_names = inspect.signature(thing if callable(thing) else type(thing)).parameters
+        assert {*names} <= {*known_names}, code
+
+
 @pytest.mark.parametrize("page, expensive", list(cases()))
-def test_examples_run(page, expensive, examples, tmp_path, capsys):
+def test_examples_run_and_names_exist(page, expensive, examples, tmp_path, capsys, monkeypatch):
     shutil.copytree(examples, tmp_path, dirs_exist_ok=True)
+    rows = lambda folder, split: read_split(Path(folder), split).to_pylist()  # noqa: E731
+    monkeypatch.setitem(sys.modules, "datasets", SimpleNamespace(load_dataset=rows))
     namespace = {"__name__": "example"}
     for block in blocks(page):
         run_block(block, namespace, expensive, capsys)
+    known = {type(value).__name__: value for value in namespace.values()}
+    known |= {name: getattr(t2twin, name) for name in {*t2twin.__all__} - known.keys()} | namespace
+    for code in names_in(page):
+        check_name(code, known)

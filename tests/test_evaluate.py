@@ -2,13 +2,11 @@
 
 import hashlib
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from msgspec import structs
 from PIL import Image
 from spots import write_spots
 
@@ -26,7 +24,6 @@ from t2twin.translate.evaluation.evaluate import (
     as_readings,
     evaluate,
     evaluate_splits,
-    frame_of_own_light,
     read_predictions,
 )
 from t2twin.translate.evaluation.records import METRICS, read_evaluation
@@ -160,17 +157,6 @@ def test_both_splits_at_once(
     assert said.count(DIFFERENCE) == 2
 
 
-def test_predictions_do_not_depend_on_the_batch(runs: list[Path], data_dir: Path) -> None:
-    pairs = load_pairs(data_dir, "val", 64, grey=False)
-    for run_dir in runs:
-        run = load_run(run_dir)
-        together = run.predict(pairs.images[:])
-        alone = np.concatenate([run.predict(pairs.images[n : n + 1]) for n in range(len(pairs))])
-        np.testing.assert_allclose(together, alone, atol=1.0)
-        assert together.min() >= 0.0
-        assert together.max() <= FULL_SCALE
-
-
 def test_drawn_images_become_counts_and_tactile_images(
     runs: list[Path], data_dir: Path, phi: Phi, true: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,14 +172,6 @@ def test_drawn_images_become_counts_and_tactile_images(
     tactile = run.tactile_images(images)
     assert tactile.shape == (6, 396, 240)
     assert np.abs(tactile - phi(true)).mean() < 0.01 * true.max()
-
-
-def test_resnet18s_tactile_images_are_phi_of_its_counts(
-    runs: list[Path], data_dir: Path, phi: Phi
-) -> None:
-    run = load_run(runs[1])
-    images = load_pairs(data_dir, "val", 64, grey=False).images[:4]
-    np.testing.assert_allclose(run.tactile_images(images), phi(run.predict(images)), atol=1.0)
 
 
 def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path) -> None:
@@ -240,12 +218,6 @@ def test_a_given_background_frame_is_used(small_dataset: Path, tmp_path: Path) -
     Image.new("RGB", (240, 320), (250, 0, 0)).save(file)
     other = evaluate(["field"], small_dataset, "val", tmp_path / "other", file)
     assert other.models["field"].overall != default.models["field"].overall
-
-
-def test_a_dataset_with_another_optics_has_no_background(small_dataset: Path) -> None:
-    info = read_info(small_dataset)
-    other = replace(info, source=structs.replace(info.source, optics_sha256=64 * "0"))
-    assert frame_of_own_light(info) is not None and frame_of_own_light(other) is None
 
 
 def test_a_background_that_no_run_uses_is_refused(

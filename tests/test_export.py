@@ -114,17 +114,6 @@ def test_card_says_what_the_run_is(run_dir: Path, data_dir: Path) -> None:
         assert words in text, words
 
 
-def test_cards_lines_of_code_work(
-    run_dir: Path, data_dir: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_card(run_dir, data_dir)
-    code = (run_dir / "README.md").read_text().split("```python\n")[1].split("```")[0]
-    monkeypatch.chdir(run_dir.parent)
-    names = {"frame": np.zeros((320, 240, 3), np.uint8)}
-    exec(code, names)
-    assert names["counts"].shape == (20,)
-
-
 def test_card_of_pairs_brought_in_gives_no_license_away(data_dir: Path, tmp_path: Path) -> None:
     folder = write_spots(tmp_path / "data")
     info = json.loads((folder / "info.json").read_text())

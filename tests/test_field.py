@@ -27,7 +27,7 @@ from t2twin.translate.evaluation.metrics import uncertainty_metrics
 from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.inference.estimate import Estimate
 from t2twin.translate.inference.files import translate_files
-from t2twin.translate.inference.load import load, load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.field_net import SCALE, FieldNet, grid_of, resampling_weights
@@ -41,9 +41,7 @@ from t2twin.translate.uncertainty.calibration import (
     standard_deviation,
 )
 
-pytestmark = pytest.mark.filterwarnings(
-    "ignore:.*unlike all training images:t2twin.core.errors.T2TwinWarning"
-)
+pytestmark = pytest.mark.filterwarnings("ignore::t2twin.core.errors.T2TwinWarning")
 
 ARRAY = SensorPair().array
 DENSE = ARRAY.dense
@@ -422,18 +420,6 @@ def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp
     other = translate_files(run_dir, [frame_file], out, background=frame_file, png=False)
     assert not np.array_equal(other.counts, translated.counts)
     assert json.loads((out / "counts.json").read_text())["background"] == str(frame_file)
-
-
-def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_path) -> None:
-    Image.fromarray(frame).save(tmp_path / "frame.png")
-    for folder in untrained_runs:
-        run = load(folder, engine="torch")
-        assert run.estimate(frame).counts_std is None
-        with pytest.raises(T2TwinError, match="the contact needs a field run"):
-            run.contact(frame)
-        with pytest.raises(T2TwinError, match="a background frame needs a field run"):
-            file = tmp_path / "frame.png"
-            translate_files(folder, [file], tmp_path / "out", background=file)
 
 
 def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) -> None:

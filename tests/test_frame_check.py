@@ -22,6 +22,8 @@ from t2twin.translate.training import frame_check as fitting
 from t2twin.translate.training.frame_check import ALTERATIONS, FORWARD, wrong_frame
 from t2twin.translate.uncertainty.ood import INVERSE_TRANSFORMS, OODClass
 
+pytestmark = pytest.mark.filterwarnings("ignore::t2twin.core.errors.T2TwinWarning")
+
 
 @pytest.fixture(scope="module")
 def run():
@@ -99,6 +101,16 @@ def test_turned_frames_are_named_without_a_background_and_with_one_turned_alike(
         assert run.classify_frames(turned) == [kind], kind
         if kind in (OODClass.MIRRORED, OODClass.UPSIDE_DOWN_MIRRORED, OODClass.BLUE_FIRST):
             assert run.classify_frames(turned, behind) != [OODClass.IN_DISTRIBUTION], kind
+
+
+@pytest.mark.parametrize("shape", ["hemisphere-4", "pliers/teeth"])
+def test_shifted_and_torn_frames_are_named(run, shape: str) -> None:
+    twin = t2twin.Twin()
+    frame = twin.press(shape, force_n=6.0, y_mm=2.0, seed=1).image
+    torn = np.concatenate([frame[:160], np.roll(frame[160:], 40, axis=1)])
+    shifted = [np.roll(frame, 10, axis=axis) for axis in (0, 1)]
+    found = run.classify_frames([frame, *shifted, torn], twin.background)
+    assert found == [OODClass.IN_DISTRIBUTION, *[OODClass.SHIFTED] * 3]
 
 
 def test_a_force_outside_the_training_is_named(run) -> None:

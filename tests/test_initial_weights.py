@@ -10,8 +10,8 @@ import torch
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.files import sha256_of
 from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.inference.load import load_run

@@ -19,6 +19,8 @@ from t2twin.live import sources
 from t2twin.live.follow import follow
 from t2twin.live.sources import Frame, LatestFrame, open_source
 
+pytestmark = pytest.mark.filterwarnings("ignore::t2twin.core.errors.T2TwinWarning")
+
 HZ, FRAMES = 30.0, 24
 
 
@@ -256,8 +258,3 @@ def test_a_field_run_gives_standard_deviations_and_force():
     assert expected.force_n is not None and expected.force_std_n is not None
     assert record["force_n"] == pytest.approx(float(expected.force_n), abs=1e-3)
     assert record["force_std_n"] == pytest.approx(float(expected.force_std_n), abs=1e-3)
-
-
-def test_a_background_frame_is_for_field_runs_only(run):
-    with pytest.raises(T2TwinError, match="a background frame needs a field run"):
-        follow(run, listed(1), [].append, str, background=frame(0))

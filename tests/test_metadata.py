@@ -5,11 +5,12 @@ import json
 import numpy as np
 import pytest
 
+from t2twin.core.files import sha256_of
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.columns import BACKGROUND, schema_of
 from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.sim.dataset.info import SPLITS
-from t2twin.sim.dataset.store import CROISSANT, read_info, read_split, sha256_of
+from t2twin.sim.dataset.store import CROISSANT, read_info, read_split
 from t2twin.sim.taxels.layout import load_layout
 
 KEY = ("split", "shape", "index")

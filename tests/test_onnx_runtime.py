@@ -52,16 +52,8 @@ def test_a_kept_file_is_taken_again_and_the_oldest_go(
     first = load(runs[1]).predict(frames)
     (file,) = kept.iterdir()
     assert file.name != "older.onnx"
-    monkeypatch.setattr(load_runs, "export_onnx", None)
+    monkeypatch.setattr(load_runs, "_export", None)
     np.testing.assert_array_equal(load(runs[1]).predict(frames), first)
-
-
-def test_where_no_file_can_be_kept_pytorch_computes(
-    runs: list[Path], kept: Path, frames: np.ndarray
-) -> None:
-    kept.write_text("in the way")
-    expected = load(runs[1], engine="torch").predict(frames)
-    np.testing.assert_array_equal(load(runs[1]).predict(frames), expected)
 
 
 def test_what_cannot_be_gets_a_sentence(runs: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,9 +10,10 @@ import pytest
 from pages import draw_only, read_page
 from spots import write_spots
 
+from t2twin.core.files import sha256_of
 from t2twin.report.dataset_report import read_dataset, write_data_report
 from t2twin.report.run_report import write_report
-from t2twin.sim.dataset.store import read_info, sha256_of, write_info
+from t2twin.sim.dataset.store import read_info, write_info
 from t2twin.translate.evaluation import baselines
 from t2twin.translate.evaluation.records import read_evaluation
 

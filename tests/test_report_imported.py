@@ -73,7 +73,7 @@ def test_what_is_known_is_drawn_and_nothing_else(page: Path, read: Reader) -> No
     text = read_page(page)[1]
     for word in ("Grella et al. 2023, on hardware", "hand tool", "primitive", "simulated", "None"):
         assert word not in text
-    assert {path.name for path in page.parent.iterdir()} == {"evaluate-val", PAGE}
+    assert {path.name for path in page.parent.glob("[!.]*")} == {"evaluate-val", PAGE}
 
 
 def test_names_from_outside_do_no_harm(page: Path, read: Reader) -> None:
@@ -93,7 +93,7 @@ def test_test_pairs_alone_are_evaluated_and_drawn(
     arguments = ["--data", str(data), "--out"]
     main(["evaluate", *given, "--split", "both", *arguments, str(tmp_path / "evaluate")])
     assert "test, 3 pairs" in capsys.readouterr().out
-    there = sorted(path.name for path in (tmp_path / "evaluate").iterdir())
+    there = sorted(path.name for path in (tmp_path / "evaluate").glob("[!.]*"))
     assert there == ["results.md", "test"]
     main(["report", "--runs", *given, *arguments, str(tmp_path / "report")])
     folder = tmp_path / "evaluate" / "test"

@@ -11,12 +11,11 @@ import torch
 
 import t2twin
 from t2twin.core.errors import T2TwinError
-from t2twin.studio.translators import Translators
 from t2twin.translate.data.pairs import Examples, load_pairs
 from t2twin.translate.inference.load import export_onnx
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.models.touch2touch import ImageTranslator
-from t2twin.translate.runs.config import DEFAULT_RUN, read_log
+from t2twin.translate.runs.config import read_log
 from t2twin.translate.training.train import train
 
 SMOKE = PRESETS["touch2touch"]["smoke"]
@@ -117,9 +116,3 @@ def test_a_loaded_run_gives_no_counts(
     with pytest.raises(T2TwinError, match=r"is touch2touch counts-to-image; .* needs"):
         ask(t2twin.load(run_dir), np.zeros((320, 240, 3), np.uint8))
     assert not list(tmp_path.iterdir())
-
-
-def test_the_studio_passes_it_over_and_refuses_it_by_name(run_dir: Path) -> None:
-    assert Translators(below=run_dir.parent).names == (DEFAULT_RUN,)
-    with pytest.raises(T2TwinError, match="needs an image-to-counts run"):
-        Translators([run_dir])

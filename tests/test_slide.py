@@ -10,6 +10,7 @@ from PIL import Image
 import t2twin
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
+from t2twin.core.files import OWN
 
 PATH = [(0, 0, 0, 4), (0.2, 0.1, 2, 4), (0, 0, 0, 0), (1, 0, 0, 2), (1, -0.2, 0, 3)]
 """A press and a slide, a lift-off, and again a press and a slide."""
@@ -38,7 +39,7 @@ def contents(folder):
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
-        if path.is_file()
+        if path.is_file() and path.name != OWN
     }
 
 
@@ -148,14 +149,6 @@ def test_two_sensors_of_one_kind_have_files_of_their_own(tmp_path):
     }  # fmt: skip
     assert len(table(out / "counts.csv")[0]) == 64
     assert len(table(out / "counts_cyskin-20.csv")[0]) == 21
-
-
-def test_other_files_are_not_replaced(tmp_path, capsys):
-    (tmp_path / "frames").mkdir()
-    (tmp_path / "frames" / "000.png").write_text("mine")
-    assert run("circle-1", "--dx-mm", 1, "--out", tmp_path) == 2
-    assert "its files are not of a slide" in capsys.readouterr().err
-    assert contents(tmp_path) == {"frames/000.png": b"mine"}
 
 
 @pytest.mark.parametrize(

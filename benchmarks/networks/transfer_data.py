@@ -18,10 +18,10 @@ from msgspec import structs
 from benchmarks import ROOT
 from benchmarks.networks.small_models import Labels
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write
+from t2twin.core.files import atomic_write, sha256_of
 from t2twin.sim.dataset.columns import COUNTS, PATH, TRACTIONS, column
 from t2twin.sim.dataset.generate import make_dataset
-from t2twin.sim.dataset.store import INFO, lists, read_info, read_split, sha256_of
+from t2twin.sim.dataset.store import INFO, lists, read_info, read_split
 from t2twin.sim.sampling.recipe import load_recipe
 from t2twin.sim.sensors.defaults import ROLES
 from t2twin.sim.sensors.pair import SensorPair

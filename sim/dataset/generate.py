@@ -6,7 +6,6 @@ import os
 import pickle
 import shutil
 import signal
-import sys
 import threading
 import time
 from collections.abc import Generator, Iterator
@@ -28,7 +27,7 @@ from msgspec.json import encode
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
-from t2twin.core.errors import T2TwinError, counted
+from t2twin.core.errors import T2TwinError, counted, warn
 from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked, temporary_folder
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
@@ -133,6 +132,8 @@ def make_dataset(
     recipe, sensors = _recipe(scale, recipe, seed, sensors)
     if scheduler is not None:
         arguments.text(scheduler, "scheduler")
+        if workers is not None:
+            raise T2TwinError("workers and a scheduler are both given; its workers make the shards")
         _distributed()
     for name in arguments.texts(shapes, "shapes"):
         catalogue.split(name)  # raises for an unknown name
@@ -232,16 +233,16 @@ def _recipe(
 
 
 def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
-    """Prepares a user's solids, prints their notes, and raises T2TwinError if one of them in
+    """Prepares a user's solids, warns of their notes, and raises T2TwinError if one of them in
     training or validation is a whole tool, a test object. Solids are compared, not names.
     """
+    notes: list[str] = []
     for part in recipe.parts:
         if part.shapes in NAMED:
             continue
         for path in Progress(solids_in(part.shapes), desc="held-out check", unit="solid"):
             shape = load_shape(part, path, cache_dir)
-            for note in shape.notes:
-                Progress.write(f"t2twin: {note}", file=sys.stderr)
+            notes += shape.notes
             if part.split == "test" and not part.val_share:
                 continue
             tool = tool_in(shape.mesh)
@@ -250,6 +251,7 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
                     f"{path} is the tool {tool}, which is a test object; remove it, or give its "
                     'part split = "test" and no val_share'
                 )
+    warn(*dict.fromkeys(notes))
 
 
 def tool_in(mesh: trimesh.Trimesh) -> str | None:

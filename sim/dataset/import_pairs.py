@@ -44,6 +44,7 @@ SHARES = (0.8, 0.1, 0.1)  # of train, val and test in a random split
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")  # of images
 VALUES = {"source": IMAGE, "target": COUNTS}
 SUFFIXES = (".csv", ".parquet")
+NUMBERS = r"taxel_\d+|x_mm|y_mm|yaw_rad|force_n"  # names of columns
 OWN = "own"  # shape and family of pairs without a name
 
 # Names become file names; places may be those of a robot; larger angles are in degrees (assumed).
@@ -110,7 +111,7 @@ def import_pairs(
 def read_pairs(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     """The rows of a table, checked, without their images; T2TwinError names the line or row."""
     is_csv = path.suffix.lower() == ".csv"
-    names, rows = read_csv(path) if is_csv else _read_parquet(path)
+    names, rows = read_csv(path, NUMBERS) if is_csv else _read_parquet(path)
     taxels = [name for name in names if re.fullmatch(r"taxel_\d+", name)]
     check_names(names, [*Pair.__struct_fields__, *taxels], path, others=True)
     expected = [f"taxel_{number}" for number in range(layout.size)]

@@ -3,7 +3,6 @@
 A shard's sha256 is compared when a process first reads it: 3 s for the scale paper.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -22,7 +21,7 @@ import pyarrow.parquet as pq
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, read_file
+from t2twin.core.files import atomic_write, read_file, sha256_of
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.core.records import decode_json
@@ -125,12 +124,6 @@ def _check_finite(table: pa.Table, path: Path) -> None:
             values = pa.chunked_array([chunk.flatten() for chunk in values.chunks])
         if pa.types.is_floating(values.type) and not np.isfinite(values.drop_null()).all():
             raise T2TwinError(f"{path}: the column {name} has values that are not finite")
-
-
-def sha256_of(path: Path) -> str:
-    """A file's sha256 in hexadecimal digits."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -261,8 +261,11 @@ def _initial_run(init_from: str | Path | None, model: str, sensor: GelCamera) ->
 
 
 def _write_recipe(config: AdaptConfig) -> None:
-    """Writes the recipe of a dataset in the light around the optics, with the contact if the
-    initial run predicts it."""
+    """Writes the ball, and the recipe of a dataset in the light around the optics, with the contact
+    if the initial run predicts it."""
+    from t2twin.primitives_cad.solids import write_ball  # slow to import
+
+    write_ball(config.out / BALL, config.ball_diameter_mm)
     source, minutes, initial = config.source, config.minutes, config.init_from
     has_contact = initial is not None and bool(load_config(initial).data.has_contact)
     # TOML's notation of texts is that of JSON.
@@ -293,8 +296,6 @@ def _existing_fit(out: Path, digest: str) -> OpticsRecord | None:
     if not out.is_dir() or is_empty(out):
         return None
     if not (out / RECORD).is_file():
-        if (out / BALL).is_file():  # stopped before the optics were written
-            return None
         raise T2TwinError(f"{out} is not empty and contains no adaptation; choose another folder")
     fitted = read_json(out / RECORD, OpticsRecord, FORMAT)
     if fitted.inputs_sha256 != digest:
@@ -311,9 +312,6 @@ def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> O
     )  # fmt: skip
     for sentence in coverage_sentences(optics.covered, optics.next_mm):
         report(sentence)
-    from t2twin.primitives_cad.solids import write_ball  # slow to import
-
-    write_ball(config.out / BALL, config.ball_diameter_mm)
     return write_fit(config.out, optics, config.sensor.own_gel, digest)
 
 

@@ -2,12 +2,17 @@
 
 import logging
 import os
+import re
 import sys
+import warnings
+from itertools import pairwise
+from pathlib import Path
 
 import tyro
 
 from t2twin.cli import calibrate, dataset, doctor, networks, press
-from t2twin.core.errors import OUT_OF_MEMORY, T2TwinError, is_out_of_memory
+from t2twin.core import files
+from t2twin.core.errors import OUT_OF_MEMORY, T2TwinError, T2TwinWarning, is_out_of_memory
 from t2twin.core.machine import installed_version
 
 COMMANDS = {
@@ -32,6 +37,9 @@ COMMANDS = {
     "demo": networks.demo,
     "doctor": doctor.doctor,
 }
+
+OUTPUTS = ("--out", "--rerun")  # options whose values are not inputs
+ON_ALL_CORES = ("calibrate-uncertainty", "evaluate", "export", "live", "report", "translate")
 
 TYRO_OPTIONS = (
     tyro.conf.FlagCreatePairsOff,
@@ -67,13 +75,29 @@ def _run(given: list[str]) -> None:
     if given == ["--version"]:
         print(f"t2twin {installed_version('t2twin')}")
         return
-    tyro.extras.subcommand_cli_from_dict(
-        COMMANDS,
-        prog="t2twin",
-        description="Predict the readings of one tactile sensor from those of another.",
-        args=given,
-        config=TYRO_OPTIONS,
-    )
+    named = (Path(word) for before, word in pairwise(given) if before not in OUTPUTS)
+    inputs = [path for path in named if path.is_file()]
+    for path in inputs:
+        if re.match("-[^-]", str(path)):  # an option to the parser
+            raise T2TwinError(f"{path} begins with a dash; give it as ./{path}")
+    if {*given[:1]} & {*ON_ALL_CORES} and "--help" not in given:
+        from t2twin.translate.models.distributed import use_all_cores  # slow to import
+
+        use_all_cores()
+    files.run_inputs = inputs
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", T2TwinWarning)
+            warnings.showwarning = lambda message, *_: _print_error(str(message))
+            tyro.extras.subcommand_cli_from_dict(
+                COMMANDS,
+                prog="t2twin",
+                description="Predict the readings of one tactile sensor from those of another.",
+                args=given,
+                config=TYRO_OPTIONS,
+            )
+    finally:
+        files.run_inputs = []
 
 
 def _drop_output() -> None:

@@ -86,7 +86,7 @@ def calibrate(
             optics_coverage.png, which shows the part of the image that no press covers.
     """
     from t2twin.core.errors import T2TwinError
-    from t2twin.core.files import locked
+    from t2twin.core.files import result_folder
     from t2twin.sim.calibrate.calibrate import calibrate as calibrate_optics
     from t2twin.sim.calibrate.calibrate import guess_light
     from t2twin.sim.calibrate.frames import read_frame, upright_frame
@@ -98,9 +98,13 @@ def calibrate(
     frame = upright_frame(read_frame(background), camera)
     for warning in contact_warnings(frame, str(background), sensor):
         print(f"t2twin: {warning}", file=sys.stderr)
-    with locked(out):
+    names = ["optics.npz"]
+    if presses is not None:
+        names += ["optics.json", "optics_strip.png", "optics_coverage.png"]
+    frames = [] if presses is None else list(presses.glob("*"))
+    with result_folder(out, "calibration", names, frames) as folder:
         if presses is None or ball_diameter_mm is None:
-            guess_light(background, camera, print, sensor).save(out / "optics.npz")
+            guess_light(background, camera, print, sensor).save(folder / "optics.npz")
             print(f"written to {out}: optics.npz, for press and simdata as --optics. It has your")
             print("background and the mean light of sampled units; a fit needs presses of a ball")
             return
@@ -108,7 +112,7 @@ def calibrate(
             background, presses, ball_diameter_mm, fit.held_out, camera, print, fit.tolerance,
             sensor,
         )  # fmt: skip
-        _write(report, out, sensor)
+        _write(report, folder, sensor)
     print(f"written to {out}: optics.npz, for press and simdata as --optics;")
     print("optics.json, the printed results; optics_strip.png, the held-out presses:")
     print("real above, simulated below; optics_coverage.png, all presses and what they leave bare")
@@ -122,7 +126,6 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
     import numpy as np
     from PIL import Image
 
-    from t2twin.core.files import atomic_write
     from t2twin.core.tables import Table, text
     from t2twin.sim.calibrate.calibrate import sensor_and_camera, uncertainty_table, write_fit
     from t2twin.sim.calibrate.frames import coverage_sentences
@@ -132,8 +135,7 @@ def _write(report: "OpticsReport", out: Path, sensor: str) -> None:
         noisy = [image + noise.sample(rng, *image.shape[:2]) for image in simulated]
         simulated = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
     strip = np.concatenate([np.concatenate(row, axis=1) for row in (report.real, simulated)])
-    with atomic_write(out / "optics_strip.png") as temporary:
-        Image.fromarray(strip).save(temporary)
+    Image.fromarray(strip).save(out / "optics_strip.png")
     gel_camera, _ = sensor_and_camera(sensor, None)
     write_fit(out, report, gel_camera.own_gel)
     trained, held_out = report.trained, report.held_out

@@ -53,14 +53,14 @@ def simdata(
             shards. They must have the folders under the same paths.
         verify: Check this dataset instead, list what is damaged, and exit with 1 if anything is.
     """
+    _refuse({name for name, value in locals().items() if value is not None})
+
     import t2twin
     from t2twin.sim.sampling.recipe import load_recipe
     from t2twin.sim.sensors.pair import SensorPair
 
     if verify is not None:
         sys.exit(_verify(verify))
-    if recipe is not None and any((layout, optics, renderer, imperfections)):
-        raise T2TwinError("a recipe contains --layout, --imperfections, --optics and --renderer")
     made, sensors = recipe, None
     roles = {name: each for name, each in (("source", source), ("target", target)) if each}
     if recipe is None:
@@ -73,6 +73,15 @@ def simdata(
         folder, scale, seed, workers, sensors, primitives, scheduler=scheduler, recipe=made
     )
     print(f"{_pairs(info)} pairs in {folder}, {_size(folder, info)}")
+
+
+def _refuse(given: set[str]) -> None:
+    """Raises T2TwinError for options that have no effect beside another one."""
+    of_recipe = {"layout", "optics", "renderer", "imperfections"}
+    for option, others in (("verify", given), ("recipe", of_recipe)):
+        found = ", ".join(f"--{name}" for name in sorted(given & others - {option}))
+        if option in given and found:
+            raise T2TwinError(f"{found} has no effect beside --{option}; leave out one of them")
 
 
 def _verify(folder: Path) -> int:

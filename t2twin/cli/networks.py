@@ -83,12 +83,10 @@ def calibrate_uncertainty(run: tyro.conf.Positional[Path], data: tuple[Path, ...
         data: Folders of datasets with dense counts, including the run's own. Each contributes the
             same number of validation presses.
     """
-    from t2twin.translate.models.distributed import use_all_cores
     from t2twin.translate.training.train import recalibrate
 
     if not data:
         raise T2TwinError("there is no dataset to calibrate on; give folders with --data")
-    use_all_cores()
     presses = recalibrate(run, data)
     print(f"standard deviations calibrated on {presses:,} presses; written to {run}")
 
@@ -117,10 +115,8 @@ def evaluate(
     from t2twin.core.tables import text
     from t2twin.translate.evaluation.evaluate import evaluate_splits
     from t2twin.translate.evaluation.table import results_tables
-    from t2twin.translate.models.distributed import use_all_cores
 
     folder = out or Path("runs/evaluate") / ("" if split == "both" else split)
-    use_all_cores()
     evaluations = evaluate_splits(runs, data, split, folder, background)
     print("\n\n".join(map(text, results_tables(evaluations))), end="\n\n")
     print(f"written to {folder}")
@@ -145,9 +141,7 @@ def report(
     """
     if runs:
         from t2twin.report.run_report import draw_report, read_report_data
-        from t2twin.translate.models.distributed import use_all_cores
 
-        use_all_cores()
         report_data = read_report_data(out, data, list(runs), evaluation)
         folders = " and ".join(str(folder) for folder in report_data.folders.values())
         print(f"using the evaluation in {folders}")
@@ -204,7 +198,9 @@ def translate(
         target: What a field run predicts. contact writes contacts.csv, and for each image NAME.npz,
             NAME.json, NAME_depth.png (16 bits, micrometers) and NAME_relief.png.
     """
-    from t2twin.translate.models.distributed import use_all_cores
+    import numpy as np
+
+    from t2twin.translate.inference import files
     from t2twin.translate.models.presets import IMAGE_TO_COUNTS
     from t2twin.translate.runs.config import load_config, resolve_run
 
@@ -212,62 +208,26 @@ def translate(
     is_to_counts = target == "counts" and direction == IMAGE_TO_COUNTS
     if not is_to_counts and (options.layout is not None or options.bf16):
         raise T2TwinError("--layout and --bf16 are for predictions of counts from images")
-    use_all_cores()
     if target == "contact":
-        lines, warnings = _translate_to_contacts(images, options, out, png)
+        found = files.find_images(images)  # before more are written there
+        contacts = files.translate_contacts(options.run, found, out, options.background, png)
+        lines = [f"{file}: {each.words}" for file, each in zip(found, contacts, strict=True)]
     elif is_to_counts:
-        lines, warnings = _translate_to_counts(images, options, out, png)
+        found = files.find_images(images)
+        counts = files.translate_images(
+            found, out, options.run, options.layout, png, options.bf16, options.background
+        )
+        each = zip(found, np.rint(counts).astype(int), strict=True)
+        lines = [f"{file}: {' '.join(map(str, row))}" for file, row in each]
     else:
-        from t2twin.translate.inference.files import translate_readings
-
         if options.background is not None:
             raise T2TwinError(f"--background is for field runs; {options.run} is {direction}")
-        readings = translate_readings(options.run, images, out, png)
-        lines, warnings = [f"{counted(len(readings), 'reading')} translated"], []
+        readings = files.translate_readings(options.run, images, out, png)
+        lines = [f"{counted(len(readings), 'reading')} translated"]
     print(*lines[:MAX_PRINTED], sep="\n")
     if len(lines) > MAX_PRINTED:
         print(f"and {len(lines) - MAX_PRINTED:,} more")
     print(f"written to {out}")
-    for warning in warnings:
-        _report(warning)
-
-
-def _translate_to_counts(
-    images: tuple[Path, ...], options: PredictionOptions, out: Path, png: bool
-) -> tuple[list[str], list[str]]:
-    """A line about each image, and warnings."""
-    import numpy as np
-
-    from t2twin.translate.inference.files import find_images, translate_files
-    from t2twin.translate.inference.predictor import NO_BACKGROUND
-    from t2twin.translate.uncertainty.ood import unlike
-
-    files = find_images(images)
-    result = translate_files(
-        options.run, files, out, options.layout, png, options.bf16, options.background
-    )
-    rows = np.rint(result.counts).astype(int)
-    lines = [f"{file}: {' '.join(map(str, row))}" for file, row in zip(files, rows, strict=True)]
-    is_without = result.counts_std is not None and options.background is None
-    warnings = [NO_BACKGROUND] * is_without
-    return lines, [*warnings, *filter(None, [unlike(list(result.ood_class), options.run, files)])]
-
-
-def _translate_to_contacts(
-    images: tuple[Path, ...], options: PredictionOptions, out: Path, png: bool
-) -> tuple[list[str], list[str]]:
-    """A line about each image, and warnings."""
-    from t2twin.translate.inference.files import find_images, translate_contacts
-    from t2twin.translate.inference.predictor import NO_BACKGROUND
-
-    files = find_images(images)
-    contacts = translate_contacts(options.run, files, out, options.background, png)
-    warnings = [NO_BACKGROUND] * (options.background is None)
-    for note in dict.fromkeys(note for each in contacts for note in each.notes):
-        noted = [file for file, each in zip(files, contacts, strict=True) if note in each.notes]
-        part = f"{len(noted)} of {counted(len(files), 'image')}, such as {noted[0]}"
-        warnings.append(f"{part}: {note}")
-    return [f"{file}: {each.words}" for file, each in zip(files, contacts, strict=True)], warnings
 
 
 def live(
@@ -298,11 +258,9 @@ def live(
     from t2twin.live.sources import open_source
     from t2twin.translate.data.images import open_image
     from t2twin.translate.inference.load import load
-    from t2twin.translate.models.distributed import use_all_cores
 
     if frames is not None:
         arguments.whole_number(frames, "--frames", 1)
-    use_all_cores()
     loaded = load(options.run, options.layout, options.bf16)
     with ExitStack() as stack:
         outputs = []
@@ -339,18 +297,14 @@ def export(
         force: Replace an existing file.
     """
     from t2twin.translate.inference.load import export_onnx, load_run
-    from t2twin.translate.models.distributed import use_all_cores
     from t2twin.translate.runs.config import HOME
 
-    use_all_cores()
     loaded = load_run(run, layout)
     if out is None:
         folder, model = loaded.run_dir, loaded.config.model
         is_pretrained = folder.parent == HOME
         out = Path(f"{folder.name}.onnx") if is_pretrained else folder / f"{model}.onnx"
-    if out.exists() and not force:
-        raise T2TwinError(f"{out} already exists; name another file, or replace it with --force")
-    difference = export_onnx(loaded, out)
+    difference = export_onnx(loaded, out, force)
     print(f"counts differ by at most {difference:.3f} from PyTorch's on random images")
     print(f"written to {out}")
 

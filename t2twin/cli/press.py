@@ -26,14 +26,9 @@ if TYPE_CHECKING:
 
 Renderer = Literal["baked", "pyrender"]
 
-BOTH = "both"
-"""Sensor of presses into both sensors."""
-
-BALL_MM, FORCE_N = 6.0, 2.0
-"""Diameter of the ball that `t2twin sensors check` presses, mm, and its force, N."""
-
-DEEPEST = 0.5
-"""Largest depth of that press, as a share of the elastomer's thickness; it reduces the force."""
+BOTH = "both"  # sensor of presses into both sensors
+BALL_MM, FORCE_N = 6.0, 2.0  # of the press of `t2twin sensors check`
+DEEPEST = 0.5  # its largest depth over the elastomer's thickness; it reduces the force
 
 
 def shapes() -> None:
@@ -79,7 +74,7 @@ def sensors(
         out: Picture that check writes: of a gel camera the background frame, the image and their
             difference; of a taxel array the tactile image; default runs/sensors/NAME.png.
     """
-    from t2twin.core.files import atomic_write
+    from t2twin.core.files import result_folder
     from t2twin.sim.sensors.files import bundled_sensors, load_sensor, path_of
 
     if (action == "list") != (sensor is None) or (action != "check" and out is not None):
@@ -92,8 +87,8 @@ def sensors(
         loaded = load_sensor(sensor)
         contact = _press_ball(loaded)
         path = out or Path("runs/sensors") / f"{loaded.name}.png"
-        with atomic_write(path) as temporary:
-            loaded.read(contact).picture().save(temporary, "PNG")
+        with result_folder(path.parent, path.name, [path.name]) as folder:
+            loaded.read(contact).picture().save(folder / path.name, "PNG")
         print(f"{contact_summary(loaded.name, contact)}; wrote {path}")
     else:
         load_sensor(sensor)

@@ -1,5 +1,8 @@
 """The exceptions and warnings of the project, and words of messages."""
 
+import sys
+import warnings
+
 
 class T2TwinError(ValueError):
     """Invalid input. The message is one sentence: what was wrong, where, and what is allowed.
@@ -11,6 +14,15 @@ class T2TwinError(ValueError):
 class T2TwinWarning(UserWarning):
     """A result that is incomplete or approximate. The message names what was found, what it does to
     the result, and what to do."""
+
+
+def warn(*messages: str | None) -> None:
+    """Warn with T2TwinWarning of each message but None, at the line of the user's code."""
+    frame, level = sys._getframe(), 1  # pyright: ignore[reportPrivateUsage]
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith("t2twin."):
+        frame, level = frame.f_back, level + 1
+    for message in filter(None, messages):
+        warnings.warn(message, T2TwinWarning, stacklevel=level)
 
 
 OUT_OF_MEMORY = (

@@ -6,12 +6,13 @@ into a folder holds the folder's lock. Imports nothing slow: signals are handled
 
 import csv
 import errno
+import hashlib
 import json
 import os
 import shutil
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import get_ident
@@ -19,26 +20,16 @@ from typing import Any, NoReturn
 
 from t2twin.core.errors import T2TwinError
 
-NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Numbers of the errors of a write without enough space."""
-
-TEMPORARY_NAMES = ".*.part*"
-"""Pattern of the names of temporary files and folders."""
-
-MAX_STEM_CHARACTERS = 40
-"""Characters of a file's stem in its temporary name (assumed), which may have 255 bytes."""
-
-MAX_TABLE_BYTES = 100_000_000
-"""Size limit of tables and descriptions, bytes (assumed: about 700,000 rows of 20 counts)."""
-
-LOCK = ".t2twin.lock"
-"""Name of a folder's lock file, removed with the lock; without its process it locks nothing."""
-
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""Ctrl-C, and the signal of `kill`, service managers and containers."""
-
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # errors of a write without enough space
+TEMPORARY_NAMES = ".*.part*"  # pattern of the names of temporary files and folders
+MAX_STEM_CHARACTERS = 40  # of a file's stem in its temporary name (assumed: it may have 255 bytes)
+MAX_TABLE_BYTES = 100_000_000  # of tables and descriptions (assumed: 700,000 rows of 20 counts)
+LOCK = ".t2twin.lock"  # in a folder, removed with the lock; without its process it locks nothing
+OWN = ".t2twin.json"  # in a folder of results: the SHA-256 of files by kind of result and name
+SIGNALS = (signal.SIGINT, signal.SIGTERM)  # Ctrl-C; that of `kill`, service managers, containers
+run_inputs: list[Path] = []  # of the running command, named by the user; no result replaces them
+# Commands that continue an earlier call; the others start again and leave no files
 RESUMING = ("adapt", "demo", "simdata", "train")
-"""Commands that continue an earlier call; the others start again and leave no files."""
 
 
 def install_handlers() -> None:
@@ -112,6 +103,99 @@ def move_into(folder: Path, files: Sequence[Path]) -> None:
         file.replace(folder / file.name)
 
 
+@contextmanager
+def result_folder(
+    folder: Path, kind: str, names: Iterable[str] = (), inputs: Iterable[Path] = ()
+) -> Iterator[Path]:
+    """A temporary folder, whose files replace an earlier result of a kind in `folder` at the end.
+
+    Unchanged files of that result are removed. All others stay: what `check_own` refuses raises
+    T2TwinError, before the block for known `names`, and before any file is moved for the rest.
+    """
+    inputs = list(inputs)
+    with locked(folder), temporary_folder(folder, "result") as temporary:
+        check_own(folder, names, kind, inputs)
+        yield temporary
+        paths = {
+            path.relative_to(temporary).as_posix(): path
+            for path in sorted(temporary.rglob("*"))
+            if path.is_file()
+        }
+        earlier = check_own(folder, paths, kind, inputs)
+        new = {name: [sha256_of(path)] for name, path in paths.items()}
+        # Both during the moves, so that a killed process leaves no file unknown.
+        record_own(folder, kind, {n: new.get(n, []) + earlier.get(n, []) for n in new | earlier})
+        for name, path in paths.items():
+            with created_folder((folder / name).parent):
+                path.replace(folder / name)
+        known = _identities(inputs)
+        for name in earlier.keys() - new.keys():
+            path = folder / name
+            is_unchanged = path.is_file() and sha256_of(path) in earlier[name]
+            if is_unchanged and not _identities([path]) & known:
+                _remove(path)
+                with suppress(OSError):
+                    path.parent.rmdir()  # fails for a folder that is not empty
+        record_own(folder, kind, new)
+
+
+def check_own(
+    folder: Path, names: Iterable[str], kind: str = "", inputs: Iterable[Path] = (),
+    force: bool = False,
+) -> dict[str, list[str]]:  # fmt: skip
+    """The SHA-256 of the files of an earlier result in a folder, of the kind, by name.
+
+    The one place that decides which files a command may replace: those of that result that nobody
+    changed since, and others only with `force`. Raises T2TwinError for any other file of one of the
+    `names`, for a folder or a device, and for a file of `inputs` or `run_inputs`.
+    """
+    earlier, known = _records(folder).get(kind, {}), _identities([*inputs, *run_inputs])
+    for name in names:
+        path = folder / name
+        if not os.path.lexists(path):
+            continue
+        check_replaceable(path)
+        if _identities([path]) & known:
+            raise T2TwinError(f"{path} is an input and would be replaced; choose another folder")
+        is_own = path.is_file() and sha256_of(path) in earlier.get(name, ())
+        if not force and not is_own:
+            way = "name another file, or replace it with --force"
+            if kind:
+                way = f"it is not an unchanged file of an earlier {kind}; choose another folder"
+            raise T2TwinError(f"{path} exists; {way}")
+    return earlier
+
+
+def record_own(folder: Path, kind: str, digests: dict[str, list[str]]) -> None:
+    """Record the SHA-256 of the files of a result, by name, for `check_own`."""
+    write_json(folder / OWN, _records(folder) | {kind: digests})
+
+
+def _records(folder: Path) -> dict[str, dict[str, list[str]]]:
+    """The content of OWN; empty for a damaged file."""
+    try:
+        found = json.loads((folder / OWN).read_text(encoding="utf-8"))
+        return {kind: {name: [*each] for name, each in of.items()} for kind, of in found.items()}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}
+
+
+def _identities(paths: Iterable[Path]) -> set[tuple[int, int]]:
+    """Device and number of each file that exists, equal for all of its names."""
+    found = set()
+    for path in paths:
+        with suppress(OSError):
+            status = path.stat()
+            found.add((status.st_dev, status.st_ino))
+    return found
+
+
+def sha256_of(path: Path) -> str:
+    """A file's SHA-256 in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def check_replaceable(path: Path) -> None:
     """Raises T2TwinError for a path that is no file: renaming over a device would remove it."""
     try:
@@ -134,6 +218,10 @@ def temporary_folder(place: Path, name: str) -> Iterator[Path]:
         raise write_error(place, error) from error
     try:
         yield folder
+    except OSError as error:
+        if error.errno in NO_SPACE:
+            raise write_error(place, error) from error
+        raise
     finally:
         _remove(folder)
 
@@ -203,22 +291,8 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def is_empty(folder: Path) -> bool:
-    """Whether a folder contains nothing but a lock and temporary files."""
-    return not any(
-        path.name != LOCK and not path.match(TEMPORARY_NAMES) for path in folder.iterdir()
-    )
-
-
-def check_own(folder: Path, file: str, kind: str) -> None:
-    """Raises T2TwinError for a folder with content other than an earlier result of the same kind.
-
-    file: the name of one that each such result has. kind: of the result, such as "press".
-    """
-    if not is_empty(folder) and not (folder / file).is_file():
-        raise T2TwinError(
-            f"{folder} is not empty, and its files are not of a {kind}; expected a new or empty "
-            f"folder, or one of an earlier {kind}"
-        )
+    """Whether a folder contains nothing but a lock, a record of results and temporary files."""
+    return all(path.name in (LOCK, OWN) or path.match(TEMPORARY_NAMES) for path in folder.iterdir())
 
 
 def write_error(path: Path, error: OSError) -> T2TwinError:

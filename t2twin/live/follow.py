@@ -20,14 +20,11 @@ from t2twin.translate.inference.files import ood_entry
 from t2twin.translate.inference.predictor import NO_BACKGROUND, TrainedTranslator
 from t2twin.translate.uncertainty.ood import unlike
 
-REPORT_EVERY_S = 5.0
-"""Period of the reports of rate and latency, s."""
+REPORT_EVERY_S = 5.0  # period of the reports of rate and latency
+MAX_LATENCIES = 100_000  # kept for the final report, half an hour at 60 Hz; limits memory
 
-MAX_LATENCIES = 100_000
-"""Number of latencies kept for the final report, half an hour at 60 Hz; limits memory."""
-
+# Receives a frame, the values of its line and the contact, if the run predicts it
 Output = Callable[[Frame, dict[str, Any], ContactEstimate | None], object]
-"""Receives a frame, the values of its line and the contact, if the run predicts it."""
 
 
 class Throughput:
@@ -111,7 +108,7 @@ def _predicted(
     run: TrainedTranslator, image: np.ndarray, background: np.ndarray | None
 ) -> tuple[dict[str, Any], ContactEstimate | None]:
     """The predicted values of a line, and the contact if the run predicts it."""
-    estimate = run.estimate(image, background, contact=run.predicts_contact)
+    estimate = run.classified_estimate(image, background, contact=run.predicts_contact)
     values: dict[str, Any] = {
         name: np.rint(value).astype(int).tolist()
         for name in ("counts", "counts_std")

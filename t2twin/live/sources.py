@@ -18,30 +18,19 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import SUFFIXES
 
-DEFAULT_HZ = 60.0
-"""Frame rate of a video without a valid rate (assumed: that of many cameras)."""
-
-MIN_HZ, MAX_HZ = 0.1, 1000.0
-"""Range of valid frame rates of a video, Hz (assumed)."""
-
-TURNS_DEG = (0, 90, 180, 270)
-"""Allowed clockwise rotations of frames."""
-
+DEFAULT_HZ = 60.0  # of a video without a valid frame rate (assumed: that of many cameras)
+MIN_HZ, MAX_HZ = 0.1, 1000.0  # of valid frame rates of a video (assumed)
+TURNS_DEG = (0, 90, 180, 270)  # clockwise rotations of frames
+# Limits FFmpeg to videos in local files: it also renders text and images as videos
 FFMPEG_OPTIONS = (
     "protocol_whitelist;file|format_whitelist;avi,mov,matroska,mpegts,mpeg,mpegvideo,h264,hevc,"
     "mjpeg,flv,asf,ogg,gif,ivf,mxf,yuv4mpegpipe"
 )
-"""Limits FFmpeg to videos in local files: it also renders text and images as videos."""
+POLL_S = 0.002  # of a folder: an eighth of the period of a 60 Hz camera
+# For which an unreadable file is read again after its last change, and a camera without frames
+READ_TIMEOUT_S = 1.0  # (assumed)
 
-POLL_S = 0.002
-"""Polling period of a folder, s: an eighth of the period of a 60 Hz camera."""
-
-READ_TIMEOUT_S = 1.0
-"""Time for which an unreadable file is read again after its last change, and a camera that returns
-no frame, s (assumed)."""
-
-Report = Callable[[str], object]
-"""Receives a message for the user."""
+Report = Callable[[str], object]  # receives a message for the user
 
 
 @dataclass(frozen=True)
@@ -54,8 +43,8 @@ class Frame:
     arrived_s: float  # arrival on the clock of time.perf_counter
 
 
+# Frames of a source; None where there is no new one yet. Raises T2TwinError if it fails
 Source = Iterator[Frame | None]
-"""Frames of a source; None where there is no new one yet. Raises T2TwinError if it fails."""
 
 
 def open_source(name: str, turn_deg: int = 0, report: Report = lambda message: None) -> Source:

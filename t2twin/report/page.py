@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from t2twin.core.draw import COLORS
-from t2twin.core.files import atomic_write, check_replaceable, locked
+from t2twin.core.files import check_own, locked, result_folder
 from t2twin.core.progress import Progress
 from t2twin.core.templates import environment, render
 from t2twin.translate.evaluation.baselines import (
@@ -42,9 +42,9 @@ Values = Callable[[], Mapping[str, Any] | None]
 
 
 def check_out(out: Path) -> None:
-    """Raises T2TwinError if out/index.html cannot be written. Leaves no files behind."""
+    """Raises T2TwinError if out/index.html cannot be written or is another's. Leaves no files."""
     with locked(out):
-        check_replaceable(out / PAGE)
+        check_own(out, [PAGE], PAGE)
 
 
 def write_page(
@@ -65,11 +65,10 @@ def write_page(
         if values is not None:
             bodies[name] = render_section(templates, name, **shared, **values)
     links = {name: sections[name][0] for name in bodies if sections[name][0]}
-    path = out / PAGE
-    with locked(path.parent), atomic_write(path) as temporary:
+    with result_folder(out, PAGE) as temporary:
         text = render("report/templates/page.html", title=title, links=links, sections=bodies)
-        temporary.write_text(text, encoding="utf-8")
-    return path
+        (temporary / PAGE).write_text(text, encoding="utf-8")
+    return out / PAGE
 
 
 def render_section(templates: Sequence[str], name: str, /, **values: Any) -> str:

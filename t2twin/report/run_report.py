@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from t2twin.core import arguments
 from t2twin.core.draw import COLORS, Panel, figure, panels_image
 from t2twin.core.errors import T2TwinError
+from t2twin.core.files import sha256_of
 from t2twin.core.machine import cores, processor
 from t2twin.core.tables import Table
 from t2twin.report import dataset_report
@@ -29,7 +30,7 @@ from t2twin.report.page import (
     write_page,
 )
 from t2twin.sim.dataset.info import SPLITS
-from t2twin.sim.dataset.store import INFO, sha256_of
+from t2twin.sim.dataset.store import INFO
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.evaluate import (
     Predictions,

@@ -138,7 +138,7 @@ class Translators:
 
         run, interval, force = self.load(name), None, None
         data, own = run.config.data.array, background if run.has_uncertainty else None
-        estimate = run.estimate(image, own, tactile=True, contact=run.predicts_contact)
+        estimate = run.classified_estimate(image, own, tactile=True, contact=run.predicts_contact)
         if run.has_uncertainty:
             interval = estimate.interval(LEVEL)
         if estimate.force_n is not None and estimate.force_std_n is not None:

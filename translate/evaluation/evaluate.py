@@ -19,11 +19,11 @@ from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, locked, write_json
+from t2twin.core.files import result_folder, sha256_of, write_json
 from t2twin.core.tables import markdown
 from t2twin.sim.dataset.info import COUNTS, IMAGE, CameraInfo, DatasetInfo
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
-from t2twin.sim.dataset.store import read_info, sha256_of
+from t2twin.sim.dataset.store import read_info
 from t2twin.sim.optical.gel_camera import GelCamera
 from t2twin.sim.sensors.defaults import ROLES, SOURCE, TARGET
 from t2twin.sim.sensors.files import bundled_sensors
@@ -52,6 +52,7 @@ from t2twin.translate.runs.config import BEST, read_log
 SPLITS = ("val", "test")
 
 RESULTS, BOTH = "results.md", "both"  # table of validation and test, as far as there are pairs
+KIND = "evaluation"  # of result
 MAX_SHAPES = 200  # with figures of their own (assumed: more are not read)
 TOUCH2TOUCH, RESNET18 = "touch2touch", "resnet18"  # the paper's: their difference has an interval
 OF_PAIRS, OF_OPTICS = "each pair's own", "that of the default optics"  # frames that are not files
@@ -309,8 +310,7 @@ class Predictions:
         """Writes folder/predictions.npz."""
         stds = {f"{STD}{name}": each for name, each in self.std_by_model.items()}
         arrays = {TRUTH: self.truth} | self.by_model | stds | self.presses
-        with atomic_write(folder / PREDICTIONS) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
+        np.savez_compressed(folder / PREDICTIONS, allow_pickle=False, **arrays)
 
 
 def read_predictions(folder: Path) -> Predictions:
@@ -367,15 +367,15 @@ def evaluate_splits(
     evaluations = {}
     for each in splits:
         folder = out_dir / each if is_both else out_dir
-        with locked(folder):
+        with result_folder(folder, KIND, [PREDICTIONS, METRICS]) as temporary:
             cache = usable_cache(inputs.data_dir, folder)
             evaluations[each], predictions = _evaluate(inputs, each, cache)
-            predictions.save(folder)
-            write_json(folder / METRICS, msgspec.to_builtins(evaluations[each]))
+            predictions.save(temporary)
+            write_json(temporary / METRICS, msgspec.to_builtins(evaluations[each]))
     if is_both:
-        with atomic_write(out_dir / RESULTS) as temporary:
+        with result_folder(out_dir, RESULTS) as temporary:
             tables = map(markdown, results_tables(evaluations))
-            temporary.write_text("\n".join(tables), encoding="utf-8")
+            (temporary / RESULTS).write_text("\n".join(tables), encoding="utf-8")
     return evaluations
 
 

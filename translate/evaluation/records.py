@@ -7,14 +7,10 @@ from typing import Literal
 from t2twin.core.errors import T2TwinError
 from t2twin.core.records import read_json
 
-FORMAT = 6
-"""Version of metrics.json."""
+METRICS, FORMAT = "metrics.json", 6  # and its version
 
-METRICS = "metrics.json"
-
+# Metrics by name; docs/reference/metrics.md defines them. Unknown ones are missing
 Figures = dict[str, int | float]
-"""Metrics by name; docs/reference/metrics.md defines them. Unknown ones are missing."""
-
 Interval = tuple[float, float]
 
 

@@ -16,8 +16,7 @@ from t2twin.translate.evaluation.records import (
     ModelRow,
 )
 
-Evaluations = Mapping[str, Evaluation]
-"""Evaluations of one dataset by split."""
+Evaluations = Mapping[str, Evaluation]  # of one dataset by split
 
 
 class Column(NamedTuple):
@@ -60,7 +59,7 @@ OF_IMAGES = (  # columns of predicted images
     Column("rmse_grey", "RMSE, grey levels", "{:.2f}"),
     Column("rmse_percent", "% of full scale", "{:.2f}"),
 )
-OUTPUTS = {
+OUTPUTS = {  # titles of the metrics of outputs besides counts, by name
     "coverage_percent": f"coverage of {100 * REPORTED_LEVEL:.0f} % intervals, %",
     "gain_percent": "lower RMSE without the least certain fifth, %",
     "force_median_error_percent": "force error, median, %",
@@ -80,8 +79,6 @@ OUTPUTS = {
     "missed_percent": "contacts missed, %",
     "false_percent": "contacts found without force, %",
 }
-"""Titles of the metrics of outputs besides counts, by name."""
-
 SMALL_FULL_SCALE = 1000  # below which counts have a decimal
 PAPER = "Grella et al. 2023, on hardware"
 SSIM_OF_PAPER = Column("ssim", "SSIM", "{:.2f}")  # has two decimals

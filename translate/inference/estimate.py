@@ -17,7 +17,8 @@ from torch.nn import functional
 
 from t2twin.core import arguments
 from t2twin.core.draw import relief
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, counted, warn
+from t2twin.core.files import result_folder
 from t2twin.sim.taxels.reading import expected_reading
 from t2twin.sim.taxels.spec import CountsTable, Imperfections
 from t2twin.sim.taxels.taxel_array import TaxelArray
@@ -31,6 +32,7 @@ EDGE_CELLS = 1  # Width of the edge of the view, cells of the network
 EDGE_NOTE = "the contact reaches the edge of the view; force and depth may be of a part of it"
 EMPTY_NOTE = "no contact was found; there is no center of pressure"
 
+ENDS = (".npz", ".json", "_depth.png", "_relief.png")  # of the files of a contact
 ARRAYS = (*MAPS, "mask")
 NUMBERS = ("force_n", "force_std_n", *CENTER, "shear_n", "shear_std_n")
 
@@ -220,11 +222,16 @@ class ContactEstimate:
         }
 
     def save(self, folder: Path, name: str = "contact") -> list[Path]:
-        """Write NAME.npz, NAME.json, NAME_depth.png with 16 bits, and NAME_relief.png into an
-        existing folder. Returns the paths."""
+        """Write NAME.npz, NAME.json, NAME_depth.png with 16 bits, and NAME_relief.png. Returns the
+        paths. Raises T2TwinError where another's file has one of the names."""
+        with result_folder(folder, f"contact {name}") as temporary:
+            return [folder / path.name for path in self.write(temporary, name)]
+
+    def write(self, folder: Path, name: str) -> list[Path]:
+        """The files of `save`, in a new folder."""
         arrays = {each: getattr(self, each) for each in ARRAYS}
         arrays |= {each: value for each in NUMBERS if (value := getattr(self, each)) is not None}
-        paths = [folder / f"{name}{end}" for end in (".npz", ".json", "_depth.png", "_relief.png")]
+        paths = [folder / f"{name}{end}" for end in ENDS]
         np.savez_compressed(paths[0], **arrays, view_mm=np.array(self.view_mm))
         scale = {"depth_png_mm_per_level": PNG_MM, "depth_png_level_of_zero": PNG_ZERO}
         content = json.dumps(self.summary() | scale, indent=1, allow_nan=False)
@@ -264,3 +271,12 @@ def contacts_of(
             )
         )
     return estimates
+
+
+def warn_of_contacts(contacts: Sequence[ContactEstimate], names: Sequence[object] = ()) -> None:
+    """Warns of each note of the contacts, once, with the number of images and the first's name."""
+    for note in dict.fromkeys(note for each in contacts for note in each.notes):
+        noted = [number for number, each in enumerate(contacts) if note in each.notes]
+        example = f", such as {names[noted[0]]}" if names else ""
+        part = f"{len(noted)} of {counted(len(contacts), 'image')}{example}"
+        warn(f"{part}: {note}")

@@ -11,7 +11,6 @@ import io
 import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,21 +20,27 @@ from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.draw import colored_tactile_image
-from t2twin.core.errors import T2TwinError
-from t2twin.core.files import locked, move_into, read_file, temporary_folder, write_csv
+from t2twin.core.errors import T2TwinError, warn
+from t2twin.core.files import read_file, result_folder, write_csv
 from t2twin.core.images import SUFFIXES
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, ArrayInfo
 from t2twin.sim.tables import read_csv
 from t2twin.translate.data.images import open_image
-from t2twin.translate.inference.estimate import ContactEstimate, Estimate, concatenate
+from t2twin.translate.inference.estimate import (
+    ENDS,
+    ContactEstimate,
+    Estimate,
+    concatenate,
+    warn_of_contacts,
+)
 from t2twin.translate.inference.load import load, load_run
-from t2twin.translate.inference.predictor import BATCH_SIZE, TrainedTranslator
+from t2twin.translate.inference.predictor import BATCH_SIZE, NO_BACKGROUND, TrainedTranslator
 from t2twin.translate.runs.config import DEFAULT_RUN
-from t2twin.translate.uncertainty.ood import OODClass
+from t2twin.translate.uncertainty.ood import OODClass, unlike
 
 COUNTS_CSV, COUNTS_JSON, COUNTS_STD_CSV = "counts.csv", "counts.json", "counts_std.csv"
-CONTACTS_CSV = "contacts.csv"
+CONTACTS_CSV, KIND = "contacts.csv", "translation"  # and the kind of result
 
 TAXEL = "taxel_"  # Start of the columns of counts
 # Numbers and vectors of ContactEstimate.summary in contacts.csv
@@ -82,23 +87,6 @@ def output_names(inputs: Sequence[Path]) -> list[str]:
     return list(names.values())
 
 
-@contextmanager
-def _output(out_dir: Path, inputs: Sequence[Path]) -> Iterator[tuple[Path, list[str]]]:
-    """A temporary folder, and a list for the names of files to move from it to out_dir at the end.
-    Raises T2TwinError for a name that has the place of an input."""
-    with locked(out_dir), temporary_folder(out_dir, "translate") as folder:
-        names: list[str] = []
-        yield folder, names
-        places = {path.resolve() for path in inputs}
-        for name in names:
-            if out_dir.resolve() / name in places:
-                raise T2TwinError(
-                    f"{out_dir / name} is one of the inputs and would be replaced; write into "
-                    "another folder"
-                )
-        move_into(out_dir, [folder / name for name in names])
-
-
 def _batches(
     images: list[Path], pool: ThreadPoolExecutor
 ) -> Iterator[tuple[slice, list[np.ndarray]]]:
@@ -133,11 +121,12 @@ def translate_images(
     at, by default its own. png: False writes no PNG files, which is faster. bf16: as for `load`.
     background: image file of the background frame of the same sensor, for a field run; by default
     the mean frame of its dataset.
-    PNG files of an earlier translation in the folder are removed. Returns the counts, (B, N)
-    float32, in the order of `find_images`.
+    Files of an earlier translation in the folder are removed. Returns the counts, (B, N)
+    float32, in the order of `find_images`. Warns with T2TwinWarning of images that are out of
+    distribution, and of a field run without a background frame.
     Raises T2TwinError, without output, for no image, a file that is missing or not an image, and a
     folder that is not a run. It also does for a layout that the run cannot be read at, a background
-    frame with another run, and a PNG file that would replace an input.
+    frame with another run, and a file that would replace an input or another's file.
     """
     return translate_files(run, paths, out_dir, layout, png, bf16, background).counts
 
@@ -152,10 +141,13 @@ def translate_files(
     frame = None if background is None else _read(arguments.path(background, "background"))
     names = output_names(images) if arguments.flag(png, "png") else []
     run = load_run(run_dir, layout, bf16)
-    array, found = run.config.data.array, []
-    with ThreadPoolExecutor() as pool, _output(out_dir, images) as (folder, written):
+    array, found, given = run.config.data.array, [], _paths(*images, background, layout)
+    with (
+        ThreadPoolExecutor() as pool,
+        result_folder(out_dir, KIND, [*names, COUNTS_CSV, COUNTS_JSON], given) as folder,
+    ):
         for part, frames in _batches(images, pool):
-            estimate = run.estimate(frames, frame, tactile=png)
+            estimate = run.classified_estimate(frames, frame, tactile=png)
             if png:
                 stds = estimate.tactile_std
                 stds = [None] * len(frames) if stds is None else stds
@@ -163,11 +155,15 @@ def translate_files(
                 list(pool.map(_save, [array] * len(files), files, estimate.tactile_images, stds))
             found.append(replace(estimate, tactile_images=None, tactile_std=None))
         whole = concatenate(found)
-        written += [*names, *_write_tables(folder, run, images, names, whole, background)]
-        inputs = {path.resolve() for path in images}
-        for path in _earlier_files(out_dir) - inputs - {out_dir.resolve() / n for n in written}:
-            path.unlink(missing_ok=True)
+        _write_tables(folder, run, images, names, whole, background)
+    is_without = run.has_uncertainty and background is None
+    classes = unlike(whole.ood_class.tolist(), str(run_dir), images)
+    warn(NO_BACKGROUND if is_without else None, classes)
     return whole
+
+
+def _paths(*given: str | Path | None) -> list[Path]:
+    return [Path(each) for each in given if each is not None]
 
 
 def _save(array: ArrayInfo, path: Path, tactile: np.ndarray, std: np.ndarray | None = None) -> None:
@@ -181,9 +177,9 @@ def _save(array: ArrayInfo, path: Path, tactile: np.ndarray, std: np.ndarray | N
 def _write_tables(
     folder: Path, run: TrainedTranslator, images: list[Path], names: list[str], found: Estimate,
     background: str | Path | None,
-) -> list[str]:  # fmt: skip
+) -> None:  # fmt: skip
     """Writes counts.csv and counts.json, and counts_std.csv for a field run."""
-    array, written = run.config.data.array, [COUNTS_CSV, COUNTS_JSON]
+    array = run.config.data.array
     columns = ["image", *(f"{TAXEL}{n}" for n in range(found.counts.shape[1]))]
     values = {"counts": np.rint(found.counts).astype(int).tolist()}
     rows = zip(images, values["counts"], found.ood_class, strict=True)
@@ -193,7 +189,6 @@ def _write_tables(
         values["counts_std"] = np.ceil(found.counts_std).astype(int).tolist()
         lines = [[file, *row] for file, row in zip(images, values["counts_std"], strict=True)]
         write_csv(folder / COUNTS_STD_CSV, columns, lines)
-        written.append(COUNTS_STD_CSV)
     for name in ("force_n", "force_std_n", "shear_n", "shear_std_n"):
         if (value := getattr(found, name)) is not None:
             values[name] = value.astype(float).round(3).tolist()
@@ -217,7 +212,6 @@ def _write_tables(
     body = ",\n".join(map(json.dumps, entries))
     text = f'{json.dumps(head)[:-1]},\n"images": [\n{body}\n]}}\n'
     (folder / COUNTS_JSON).write_text(text)
-    return written
 
 
 def ood_entry(ood_class: OODClass) -> dict[str, Any]:
@@ -227,17 +221,6 @@ def ood_entry(ood_class: OODClass) -> dict[str, Any]:
     return {"in_distribution": False, "ood_class": str(ood_class)}
 
 
-def _earlier_files(out_dir: Path) -> set[Path]:
-    """PNG files and counts_std.csv of an earlier translation, as listed in its counts.json."""
-    try:
-        images = json.loads((out_dir / COUNTS_JSON).read_text())["images"]
-        names = {str(entry.get("tactile_image", "")) for entry in images}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return set()
-    own = {name for name in names if name.endswith(".png") and Path(name).name == name}
-    return {out_dir.resolve() / name for name in (*own, COUNTS_STD_CSV)}
-
-
 def translate_contacts(
     run: str | Path, paths: Sequence[str | Path], out_dir: str | Path,
     background: str | Path | None = None, files: bool = True,
@@ -245,18 +228,22 @@ def translate_contacts(
     """Translates image files to contacts; writes contacts.csv, and the files of each contact.
 
     Other arguments and errors: as for `translate_images`. files: whether ContactEstimate.save is
-    called, with the names of the images. Returns the contacts in the order of `find_images`.
+    called, with the names of the images. Returns the contacts in the order of `find_images`, and
+    warns of their notes.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
     frame = None if background is None else _read(arguments.path(background, "background"))
     predictor = load_run(run)
     found: list[ContactEstimate] = []
-    with ThreadPoolExecutor() as pool, _output(out_dir, images) as (folder, written):
+    names = [Path(name).stem for name in output_names(images)] if files else []
+    ends = [CONTACTS_CSV, *(f"{name}{end}" for name in names for end in ENDS)]
+    with (
+        ThreadPoolExecutor() as pool,
+        result_folder(out_dir, KIND, ends, _paths(*images, background)) as folder,
+    ):
         for _, frames in _batches(images, pool):
-            found += predictor.contact(frames, frame)
-        names = [Path(name).stem for name in output_names(images)] if files else []
-        for paths_of_one in pool.map(ContactEstimate.save, found, [folder] * len(names), names):
-            written += [path.name for path in paths_of_one]
+            found += predictor.classified_estimate(frames, frame, contact=True).contact
+        list(pool.map(ContactEstimate.write, found, [folder] * len(names), names))
         rows = []
         for image, contact in zip(images, found, strict=True):
             summary = contact.summary()
@@ -266,7 +253,8 @@ def translate_contacts(
             rows.append([image, *cells, "; ".join(contact.notes)])
         columns = [*COLUMNS, *(name for names in VECTORS.values() for name in names)]
         write_csv(folder / CONTACTS_CSV, ["image", *columns, "notes"], rows)
-        written.append(CONTACTS_CSV)
+    warn(NO_BACKGROUND if background is None else None)
+    warn_of_contacts(found, images)
     return found
 
 
@@ -294,7 +282,7 @@ def translate_readings(
         inputs = find_images(files)
         readings = list(map(_read, inputs))
     names = output_names(inputs)
-    with _output(out_dir, inputs) as (folder, written):
+    with result_folder(out_dir, KIND, inputs=inputs) as folder:
         predicted = predictor.predict(readings)
         if target.value != COUNTS:
             for name, image in zip(names, predicted, strict=True):
@@ -303,11 +291,9 @@ def translate_readings(
             columns = ["reading", *(f"{TAXEL}{n}" for n in range(target.x_mm.size))]
             rows = zip(inputs, np.rint(predicted).astype(int).tolist(), strict=True)
             write_csv(folder / COUNTS_CSV, columns, [[name, *row] for name, row in rows])
-            written.append(COUNTS_CSV)
             names = names if png else []
             for name, image in zip(names, target.phi(predicted[: len(names)]), strict=True):
                 _save(target, folder / name, image)
-        written += names
     return predicted
 
 
@@ -321,7 +307,7 @@ def read_counts(path: Path, array: ArrayInfo) -> np.ndarray:
             if found.shape[-1:] != (taxels,) or found.ndim > 2 or found.dtype.kind not in "iuf":
                 raise ValueError(f"it has shape {found.shape} and type {found.dtype}")
             return np.atleast_2d(found).astype(np.float32)
-        names, rows = read_csv(path)
+        names, rows = read_csv(path, rf"{TAXEL}\d+")
         own = [name for name in names if name.startswith(TAXEL)]
         if sorted(own) != sorted(columns):
             raise ValueError(f"it has {len(own)} columns of taxels")

@@ -27,9 +27,8 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write
+from t2twin.core.files import atomic_write, check_own, sha256_of
 from t2twin.core.machine import installed_version
-from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.taxels.layout import load_layout
 from t2twin.translate.inference.predictor import COUNTS, TrainedTranslator
 from t2twin.translate.models.base import TACTILE_IMAGES, FromPixels
@@ -37,7 +36,9 @@ from t2twin.translate.models.field import CENTER, MAPS
 from t2twin.translate.runs.checkpoint import build, has_bf16, load_weights
 from t2twin.translate.runs.config import (
     BEST,
+    CONFIG,
     DEFAULT_RUN,
+    FRAME_CHECK,
     load_config,
     pretrained_runs,
     resolve_run,
@@ -139,14 +140,20 @@ def contact_warnings(frame: np.ndarray, name: str, sensor: str) -> list[str]:
     return said
 
 
-def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
+def export_onnx(run: TrainedTranslator, path: str | Path, force: bool = False) -> float:
     """Writes a run at its layout as an ONNX file, and compares the two on random images.
 
-    Returns the largest difference of counts between ONNX Runtime and the run. Raises T2TwinError
-    for a run without counts, if onnx or onnxruntime is not installed, and for a difference above
-    PARITY_COUNTS.
+    force: replace an existing file. Returns the largest difference of counts between ONNX Runtime
+    and the run. Raises T2TwinError for a run without counts, if onnx or onnxruntime is not
+    installed, and for a difference above PARITY_COUNTS.
     """
     run, path = arguments.instance(run, "run", TrainedTranslator), arguments.path(path, "path")
+    own = [run.run_dir / name for name in (BEST, CONFIG, FRAME_CHECK)]
+    check_own(path.parent, [path.name], "", own, arguments.flag(force, "force"))
+    return _export(run, path)
+
+
+def _export(run: TrainedTranslator, path: Path) -> float:
     run = run.need_counts("an ONNX file").in_float32()
     if not _has_onnx():
         raise T2TwinError(f"the export {NEEDS_ONNX}")
@@ -274,7 +281,7 @@ class OnnxEngine:
         try:
             if not path.is_file():
                 path.parent.mkdir(parents=True, exist_ok=True)
-                export_onnx(self.run, path)
+                _export(self.run, path)
                 files = sorted(path.parent.glob("*.onnx"), key=lambda each: each.stat().st_mtime)
                 for oldest in files[:-MAX_FILES]:
                     oldest.unlink(missing_ok=True)

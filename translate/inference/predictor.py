@@ -6,7 +6,6 @@ Shape letters: B readings, R rows, C columns, N taxels, F places of the dense co
 of the run, c channels.
 """
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -19,7 +18,7 @@ from msgspec import structs
 from PIL import Image
 
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError, T2TwinWarning
+from t2twin.core.errors import T2TwinError, warn
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.info import COUNTS, IMAGE, ArrayInfo
 from t2twin.sim.sensors.files import load_sensor
@@ -36,7 +35,13 @@ from t2twin.translate.data.images import (
     resized,
 )
 from t2twin.translate.data.pairs import Pictures, TactilePictures
-from t2twin.translate.inference.estimate import VALUES, Estimate, contacts_of, half_width
+from t2twin.translate.inference.estimate import (
+    VALUES,
+    Estimate,
+    contacts_of,
+    half_width,
+    warn_of_contacts,
+)
 from t2twin.translate.models.base import TACTILE_IMAGES, Translator
 from t2twin.translate.models.field import FEATURES, FieldTranslator
 from t2twin.translate.models.frame_check import FrameCheck
@@ -61,10 +66,10 @@ SURE = 3.0
 # Share of the training's highest force above which a predicted one may be of any higher force:
 # `field` predicts 15 to 17 N for 20 N (assumed)
 NEAR_HIGHEST = 0.97
-# The commands' recommendation for a field run
+# The recommendation for a field run, of files and of live frames
 NO_BACKGROUND = (
     "no background frame is given, which makes predictions less accurate; give an image of the "
-    "same sensor without contact with --background"
+    "same sensor without contact (--background)"
 )
 Outputs = dict[str, np.ndarray]  # Predictions for B readings by name, see Translator
 # Predicts pixels, as for `predict_pixels`, with the contact or without; None if it cannot
@@ -133,12 +138,8 @@ class TrainedTranslator:
             return self._outputs(pixels)[self.config.data.target.value], counts.ndim == 1
         frames, is_one = image_list(readings)
         outputs, classes = self._predicted(frames, background)
-        self._warn(classes, stacklevel=4)
+        warn(unlike(classes, self.run_dir.name))
         return outputs[self.config.data.target.value], is_one
-
-    def _warn(self, classes: Sequence[OODClass], stacklevel: int) -> None:
-        if warning := unlike(classes, self.run_dir.name):
-            warnings.warn(warning, T2TwinWarning, stacklevel=stacklevel)
 
     @cached_property
     def _pictures(self) -> TactilePictures:
@@ -208,9 +209,7 @@ class TrainedTranslator:
         For touch2touch the predicted images, resized; for ResNet18 phi of the counts; for field the
         interpolated dense counts. Arguments, warning and errors: as for `predict`.
         """
-        found = self.estimate(images, background, tactile=True)
-        self._warn(np.atleast_1d(found.ood_class).tolist(), stacklevel=3)
-        return found.tactile_images
+        return self.estimate(images, background, tactile=True).tactile_images
 
     def estimate(
         self, images: Images, background: np.ndarray | None = None, tactile: bool = False,
@@ -219,9 +218,19 @@ class TrainedTranslator:
         """All that a run from images to counts predicts, and the class of the frame.
 
         Of a field run also standard deviations, the dense counts and the force. tactile, contact:
-        whether it has tactile images, and the contact. Arguments and errors: as for `predict` and
-        `contact`; at least one image. `ood_class` names images for which it is not reliable.
+        whether it has tactile images, and the contact. Arguments, warning and errors: as for
+        `predict` and `contact`; at least one image. `ood_class` names images for which it is not
+        reliable.
         """
+        found = self.classified_estimate(images, background, tactile, contact)
+        warn(unlike(np.atleast_1d(found.ood_class).tolist(), self.run_dir.name))
+        return found
+
+    def classified_estimate(
+        self, images: Images, background: np.ndarray | None = None, tactile: bool = False,
+        contact: bool = False,
+    ) -> Estimate:  # fmt: skip
+        """As `estimate`, without a warning: the caller reports `ood_class`."""
         self.need_counts("estimate")
         if contact and not self.need_uncertainty("the contact").predicts_contact:
             raise T2TwinError(
@@ -244,9 +253,12 @@ class TrainedTranslator:
 
         Arguments and errors: as for `predict`. Returns a ContactEstimate on the camera's view, in
         the size of the image, or a list of them for several images. Its `notes` name what limits
-        it. Raises T2TwinError for a run that does not predict the contact.
+        it, each of which is also a T2TwinWarning. Raises T2TwinError for a run that does not
+        predict the contact.
         """
-        return self.estimate(images, background, contact=True).contact
+        found = self.classified_estimate(images, background, contact=True).contact
+        warn_of_contacts(found if isinstance(found, list) else [found])
+        return found
 
     def estimate_pixels(
         self, pixels: np.ndarray | Pictures, progress: str | None = None

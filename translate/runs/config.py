@@ -30,10 +30,9 @@ from t2twin.translate.models.presets import (
     IMAGE_TO_COUNTS,
     MAX_BATCH,
     MAX_EPOCHS,
-    MODELS,
+    Model,
     Preset,
     check_direction,
-    find_model,
 )
 from t2twin.translate.uncertainty.ood import OODDetector
 
@@ -58,7 +57,7 @@ class RunConfig(Struct, frozen=True):
     trained, data, ood_detector and the other weights are those of the initial run.
     """
 
-    model: str
+    model: Model
     preset: Preset
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)]
     data: DataInfo
@@ -81,9 +80,7 @@ class RunConfig(Struct, frozen=True):
     def __post_init__(self) -> None:
         if self.contact_data is not None and not self.data.has_contact:
             raise ValueError("contact_info_sha256 must be of a run with has_contact")
-        if self.model not in MODELS:
-            raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
-        check_direction(self.direction, find_model(self.model))
+        check_direction(self.direction, self.model)
         if self.ood_detector is not None:
             self.ood_detector.check(channels=1 if self.preset.grey else 3)
 

@@ -16,6 +16,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import islice
 from operator import attrgetter
+from os.path import lexists
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +26,11 @@ from msgspec import structs
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError, counted
-from t2twin.core.files import LOCK, is_empty, locked
+from t2twin.core.files import LOCK, is_empty, locked, sha256_of
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.columns import IMAGE
 from t2twin.sim.dataset.info import COUNTS
-from t2twin.sim.dataset.store import read_info, sha256_of
+from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import CACHE, DataInfo, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.models import distributed, presets
 from t2twin.translate.models.base import Translator
@@ -42,6 +43,7 @@ from t2twin.translate.runs.config import (
     CONFIG,
     FRAME_CHECK,
     LAST,
+    LOG,
     MAX_STEPS,
     TENSORBOARD,
     EpochPart,
@@ -140,7 +142,7 @@ def train(
         weights = find_weights(init_from, model, settings, info)
         settings = replace(settings, learning_rate=WARM_START_SHARE * settings.learning_rate)
     config = RunConfig(
-        model, settings, seed, info, epochs, minutes, epochs or settings.epochs,
+        name, settings, seed, info, epochs, minutes, epochs or settings.epochs,
         bf16=settings.bf16 and checkpoint.has_bf16(),
         processes=distributed.process_count(),
         steps=steps,
@@ -243,7 +245,14 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
             "another folder"
         )
     state = out_dir / LAST
-    return (earlier, checkpoint.load_progress(state).history) if state.is_file() else None
+    if state.is_file():
+        return earlier, checkpoint.load_progress(state).history
+    if lexists(state) or (out_dir / LOG).exists():  # best weights alone may be of a killed process
+        raise T2TwinError(
+            f"{state} is missing or no file, so that the training cannot continue; choose another "
+            "folder, or remove this one to train again"
+        )
+    return None
 
 
 def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
