@@ -71,21 +71,6 @@ def test_doctor_finds_this_machine_fit(capsys):
     assert "FAIL" not in capsys.readouterr().out
 
 
-def test_doctor_names_what_is_missing(capsys, monkeypatch):
-    from t2twin.cli import doctor
-
-    monkeypatch.setattr(doctor, "PACKAGES", ("numpy", "no-such-package"))
-    monkeypatch.setattr(doctor, "EXTRAS", {"live": "no_such_module"})
-    monkeypatch.setattr(doctor, "_rendering", lambda: "not of interest")
-    monkeypatch.setitem(sys.modules, "cadquery", None)  # as where libGL is missing
-    run("doctor", code=1)
-    lines = {line.split()[1]: line for line in capsys.readouterr().out.splitlines()}
-    assert [name for name in lines if lines[name].startswith("FAIL")] == ["packages", "solids"]
-    assert "not installed: no-such-package;" in lines["packages"]
-    assert "pip install 't2twin[live]'" in lines["extras"]
-    assert "libgl1" in lines["solids"]
-
-
 def test_press_leaves_its_scene_and_says_where_there_is_no_display(tmp_path, capsys, monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -94,16 +79,6 @@ def test_press_leaves_its_scene_and_says_where_there_is_no_display(tmp_path, cap
     assert (tmp_path / "out/scene_cyskin-20.xml").is_file()
     assert (tmp_path / "out/shape.stl").is_file()
     assert "no display" in capsys.readouterr().out
-
-
-def test_press_says_that_a_shape_bottoms_out(tmp_path, capsys):
-    post = trimesh.creation.box((2, 2, 0.4))
-    post.apply_translation((0, 0, 0.7))
-    parts = [trimesh.creation.box((12, 12, 1)), post]
-    trimesh.util.concatenate(parts).export(tmp_path / "low.stl")
-    run("press", tmp_path / "low.stl", "--sensor", "cyskin", "--out", tmp_path / "out")
-    assert json.loads((tmp_path / "out/press.json").read_text())["cyskin-20"]["bottomed"]
-    assert "bottomed out" in capsys.readouterr().out
 
 
 def test_version_and_shapes_are_told_without_making_any(tmp_path, capsys):

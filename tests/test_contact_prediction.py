@@ -18,8 +18,6 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.store import lists, read_split
-from t2twin.studio.cards import frame_html
-from t2twin.studio.translators import Translators
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.records import read_evaluation
@@ -178,11 +176,6 @@ def test_published_and_averaged_runs_keep_the_contact(alone, plain, images, tmp_
         assert found.force_n == pytest.approx(expected.force_n, rel=2e-3)
 
 
-def test_runs_without_it_name_the_training(plain, images) -> None:
-    with pytest.raises(T2TwinError, match=r"does not predict the contact; train its layers with"):
-        load(plain).contact(images[0][0])
-
-
 def test_the_training_alone_refuses_what_it_cannot_start_from(few, data_dir, tmp_path) -> None:
     for model, run in (("field", None), ("resnet18", "field")):
         with pytest.raises(T2TwinError):
@@ -230,20 +223,6 @@ def test_live_lines_have_the_contact(alone, images, tmp_path, capsys) -> None:
     main(["live", "frames", "--frames", "1", "--background", "background.png", "--run", str(alone)])
     line = json.loads(capsys.readouterr().out)
     assert line["contact"] == load(alone).contact(frames[0], background).summary()
-
-
-def test_the_studio_shows_the_contact(alone, untrained_runs, images, tmp_path) -> None:
-    frames, background = images
-    translators = Translators([alone, untrained_runs[1]], below=tmp_path)
-    names = [name for name in translators.names if name != "field"]
-    found, without = translators.translate(frames[0], names, background)
-    contact, expected = found.contact, load(alone).contact(frames[0], background)
-    assert contact is not None
-    np.testing.assert_allclose(contact.depth_mm, expected.depth_mm, atol=1e-5)
-    page = frame_html((frames[0], "a.png"), (background, "b.png"), [found])
-    assert 'data-name="contact"' in page and f"{expected.largest_depth_mm:.2f}</td>" in page
-    assert without.contact is None
-    assert 'data-name="contact"' not in frame_html((frames[0], "a.png"), None, [without])
 
 
 def estimate_of(

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from PIL import Image
 from spots import write_spots
 
 from t2twin.cli import main
@@ -20,7 +19,6 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.baselines import FEATURE_SIZE, neighbors
 from t2twin.translate.evaluation.evaluate import (
     OF_OPTICS,
-    PREDICTIONS,
     as_readings,
     evaluate,
     evaluate_splits,
@@ -111,16 +109,6 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     assert test["paper"]["resnet18"] == {"rmse_counts": 4867, "rmse_percent": 12.17}
 
 
-def test_missing_and_spoilt_files_are_refused(evaluated: Path, tmp_path: Path) -> None:
-    for name, read in ((METRICS, read_evaluation), (PREDICTIONS, read_predictions)):
-        with pytest.raises(T2TwinError, match=r"contains no evaluation|is missing or damaged"):
-            read(tmp_path)
-        content = (evaluated / "val" / name).read_bytes()
-        (tmp_path / name).write_bytes(content[: len(content) // 2])
-        with pytest.raises(T2TwinError, match=r"damaged|metrics\.json: "):
-            read(tmp_path)
-
-
 def test_evaluation_of_objects_is_per_tool(
     runs: list[Path], data_dir: Path, tmp_path: Path
 ) -> None:
@@ -206,23 +194,3 @@ def test_a_field_run_is_given_the_background_of_the_default_optics(
     np.testing.assert_allclose(predictions, expected.counts, atol=0.5)
     without = as_readings(run.estimate_pixels(pairs.images[:]), read_info(small_dataset))
     assert not np.allclose(predictions, without.counts, atol=0.5)
-
-
-def test_a_given_background_frame_is_used(small_dataset: Path, tmp_path: Path) -> None:
-    file = tmp_path / "background.png"
-    Image.fromarray(SensorPair().camera.image_renderer.background).save(file)
-    given = evaluate(["field"], small_dataset, "val", tmp_path / "given", file)
-    default = evaluate(["field"], small_dataset, "val", tmp_path / "default")
-    assert given.background == str(file)
-    assert given.models["field"] == default.models["field"]
-    Image.new("RGB", (240, 320), (250, 0, 0)).save(file)
-    other = evaluate(["field"], small_dataset, "val", tmp_path / "other", file)
-    assert other.models["field"].overall != default.models["field"].overall
-
-
-def test_a_background_that_no_run_uses_is_refused(
-    runs: list[Path], data_dir: Path, tmp_path: Path
-) -> None:
-    with pytest.raises(T2TwinError, match="none of the runs is one"):
-        evaluate(runs, data_dir, "val", tmp_path / "out", tmp_path / "background.png")
-    assert not (tmp_path / "out").exists()

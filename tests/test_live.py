@@ -2,7 +2,6 @@
 
 import json
 import os
-import sys
 import threading
 import time
 
@@ -167,12 +166,6 @@ def test_a_file_that_stays_broken_is_skipped_and_reported(tmp_path, monkeypatch)
     assert first is not None and first.name == "b.png"
     assert next(source) is None
     assert len(reports) == 1 and "a.png cannot be read as an image" in reports[0]
-
-
-def test_without_opencv_it_says_what_brings_it(video, monkeypatch):
-    monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(T2TwinError, match=r"t2twin\[live\]"):
-        open_source(str(video))
 
 
 # The newest

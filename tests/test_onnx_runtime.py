@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.core.errors import T2TwinError
 from t2twin.sim.taxels.layout import Layout
 from t2twin.translate.inference import load as load_runs
 from t2twin.translate.inference.load import load
@@ -54,18 +53,6 @@ def test_a_kept_file_is_taken_again_and_the_oldest_go(
     assert file.name != "older.onnx"
     monkeypatch.setattr(load_runs, "_export", None)
     np.testing.assert_array_equal(load(runs[1]).predict(frames), first)
-
-
-def test_what_cannot_be_gets_a_sentence(runs: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(T2TwinError, match="engine is 'jax'"):
-        load(runs[1], engine="jax")  # pyright: ignore[reportArgumentType]
-    with pytest.raises(T2TwinError, match="float32 on the CPU"):
-        load(runs[1], bf16=True, engine="onnx")
-    assert load(runs[1], bf16=True).engine is None
-    monkeypatch.setattr(load_runs, "find_spec", lambda name: None)
-    with pytest.raises(T2TwinError, match=r"pip install 't2twin\[onnx\]'"):
-        load(runs[1], engine="onnx")
-    assert load(runs[1]).engine is None
 
 
 def test_another_layout_has_its_own_file(kept: Path, frames: np.ndarray) -> None:

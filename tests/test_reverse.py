@@ -90,14 +90,6 @@ def test_jitter_is_not_put_on_what_is_drawn(
     np.testing.assert_array_equal(grey, np.rint(grey))
 
 
-def test_a_direction_that_cannot_be_gone_is_one_sentence(data_dir: Path, tmp_path: Path) -> None:
-    with pytest.raises(T2TwinError, match="resnet18 has no direction counts-to-image"):
-        train("resnet18", data_dir, "smoke", tmp_path, direction=WAY)
-    with pytest.raises(T2TwinError, match="'sideways' of type str; expected one of source"):
-        train("touch2touch", data_dir, "smoke", tmp_path, direction="sideways")
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     "ask",
     [

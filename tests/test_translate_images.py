@@ -152,23 +152,6 @@ def test_file_cut_in_its_middle_leaves_earlier_outputs_as_they_were(
     assert {path.name: path.read_bytes() for path in out.glob("[!.]*")} == before
 
 
-def test_another_layout_is_read_from_the_image(
-    runs: list[Path], digit: Image.Image, tmp_path: Path
-) -> None:
-    """Its own taxels in another order have their counts in that order."""
-    digit.save(tmp_path / "press.png")
-    run = load_run(runs[0])
-    array, own = run.config.data.array, run.predict(np.asarray(digit))
-    places = zip(array.x_mm[::-1], array.y_mm[::-1], strict=True)
-    taxels = [{"x_mm": x, "y_mm": y} for x, y in places]
-    (tmp_path / "mine.json").write_text(json.dumps({"taxels": taxels}))
-    paths = [tmp_path / "press.png"]
-    [counts] = translate_images(paths, tmp_path / "out", runs[0], tmp_path / "mine.json")
-    np.testing.assert_allclose(counts[::-1], own, atol=1.0)
-    content = json.loads((tmp_path / "out" / "counts.json").read_text())
-    assert content["layout"] == "mine" and content["layout_x_mm"] == array.x_mm[::-1].tolist()
-
-
 def test_weights_that_are_no_numbers_are_refused(run_dir: Path, tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text((run_dir / "config.json").read_text())
     weights = load_file(run_dir / "best.safetensors")
