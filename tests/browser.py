@@ -23,6 +23,13 @@ ARGUMENTS = (
 
 PATIENCE_MS = 60_000
 
+FEW_FRAMES = """{
+const draw = requestAnimationFrame;
+requestAnimationFrame = (next) => setTimeout(draw, 100, next);
+cancelAnimationFrame = clearTimeout;
+}"""
+"""Pages draw ten frames a second at most: without a GPU the scene would take a core."""
+
 
 def chromium() -> str:
     """Where the browser is. Skips without one, and fails where CI has none."""
@@ -34,15 +41,17 @@ def chromium() -> str:
 
 
 @contextmanager
-def browser() -> Iterator:
-    """A playwright browser."""
+def browser(**options) -> Iterator:
+    """A playwright context of a browser of its own."""
     path = chromium()
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
         running = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
         try:
-            yield running
+            context = running.new_context(**options)
+            context.add_init_script(FEW_FRAMES)
+            yield context
         finally:
             running.close()
 

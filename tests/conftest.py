@@ -93,10 +93,12 @@ def egl():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def few_drawn_pairs():
-    """Reports draw one pair of each family of the small dataset and no more."""
+def quick_figures():
+    """Reports draw one pair of each family of the small dataset and no more; the parts of figures
+    are not moved apart, which takes as long as drawing them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("t2twin.report.dataset_report.PAIRS", 6)
+        patch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda *_: None)
         yield
 
 

@@ -29,7 +29,7 @@ OPEN_MS = 300_000
 
 @pytest.fixture(scope="module")
 def chrome():
-    with browser() as chrome:
+    with browser(viewport=SIZE) as chrome:
         yield chrome
 
 
@@ -46,7 +46,7 @@ def opened(chrome, served):
 
     def open_page():
         known = set(served.pages)
-        tab = chrome.new_page(viewport=SIZE)
+        tab = chrome.new_page()
         tab.set_default_timeout(PATIENCE_MS)
         tab.asked = []
         tab.on("request", lambda request: tab.asked.append(request.url))
@@ -223,7 +223,7 @@ def test_the_source_of_the_studio_is_shown(untrained_runs, chrome, tmp_path):
     for number, grey in enumerate((50, 120, 200)):
         Image.new("RGB", (240, 320), (grey,) * 3).save(tmp_path / f"{number}.png")
     with studio(untrained_runs, port=0, source=str(tmp_path)) as own:
-        tab = chrome.new_page(viewport=SIZE)
+        tab = chrome.new_page()
         tab.goto(own.address)
         tab.get_by_text("Translate", exact=True).click(timeout=PATIENCE_MS)
         tab.get_by_text(f"Live: {tmp_path.name}").click()
