@@ -31,10 +31,9 @@ SPECS = Path(__file__).parents[1] / "sensors" / "specs"  # bundled sensors' file
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"  # keys in the file, if the noise was measured
 
 
-def optics_path(source: str, folder: Path) -> Path:
-    """The optics file of a bundled sensor, by its name, or a file by a path from a folder."""
-    bundled = SPECS / f"{source}.npz"
-    return bundled if bundled.parent == SPECS and bundled.exists() else folder / source
+def is_bundled(source: str) -> bool:
+    """Whether a sensor file's optics are those of a bundled sensor, by its name."""
+    return Path(source).name == source and (SPECS / f"{source}.npz").exists()
 
 
 def place_terms(x_mm: np.ndarray, y_mm: np.ndarray, degree: int = PLACE_DEGREE) -> np.ndarray:

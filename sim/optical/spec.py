@@ -19,6 +19,7 @@ from t2twin.sim.optical.markers import Markers
 from t2twin.sim.optical.optics import GAMMAS, MAX_LEDS
 
 KIND = "gel-camera"
+NO_OPTICS = "none"  # as light.optics: the LEDs alone light the gel
 
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))  # of Vogel's spiral (Vogel 1979)
 
@@ -117,12 +118,12 @@ class LightTable(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     ] = (0.0, 0.0, 0.0)
     gamma: Annotated[Gamma, Meta(description="exponent between light and grey levels")] = 2.2
     optics: Annotated[
-        str | None,
+        str,
         Meta(description="optics file of `t2twin calibrate`, or name of a sensor of equal LEDs"),
-    ] = None
+    ] = NO_OPTICS
 
     def __post_init__(self) -> None:
-        if not self.leds and self.optics is None:
+        if not self.leds and self.optics == NO_OPTICS:
             raise T2TwinError("expected at least one of leds and optics")
 
 

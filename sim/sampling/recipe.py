@@ -209,31 +209,25 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
                 raise T2TwinError(f"{name} of motion is [{low:g}, {high:g}]; expected low first")
 
 
-PATHS = ("steps", "force_change", "gel_friction", "cover_friction")
-STREAKS = ("grey", "px", "length_px", "off_deg", "bend_part", "moved_px")
-EFFECTS: dict[str, dict[tuple[str, ...], tuple[object, tuple[str, ...]]]] = {
-    "light": {("kind",): ("fixed", ("each", "draw", "fixed_share", "artifacts"))},
-    "motion": {
-        ("slide",): (0, ("slide_mm",)),
-        ("twist",): (0, ("twist_deg",)),
-        ("slide", "twist"): (0, PATHS),
-    },
-    "light.draw": {
-        ("linear_amount",): (0, ("linear_gamma",)),
-        ("leak_amount",): (0, ("leak_part",)),
-        ("follow_amount",): (1, ("gradient_part",)),
-        ("edge_dark_amount",): (0, ("edge_px", "edge_soft_px")),
-        ("specks",): (0, ("speck_px", "speck_grey")),
-    },
-    "light.artifacts": {
-        ("streaks",): (0, tuple(f"streak_{name}" for name in STREAKS)),
-        ("glares",): (0, ("glare_grey", "glare_px")),
-        ("streaks", "glares"): (0, ("changed_part", "other_color_part")),
-        ("worn",): (0, ("wear_part", "speckle_part")),
-        ("drift_grey",): (0, ("drift_even_part",)),
-    },
-}
-"""Of each table, the amounts of an effect, the value of all that disables it, and its details."""
+EFFECTS = (
+    ("light", "kind", "fixed", "each draw fixed_share artifacts"),
+    ("motion", "slide", 0, "slide_mm"),
+    ("motion", "twist", 0, "twist_deg"),
+    ("motion", "slide twist", 0, "steps force_change gel_friction cover_friction"),
+    ("light.draw", "linear_amount", 0, "linear_gamma"),
+    ("light.draw", "linear_amount", 1, "gamma"),
+    ("light.draw", "leak_amount", 0, "leak_part"),
+    ("light.draw", "follow_amount", 1, "gradient_part"),
+    ("light.draw", "edge_dark_amount", 0, "edge_px edge_soft_px"),
+    ("light.draw", "specks", 0, "speck_px speck_grey"),
+    ("light.artifacts", "streaks", 0, "streak_grey streak_px streak_length_px streak_off_deg"),
+    ("light.artifacts", "streaks", 0, "streak_bend_part streak_moved_px"),
+    ("light.artifacts", "glares", 0, "glare_grey glare_px"),
+    ("light.artifacts", "streaks glares", 0, "changed_part other_color_part"),
+    ("light.artifacts", "worn", 0, "wear_part speckle_part"),
+    ("light.artifacts", "drift_grey", 0, "drift_even_part"),
+)
+"""Of a table, the amounts of an effect, the value of all that disables it, and its details."""
 
 
 def _defaults(record: Struct) -> dict[str, object]:
@@ -243,15 +237,15 @@ def _defaults(record: Struct) -> dict[str, object]:
 
 def _check_effects(table: str, record: Struct) -> None:
     """Raises T2TwinError for a detail of an effect that the record disables."""
-    for amounts, (off, details) in EFFECTS[table].items():
-        if any(getattr(record, name) not in (off, (off, off)) for name in amounts):
-            continue
-        for name in details:
-            if getattr(record, name) != _defaults(record)[name]:
-                raise T2TwinError(
-                    f"{name} of {table} has no effect, as {' and '.join(amounts)} of {table} is "
-                    f"{off}; leave it out"
-                )
+    for of, amounts, off, details in EFFECTS:
+        values = [getattr(record, name) for name in amounts.split()] if of == table else []
+        if values and all(value in (off, (off, off)) for value in values):
+            for name in details.split():
+                if getattr(record, name) != _defaults(record)[name]:
+                    raise T2TwinError(
+                        f"{name} of {table} has no effect, as {amounts.replace(' ', ' and ')} of "
+                        f"{table} is {off}; leave it out"
+                    )
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
@@ -276,13 +270,12 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     contact_maps: bool | UnsetType = UNSET
 
     def __post_init__(self) -> None:
-        light = self.light
-        tables = "light", "light.draw", "light.artifacts", "motion"
-        for table, record in zip(
-            tables, (light, light.draw, light.artifacts, self.motion), strict=True
-        ):
-            if record:
-                _check_effects(table, record)
+        _check_effects("light", self.light)
+        _check_effects("light.draw", self.light.draw)
+        if self.light.artifacts:
+            _check_effects("light.artifacts", self.light.artifacts)
+        if self.motion:
+            _check_effects("motion", self.motion)
         own = [part.shapes for part in self.parts if part.place == "grid"]
         if len(own) != len(set(own)):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")

@@ -18,9 +18,9 @@ from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.records import convert, nearest, read_toml
 from t2twin.sim.optical.camera import Camera
 from t2twin.sim.optical.gel_camera import GelCamera
-from t2twin.sim.optical.optics import SPECS, Optics, optics_path
+from t2twin.sim.optical.optics import SPECS, Optics, is_bundled
 from t2twin.sim.optical.spec import KIND as GEL_CAMERA
-from t2twin.sim.optical.spec import GelCameraSpec
+from t2twin.sim.optical.spec import NO_OPTICS, GelCameraSpec
 from t2twin.sim.sensors.defaults import ALIASES
 from t2twin.sim.taxels.spec import KIND as TAXEL_ARRAY
 from t2twin.sim.taxels.spec import TaxelArraySpec
@@ -34,7 +34,6 @@ KINDS: dict[str, tuple[type[Spec], type[Sensor]]] = {
     TAXEL_ARRAY: (TaxelArraySpec, TaxelArray),
 }
 """The record and the simulated sensor of each kind."""
-NO_OPTICS = "none"  # as light.optics, for the LEDs alone where the extended file has optics
 DOME = ("dome_width_radius_mm", "dome_length_radius_mm", "dome_flat_mm")
 LIGHT = ("leds", "ambient", "gamma")
 FITTED = {"camera": Camera.__struct_fields__, "light": LIGHT, "gel": DOME}
@@ -104,12 +103,9 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
     if "file" in _table(content, "layout"):
         folder = path.parent
     optics = _table(content, "light").get("optics")
-    if optics == NO_OPTICS:
-        del content["light"]["optics"]
-        base = base | {"light": {k: v for k, v in _table(base, "light").items() if k != "optics"}}
-    elif isinstance(optics, str) and optics_path(optics, path.parent).parent != SPECS:
+    if isinstance(optics, str) and optics != NO_OPTICS and not is_bundled(optics):
         folder = path.parent
-        base = _of_unit(base, content, optics_path(optics, folder), path)
+        base = _of_unit(base, content, folder / optics, path)
     moved = _moved_ranges(base, content)
     return _merged(base if moved is None else base | {"units": moved}, content), folder
 
@@ -190,7 +186,7 @@ def spec_of(content: dict[str, Any], source: object) -> Spec:
 def _check_fitted(spec: GelCameraSpec, source: object) -> None:
     """Raises T2TwinError for optics of a bundled sensor with other values than the file's."""
     name = spec.light.optics
-    if name is None or optics_path(name, Path()).parent != SPECS:
+    if not is_bundled(name):
         return
     fitted = convert(_content(SPECS / f"{name}.toml", ())[0], GelCameraSpec, name)
     for table, keys in FITTED.items():
