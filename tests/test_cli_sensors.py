@@ -8,7 +8,6 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.primitives_cad.shape import ball
 from t2twin.sim.sensors.files import load_sensor
 
 
@@ -51,11 +50,3 @@ def test_check_of_a_thin_array_presses_half_way_and_writes_the_tactile_image(cap
     assert 0.01 < float(line.split()[1]) < 2.0
     with Image.open("runs/sensors/thin.png") as image:
         assert image.width > 2 * 240 and image.height > 2 * 396
-
-
-def test_the_ball_is_that_of_hertz():
-    shape = ball(3.0)
-    assert shape.surface.heights_mm.max() == 0.0
-    row = shape.surface.heights_mm[shape.surface.y_mm.size // 2]
-    x_mm = shape.surface.x_mm
-    assert row == pytest.approx(np.sqrt(9.0 - x_mm**2) - 3.0, abs=1e-5)

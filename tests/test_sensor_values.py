@@ -1,5 +1,8 @@
 """Each value of a bundled sensor file has an effect on a reading, or its change is refused."""
 
+# MuJoCo defines its names at import; `attach` takes a sensor as `load_sensor` does.
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
+
 import copy
 import tomllib
 from collections.abc import Iterator

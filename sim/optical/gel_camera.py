@@ -206,12 +206,31 @@ class GelCamera:
         if path is None:
             return optics_of_leds(light.leds, light.ambient, light.gamma, camera, self.own_gel)
         optics = Optics.load(path)
+        if self.optics_file is None:
+            self._check_stated(optics)
         if (optics.camera.rows, optics.camera.columns) != (camera.rows, camera.columns):
             raise T2TwinError(
                 f"{path} is of images with {optics.camera.rows} rows and {optics.camera.columns} "
                 f"columns; expected {camera.rows} and {camera.columns}, those of {self.name}"
             )
         return optics
+
+    def _check_stated(self, optics: Optics) -> None:
+        """Raises T2TwinError for values of the sensor's file that its optics replace."""
+        for table, values in optics.stated.items():
+            for key, value in values.items():
+                own = getattr(getattr(self.spec, table), key)
+                if own != value:
+                    raise T2TwinError(
+                        f"{table}.{key} is {own:.6g}, but light.optics was fitted with "
+                        f"{value:.6g}; leave it out, or light.optics"
+                    )
+        light = self.spec.light
+        if not is_bundled(light.optics) and (light.leds or any(light.ambient) or self.spec.units):
+            raise T2TwinError(
+                "light.leds, light.ambient and units have no effect beside the optics of one unit; "
+                "leave them out, or light.optics"
+            )
 
     @cached_property
     def image_renderer(self) -> ImageRenderer:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec import to_builtins
+from msgspec import structs, to_builtins
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
@@ -109,6 +109,15 @@ class Optics:
             raise T2TwinError(
                 f"the optics file's background is {self.background.dtype}; it must be uint8"
             )
+
+    @property
+    def stated(self) -> dict[str, dict[str, Any]]:
+        """The values of a sensor's file that these optics determine, by table and key."""
+        camera = structs.asdict(self.camera)
+        if self.noise is not None:
+            camera["noise_grey"] = self.noise.grey
+        gel = {} if self.young_mpa is None else {"gel": {"young_mpa": self.young_mpa}}
+        return {"camera": camera, "light": {"gamma": self.gamma}, **gel}
 
     def save(self, path: Path) -> None:
         """Write as .npz, atomically. Raises T2TwinError where it cannot be written."""

@@ -11,8 +11,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from msgspec import structs
-
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.core.records import convert, nearest, read_toml
@@ -104,8 +102,9 @@ def _content(path: Path, extended: tuple[Path, ...]) -> tuple[dict[str, Any], Pa
         folder = path.parent
     optics = _table(content, "light").get("optics")
     if isinstance(optics, str) and optics != NO_OPTICS and not is_bundled(optics):
-        folder = path.parent
-        base = _of_unit(base, content, folder / optics, path)
+        folder, base = path.parent, {k: v for k, v in base.items() if k not in ("light", "units")}
+        for table, values in Optics.load(folder / optics).stated.items():
+            base[table] = _table(base, table) | values
     moved = _moved_ranges(base, content)
     return _merged(base if moved is None else base | {"units": moved}, content), folder
 
@@ -114,29 +113,6 @@ def _table(content: dict[str, Any], name: str) -> dict[str, Any]:
     """A table of a file's content; empty for anything else."""
     table = content.get(name)
     return table if isinstance(table, dict) else {}
-
-
-def _of_unit(base: dict[str, Any], own: dict[str, Any], path: Path, source: Path) -> dict[str, Any]:
-    """The extended values with those of a unit's optics file in place of its light and units."""
-    optics, base = Optics.load(path), {k: v for k, v in base.items() if k not in ("light", "units")}
-    unused = [f"light.{key}" for key in _table(own, "light") if key != "optics"]
-    if unused := [*unused, *({"units"} & own.keys())]:
-        raise T2TwinError(f"{source}: {unused[0]} has no effect beside light.optics; remove one")
-    stated: dict[str, dict[str, Any]] = {"camera": structs.asdict(optics.camera)}
-    if optics.noise is not None:
-        stated["camera"]["noise_grey"] = optics.noise.grey
-    if optics.young_mpa is not None:
-        stated["gel"] = {"young_mpa": optics.young_mpa}
-    for table, values in stated.items():
-        for key, value in values.items():
-            given = _table(own, table).get(key, value)
-            if given != value:
-                raise T2TwinError(
-                    f"{source}: {table}.{key} is {given}, but {path} was fitted with {value:.6g}; "
-                    "leave it out, or light.optics"
-                )
-        base[table] = _table(base, table) | values
-    return base
 
 
 def _moved_ranges(base: dict[str, Any], own: dict[str, Any]) -> dict[str, Any] | None:
